@@ -131,6 +131,7 @@ def _earlier_silence(context: Context, step: StepRun | None, expected: str) -> F
 
 _THEN_THESE = "Fix that, and these points can be earned too."
 _STUCK = "The node does not answer parameter requests either: it does not spin, or a callback never returns."
+_UNANSWERED_HINT = "End the service callback with `return response`, and do not wait in it."
 _STUCK_HINT = (
     "rclpy.spin(node) must be reached; and a callback that waits for an answer, as client.call() does, keeps the node "
     "from getting it: use call_async()."
@@ -139,8 +140,9 @@ _STUCK_HINT = (
 
 def _silence(context: Context, step: StepRun | None, expected: str, problem: str) -> Finding:
     """State that a call had no answer, which is charged once: with the first of them."""
-    stuck = any(s.kind == "get_parameters" and s.outcome == "timeout" for s in context.session.record.steps)
-    hint = _STUCK_HINT if stuck else "End the service callback with `return response`, and do not wait in it."
+    steps = context.session.record.steps
+    stuck = bool(_calls(step)) and any(s.kind == "get_parameters" and s.outcome == "timeout" for s in steps)
+    hint = _STUCK_HINT if stuck else _UNANSWERED_HINT if _calls(step) else ""
     reason = f"{problem} {_STUCK}" if stuck else problem
     fails = failed(expected, "no answer", reason, hint=hint, where=(_location(context, step),))
     return _earlier_silence(context, step, expected) or unexplained(fails)

@@ -20,6 +20,7 @@ _FLAKY_RECORDINGS = 2
 _STALLED, _OWN_DOING = 0.5, 0.5
 #: Shorter delays are those of any start.
 _LEAST_STALL_S = 0.6
+_WAITED_FOR = ("node", "publisher", "subscription", "service")
 #: What pybind11 says when a signal's exception strikes while it converts an argument.
 _HIT_IN_A_CALL = "RuntimeError: Unable to convert call argument"
 
@@ -38,6 +39,8 @@ def inconclusive_reason(recorded: Recorded, reference_nodes: Iterable[str]) -> s
         return "A program was killed, but not by this session; the system does that when memory is short."
     if _nobody_came(recorded, students, frozenset(reference_nodes)):
         return "The program ran, but its node did not appear in time. A single occurrence is not conclusive."
+    if (late := _came_late(recorded)) is not None:
+        return f"{late} came too late for this. A single occurrence is not conclusive."
     return None
 
 
@@ -80,3 +83,18 @@ def _nobody_came(recorded: Recorded, students: Iterable[ProcessRun], reference_n
     waited = any(step.kind == "wait_for" and step.outcome == "timeout" for step in recorded.record.steps)
     ran_on = any(run.ended_by in ("interrupt", "terminate", "kill") and run.limit is None for run in students)
     return waited and ran_on and not set(recorded.nodes) - reference_nodes
+
+
+def _came_late(recorded: Recorded) -> str | None:
+    """Return what the session waited for, or called, in vain, although it came into the graph after that."""
+    came_ns: dict[str, int] = {}
+    for graph in reversed(recorded.record.graph):
+        names = [*graph.nodes, *(e.topic for e in graph.endpoints), *(s.name for s in graph.services)]
+        came_ns |= dict.fromkeys(names, graph.t_ns)
+    for step in recorded.record.steps:
+        # A call that was sent, and got no answer, came to a service that was up.
+        if step.outcome == "timeout" and step.kind in ("wait_for", "call") and not step.result.get("calls"):
+            wanted = next((step.parameters[kind] for kind in _WAITED_FOR if step.parameters.get(kind)), "")
+            if came_ns.get(recorded.used(wanted), 0) > step.ended_ns:
+                return str(wanted)
+    return None

@@ -271,17 +271,25 @@ def test_what_a_program_can_bring_about_is_not_undecided_for_ever(copy: Path, ru
         assert ("The session was recorded 3 times" in finding.reason) == decided
 
 
-@pytest.mark.parametrize("how", [killed, unseen])
+def late(record: SessionRecord) -> SessionRecord:
+    """Give the session as it were if the service had come into the graph after the first call."""
+    call = next(step for step in record.steps if step.kind == "call")
+    call.outcome, call.result = "timeout", {"calls": [], "problem": "the service is not up"}
+    graph = [dataclasses.replace(taken, t_ns=call.ended_ns + number) for number, taken in enumerate(record.graph, 1)]
+    return dataclasses.replace(record, graph=graph)
+
+
+@pytest.mark.parametrize(("how", "session"), [(killed, "subscriber"), (unseen, "subscriber"), (late, "service")])
 def test_what_may_be_flaky_costs_nothing_until_it_is_seen_again(
-    copy: Path, rubric: Rubric, how: Callable[[SessionRecord], SessionRecord]
+    copy: Path, rubric: Rubric, how: Callable[[SessionRecord], SessionRecord], session: str
 ) -> None:
-    """A program that something else killed, or a node that nobody saw: at first undecided, and then what it is."""
-    record = how(read_session(copy / "subscriber"))
+    """A program that something else killed, a node that nobody saw or that came late: undecided, then what it is."""
+    record = how(read_session(copy / session))
     for attempt in (1, 2):
-        write_session(copy / "subscriber", dataclasses.replace(record, attempt=attempt))
+        write_session(copy / session, dataclasses.replace(record, attempt=attempt))
         result = judge(open_recordings(copy, rubric), rubric)
         again = undecided_sessions(result, list(rubric.sessions))
-        assert again == (["subscriber"] if attempt == 1 else [])
+        assert again == ([session] if attempt == 1 else [])
         assert (lost(result) == 0) == (attempt == 1)
 
 

@@ -56,7 +56,8 @@ def test_what_stands_goes_before_what_starts() -> None:
 
 def test_children_of_a_session_do_not_inherit_its_priority() -> None:
     """What a session's process starts begins as any other."""
-    said = subprocess.check_output([sys.executable, "-c", _FIRST], text=True).split()
+    # In a session of its own: with autogroups it weighs all of its session, which would be that of all tests.
+    said = subprocess.check_output([sys.executable, "-c", _FIRST], text=True, start_new_session=True).split()
     assert said == [str(STANDING) if may_raise() else str(nice_of(0)), str(max(0, nice_of(0)))]
 
 
