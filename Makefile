@@ -32,8 +32,9 @@ fixtures: $(DEV_STAMP) system
 attacks: $(DEV_STAMP) system
 	ATTACKS=all $(BIN)/python -m pytest -n 3 tests/live/test_attacks.py
 
-# What grading costs and how sure it is, on this machine; some ten minutes. Run it while nothing else runs.
+# What grading costs and how sure it is, on this machine; some twenty minutes. Run it while nothing else runs.
 bench: $(STAMP) system
+	$(BIN)/python -m bench.stability
 	$(BIN)/python -m bench
 
 lint: $(DEV_STAMP)

@@ -32,7 +32,7 @@ def report(runs: int, gradings: Path) -> str:
         table(["true rate", "receiver", "this recorder", "the way of `ros2 topic hz`"], rates.rows()),
     ]
     if collected := stability.read(gradings):
-        parts += ["The same submission graded again and again, partly beside spinning processes on all cores:"]
+        parts += ["The same submissions graded again and again, alone and beside loads (`bench/load.py`):"]
         parts += [stability.table(collected)]
     return "\n\n".join(parts) + "\n"
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.load import load_average
-from bench.near_limits import SOLUTION
+from bench.submissions import SOLUTION
 
 #: The session whose one process is the student's own tool that takes longest.
 _TOOL = "qos"

@@ -1,15 +1,32 @@
-"""Other processes that want the machine's cores, and how busy it is."""
+"""Other work on the machine while something is measured, and how busy it is."""
 
 from __future__ import annotations
 
 import os
+import random
+import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from pathlib import Path
 
-#: It ends with the process that started it.
-_SPIN = "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    sum(range(100_000))\n"
+#: Each ends with the process that started it.
+_WHILE_WANTED = "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    "
+_SPIN = _WHILE_WANTED + "sum(range(100_000))\n"
+_START = "import subprocess, sys\n" + _WHILE_WANTED + "subprocess.run([sys.executable, '-c', 'import json, email'])\n"
+_INSTALL = (
+    "import shutil, subprocess, sys, tempfile\n"
+    + _WHILE_WANTED
+    + "into = tempfile.mkdtemp(dir=sys.argv[1])\n"
+    + "    subprocess.run([sys.executable, '-m', 'venv', into], stdout=subprocess.DEVNULL)\n"
+    + "    shutil.rmtree(into)\n"
+)
+#: A host takes this share of the time, in pieces of so many s.
+_STOLEN, _STOP_S = 0.25, (0.005, 0.030)
 
 
 def cores() -> int:
@@ -18,15 +35,76 @@ def cores() -> int:
 
 
 @contextmanager
-def spinners(count: int) -> Iterator[None]:
-    """Keep `count` processes busy that never wait."""
+def _running(*programs: str) -> Iterator[None]:
     with ExitStack() as stack:
-        for _ in range(count):
+        scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="bench-load-", ignore_cleanup_errors=True))
+        for program in programs:
             # Each in a session of its own: Linux may weigh sessions, and those of one would count as one.
-            command = [sys.executable, "-I", "-S", "-c", _SPIN]
+            command = [sys.executable, "-I", "-S", "-c", program, scratch]
             process = stack.enter_context(subprocess.Popen(command, start_new_session=True))
-            stack.callback(process.kill)
+            stack.callback(process.wait)
+            stack.callback(os.killpg, process.pid, signal.SIGKILL)
         yield
+
+
+def busy() -> AbstractContextManager[None]:
+    """Keep the machine busy: four processes that never wait, two that start interpreters, one that installs."""
+    return _running(*[_SPIN] * 4, *[_START] * 2, _INSTALL)
+
+
+@contextmanager
+def stolen() -> Iterator[None]:
+    """Stop all that this process's children started, a quarter of the time, as a host does with a virtual machine."""
+    ended = threading.Event()
+    thread = threading.Thread(target=_steal, args=(ended,))
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
+
+
+def _steal(ended: threading.Event) -> None:
+    chance = random.Random(0)
+    with suppress(OSError):
+        os.sched_setscheduler(threading.get_native_id(), os.SCHED_FIFO, os.sched_param(50))
+    mean_s = sum(_STOP_S) / 2
+    while not ended.wait(chance.expovariate(1 / (mean_s * (1 / _STOLEN - 1)))):
+        pids = _grandchildren()
+        _signal(pids, signal.SIGSTOP)
+        time.sleep(chance.uniform(*_STOP_S))
+        _signal(pids, signal.SIGCONT)
+
+
+def _signal(pids: list[int], number: signal.Signals) -> None:
+    for pid in pids:
+        with suppress(OSError):
+            os.kill(pid, number)
+
+
+def _grandchildren() -> list[int]:
+    """Return all descendants of this process but its children: they would be seen as stopped."""
+    children: dict[int, list[int]] = {}
+    for stat in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            parent = int(stat.read_bytes().rsplit(b")", 1)[1].split()[1])
+            children.setdefault(parent, []).append(int(stat.parent.name))
+    found, waiting = list[int](), [pid for child in children.get(os.getpid(), ()) for pid in children.get(child, ())]
+    while waiting:
+        found.append(pid := waiting.pop())
+        waiting += children.get(pid, ())
+    return found
+
+
+@contextmanager
+def idle() -> Iterator[None]:
+    """Leave the machine as it is."""
+    yield
+
+
+#: Name -> what makes the load.
+LOADS: dict[str, Callable[[], AbstractContextManager[None]]] = {"idle": idle, "busy": busy, "stolen": stolen}
 
 
 def load_average() -> float:

@@ -1,8 +1,8 @@
-"""Tells whether the same submission is given the same score, on a quiet machine and on a busy one.
+"""Tells whether the same submission is given the same score whatever else the machine does, and how long that takes.
 
-The reference solution, and submissions near a limit, are graded over and over as a class, in every second round
-beside twice as many spinning processes as there are cores. Each grading adds a line to a JSON-lines file, so
-that a run can be interrupted and gone on with.
+Correct submissions in different styles, and some near a limit, are graded one at a time, again and again, on a quiet
+machine, on a busy one, and on one whose host takes a quarter of the time. Each grading adds a line to a JSON-lines
+file, so that a run can be interrupted and gone on with.
 """
 
 from __future__ import annotations
@@ -11,23 +11,22 @@ import argparse
 import json
 import os
 import shutil
+import statistics
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from bench import near_limits
-from bench.load import cores, load_average, spinners
+from bench import submissions
+from bench.load import LOADS, load_average
 
 _UNDECIDED = ("inconclusive", "error")
-#: Checks of the two promises about rates: at the right rate never below full, at nine tenths of it never full.
-_RATE_CHECK, _RIGHT, _SLOW = "publisher.rate", ("solution",), ("rate_90_hz",)
+_SUBMISSIONS = "submissions"
 
 
 @dataclass(frozen=True)
@@ -36,28 +35,27 @@ class Grading:
 
     Attributes
     ----------
-    loaded : bool
-        Whether processes that never wait took part of all cores.
+    load : str
+        What else the machine did: a name of `bench.load.LOADS`.
     decided : dict
         Check -> points, of the checks that were decided.
-    undecided : list of str
-        The other checks.
+    undecided : dict
+        The others -> what was measured, and why that decides nothing.
     retries : dict
         Session -> how often it was recorded again, where it was.
     """
 
     submission: str
-    loaded: bool
+    load: str
+    took_s: float
     earned: float
-    undecided_points: float
     decided: dict[str, float]
-    undecided: list[str]
-    retries: dict[str, int]
+    undecided: dict[str, str] = field(default_factory=dict)
+    retries: dict[str, int] = field(default_factory=dict)
     load_average: float = 0.0
-    measured: dict[str, str] = field(default_factory=dict)
 
 
-def read_grading(results: Path, *, loaded: bool) -> Grading:
+def read_grading(results: Path, load: str, took_s: float) -> Grading:
     """Read what a results folder says of its submission."""
     plain = json.loads((results / "result.json").read_text(encoding="utf-8"))
     checks: list[dict[str, Any]] = [check for criterion in plain["criteria"] for check in criterion["checks"]]
@@ -65,127 +63,71 @@ def read_grading(results: Path, *, loaded: bool) -> Grading:
         file.parent.name: int(json.loads(file.read_text(encoding="utf-8"))["attempt"])
         for file in sorted((results / "recordings").glob("*/session.json"))
     }
-    undecided = [check for check in checks if check["outcome"] in _UNDECIDED]
     return Grading(
         plain["submission"],
-        loaded,
+        load,
+        round(took_s, 2),
         plain["score"]["earned"],
-        plain["score"]["undecided"],
         {check["id"]: check["earned"] for check in checks if check["outcome"] not in _UNDECIDED},
-        [check["id"] for check in undecided],
+        {c["id"]: f"{c['measured']} | {c['reason']}" for c in checks if c["outcome"] in _UNDECIDED},
         {session: attempt - 1 for session, attempt in attempts.items() if attempt > 1},
         round(load_average(), 2),
-        {check["id"]: f"{check['measured']} | {check['reason']}" for check in undecided},
     )
 
 
-def one_round(submissions: Path, before: Sequence[Grading], keep: Path, *, loaded: bool) -> list[Grading]:
-    """Grade a class once; a results folder that decides anything otherwise than before is kept."""
+def grade(submission: Path, load: str, before: Iterable[Grading], keep: Path) -> Grading:
+    """Grade a submission beside a load; results that decide anything otherwise than before are kept."""
     with tempfile.TemporaryDirectory(prefix="bench-stability-") as scratch:
-        results = Path(scratch)
-        with spinners(2 * cores()) if loaded else nullcontext():
-            command = [sys.executable, "-m", "grader.cli", str(submissions), "--each", "-o", str(results)]
-            environment = {name: value for name, value in os.environ.items() if name != "CI"}
-            subprocess.run(command, stdout=subprocess.DEVNULL, check=True, env=environment)
-        folders = [file.parent for file in sorted(results.glob("*/result.json"))]
-        gradings = [read_grading(folder, loaded=loaded) for folder in folders]
-        for folder, grading in zip(folders, gradings, strict=True):
-            if not _steadiness(grading.submission, [*_of(before, grading.submission), grading]).steady:
-                shutil.copytree(folder, keep / f"{grading.submission}-{time.time_ns()}")
-        return gradings
+        command = [sys.executable, "-m", "grader.cli", str(submission), "--one", "-o", scratch]
+        environment = {name: value for name, value in os.environ.items() if name != "CI"}
+        with LOADS[load]():
+            begun_s = time.monotonic()
+            # In a session of its own, as a person's terminal is: Linux may weigh sessions.
+            subprocess.run(command, stdout=subprocess.DEVNULL, check=True, env=environment, start_new_session=True)
+            took_s = time.monotonic() - begun_s
+        results = Path(scratch) / submission.name
+        grading = read_grading(results, load, took_s)
+        if differing([*(g for g in before if g.submission == grading.submission), grading]):
+            shutil.copytree(results, keep / f"{grading.submission}-{load}-{time.time_ns()}")
+        return grading
 
 
-def _of(gradings: Iterable[Grading], name: str) -> list[Grading]:
-    return [grading for grading in gradings if grading.submission == name]
-
-
-@dataclass(frozen=True)
-class Steadiness:
-    """What many gradings of one submission say together.
-
-    Attributes
-    ----------
-    scores : list of float
-        Different scores of the gradings in which all was decided: one, if all is well.
-    differing : dict
-        Check -> its different points, of the checks that were decided in more than one way.
-    """
-
-    submission: str
-    gradings: int
-    loaded: int
-    scores: list[float]
-    differing: dict[str, list[float]]
-    undecided: int
-    undecided_idle: int
-    retries: int
-    retries_idle: int
-
-    @property
-    def steady(self) -> bool:
-        """Whether nothing was decided in two ways."""
-        return len(self.scores) <= 1 and not self.differing
-
-
-def steadiness(gradings: Sequence[Grading]) -> list[Steadiness]:
-    """Sum up gradings, by submission."""
-    names = list(dict.fromkeys(grading.submission for grading in gradings))
-    return [_steadiness(name, _of(gradings, name)) for name in names]
-
-
-def _steadiness(name: str, gradings: Sequence[Grading]) -> Steadiness:
+def differing(gradings: Iterable[Grading]) -> dict[str, list[float]]:
+    """Return the different points of each check that was decided in more than one way, by submission and check."""
     points: dict[str, set[float]] = {}
     for grading in gradings:
         for check, earned in grading.decided.items():
-            points.setdefault(check, set()).add(earned)
-    idle = [g for g in gradings if not g.loaded]
-    return Steadiness(
-        name,
-        len(gradings),
-        len(gradings) - len(idle),
-        sorted({g.earned for g in gradings if not g.undecided}),
-        {check: sorted(earned) for check, earned in points.items() if len(earned) > 1},
-        sum(bool(g.undecided) for g in gradings),
-        sum(bool(g.undecided) for g in idle),
-        sum(sum(g.retries.values()) for g in gradings),
-        sum(sum(g.retries.values()) for g in idle),
-    )
-
-
-def promises(gradings: Iterable[Grading]) -> list[str]:
-    """Say whether what runs at the right rate never failed, and what runs at nine tenths of it never passed."""
-    right: list[float] = []
-    slow: list[float] = []
-    best = 0.0
-    for grading in gradings:
-        earned = grading.decided.get(_RATE_CHECK)
-        if earned is not None and grading.submission in _RIGHT:
-            right.append(earned)
-            best = max(best, earned)
-        elif earned is not None and grading.submission in _SLOW:
-            slow.append(earned)
-    failed, passed = sum(earned < best for earned in right), sum(earned >= best for earned in slow)
-    return [
-        f"100 Hz: decided {len(right)} times, {failed} times below full.",
-        f"90 Hz: decided {len(slow)} times, {passed} times full.",
-    ]
+            points.setdefault(f"{grading.submission}: {check}", set()).add(earned)
+    return {check: sorted(earned) for check, earned in points.items() if len(earned) > 1}
 
 
 def table(gradings: Sequence[Grading]) -> str:
-    """Return the summary as Markdown."""
+    """Return the summary as Markdown: a line for each load."""
     lines = [
-        "| submission | gradings (loaded) | scores decided | checks decided in two ways | with something undecided "
-        "(idle) | sessions run again (idle) |",
+        "| the machine | gradings | with something undecided | sessions recorded again | median time | to idle |",
         "|---|---|---|---|---|---|",
     ]
-    for row in steadiness(gradings):
-        scores = ", ".join(f"{score:g}" for score in row.scores) or "none"
-        differing = "; ".join(f"{check}: {points}" for check, points in row.differing.items()) or "none"
-        lines.append(
-            f"| {row.submission} | {row.gradings} ({row.loaded}) | {scores} | {differing} "
-            f"| {row.undecided} ({row.undecided_idle}) | {row.retries} ({row.retries_idle}) |"
-        )
-    return "\n".join([*lines, "", *promises(gradings)])
+    whole = {load: [g for g in gradings if g.load == load] for load in LOADS}
+    times = {load: _usual_times(some) for load, some in whole.items()}
+    for load, some in whole.items():
+        if some:
+            both = times[load].keys() & times["idle"].keys()
+            ratios = [times[load][name] / times["idle"][name] for name in both]
+            lines.append(
+                f"| {load} | {len(some)} | {sum(bool(g.undecided) for g in some)} "
+                f"| {sum(sum(g.retries.values()) for g in some)} | {statistics.median(g.took_s for g in some):.1f} s "
+                f"| {f'{statistics.median(ratios):.2f}' if ratios else ''} |"
+            )
+    ways = differing(gradings)
+    said = "; ".join(f"{check}: {points}" for check, points in ways.items()) if ways else "nothing"
+    return "\n".join([*lines, "", f"Decided in two ways: {said}."])
+
+
+def _usual_times(gradings: Iterable[Grading]) -> dict[str, float]:
+    times: dict[str, list[float]] = {}
+    for grading in gradings:
+        times.setdefault(grading.submission, []).append(grading.took_s)
+    return {name: statistics.median(took_s) for name, took_s in times.items()}
 
 
 def read(file: Path) -> list[Grading]:
@@ -195,51 +137,44 @@ def read(file: Path) -> list[Grading]:
     return [Grading(**json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
-def collect(times: int, into: Path, until_s: float | None = None, only: bool | None = None) -> None:
-    """Grade until each submission was graded so often, half of the times on a loaded machine.
+def collect(times: int, into: Path, loads: Sequence[str], until_s: float | None = None) -> None:
+    """Grade until each submission was graded so often beside each load; loads and submissions take turns.
 
     Parameters
     ----------
-    only : bool, optional
-        True for the loaded half alone, False for the other.
     until_s : float, optional
-        Begin no round after this time of the system clock.
+        Begin no grading after this time of the system clock.
     """
-    with tempfile.TemporaryDirectory(prefix="bench-submissions-") as scratch:
-        while until_s is None or time.time() < until_s:
-            gradings = read(into)
-            missing = {half: _missing(gradings, times // 2, half) for half in (False, True) if only in (None, half)}
-            if not any(missing.values()):
-                return
-            # The half of which less is there comes next.
-            loaded = max(missing, key=lambda half: sum(missing[half].values()))
-            near_limits.write(Path(scratch), list(missing[loaded]))
-            done = one_round(Path(scratch), gradings, into.with_suffix(".kept"), loaded=loaded)
-            with into.open("a", encoding="utf-8") as stream:
-                stream.writelines(json.dumps(asdict(grading)) + "\n" for grading in done)
-
-
-def _missing(gradings: Iterable[Grading], wanted: int, loaded: bool) -> dict[str, int]:
-    """Return how many gradings of one half are still to be made, by submission."""
-    there = Counter(grading.submission for grading in gradings if grading.loaded == loaded)
-    return {name: wanted - there[name] for name in near_limits.NAMES if there[name] < wanted}
+    gradings = read(into)
+    there = Counter((grading.submission, grading.load) for grading in gradings)
+    with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
+        submissions.write(Path(scratch) / _SUBMISSIONS)
+        for number in range(times):
+            for name in submissions.NAMES:
+                for load in loads:
+                    if there[name, load] > number or (until_s is not None and time.time() > until_s):
+                        continue
+                    kept = into.with_suffix(".kept")
+                    gradings.append(grade(Path(scratch) / _SUBMISSIONS / name, load, gradings, kept))
+                    with into.open("a", encoding="utf-8") as stream:
+                        stream.write(json.dumps(asdict(gradings[-1])) + "\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Collect gradings, or sum up those that a file holds; 1 if anything was decided in two ways."""
     parser = argparse.ArgumentParser(prog="python -m bench.stability", description=__doc__)
-    parser.add_argument("--times", type=int, default=4, help="gradings of each submission, those there are included")
+    parser.add_argument("--times", type=int, default=1, help="gradings of each submission beside each load")
     parser.add_argument("--into", type=Path, default=Path("bench/stability.jsonl"), help="file that collects them")
-    parser.add_argument("--minutes", type=float, help="begin no further round after so many minutes")
-    parser.add_argument("--only", choices=("idle", "loaded"), help="only one of the two halves")
+    parser.add_argument("--minutes", type=float, help="begin no further grading after so many minutes")
+    parser.add_argument("--only", choices=sorted(LOADS), action="append", help="beside this load only")
     parser.add_argument("--summary", type=Path, metavar="FILE", help="only sum up what a file holds")
     options = parser.parse_args(arguments)
     if options.summary is None:
         until_s = time.time() + 60 * options.minutes if options.minutes else None
-        collect(options.times, options.into, until_s, options.only and options.only == "loaded")
+        collect(options.times, options.into, options.only or list(LOADS), until_s)
     gradings = read(options.summary or options.into)
     print(table(gradings))
-    return 0 if all(row.steady for row in steadiness(gradings)) else 1
+    return 1 if differing(gradings) else 0
 
 
 if __name__ == "__main__":

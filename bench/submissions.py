@@ -1,4 +1,4 @@
-"""Submissions that lie near a limit: the reference solution with one line changed, a folder each."""
+"""What is graded over and over: correct submissions in different styles, and some that lie near a limit."""
 
 from __future__ import annotations
 
@@ -69,12 +69,16 @@ NEAR_LIMITS = (
 )
 
 
+#: Correct ones besides the solution, by the fixtures that they are: a package, coroutines, one process for all nodes
+#: of the launch file, and dataclasses.
+_STYLES = ("correct_ament_package", "correct_asyncio", "correct_one_process", "correct_typed_dataclass")
+
 #: The solution itself first.
-NAMES = ("solution", *(near.name for near in NEAR_LIMITS))
+NAMES = ("solution", *_STYLES, *(near.name for near in NEAR_LIMITS))
 
 
 def write(folder: Path, names: Collection[str] = NAMES, *, solution: Path = SOLUTION) -> None:
-    """Write some of them as folders of submissions.
+    """Write some of them as folders of submissions; those near a limit are the solution with one line changed.
 
     Raises
     ------
@@ -83,8 +87,10 @@ def write(folder: Path, names: Collection[str] = NAMES, *, solution: Path = SOLU
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    if "solution" in names:
-        shutil.copytree(solution, folder / "solution", ignore=shutil.ignore_patterns("__pycache__"))
+    whole = {"solution": solution, **{name: ROOT / "fixtures" / name / "submission" for name in _STYLES}}
+    for name in names:
+        if name in whole:
+            shutil.copytree(whole[name], folder / name, ignore=shutil.ignore_patterns("__pycache__"))
     for near in (n for n in NEAR_LIMITS if n.name in names):
         text = (solution / near.file).read_text(encoding="utf-8")
         if text.count(near.old) != 1:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.near_limits import NAMES, NEAR_LIMITS, SOLUTION, write
+from bench.submissions import NAMES, NEAR_LIMITS, SOLUTION, write
 
 
 def test_each_changes_one_file_of_the_solution(tmp_path: Path) -> None:
