@@ -104,7 +104,9 @@ class _Timed(Parameters):
             return timing, None, 0.0, ""
         delay_s = context.session.machine_delay_s(run, span) if run is not None else 0.0
         late_s = context.session.recorder_delay_s(span)
-        if timing is None or not timing.contradicted_by_arrival(late_s):
+        way = [r for r in context.session.record.processes if r is run or r.role == "grader"]
+        delays = [context.session.delays(r) for r in way if r.disturbed is not None]
+        if timing is None or not timing.contradicted_by_arrival(0.0 if delays else late_s, delays):
             return timing, span, delay_s, ""
         by = " by times of arrival, as the time stamps are not the times of publication"
         return timing.arrived, span, delay_s + late_s, by
@@ -510,13 +512,21 @@ def _earliest(fits: Sequence[Sinusoid], c: Component, p: Sinusoids) -> Sinusoid 
 
 
 def _fits(series: NumericStream, c: Component, p: Sinusoids) -> list[Sinusoid]:
-    """Return the fits of an element by the clock and by counting messages, from the first that was sent."""
+    """Return the fits of an element from the first message on: by the clock, by counting, or by its own period.
+
+    By that the clock is set right, which does not tell the messages that a machine kept from being sent in time.
+    """
     if c.index >= series.values.shape[1] or np.isfinite(series.values[:, c.index]).sum() < _FEWEST:
         return []
     series = series.only(np.isfinite(series.values[:, c.index]))
     by_count: Floats = (series.sequence - 1) * np.float64(p.tick_s)
     bounds = (_SLOWEST * c.frequency_hz, _FASTEST * c.frequency_hz)
-    return [fit_sinusoid(times, series.values[:, c.index], *bounds) for times in (_since_first_s(series), by_count)]
+    fits = [fit_sinusoid(times, series.values[:, c.index], *bounds) for times in (_since_first_s(series), by_count)]
+    if _earliest(fits, c, p) is None:
+        usual_s = np.median(np.diff(series.source_ns) / np.maximum(np.diff(series.sequence), 1)) / 1e9
+        by_period: Floats = (series.sequence - 1) * usual_s
+        fits.append(fit_sinusoid(by_period, series.values[:, c.index], *bounds))
+    return fits
 
 
 def _since_first_s(series: NumericStream) -> Floats:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.diagnosis import ended_by_limit
+from grader.evidence.crash.tracebacks import tracebacks
 from grader.evidence.recorded import Recorded
 from grader.recording.session import ProcessRun
 
@@ -23,6 +24,8 @@ _LEAST_STALL_S = 0.6
 _WAITED_FOR = ("node", "publisher", "subscription", "service")
 #: What pybind11 says when a signal's exception strikes while it converts an argument.
 _HIT_IN_A_CALL = "RuntimeError: Unable to convert call argument"
+#: Within these a program waits, and has to expect Ctrl-C.
+_SPINNING = {"spin", "spin_once", "spin_until_future_complete"}
 
 
 def inconclusive_reason(recorded: Recorded, reference_nodes: Iterable[str]) -> str | None:
@@ -53,6 +56,9 @@ def flaky_end(run: ProcessRun) -> str:
     """Say what befell a program at Ctrl-C that correct ones meet too now and then, if anything."""
     if any(_HIT_IN_A_CALL in line.text for line in run.output):
         return "Ctrl-C arrived inside a call into rclpy and became another error; a correct program can meet this too."
+    raised = tracebacks(run.output)[-1:] if run.interrupted_ns else []
+    if any(end.name == "KeyboardInterrupt" and not _SPINNING & {f.function for f in end.frames} for end in raised):
+        return "Ctrl-C was raised after rclpy.spin() had ended already; a correct program can meet this too."
     if run.interrupted_ns and run.ended_by in ("terminate", "kill"):
         return "The node did not end in time after Ctrl-C, and had to be stopped before it printed its results."
     return ""

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.cpu_delay import Span
+from grader.evidence.cpu_delay import Delay, Span
 from grader.evidence.timing import Timing, timing_of
 from grader.recording.bag import Stream
 from tests.synthetic import START_NS, at
@@ -147,3 +147,6 @@ def test_a_recorder_without_a_core_contradicts_nothing() -> None:
     late = [t + 0.02 * (n % 5 == 0) for n, t in enumerate(times)]
     assert arriving(times, late).contradicted_by_arrival(0.0)
     assert not arriving(times, late).contradicted_by_arrival(120 * 0.02)
+    delays = [Delay(at(t), at(t + 0.02), 20_000_000) for t in times[::5]]
+    assert not arriving(times, late).contradicted_by_arrival(0.0, [delays])
+    assert arriving(times, late).contradicted_by_arrival(0.0, [delays[:40]])

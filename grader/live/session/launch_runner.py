@@ -44,8 +44,9 @@ _INDEX = "share/ament_index/resource_index/packages"
 #: What a second evaluation gets in any case: the mistake that the first one found is repaired to see the rest.
 _LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
-#: Where it waits for a core, it may take so many times as long at most; it is looked at after such a share at least.
-_MOST_EXTENDED, _LEAST_EXTENDED = 4.0, 0.01
+#: Where it waits for a core, it may take so many times as long at most. A wait is known when it is over: so long one
+#: may last. How often it is looked at then.
+_MOST_EXTENDED, _WAIT_S, _LOOK_S = 4.0, 0.5, 0.1
 #: A process that is to be started again and again is so at most this often.
 _MAX_RESPAWNS = 3
 
@@ -356,14 +357,12 @@ def with_places(text: str, names: Container[str], folder: str) -> str:
 
 async def _ends_in_time(running: RunningProcess, time_s: float, most: float = _MOST_EXTENDED) -> bool:
     """Wait until a program has ended: as long as it may take, and as long as it waits for a core besides."""
-    began_s, allowed_s = time.monotonic(), time_s
-    while not await running.wait_exit(max(0.0, began_s + allowed_s - time.monotonic())):
+    began_s = time.monotonic()
+    while not await running.wait_exit(max(_LOOK_S, began_s + time_s - time.monotonic())):
         running.sample_usage()
         delay_s = running.run.usage[-1].run_delay_ns / 1e9 if running.run.usage else 0.0
-        extended_s = min(time_s + delay_s, most * time_s)
-        if extended_s < allowed_s + _LEAST_EXTENDED * time_s:
+        if time.monotonic() - began_s > min(time_s + delay_s + _WAIT_S, most * time_s):
             return False
-        allowed_s = extended_s
     return True
 
 
