@@ -10,9 +10,10 @@ from collections.abc import Sequence
 
 from rich.console import Console
 
-from grader.commands import COMMANDS, grade
+from grader.commands import COMMANDS
 from grader.commands.arguments import print_error
 from grader.errors import GraderError, described
+from grader.live.process.priority import going_first
 
 _EXIT_STATUS = """\
 exit status:
@@ -31,7 +32,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         if arguments and arguments[0] in COMMANDS:
             command = importlib.import_module(f"grader.commands.{arguments[0]}")
             return int(command.run(arguments[1:], console))
-        return grade.run(arguments, console, epilog=_epilog())
+        with going_first():
+            grade = importlib.import_module("grader.commands.grade")
+            return int(grade.run(arguments, console, epilog=_epilog()))
     except BrokenPipeError:
         _discard_output()
         return GraderError.exit_status

@@ -523,8 +523,8 @@ def _fits(series: NumericStream, c: Component, p: Sinusoids) -> list[Sinusoid]:
     bounds = (_SLOWEST * c.frequency_hz, _FASTEST * c.frequency_hz)
     fits = [fit_sinusoid(times, series.values[:, c.index], *bounds) for times in (_since_first_s(series), by_count)]
     if _earliest(fits, c, p) is None:
-        usual_s = np.median(np.diff(series.source_ns) / np.maximum(np.diff(series.sequence), 1)) / 1e9
-        by_period: Floats = (series.sequence - 1) * usual_s
+        usual_s = float(np.median(np.diff(series.source_ns) / np.maximum(np.diff(series.sequence), 1))) / 1e9
+        by_period: Floats = (series.sequence - 1) * np.float64(usual_s)
         fits.append(fit_sinusoid(by_period, series.values[:, c.index], *bounds))
     return fits
 

@@ -92,8 +92,8 @@ class Calm:
 
     #: float64[n]: Their lengths in s.
     intervals_s: Floats
-    #: How often they begin anew behind others.
-    stretches: int
+    #: int64[n]: Which undisturbed stretch each lies in; they are counted from 0.
+    stretch: Integers
     #: Share of their time in which the machine delayed the process all the same, for moments that do no
     #: harm by themselves.
     delayed_share: float
@@ -111,12 +111,18 @@ class Calm:
     def rate_hz(self) -> tuple[float, float]:
         """Return the bounds of the rate.
 
-        The error of a mean of n is that of one by √n, twice. Long intervals are affected more often than short ones:
-        in a stretch of m, that makes the mean too small by the square of their relative spread, by m.
+        The error of a mean of n is that of one by √n, twice. A timer that keeps to its schedule makes up for what was
+        late: then whole stretches differ less from the mean than that, and their deviations tell. Long intervals are
+        affected more often than short ones: in a stretch of m, that makes the mean too small by the square of their
+        relative spread, by m.
         """
         mean_s, count = float(self.intervals_s.mean()), len(self.intervals_s)
         spread = float(self.intervals_s.std()) / mean_s
-        error = 2 * spread / float(np.sqrt(count)) + spread**2 * self.stretches / count
+        error = 2 * spread / float(np.sqrt(count))
+        off_s = np.bincount(self.stretch, self.intervals_s - mean_s)
+        if len(off_s) >= _FEWEST_STRETCHES:
+            error = min(error, _SURE * float(np.linalg.norm(off_s)) / (count * mean_s))
+        error += spread**2 * len(off_s) / count
         return (1 - error) / mean_s, (1 + error) / mean_s / (1 - min(0.5, self.delayed_share))
 
     def deviations_s(self, share: float) -> tuple[float, float]:
@@ -126,6 +132,8 @@ class Calm:
         return float(least_s), float(largest_s)
 
 
+#: Undisturbed stretches from which their deviations are known, and how many standard deviations are an error then.
+_FEWEST_STRETCHES, _SURE = 12, 2.5
 #: Standard deviations of a sample's quantile that count as its error.
 _CONFIDENCE = 3.0
 
@@ -166,7 +174,9 @@ def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floa
     touched[1:] |= touched[:-1]
     calm = ~touched
     share = float(within_ns[calm].sum()) / 1e9 / max(float(intervals_s[calm].sum()), 1e-9)
-    begins = int(np.count_nonzero(calm[1:] & touched[:-1])) + int(len(calm) > 0 and bool(calm[0]))
+    begins = np.flatnonzero(np.diff(calm, prepend=False) & calm)
+    stretch = np.searchsorted(begins, np.flatnonzero(calm), side="right") - 1
     unexplained_s = intervals_s - within_ns / 1e9
     pauses_s = unexplained_s[touched & (unexplained_s > _PAUSE * np.median(intervals_s))]
-    return Calm(np.concatenate((intervals_s[calm], pauses_s)), begins, share)
+    apart = len(begins) + np.arange(len(pauses_s))
+    return Calm(np.concatenate((intervals_s[calm], pauses_s)), np.concatenate((stretch, apart)), share)

@@ -16,8 +16,8 @@ import ctypes
 import os
 import resource
 import struct
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from grader.live.sandbox.machine import tasks_of
@@ -38,6 +38,25 @@ def put_self_first() -> None:
     """Let this process go before others, and those that it starts not."""
     _put_first(0, _RESET_ON_FORK)
     _weigh_session(os.getpid())
+
+
+@contextmanager
+def going_first() -> Iterator[None]:
+    """Let this process and what it starts go before others for a while: beside eight busy ones it began in 3 s.
+
+    The first process of a sandbox passes none of it on, and what shares a terminal's session with this one has it too.
+    """
+    weight = Path("/proc/self/autogroup")
+    before = weight.read_text(encoding="utf-8").split()[-1:] if weight.exists() else []
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, STANDING)
+    _weigh_session(os.getpid())
+    try:
+        yield
+    finally:
+        with suppress(OSError):
+            for nice in before:
+                weight.write_text(nice, encoding="utf-8")
 
 
 def put_standing(pids: Iterable[int]) -> None:

@@ -25,6 +25,7 @@ from functools import partial
 from pathlib import Path
 
 from grader.live.process.forked import Program, become, read_pipe
+from grader.live.process.priority import put_self_first
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.sandbox.namespaces import Form, end_with_parent, enter_own_mounts, enter_sandbox, name_process
 from grader.live.session.plan import SessionPlan
@@ -163,6 +164,7 @@ def _run_in_sandbox(form: Form, file: Path) -> None:
 def main() -> None:
     """Serve what comes through the socket of the number in argv[1]; the types to load follow."""
     end_with_parent()  # If that has ended already, so has the other side of the socket.
+    put_self_first()
     # What limits the grader's own memory is not for the sandboxes, which have limits of their own.
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
     resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
