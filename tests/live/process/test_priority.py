@@ -66,3 +66,23 @@ def test_a_process_that_is_gone_is_no_error() -> None:
     with waiting() as pid:
         pass
     put_standing([pid])
+
+
+# Goes first for a while, and tells its nice value, and the weight of its session then and afterwards.
+_FOR_A_WHILE = """
+import os, pathlib
+from grader.live.process.priority import going_first
+weight = pathlib.Path("/proc/self/autogroup")
+def told(): return weight.read_text().split()[-1] if weight.exists() else "0"
+before = told()
+with going_first():
+    print(os.getpriority(os.PRIO_PROCESS, 0), told())
+print(told() == before)
+"""
+
+
+def test_grade_goes_first_only_while_it_runs() -> None:
+    """The weight of the session, which is that of a terminal, is given back."""
+    said = subprocess.check_output([sys.executable, "-c", _FOR_A_WHILE], text=True, start_new_session=True).split()
+    weighed = str(STANDING) if may_raise() and said[1] != "0" else "0"
+    assert said == [str(STANDING if may_raise() else nice_of(0)), weighed, "True"]
