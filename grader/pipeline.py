@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 import shutil
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
@@ -17,7 +18,7 @@ from grader.bounded import Bound
 from grader.errors import UsageError, described
 from grader.files import UNFINISHED, atomic_replacement, replace_files
 from grader.judging.attempts import retry_undecided
-from grader.judging.judgement import Judgement, judge_bounded
+from grader.judging.judgement import Judgement, judge_bounded, prepare
 from grader.judging.rubrics import read_overrides, recorded_rubric, rubric_copy, rubric_files, rubric_files_of_result
 from grader.lab import kept_lab
 from grader.lab.overrides import Overrides
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 PARTS = (RUBRIC_COPY, kept_lab.KEPT, RECORDINGS, REPORT_FILE, RESULT_FILE)
 #: Among recordings: stands there until all sessions have been recorded.
 _BEGUN = ".begun"
+#: When sessions have started, and leave a core some time, what judging needs is imported.
+_PREPARED_AFTER_S = 3.0
 #: What each step of reading and staging a submission may take, which takes the solution 0.02 s.
 _READING_BOUND = Bound(what="reading the submission", cpu_s=20.0, wall_s=100.0, memory_bytes=1024**3)
 
@@ -222,6 +225,9 @@ def record(
                 scheduler=scheduler,
             )
             on_progress = watch.follow(on_progress)
+            preparing = threading.Timer(_PREPARED_AFTER_S, prepare, [rubric])
+            preparing.daemon = True
+            preparing.start()
             if options.scope is not Scope.UNDECIDED:
                 at_a_time = options.jobs if sessions.isolation.namespaces else None
                 with watch.stage("sessions"):
@@ -237,6 +243,8 @@ def record(
 
             def judged() -> Judgement:
                 with work("judging"):
+                    preparing.cancel()
+                    preparing.join()
                     return judge_bounded(recordings, rubric, options.overrides)
 
             return judged() if options.scope is Scope.ONCE else retry_undecided(recordings, chosen, retry, judged)

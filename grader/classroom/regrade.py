@@ -140,6 +140,8 @@ def regrade_all(
     on_judged: Callable[[str], None] = lambda name: None,
 ) -> Regrade:
     """Judge recordings, each by its measure; see `regrade`."""
+    if len(measures) > 1:
+        judgement.prepare(next(iter(measures.values()))[0])
     works = {folder: partial(_judge, folder, measure, pages) for folder, measure in measures.items()}
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     judged, failed = {}, {}

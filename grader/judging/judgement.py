@@ -12,6 +12,7 @@ from grader.judging.judge import Recordings, judge, open_recordings
 from grader.lab.overrides import Overrides, moment_of
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import Rubric
+from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.result import Result, to_json
 
 #: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
@@ -44,6 +45,21 @@ def judge_recordings(folder: Path, rubric: Rubric, overrides: Overrides, *, page
 def judge_bounded(folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True) -> Judgement:
     """Do as `judge_recordings` in a process of its own; raises BoundError if that takes more than it may."""
     return in_process(partial(judge_recordings, folder, rubric, overrides, page=page), JUDGING_BOUND)
+
+
+_SAMPLE = "# Arm\n\nRun `ros2 run arm node`, because best effort loses messages.\n\n- `node.py`: reliable, so slower.\n"
+
+
+def prepare(rubric: Rubric) -> None:
+    """Judge the submission of nobody, so that what is imported and compiled for it is there for those that follow.
+
+    Copies of this process have it: judging the solution takes 0.35 s of a core then, and 0.53 s without.
+    """
+    texts = {"README.md": _SAMPLE, "node.py": f'"""{_SAMPLE}"""\n'}
+    artifacts = [ArtifactFact(name, "node.py", "node.py", "name") for name in rubric.artifacts]
+    files = [FileFact(path, len(text), "") for path, text in texts.items()]
+    nobody = Recordings(SubmissionRecord("nobody", files=files, texts=texts, artifacts=artifacts), {})
+    report_page(judge(nobody, rubric), nobody, rubric)
 
 
 def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
