@@ -1,7 +1,7 @@
 """How long a class takes by the scheduler's rules, from what one grading took: for classes too large to try.
 
 So many submissions are under way at a time as there are slots. Each starts, has its sessions recorded, the longest
-first, and is judged; each of these holds a slot, and more slots are given while half of the cores' time is idle. What
+first, and is judged; each of these holds a slot, and more slots are given while three tenths of the cores' time are idle. What
 wants more than the cores have all goes on more slowly, except for the time in which it waits for nothing but a clock.
 """
 
@@ -43,8 +43,10 @@ def pieces_of(recordings: Path) -> list[Piece]:
     return sorted(found, key=lambda piece: -piece.left_s)
 
 
-def simulate(count: int, sessions: Sequence[Piece], slots: int, most: int, core_count: int) -> float:
-    """Return how long a class of so many equal submissions takes, in s."""
+def simulate(
+    count: int, sessions: Sequence[Piece], slots: int, most: int, core_count: int, at_a_time: int | None = None
+) -> float:
+    """Return how long a class of so many equal submissions takes, in s; so many of them at a time as there are slots."""
     waiting = [_submission(sessions) for _ in range(count)]
     under_way: list[Iterator[list[Piece]]] = []
     ready: list[Piece] = []
@@ -52,10 +54,10 @@ def simulate(count: int, sessions: Sequence[Piece], slots: int, most: int, core_
     running: list[Piece] = []
     now_s = idle = 0.0
     while waiting or open_pieces:
-        while waiting and len(under_way) < slots:
+        while waiting and len(under_way) < (at_a_time or slots):
             under_way.append(waiting.pop())
             _next(under_way[-1], open_pieces, ready)
-        while ready and len(running) < (most if idle > 0.5 else slots):
+        while ready and len(running) < (most if idle > 0.3 else slots):
             running.append(ready.pop(0))
         wanted = sum(piece.share for piece in running)
         pace = min(1.0, core_count / wanted) if wanted else 1.0

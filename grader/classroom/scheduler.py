@@ -13,7 +13,7 @@ from grader.live.session.runner import sessions_at_a_time
 
 _POLL_S = 0.1
 #: A sandbox more is admitted where the cores had nothing to do for this share of such a time.
-_ROOM_SHARE, _ROOM_S = 0.5, 1.0
+_ROOM_SHARE, _ROOM_S = 0.3, 1.0
 #: The most slots there are; what runs alone holds all of them.
 MOST_SLOTS = 16
 
