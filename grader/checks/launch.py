@@ -105,11 +105,8 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         problem.module, problem.file or "", problem.line, context.submission
     )
     if newer or (plan.outcome == "not_assessable" and not made_up):
-        reason = "The grader cannot evaluate this launch file."
-        if newer:
-            reason = (
-                "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
-            )
+        lacking = "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
+        reason = lacking if newer else "The grader cannot evaluate this launch file."
         return inconclusive(expected, problem.message, reason, where=_at(context, problem), retry=False)
     location = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
     reason = _capitalised(problem.message) + location
@@ -271,7 +268,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     expected = ", ".join(n.node for n in p.nodes)
     plan = plan_of(context, p.step)
     if (problem := plan.problem) is not None:
-        reason = f"{_capitalised(problem.message)} {_STOPS}"
+        reason = f"{_capitalised(problem.message)} `ros2 launch` stops there and starts nothing."
         return failed(expected, "nothing was started", reason, hint=problem.remedy, where=_at(context, problem))
     entries = {n.node: _entry_for(context, plan, n.node, n.executable) for n in p.nodes}
     absent = [node for node, entry in entries.items() if entry is None and node not in context.session.nodes]
@@ -291,9 +288,6 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     up = ", ".join(n + " (ended)" * _died(context, _entry_for(context, plan, n)) for n in seen)
     finding = of_parts(expected, parts, measured=up or "no node of the student in the graph")
     return replace(finding, retry=not any(part.doubt for part in parts))
-
-
-_STOPS = "`ros2 launch` stops there and starts nothing."
 
 
 def _judge_node(
@@ -374,12 +368,9 @@ def _why_down(context: Context, entry: Process, executable: str) -> Part:
     line = entry.line
     if found.kind == "parameter-type" and entry.file:
         line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, found.subject)
-    where = (
-        Location(file=entry.file, line=line),
-        *([Location(file=found.file, line=found.line)] if found.file else []),
-    )
+    cause = (Location(file=found.file, line=found.line),) if found.file else ()
     reason = f"{executable} ended with status {run.exit_status}: {describe_diagnosis(found)}"
-    return Part(0.0, "", reason, hint=found.remedy, where=where)
+    return Part(0.0, "", reason, hint=found.remedy, where=(Location(file=entry.file, line=line), *cause))
 
 
 #: Lines that a node's entry in a launch file takes at most.
@@ -540,7 +531,10 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
             if mate is doer or (process is not None and other == process)
         )
         is_charged = any(context.charged(mate.charged_by) for mate in mates)
-        if part is not None and _is_up(context, doer.node) and (part.share == 1 or not is_charged):
+        # A node that did not come up, under whatever name, or did not stay, is charged with the nodes.
+        used = context.session.used(doer.node) if doer.node is not None else None
+        is_up = used is None or (used in context.session.nodes and not _died(context, process))
+        if part is not None and is_up and (part.share == 1 or not is_charged):
             judged.append(part)
     if not judged:
         reason = "Not tested, because each node has a fault that costs points in another check."
@@ -556,14 +550,7 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
 def _process_of(context: Context, node: str | None) -> Process | None:
     """Return the process of the launch file that runs a node, under whatever name."""
     plan = _read_plan(context.session.record.plan)
-    return _entry_for(context, plan, context.session.used(node)) if plan is not None and node is not None else None
-
-
-def _is_up(context: Context, node: str | None) -> bool:
-    """Whether a node came up, under whatever name, and stayed; one that did not is charged with the nodes."""
-    if node is None:
-        return True
-    return context.session.used(node) in context.session.nodes and not _died(context, _process_of(context, node))
+    return _entry_for(context, plan, context.session.used(node)) if node is not None else None
 
 
 def _commands_come(context: Context, p: TogetherCommands, span: Span | None, delay_s: float) -> Part | None:
