@@ -117,13 +117,9 @@ def _print_violation(console: Console, violation: Violation, result: Result) -> 
 
 
 def _add_criterion(table: Table, criterion: CriterionResult) -> None:
-    whole = criterion.earned == criterion.possible
-    style = "bold green" if whole else "bold"
-    table.add_row(
-        "",
-        Text(criterion.title, style),
-        Text(f"{points(criterion.earned)} / {points(criterion.possible)}", style),
-    )
+    style = "bold green" if criterion.earned == criterion.possible else "bold"
+    earned = Text(f"{points(criterion.earned)} / {points(criterion.possible)}", style)
+    table.add_row("", Text(criterion.title, style), earned)
     rows: dict[tuple[Outcome, str], list[CheckResult]] = {}
     for check in criterion.checks:
         if check.outcome is not Outcome.PASSED:
