@@ -391,14 +391,7 @@ def _waits_s(context: Context, run: ProcessRun, topic: str) -> float:
 
 
 def _judge_row(
-    context: Context,
-    p: ReportedTraffic,
-    row: Row,
-    got: ResultRow,
-    written: int,
-    *,
-    late_s: float = 0.0,
-    pushed_out: float = 0.0,
+    context: Context, p: ReportedTraffic, row: Row, got: ResultRow, written: int, *, late_s: float, pushed_out: float
 ) -> tuple[float, str]:
     """Return what a row earns, and why no more; numbers that cannot be are worth nothing together.
 
