@@ -418,7 +418,7 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
         entry = _entry_for(context, plan, wanted.node, wanted.executable)
         if entry is None:
             continue  # The node is not started, which is charged with the nodes.
-        part = _judge_parameter(context, p, wanted, plan, other)
+        part = _judge_parameter(context, p, wanted, entry, plan, other)
         if entry.file and part.reason:
             line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, wanted.name)
             part = replace(part, where=(Location(file=entry.file, line=line),))
@@ -428,16 +428,10 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
     return of_parts(expected, parts)
 
 
-def _planned(context: Context, plan: Plan, wanted: WantedNodeParameter) -> Any:
-    """Return the value that a plan gives a node's parameter; None where it gives none."""
-    entry = _entry_for(context, plan, wanted.node, wanted.executable)
-    return entry.effective_parameters(wanted.node).get(wanted.name) if entry is not None else None
-
-
 def _judge_parameter(
-    context: Context, p: LaunchParameters, wanted: WantedNodeParameter, plan: Plan, other: Plan
+    context: Context, p: LaunchParameters, wanted: WantedNodeParameter, entry: Process, plan: Plan, other: Plan
 ) -> Part:
-    planned = _planned(context, plan, wanted)
+    planned = entry.effective_parameters(wanted.node).get(wanted.name)
     step = context.session.step(wanted.step)
     result = step.result if step is not None else {}
     running = result.get("values", {}).get(wanted.name)
@@ -454,7 +448,8 @@ def _judge_parameter(
     follows = wanted.argument is not None and _same(value, declared.get(wanted.argument))
     if not _same(value, wanted.value) and not follows:
         return Part(0.0, text, f"{subject} is {value!r}, not {wanted.value!r}.")
-    changed = _planned(context, other, wanted)
+    entry_then = _entry_for(context, other, wanted.node, wanted.executable)
+    changed = entry_then.effective_parameters(wanted.node).get(wanted.name) if entry_then is not None else None
     no_argument = wanted.argument is not None and wanted.argument not in declared
     if wanted.other is None or no_argument or _same(changed, wanted.other):
         return Part(1.0, text)
