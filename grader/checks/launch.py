@@ -516,9 +516,12 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
         _service_answers(context, p.answers),
     ]
     doers: tuple[_Doer, ...] = (p.commands, p.follows, p.answers)
-    processes = [_process_of(context, doer.node) for doer in doers]
+    # The nodes under whatever names, and the processes of the launch file that run them.
+    names = [context.session.used(doer.node) if doer.node is not None else None for doer in doers]
+    plan = _read_plan(context.session.record.plan)
+    processes = [_entry_for(context, plan, name) if name is not None else None for name in names]
     judged = []
-    for part, doer, process in zip(parts, doers, processes, strict=True):
+    for part, doer, name, process in zip(parts, doers, names, processes, strict=True):
         # What is charged alone is not charged again, neither in this node nor in others of its process.
         mates = (
             mate
@@ -526,9 +529,8 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
             if mate is doer or (process is not None and other == process)
         )
         is_charged = any(context.charged(mate.charged_by) for mate in mates)
-        # A node that did not come up, under whatever name, or did not stay, is charged with the nodes.
-        used = context.session.used(doer.node) if doer.node is not None else None
-        is_up = used is None or (used in context.session.nodes and not _died(context, process))
+        # A node that did not come up, or did not stay, is charged with the nodes.
+        is_up = name is None or (name in context.session.nodes and not _died(context, process))
         if part is not None and is_up and (part.share == 1 or not is_charged):
             judged.append(part)
     if not judged:
@@ -540,12 +542,6 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     return of_parts(
         expected, judged, where=(context.location(p.commands.topic),), doubt=cpu_delay_doubt(delay_s, length_s)
     )
-
-
-def _process_of(context: Context, node: str | None) -> Process | None:
-    """Return the process of the launch file that runs a node, under whatever name."""
-    plan = _read_plan(context.session.record.plan)
-    return _entry_for(context, plan, context.session.used(node)) if node is not None else None
 
 
 def _commands_come(context: Context, p: TogetherCommands, span: Span | None, delay_s: float) -> Part | None:
