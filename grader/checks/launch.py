@@ -523,12 +523,8 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     judged = []
     for part, doer, name, process in zip(parts, doers, names, processes, strict=True):
         # What is charged alone is not charged again, neither in this node nor in others of its process.
-        mates = (
-            mate
-            for mate, other in zip(doers, processes, strict=True)
-            if mate is doer or (process is not None and other == process)
-        )
-        is_charged = any(context.charged(mate.charged_by) for mate in mates)
+        mates = [mate for mate, other in zip(doers, processes, strict=True) if other == process]
+        is_charged = any(context.charged(mate.charged_by) for mate in (mates if process is not None else [doer]))
         # A node that did not come up, or did not stay, is charged with the nodes.
         is_up = name is None or (name in context.session.nodes and not _died(context, process))
         if part is not None and is_up and (part.share == 1 or not is_charged):
