@@ -80,9 +80,8 @@ def print_result(console: Console, result: Result) -> None:
     console.print(table)
     levels = {s.get("isolation") for s in result.provenance.get("sessions", {}).values()}
     if "none" in levels:
-        console.print(
-            Text("The submission's code ran unconfined. `grade doctor` says what would fix that.", "bold red")
-        )
+        note = "The submission's code ran unconfined. `grade doctor` says what would fix that."
+        console.print(Text(note, "bold red"))
     elif "reduced" in levels:
         note = "The submission's code was confined in part only; the report says what that does not cover."
         console.print(Text(note, "yellow"))
