@@ -48,11 +48,8 @@ def without_rest(finding: Finding, gap: RecordingGap, *, timed: bool) -> Finding
         credit=Decimal(0),
         measured=finding.measured if seen else "not measured in full",
         reason=" ".join([*([finding.reason] if seen else []), describe_gap(gap)]),
-        hint=finding.hint if seen else _HINT,
+        hint=finding.hint if seen else "Send messages no larger and no more often than the lab asks for.",
     )
-
-
-_HINT = "Send messages no larger and no more often than the lab asks for."
 
 
 def is_timed(spec: CheckSpec, recorded: Recorded) -> bool:

@@ -105,11 +105,8 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         problem.module, problem.file or "", problem.line, context.submission
     )
     if newer or (plan.outcome == "not_assessable" and not made_up):
-        reason = "The grader cannot evaluate this launch file."
-        if newer:
-            reason = (
-                "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
-            )
+        lacking = "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
+        reason = lacking if newer else "The grader cannot evaluate this launch file."
         return inconclusive(expected, problem.message, reason, where=_at(context, problem), retry=False)
     location = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
     reason = _capitalised(problem.message) + location
@@ -271,7 +268,7 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     expected = ", ".join(n.node for n in p.nodes)
     plan = plan_of(context, p.step)
     if (problem := plan.problem) is not None:
-        reason = f"{_capitalised(problem.message)} {_STOPS}"
+        reason = f"{_capitalised(problem.message)} `ros2 launch` stops there and starts nothing."
         return failed(expected, "nothing was started", reason, hint=problem.remedy, where=_at(context, problem))
     entries = {n.node: _entry_for(context, plan, n.node, n.executable) for n in p.nodes}
     absent = [node for node, entry in entries.items() if entry is None and node not in context.session.nodes]
@@ -291,9 +288,6 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     up = ", ".join(n + " (ended)" * _died(context, _entry_for(context, plan, n)) for n in seen)
     finding = of_parts(expected, parts, measured=up or "no node of the student in the graph")
     return replace(finding, retry=not any(part.doubt for part in parts))
-
-
-_STOPS = "`ros2 launch` stops there and starts nothing."
 
 
 def _judge_node(
@@ -374,12 +368,9 @@ def _why_down(context: Context, entry: Process, executable: str) -> Part:
     line = entry.line
     if found.kind == "parameter-type" and entry.file:
         line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, found.subject)
-    where = (
-        Location(file=entry.file, line=line),
-        *([Location(file=found.file, line=found.line)] if found.file else []),
-    )
+    cause = (Location(file=found.file, line=found.line),) if found.file else ()
     reason = f"{executable} ended with status {run.exit_status}: {describe_diagnosis(found)}"
-    return Part(0.0, "", reason, hint=found.remedy, where=where)
+    return Part(0.0, "", reason, hint=found.remedy, where=(Location(file=entry.file, line=line), *cause))
 
 
 #: Lines that a node's entry in a launch file takes at most.
@@ -427,7 +418,7 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
         entry = _entry_for(context, plan, wanted.node, wanted.executable)
         if entry is None:
             continue  # The node is not started, which is charged with the nodes.
-        part = _judge_parameter(context, p, wanted, plan, other)
+        part = _judge_parameter(context, p, wanted, entry, plan, other)
         if entry.file and part.reason:
             line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, wanted.name)
             part = replace(part, where=(Location(file=entry.file, line=line),))
@@ -437,16 +428,10 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
     return of_parts(expected, parts)
 
 
-def _planned(context: Context, plan: Plan, wanted: WantedNodeParameter) -> Any:
-    """Return the value that a plan gives a node's parameter; None where it gives none."""
-    entry = _entry_for(context, plan, wanted.node, wanted.executable)
-    return entry.effective_parameters(wanted.node).get(wanted.name) if entry is not None else None
-
-
 def _judge_parameter(
-    context: Context, p: LaunchParameters, wanted: WantedNodeParameter, plan: Plan, other: Plan
+    context: Context, p: LaunchParameters, wanted: WantedNodeParameter, entry: Process, plan: Plan, other: Plan
 ) -> Part:
-    planned = _planned(context, plan, wanted)
+    planned = entry.effective_parameters(wanted.node).get(wanted.name)
     step = context.session.step(wanted.step)
     result = step.result if step is not None else {}
     running = result.get("values", {}).get(wanted.name)
@@ -463,7 +448,8 @@ def _judge_parameter(
     follows = wanted.argument is not None and _same(value, declared.get(wanted.argument))
     if not _same(value, wanted.value) and not follows:
         return Part(0.0, text, f"{subject} is {value!r}, not {wanted.value!r}.")
-    changed = _planned(context, other, wanted)
+    entry_then = _entry_for(context, other, wanted.node, wanted.executable)
+    changed = entry_then.effective_parameters(wanted.node).get(wanted.name) if entry_then is not None else None
     no_argument = wanted.argument is not None and wanted.argument not in declared
     if wanted.other is None or no_argument or _same(changed, wanted.other):
         return Part(1.0, text)
@@ -530,17 +516,18 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
         _service_answers(context, p.answers),
     ]
     doers: tuple[_Doer, ...] = (p.commands, p.follows, p.answers)
-    processes = [_process_of(context, doer.node) for doer in doers]
+    # The nodes under whatever names, and the processes of the launch file that run them.
+    names = [context.session.used(doer.node) if doer.node is not None else None for doer in doers]
+    plan = _read_plan(context.session.record.plan)
+    processes = [_entry_for(context, plan, name) if name is not None else None for name in names]
     judged = []
-    for part, doer, process in zip(parts, doers, processes, strict=True):
+    for part, doer, name, process in zip(parts, doers, names, processes, strict=True):
         # What is charged alone is not charged again, neither in this node nor in others of its process.
-        mates = (
-            mate
-            for mate, other in zip(doers, processes, strict=True)
-            if mate is doer or (process is not None and other == process)
-        )
-        is_charged = any(context.charged(mate.charged_by) for mate in mates)
-        if part is not None and _is_up(context, doer.node) and (part.share == 1 or not is_charged):
+        mates = [mate for mate, other in zip(doers, processes, strict=True) if other == process]
+        is_charged = any(context.charged(mate.charged_by) for mate in (mates if process is not None else [doer]))
+        # A node that did not come up, or did not stay, is charged with the nodes.
+        is_up = name is None or (name in context.session.nodes and not _died(context, process))
+        if part is not None and is_up and (part.share == 1 or not is_charged):
             judged.append(part)
     if not judged:
         reason = "Not tested, because each node has a fault that costs points in another check."
@@ -551,19 +538,6 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     return of_parts(
         expected, judged, where=(context.location(p.commands.topic),), doubt=cpu_delay_doubt(delay_s, length_s)
     )
-
-
-def _process_of(context: Context, node: str | None) -> Process | None:
-    """Return the process of the launch file that runs a node, under whatever name."""
-    plan = _read_plan(context.session.record.plan)
-    return _entry_for(context, plan, context.session.used(node)) if plan is not None and node is not None else None
-
-
-def _is_up(context: Context, node: str | None) -> bool:
-    """Whether a node came up, under whatever name, and stayed; one that did not is charged with the nodes."""
-    if node is None:
-        return True
-    return context.session.used(node) in context.session.nodes and not _died(context, _process_of(context, node))
 
 
 def _commands_come(context: Context, p: TogetherCommands, span: Span | None, delay_s: float) -> Part | None:

@@ -60,11 +60,8 @@ def why_nothing(context: Context, artifact: str) -> Explanation | None:
     if hit is not None and (found is None or ended_by_limit(processes[-1])):
         return *hit, (output,)
     if found is not None:
-        return (
-            describe_diagnosis(found),
-            found.remedy,
-            (Location(file=found.file, line=found.line) if found.file else output,),
-        )
+        where = Location(file=found.file, line=found.line) if found.file else output
+        return describe_diagnosis(found), found.remedy, (where,)
     return _ended_already(context, artifact)
 
 
@@ -74,13 +71,11 @@ def _ended_already(context: Context, artifact: str) -> Explanation | None:
     if run is None or run.exited_ns is None or run.interrupted_ns is not None or run.ended_by != "itself":
         return None
     after_s = (run.exited_ns - run.started_ns) / 1e9
-    how, hint = f" (exit status 0 after {after_s:.1f} s, no error)", _SPIN_HINT
+    how = f" (exit status 0 after {after_s:.1f} s, no error)"
+    hint = "main() has to reach rclpy.spin(node), which runs the node's callbacks until Ctrl-C."
     if run.exit_status != 0:
         how, hint = f", with exit status {run.exit_status} after {after_s:.1f} s", "Its output shows what ended it."
     return f"Your {artifact} node had already ended{how}.", hint, (context.output_of(artifact),)
-
-
-_SPIN_HINT = "main() has to reach rclpy.spin(node), which runs the node's callbacks until Ctrl-C."
 
 
 def not_assessable_here(context: Context, artifact: str, expected: str) -> Finding | None:

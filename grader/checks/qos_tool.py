@@ -75,17 +75,14 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
     if claimed:
         reason = f"It ended after {shown_s} s, which is too early."
         share = half if ran_s < p.least_s else 1.0
-        return graded(share, expected, measured, reason, notes=[] if run.exit_status == 0 else [_BAD_END])
+        note = "It does not end with exit status 0; stop executors and threads before rclpy.shutdown()."
+        return graded(share, expected, measured, reason, notes=[] if run.exit_status == 0 else [note])
     if run.exit_status == 0 and ran_s >= p.least_s:
         unread = bool(printed.strip())
         what = "but nothing that it printed could be read as results" if unread else "and printed nothing"
-        reason = f"It ended in time, {what}."
-        return graded(p.half_credit * unread, expected, measured, reason, hint=_RESULTS_HINT)
+        hint = "Print the results before the program ends, with print() or the logger."
+        return graded(p.half_credit * unread, expected, measured, f"It ended in time, {what}.", hint=hint)
     return unexplained(graded(0.0, expected, measured, "It ended without results."))
-
-
-_BAD_END = "It does not end with exit status 0; stop executors and threads before rclpy.shutdown()."
-_RESULTS_HINT = "Print the results before the program ends, with print() or the logger."
 
 
 def _without_tracebacks(output: Sequence[OutputLine]) -> str:
@@ -221,7 +218,8 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     alike = len(parts) > 1 and len({str(side) for each in sides.values() for side in each if side.seen}) == 1
     if alike and sum(part.share for part in parts) > p.alike_credit * len(parts):
         parts = [replace(part, share=p.alike_credit) for part in parts]
-        parts[0] = replace(parts[0], reason=f"{_ALIKE} {parts[0].reason}".strip())
+        reason = f"All topics have one and the same profile, so that nothing is compared. {parts[0].reason}"
+        parts[0] = replace(parts[0], reason=reason.strip())
     finding = of_parts(
         "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles),
         parts,
@@ -231,9 +229,6 @@ def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     if not unknown or finding.outcome is not Outcome.PASSED:
         return finding
     return undecided(finding, f"The recording does not show the history and depth of {unknown[0]}.", retry=False)
-
-
-_ALIKE = "All topics have one and the same profile, so that nothing is compared."
 
 
 def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side], one_sided_credit: float) -> Part:
@@ -295,7 +290,9 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     if not rows:
         return not_reached("Not tested, because nothing was sent on any of the topics.", expected=expected)
     if constants := _written_beforehand(context, p, [claim for claim in claims.values() if claim is not None]):
-        return failed(expected, "constants of the source", _CONSTANTS_REASON, hint=_CONSTANTS_HINT, where=constants)
+        reason = "Every count and latency that it prints is a constant in its source, so none was measured."
+        hint = "Count in the callbacks, and print what was counted."
+        return failed(expected, "constants of the source", reason, hint=hint, where=constants)
     run = context.session.process(p.artifact)
     delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
     late_s = context.session.backlog(run, _life(context, run)).late_s if run is not None else 0.0
@@ -304,7 +301,8 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         claim = claims[row.name]
         if claim is None:
             untold = f"There is no line with count and latency for {row.name}."
-            parts.append(Part(0.0, reason=untold, hint=_ROW_HINT.format(row.name)))
+            hint = f"Print a line for each profile, as '{row.name}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."
+            parts.append(Part(0.0, reason=untold, hint=hint))
             continue
         written = min((_written(context, row.topic, t) for t in (None, claim.t_ns)), key=lambda n: abs(n - claim.count))
         unheld, waits_s = (f(context, run, row.topic) if run is not None else 0.0 for f in (_unheld, _waits_s))
@@ -315,15 +313,14 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         pushed_out = written * delay_s / length_s
         best, _ = _judge_row(context, p, row, claim, written, late_s=max(late_s, waits_s), pushed_out=pushed_out)
         latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
-        hint = _SIDES_HINT if "incompatible" in reason else ""
+        sides = "Give publisher and subscription of a profile the same QoSProfile; then messages arrive."
+        hint = sides if "incompatible" in reason else ""
         parts.append(Part(share, f"{row.name} {claim.count} of {written}, {latency}", reason, best, hint=hint))
     where, doubt = (context.output_of(p.artifact),), cpu_delay_doubt(delay_s, length_s)
     measured = "" if any(part.text for part in parts) else "no results"
     return of_parts(expected, parts, measured=measured, where=where, doubt=doubt)
 
 
-_CONSTANTS_REASON = "Every count and latency that it prints is a constant in its source, so none was measured."
-_CONSTANTS_HINT = "Count in the callbacks, and print what was counted."
 _NUMBER = re.compile(r"(?<![\w.])\d{1,15}(?:\.\d{1,15})?(?:[eE]-?\d{1,2})?(?![\w.])")
 #: So many different latencies are no coincidence.
 _LEAST_LATENCIES = 4
@@ -344,10 +341,6 @@ def _written_beforehand(context: Context, p: ReportedTraffic, claims: Sequence[R
         if None not in places:
             return [Location(file=path, line=place) for place in sorted({place for place in places if place})][:4]
     return []
-
-
-_ROW_HINT = "Print a line for each profile, as '{}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."
-_SIDES_HINT = "Give publisher and subscription of a profile the same QoSProfile; then messages arrive."
 
 
 def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
@@ -398,14 +391,7 @@ def _waits_s(context: Context, run: ProcessRun, topic: str) -> float:
 
 
 def _judge_row(
-    context: Context,
-    p: ReportedTraffic,
-    row: Row,
-    got: ResultRow,
-    written: int,
-    *,
-    late_s: float = 0.0,
-    pushed_out: float = 0.0,
+    context: Context, p: ReportedTraffic, row: Row, got: ResultRow, written: int, *, late_s: float, pushed_out: float
 ) -> tuple[float, str]:
     """Return what a row earns, and why no more; numbers that cannot be are worth nothing together.
 

@@ -172,20 +172,18 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
     contrary = next((answer for answer in (response, *later) if _contradicts(p, answer)), None)
     if contrary is not None and not context.charged(p.again_charged_by):
         reason = f"It answers this request with {_shown(contrary)}, which means the opposite."
-        return failed(expected, measured, reason, hint=_CONTRARY_HINT, where=where)
+        hint = "Set the state to request.data instead of toggling it, and report the new state, not the previous one."
+        return failed(expected, measured, reason, hint=hint, where=where)
     if (changed := next((answer for answer in later if not _fits(answer, p.response)), None)) is not None:
         reason = f"To the same request it answers {_shown(changed)} later."
-        return graded(p.changed_credit, expected, measured, reason, hint=_ALIKE_HINT, where=where)
+        hint = "Answer each request by its own content, whatever the previous state was."
+        return graded(p.changed_credit, expected, measured, reason, hint=hint, where=where)
     text = str(response.get(p.message_field, ""))
     if p.message is not None and not text.strip():
         return graded(p.wordless_credit, expected, measured, "The answer's message is empty.", where=where)
     other_words = p.message is not None and not search(p.message, text)
     notes = [f"The message {text!r} is not worded as in the lab."] if other_words else []
     return passed(expected, measured, where=where, notes=notes)
-
-
-_CONTRARY_HINT = "Set the state to request.data instead of toggling it, and report the new state, not the previous one."
-_ALIKE_HINT = "Answer each request by its own content, whatever the previous state was."
 
 
 def _fits(answer: Mapping[str, Any] | None, wanted: Mapping[str, Any]) -> bool:

@@ -446,10 +446,6 @@ class Survives(Parameters):
     quiet_credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that makes it all the same.")
 
 
-_REPLACED = "The node ended, and the program went on without it or started it again; messages are lost meanwhile."
-_UNMATCHED = "The subscription was not matched in time, so that the node may not have got what was sent."
-
-
 def survives(context: Context, p: Survives) -> Finding:
     """Judge whether the artifact's first process outlived the step, and the node in it.
 
@@ -467,10 +463,12 @@ def survives(context: Context, p: Survives) -> Finding:
         measured = f"it ended with status {first.exit_status} at {context.session.since_start_s(first.exited_ns):.2f} s"
         return unexplained(failed(expected, measured, "The node ended."))
     if _never_matched(context, step):
-        return unclear(expected, "it went on", _UNMATCHED)
+        reason = "The subscription was not matched in time, so that the node may not have got what was sent."
+        return unclear(expected, "it went on", reason)
     if (replaced_ns := _replaced_ns(context, step, until_ns)) is not None:
         measured = f"the program went on; its node ended before {context.session.since_start_s(replaced_ns):.2f} s"
-        return unexplained(failed(expected, measured, _REPLACED))
+        reason = "The node ended, and the program went on without it or started it again; messages are lost meanwhile."
+        return unexplained(failed(expected, measured, reason))
     early = _early_reports(context, p, step, later)
     if not early:
         return passed(expected, "it went on")

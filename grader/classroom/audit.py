@@ -27,14 +27,7 @@ def text_of(path: Path) -> str | None:
         return None
 
 
-def note_replaced(
-    results: Path,
-    name: str,
-    before: str | None,
-    command: str,
-    *,
-    overrides_sha256: str = "",
-) -> None:
+def note_replaced(results: Path, name: str, before: str | None, command: str, *, overrides_sha256: str) -> None:
     """Keep an old result and add a line to the trail; nothing is written where nothing was replaced.
 
     `before` is the text of the submission's `result.json` as it was, `command` is by what it was replaced, and the

@@ -93,8 +93,10 @@ class ClassRun:
             found = {task: self._result(task) for task in kept}
             undecided = {task: result for task, result in found.items() if result and self._is_undecided(result)}
             kept, new = {task: entry for task, entry in kept.items() if task not in undecided}, []
+        sessions = self.rubric.sessions
+        work_s = sum(sessions[s].typical_s for s in self.options.sessions or sessions if s in sessions)
         for task in (*new, *undecided):
-            self.display.expect(task.source.name, self._work_s())
+            self.display.expect(task.source.name, work_s)
         self._judge(kept)
         run_to_an_end(self._record(new, undecided, location))
 
@@ -113,10 +115,6 @@ class ClassRun:
         entry = self.journal.holds(task.source.name, task.key) if task.submission else None
         enough = [level.value for level in Level if level.at_least(least)]
         return entry if entry is not None and entry.isolation in enough else None
-
-    def _work_s(self) -> float:
-        sessions = self.rubric.sessions
-        return sum(sessions[s].typical_s for s in self.options.sessions or sessions if s in sessions)
 
     def _is_undecided(self, result: Result) -> bool:
         return bool(undecided_sessions(result, list(self.rubric.sessions)))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import socket
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 
 from grader.live.sandbox.isolation import Isolation
 from grader.live.sandbox.machine import idle_s
@@ -47,21 +48,14 @@ class Machine:
 
     async def take(self, *, alone: bool = False) -> Callable[[], None]:
         """Wait for a slot, or for all; returns what gives them back."""
-        held: list[socket.socket] = []
-        turnstile = await self._bind(["turnstile"])
-        try:
+        with await self._bind(["turnstile"]), ExitStack() as held:
             if alone:
                 for number in range(1, MOST_SLOTS + 1):
-                    held.append(await self._bind([f"slot-{number}"]))
+                    held.enter_context(await self._bind([f"slot-{number}"]))
             else:
                 names = [f"slot-{number}" for number in range(1, self.slots + self._spare + 1)]
-                held.append(await self._bind(names[: self.slots], names[self.slots :]))
-        except BaseException:
-            _close(held)
-            raise
-        finally:
-            turnstile.close()
-        return lambda: _close(held)
+                held.enter_context(await self._bind(names[: self.slots], names[self.slots :]))
+            return held.pop_all().close
 
     async def _bind(self, names: Sequence[str], spare: Sequence[str] = ()) -> socket.socket:
         """Wait until one of some names is free, or one of the spare ones while cores are idle; returns its holder."""
@@ -80,8 +74,3 @@ class Machine:
                 else:
                     return holder
             await asyncio.sleep(_POLL_S)
-
-
-def _close(held: Iterable[socket.socket]) -> None:
-    for holder in held:
-        holder.close()

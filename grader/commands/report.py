@@ -59,10 +59,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
         raise SubmissionError(problem, location=str(options.results), remedy=remedy)
     copy = None if options.rubric else rubrics.rubric_of_class(options.results, entries)
     rubric = rubrics.recorded_rubric(copy) if copy else rubrics.read_rubric(options.rubric)
+    remedy = "Move the results of each lab into a folder of its own."
     for entry in entries:
-        rubrics.require_lab(
-            options.results / entry.name, rubric, "Move the results of each lab into a folder of its own."
-        )
+        rubrics.require_lab(options.results / entry.name, rubric, remedy)
     report_class(
         options.results, entries, rubric, console, options.class_list, anonymous=options.anonymous, counted=True
     )

@@ -264,10 +264,8 @@ class _Integrity:
     def _on_topic(self, topic: str, publishers: Sequence[Sighting], seen: str, span: Span) -> Tampering:
         named = sorted({s.endpoint.node for s in publishers if UNKNOWN_NODE not in s.endpoint.node})[:3]
         who = f"The submission ({', '.join(named)})" if named else "The submission"
-        evidence = [
-            seen,
-            *(self.described(publishers) if publishers else ["no publisher of theirs was seen in the graph"]),
-        ]
+        evidence = [seen, *self.described(publishers)]
+        evidence += [] if publishers else ["no publisher of theirs was seen in the graph"]
         # Where the grader's own messages are known, what rests on the topic is judged by them alone.
         invalidated = frozenset({topic} if self.recorded.authorship(topic) is None else ())
         if topic in self.clocks:

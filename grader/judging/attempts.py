@@ -67,8 +67,11 @@ def keep_better(
     after, earlier = judgement.by_rubric, before.by_rubric
     worse = [name for name in sessions if _undecided_points(after, name) > _undecided_points(earlier, name)]
     _exchange(recordings, retry, worse)
-    for name in worse:
-        _note_attempt(recordings / name)
+    for name in worse:  # In the recording that is kept, it is noted that its session was recorded once more.
+        with suppress(OSError, ValueError):
+            record = read_session(recordings / name)
+            record.attempts = record.times_recorded + 1
+            write_session(recordings / name, record)
     for name in sessions:
         shutil.rmtree(retry / name)
     return judged() if worse else judgement
@@ -80,14 +83,6 @@ def _exchange(recordings: Path, retry: Path, sessions: Sequence[str]) -> None:
         (recordings / name).rename(backup)
         (retry / name).rename(recordings / name)
         backup.rename(retry / name)
-
-
-def _note_attempt(folder: Path) -> None:
-    """Note in a recording that is kept that its session was recorded once more."""
-    with suppress(OSError, ValueError):
-        record = read_session(folder)
-        record.attempts = record.times_recorded + 1
-        write_session(folder, record)
 
 
 def _undecided_points(result: Result, session: str) -> Decimal:

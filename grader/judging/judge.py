@@ -266,9 +266,8 @@ def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -
     for text, names in sources.items():
         named = list(dict.fromkeys(name for name in names if name))
         found.append(f"{', '.join(named)}: {text}" if named else text)
-    for fact in recordings.submission.artifacts:
-        if fact.found_by == "near miss":
-            found.append(f"{fact.path} was used as {fact.expected}.")
+    artifacts = recordings.submission.artifacts
+    found += [f"{fact.path} was used as {fact.expected}." for fact in artifacts if fact.found_by == "near miss"]
     for package in recordings.submission.packages:
         found += [f"Package {package.name}: {p}" for p in package.problems]
     found += [note for c in criteria for check in c.checks for note in check.notes]

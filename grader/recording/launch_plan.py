@@ -257,11 +257,9 @@ class Process:
 def _sections(content: Mapping[str, Any], above: str) -> list[tuple[str, Mapping[str, Any]]]:
     found: list[tuple[str, Mapping[str, Any]]] = []
     for key, value in content.items():
-        if not isinstance(value, Mapping):
-            continue
-        if key == "ros__parameters":
+        if isinstance(value, Mapping) and key == "ros__parameters":
             found.append((above, value))
-        else:
+        elif isinstance(value, Mapping):
             found += _sections(value, f"{above}/{str(key).strip('/')}")
     return found
 

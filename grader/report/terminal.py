@@ -80,9 +80,8 @@ def print_result(console: Console, result: Result) -> None:
     console.print(table)
     levels = {s.get("isolation") for s in result.provenance.get("sessions", {}).values()}
     if "none" in levels:
-        console.print(
-            Text("The submission's code ran unconfined. `grade doctor` says what would fix that.", "bold red")
-        )
+        note = "The submission's code ran unconfined. `grade doctor` says what would fix that."
+        console.print(Text(note, "bold red"))
     elif "reduced" in levels:
         note = "The submission's code was confined in part only; the report says what that does not cover."
         console.print(Text(note, "yellow"))
@@ -117,13 +116,9 @@ def _print_violation(console: Console, violation: Violation, result: Result) -> 
 
 
 def _add_criterion(table: Table, criterion: CriterionResult) -> None:
-    whole = criterion.earned == criterion.possible
-    style = "bold green" if whole else "bold"
-    table.add_row(
-        "",
-        Text(criterion.title, style),
-        Text(f"{points(criterion.earned)} / {points(criterion.possible)}", style),
-    )
+    style = "bold green" if criterion.earned == criterion.possible else "bold"
+    earned = Text(f"{points(criterion.earned)} / {points(criterion.possible)}", style)
+    table.add_row("", Text(criterion.title, style), earned)
     rows: dict[tuple[Outcome, str], list[CheckResult]] = {}
     for check in criterion.checks:
         if check.outcome is not Outcome.PASSED:

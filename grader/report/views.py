@@ -413,11 +413,6 @@ def isolations_of(sessions: Mapping[str, SessionRecord]) -> list[tuple[Mapping[s
     return [(way, [name for name, record in sessions.items() if record.isolation == way]) for way in ways]
 
 
-def recorded_at(sessions: Mapping[str, SessionRecord]) -> str:
-    """Return when the first of the recordings began."""
-    return utc(min((record.started_ns for record in sessions.values()), default=0))
-
-
 def versions_of(result: Result) -> list[tuple[str, str]]:
     """Return names and values of what the result depends on: versions and hashes."""
     provenance = result.provenance

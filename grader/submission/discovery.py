@@ -349,9 +349,8 @@ class _Search:
             elif is_packed(name):
                 piece = listing.piece(name, is_folder=False)
                 location, origin = f"{listing.location}: {displayed(name)}", f"{listing.origin}/{name}"
-                self._add(
-                    SubmissionSource("", (piece,), location=location, origin=origin), without_archive_suffix(name)
-                )
+                source = SubmissionSource("", (piece,), location=location, origin=origin)
+                self._add(source, without_archive_suffix(name))
             elif not is_table(name):
                 self.not_understood.append(f"{listing.location}: {displayed(name)}: neither a folder nor an archive")
         self.understood.append(f"{listing.location}: {_submissions(len(self.submissions) - before)}")

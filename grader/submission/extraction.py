@@ -289,11 +289,8 @@ class _Extraction:
         if (file_names.is_packed(parts[-1]) or suffix in ("", ".py")) and format_of(head[:HEAD_BYTES]) is not None:
             self._keep_archive(member, chain([head], pieces))
             return False
-        if (
-            file_names.is_compiled(parts[-1])
-            or head.startswith(_COMPILED_MAGIC)
-            or (head.startswith(b"MZ") and b"\0" in head)
-        ):
+        is_machine_code = head.startswith(_COMPILED_MAGIC) or (head.startswith(b"MZ") and b"\0" in head)
+        if is_machine_code or file_names.is_compiled(parts[-1]):
             raise file_names.UnfitError("compiled code")
         self._copy(member, parts, chain([head], pieces), self._room[suffix in _SOURCE_SUFFIXES])
         self._has_programs = self._has_programs or suffix in _PROGRAM_SUFFIXES

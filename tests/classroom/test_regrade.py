@@ -327,7 +327,7 @@ def test_the_first_result_with_a_decision_is_noted(tmp_path: Path) -> None:
 
 def test_something_else_in_place_of_a_result(results: Path) -> None:
     """A damaged old file counts as none, and is not kept as a result."""
-    note_replaced(results, "alice", "\x00{", "regrade")
+    note_replaced(results, "alice", "\x00{", "regrade", overrides_sha256="")
     assert trail(results) == []
 
 
@@ -335,4 +335,4 @@ def test_a_result_that_is_none_is_refused(results: Path) -> None:
     """The trail never notes a new result that cannot be read."""
     (results / "alice" / result_folder.RESULT_FILE).write_text("{}")
     with pytest.raises(RecordingError, match="not a result"):
-        note_replaced(results, "alice", None, "regrade")
+        note_replaced(results, "alice", None, "regrade", overrides_sha256="")

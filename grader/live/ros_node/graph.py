@@ -147,16 +147,13 @@ def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
     ]
 
 
-def snapshot(
-    node: Node, own_prefix: str, first: Collection[str] = (), before: GraphSnapshot | None = None
-) -> GraphSnapshot:
+def snapshot(node: Node, own_prefix: str, first: Collection[str], before: GraphSnapshot) -> GraphSnapshot:
     """Take a snapshot of the graph, without the endpoints of the process that `own_prefix` is of.
 
     Of too many topics those of `first` are looked at before all others. Where names are not known, those of the last
     snapshot stand in.
     """
     taken = GraphSnapshot(time.time_ns())
-    before = before or taken
     named = _readable(node.get_node_names_and_namespaces, [full.rsplit("/", 1)[::-1] for full in before.nodes])
     taken.nodes = sorted(full_name(namespace, name) for name, namespace in named)
     known = {*first, *(endpoint.topic for endpoint in before.endpoints)}

@@ -201,18 +201,17 @@ def find_native_launch(interpreter: Path, choice: str) -> NativeLaunch | None:
         return None
     try:
         return NativeLaunch(**json.loads(ask_interpreter(interpreter, _FIND_LAUNCH, isolated=False)))
-    except (ValueError, TypeError) as error:
-        problem = error
-    if choice == "auto":
-        return None
-    raise PlatformError(
-        f"the real launch and launch_ros cannot be imported ({problem})",
-        location=str(interpreter),
-        remedy="Source a ROS 2 installation in this terminal first. The interpreter (that of grade, or --python) "
-        "must be of the Python version that the installation was built for, as 3.12 for Jazzy on Ubuntu 24.04, "
-        "with the pip packages of grade's constraints.txt in it. Or leave --launch out: the stand-in needs no "
-        "ROS installation.",
-    )
+    except (ValueError, TypeError) as problem:
+        if choice == "auto":
+            return None
+        raise PlatformError(
+            f"the real launch and launch_ros cannot be imported ({problem})",
+            location=str(interpreter),
+            remedy="Source a ROS 2 installation in this terminal first. The interpreter (that of grade, or --python) "
+            "must be of the Python version that the installation was built for, as 3.12 for Jazzy on Ubuntu 24.04, "
+            "with the pip packages of grade's constraints.txt in it. Or leave --launch out: the stand-in needs no "
+            "ROS installation.",
+        ) from problem
 
 
 # -- what an interpreter finds ---------------------------------------------------------------------

@@ -125,9 +125,8 @@ def _in_repository(where: Location, path_prefix: str) -> Location | None:
 
 def points_of(check: GradedCheck) -> str:
     """Return what a check earned of its points; a question mark where that is open."""
-    if check.open:
-        return f"? / {points(check.possible)}"
-    return f"{points(check.earned + check.given)} / {points(check.possible)}"
+    earned = "?" if check.open else points(check.earned + check.given)
+    return f"{earned} / {points(check.possible)}"
 
 
 def violation_texts(graded: Graded) -> list[str]:

@@ -166,10 +166,8 @@ def _read_cmake(package: PackageFact, texts: dict[str, str], inside: list[str]) 
     if text is None:
         package.problems.append("there is no CMakeLists.txt beside package.xml, so nothing is installed")
         return
-    if any(
-        name == "ament_python_install_package" and "SCRIPTS_DESTINATION" in words
-        for name, words in commands_of(text, package.name)
-    ):
+    of_python = (words for name, words in commands_of(text, package.name) if name == "ament_python_install_package")
+    if any("SCRIPTS_DESTINATION" in words for words in of_python):
         _add_scripts(package, _scripts_of_config(texts.get(_inside(package.path, "setup.cfg"), "")))
     installs = list(installs_of(text, package.name, inside))
     if any(files is None for is_programs, files in installs if is_programs):

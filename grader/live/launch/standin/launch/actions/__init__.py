@@ -449,25 +449,21 @@ class ExecuteLocal(Action):
 
 def parse_words(line: str, parser: Any) -> list[list[Substitution]]:
     """The words of a command line in which substitutions stand."""
-    words: list[list[Substitution]] = []
-    current: list[Substitution] = []
+    words: list[list[Substitution]] = [[]]
     for sub in parser.parse_substitution(line):
         if not isinstance(sub, TextSubstitution):
-            current.append(sub)
+            words[-1].append(sub)
             continue
         split = shlex.split(sub.text)
-        if not split or (sub.text[0].isspace() and current):  # blanks alone always end a word
-            words.append(current)
-            current = []
+        if not split or (sub.text[0].isspace() and words[-1]):  # blanks alone always end a word
+            words.append([])
         for position, word in enumerate(split):
             if position:
-                words.append(current)
-                current = []
-            current.append(TextSubstitution(text=word))
+                words.append([])
+            words[-1].append(TextSubstitution(text=word))
         if split and sub.text[-1].isspace():
-            words.append(current)
-            current = []
-    return [*words, current] if current else words
+            words.append([])
+    return words if words[-1] else words[:-1]
 
 
 @expose_action("executable")

@@ -87,10 +87,9 @@ def get_launch_description_from_frontend_launch_file(launch_file_path: str, pars
 
 def get_launch_description_from_any_launch_file(launch_file_path: str, parser: Any = None) -> Any:
     """The launch description of a launch file, whose format its name tells."""
-    extension = Path(launch_file_path).suffix.lstrip(".")
-    if extension in ("xml", "yaml", "yml"):
-        return get_launch_description_from_frontend_launch_file(launch_file_path)
-    if extension != "py" and markup_of(Path(launch_file_path).read_text(encoding="utf-8", errors="replace")):
+    path = Path(launch_file_path)
+    is_markup = path.suffix in (".xml", ".yaml", ".yml")
+    if is_markup or (path.suffix != ".py" and markup_of(path.read_text(encoding="utf-8", errors="replace"))):
         return get_launch_description_from_frontend_launch_file(launch_file_path)
     return get_launch_description_from_python_launch_file(launch_file_path)
 
