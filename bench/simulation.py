@@ -1,8 +1,9 @@
 """How long a class takes by the scheduler's rules, from what one grading took: for classes too large to try.
 
 So many submissions are under way at a time as there are slots. Each starts, has its sessions recorded, the longest
-first, and is judged; each of these holds a slot, and more slots are given while three tenths of the cores' time are idle. What
-wants more than the cores have all goes on more slowly, except for the time in which it waits for nothing but a clock.
+first, and is judged; each of these holds a slot, and more slots are given while three tenths of the cores' time are
+idle. What wants more than the cores have all goes on more slowly, except for the time in which it waits for nothing but
+a clock.
 """
 
 from __future__ import annotations
@@ -46,7 +47,7 @@ def pieces_of(recordings: Path) -> list[Piece]:
 def simulate(
     count: int, sessions: Sequence[Piece], slots: int, most: int, core_count: int, at_a_time: int | None = None
 ) -> float:
-    """Return how long a class of so many equal submissions takes, in s; so many of them at a time as there are slots."""
+    """Return how long a class of so many equal submissions takes, in s; as many at a time as there are slots."""
     waiting = [_submission(sessions) for _ in range(count)]
     under_way: list[Iterator[list[Piece]]] = []
     ready: list[Piece] = []

@@ -115,7 +115,6 @@ class _Watched:
     last: dict[int, tuple[int, int]] = field(default_factory=dict)
     said: dict[int, bytes] = field(default_factory=dict)
     cpu_ns: int = 0
-    looked_ns: int = 0
     #: (time, CPU time until then), both in ns.
     history: deque[tuple[int, int]] = field(default_factory=lambda: deque([(0, 0)], maxlen=_HISTORY))
     disturbed: list[list[int]] = field(default_factory=list)
