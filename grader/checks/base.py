@@ -121,7 +121,7 @@ def graded(
     """
     low, high = (credit_of(quantise(s, levels) if levels else s) for s in (share, share if best is None else best))
     if low != high:
-        uneven = not doubt and float(high - low) > 1.5 / levels
+        uneven = not doubt and float(high - low) > 1.5 / (levels or CREDIT_LEVELS)
         settled = graded(float(low), expected, measured, reason, where=where) if uneven else None
         return inconclusive(expected, measured, doubt or _MEASUREMENT_ERROR, where=where, settled=settled)
     if low >= _AS_GOOD_AS_FULL:

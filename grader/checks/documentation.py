@@ -102,7 +102,7 @@ class Readme(_OfFiles):
     """The README says how to run the work (a part), and lets a reader find each part of it (the rest)."""
 
     titles: tuple[Pattern, ...] = Field(description="How the names of READMEs begin, as regular expressions.")
-    parts: tuple[Part, ...]
+    parts: tuple[Part, ...] = Field(min_length=1)
     commands: tuple[Pattern, ...] = Field(description="Regular expressions of commands that run something.")
     run_words: tuple[str, ...] = Field((), description="Words of a heading or a sentence about running the work.")
     run_weight: Share = Field(0.5, description="Share of the credit for saying how to run it.")

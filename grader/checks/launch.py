@@ -184,7 +184,7 @@ class LaunchArguments(Parameters):
     """The launch file declares arguments with defaults; each is a part, half for being declared."""
 
     step: ref.PlanLabel
-    arguments: tuple[WantedArgument, ...]
+    arguments: tuple[WantedArgument, ...] = Field(min_length=1)
     other_default_credit: Share = Field(0.5, description="Credit of one that is declared with another default.")
 
 
@@ -244,7 +244,7 @@ class LaunchNodes(Parameters):
     """The launch file starts nodes under their names; each is a part."""
 
     step: ref.PlanLabel
-    nodes: tuple[WantedNode, ...]
+    nodes: tuple[WantedNode, ...] = Field(min_length=1)
     other_name_credit: Share = Field(0.5, description="Credit of one that runs under another name.")
     down_costs: Share = Field(0.0, description="Least share of the credit that is lost where one of them does not run.")
 
@@ -404,7 +404,7 @@ class LaunchParameters(Parameters):
     """Parameters reach the running nodes, and follow the launch arguments; each is a part."""
 
     step: ref.PlanLabel
-    parameters: tuple[WantedNodeParameter, ...]
+    parameters: tuple[WantedNodeParameter, ...] = Field(min_length=1)
     other_step: ref.PlanLabel = Field(description="Step that evaluated the file with other arguments.")
     unwired_credit: Share = Field(0.5, description="Credit of one that does not follow its argument.")
 

@@ -373,7 +373,7 @@ class Sinusoids(Parameters):
 
     topic: ref.Topic
     field: ref.FieldPath
-    components: tuple[Component, ...]
+    components: tuple[Component, ...] = Field(min_length=1)
     tick_s: float = Field(gt=0, description="Time step per message with which the node computes.")
     others_still: int = Field(0, description="The elements up to this one that have no component stay at 0.")
     reach: float | None = Field(None, gt=0, description="No element may go farther from 0: nothing is earned then.")

@@ -103,7 +103,7 @@ def _without_tracebacks(output: Sequence[OutputLine]) -> str:
 class TopicsCarryTraffic(Parameters):
     """Messages are published and received on each topic; each is a part."""
 
-    topics: tuple[ref.Topic, ...]
+    topics: tuple[ref.Topic, ...] = Field(min_length=1)
     least_messages: int = 1
     other_name_costs: Share = Field(0.5, description="Share of a topic's credit that another name costs.")
     unheard_credit: Share = Field(1.0, description="Credit of a topic from which no subscription of its own can hear.")
@@ -171,7 +171,7 @@ class QosProfiles(Parameters):
     """Publisher and subscription of each topic have the profile; every policy of every profile is a part."""
 
     artifact: ref.Artifact
-    profiles: tuple[WantedProfile, ...]
+    profiles: tuple[WantedProfile, ...] = Field(min_length=1)
     one_sided_credit: Share = Field(0.5, description="Most of a profile's credit where a side of its topic is lacking.")
     alike_credit: Share = Field(1.0, description="Most of the credit where all profiles are one and the same.")
 
@@ -261,7 +261,7 @@ class ReportedTraffic(Parameters):
     """Reported counts and latencies agree with what was recorded; each row is a part."""
 
     artifact: ref.Artifact
-    rows: tuple[Row, ...]
+    rows: tuple[Row, ...] = Field(min_length=1)
     pattern: Pattern = Field(description="Regular expression with groups count, mean_ms and max_ms.")
     count_tolerance: Share = 0.02
     latency_factor: float = Field(

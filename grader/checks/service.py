@@ -319,7 +319,7 @@ class ParametersDeclared(Parameters):
     """A node declares parameters with defaults; each is a part, half for being declared."""
 
     step: ref.GetLabel
-    parameters: tuple[WantedParameter, ...]
+    parameters: tuple[WantedParameter, ...] = Field(min_length=1)
     other_value_credit: Share = Field(0.5, description="Credit of one that is declared with another type or default.")
 
 

@@ -47,7 +47,7 @@ class TopicsSubscribed(OfEndpoint):
     """A node subscribes to topics, with types and QoS that fit; it needs them all, so that the worst one decides."""
 
     artifact: ref.Artifact
-    topics: tuple[WantedTopic, ...]
+    topics: tuple[WantedTopic, ...] = Field(min_length=1)
     offered: OfferedProfile = OfferedProfile()
     incompatible_costs: Share = Field(0.6, description="Share of the credit that a profile which gets nothing costs.")
     reliability: ref.Reliability | None = Field(
@@ -165,7 +165,7 @@ class _Plateau:
 
     span: Span
     right: float
-    reports: tuple[Report, ...]
+    reports: tuple[Report, ...] = Field(min_length=1)
 
     @property
     def value(self) -> float | None:

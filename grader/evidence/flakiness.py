@@ -17,8 +17,8 @@ _NO_MORE_TASKS = ("Resource temporarily unavailable", "can't start new thread")
 #: Recordings up to which that counts; what a program reports of itself can be made up.
 _FLAKY_RECORDINGS = 2
 #: Share of the time for which something was waited for in vain, from which it may be the machine's doing that it did
-#: not come; and the share for which the student's own programs may have used a core in it.
-_STALLED, _OWN_DOING = 0.5, 0.5
+#: not come.
+_STALLED = 0.5
 #: Shorter delays are those of any start.
 _LEAST_STALL_S = 0.6
 _WAITED_FOR = ("node", "publisher", "subscription", "service")
@@ -72,7 +72,7 @@ def _stalled(recorded: Recorded) -> str | None:
             continue
         delay_s = recorded.longest_delay_s(span) + recorded.recorder_delay_s(span)
         enough_s = max(_LEAST_STALL_S, _STALLED * span.duration_s)
-        if delay_s > enough_s and recorded.students_cpu_s(span) < _OWN_DOING * span.duration_s:
+        if delay_s > enough_s and not recorded.students_busy(span):
             late = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
             return f"Something did not appear in time while the grading computer was busy {late}."
     return None

@@ -43,8 +43,6 @@ _MOST_NAMED = 5
 #: Share of a time for which the recorder, all its threads together, waits for a core where the machine is busy; beside
 #: other sessions of the same grading it is a tenth.
 _BUSY = 0.2
-#: Share of a time in which the student's own programs may have used a core, if the machine is to blame for a delay.
-_OWN_DOING = 0.5
 #: Recordings from which trouble is none that comes once in a while.
 _REPEATED = 2
 #: Signals by which the system's administrators and its shortage of memory end a process: no program's doing.
@@ -231,7 +229,7 @@ class _Integrity:
     def _machine_was_busy(self, span: Span) -> bool:
         """Whether it may be the machine's doing, and not that of programs that are busy themselves."""
         busy = self.recorded.recorder_delay_s(span) > _BUSY * span.duration_s
-        return busy and self.recorded.students_cpu_s(span) < _OWN_DOING * span.duration_s
+        return busy and not self.recorded.students_busy(span)
 
     # -- topics -------------------------------------------------------------------------------
 

@@ -48,6 +48,8 @@ _AT_ONCE = 0.25
 #: The machine is sampled at even times: what comes later than this many intervals after the last was delayed, if there
 #: are samples enough to tell how far apart they are to be.
 _LATE_SAMPLE, _FEWEST_SAMPLES = 1.5, 4
+#: Share of a time in which the student's own programs may have used a core, if the machine is to blame for a delay.
+_OWN_DOING = 0.5
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -360,6 +362,10 @@ class Recorded:
     def students_cpu_s(self, span: Span) -> float:
         """Return the CPU time that the student's processes took within a span, in s."""
         return sum(self.cpu_s(run, span) for run in self.record.processes if run.role == "student")
+
+    def students_busy(self, span: Span) -> bool:
+        """Whether the student's own programs used so much of a core that a delay need not be the machine's."""
+        return self.students_cpu_s(span) >= _OWN_DOING * span.duration_s
 
     def stalled_s(self, span: Span) -> float:
         """Return for how long within a span the grader itself stalled, in s, by samples that came late."""

@@ -16,7 +16,7 @@ from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.result import Result, to_json
 
 #: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
-#: times that is no fair wait. In a class, a process that says nothing is given up in any case (`batch.worker`).
+#: times that is no fair wait. In a class, a process that says nothing is given up in any case (`classroom.worker`).
 JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3)
 
 

@@ -49,8 +49,9 @@ class StudentSandbox:
     """Where the student's programs of one session run.
 
     The session's `processes` stand in order of their start, reference nodes included; `trusted` are the grader's own
-    ones. Launch files are evaluated in `trial`, a copy of the `workspace`, since reading one runs what it will; the
-    files that one brings for its nodes are in `parameters`. `seen` is where the student's processes see these folders.
+    ones. Launch files are evaluated in `launch_workspace`, a copy of the `workspace`, since reading one runs what it
+    will; the files that one brings for its nodes are in `parameters`. `seen` is where the student's processes see these
+    folders.
     """
 
     def __init__(self, plan: SessionPlan) -> None:
