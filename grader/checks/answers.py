@@ -111,7 +111,8 @@ def _judge_answer(context: Context, p: CallValue, answer: WantedAnswer, step: St
         return Part(1.0, text)
     asked = {**{path: f", not {value!r}" for path, value in wanted.items()}, **dict.fromkeys(answer.patterns, "")}
     wrong = [f"{path} is {values[path]!r}"[:_MOST_SHOWN] + words for path, words in asked.items() if path not in right]
-    reason = f"In the answer to '{answer.step}', {' and '.join(wrong)}."
+    more = f" and {len(wrong) - _MOST_WRONG} more are wrong" if len(wrong) > _MOST_WRONG else ""
+    reason = f"In the answer to '{answer.step}', {' and '.join(wrong[:_MOST_WRONG])}{more}."
     for slip in p.slips:
         other = p.wanted(context, answer, step, slip.parameters)
         if len(p.right(got, other)) == len(other):
@@ -119,8 +120,8 @@ def _judge_answer(context: Context, p: CallValue, answer: WantedAnswer, step: St
     return Part(share, text, reason)
 
 
-#: Characters of an answer that are shown.
-_MOST_SHOWN = 200
+#: Characters of an answer that are shown, and fields of it that are named.
+_MOST_SHOWN, _MOST_WRONG = 200, 3
 
 
 def picked(answer: Any, path: str) -> Any:

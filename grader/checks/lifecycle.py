@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -45,7 +44,7 @@ class Lifecycle(Parameters):
 
 @dataclass(frozen=True)
 class _Stay:
-    """A time in which the node was in a state, from a transition's answer to the next request."""
+    """A time in which the node was in a state, from the answer to a transition to the next request."""
 
     state: str
     span: Span
@@ -99,20 +98,15 @@ def _raised(context: Context, step: StepRun) -> bool:
 
 
 def _stays(context: Context) -> list[_Stay]:
-    """Return the times in each state, by the answers to all transitions that were asked for."""
+    """Return the times in each state by the answers to all transitions; where two disagree, it is not known between."""
     record = context.session.record
-    steps = [step for step in record.steps if step.kind == "change_state" and step.outcome == "done"]
+    steps = [step.result for step in record.steps if step.kind == "change_state" and step.outcome == "done"]
     if not steps:
         return []
-    edges = [record.started_ns, *(edge for step in steps for edge in _asked_ns(step)), record.ended_ns]
-    states = [str(steps[0].result.get("before")), *(str(step.result.get("after")) for step in steps)]
-    return [_Stay(state, Span(*edges[2 * n : 2 * n + 2])) for n, state in enumerate(states)]
-
-
-def _asked_ns(step: StepRun) -> tuple[int, int]:
-    """Return when a transition was asked for, and when it had been answered."""
-    result: Mapping[str, int] = step.result
-    return result["called_ns"], result["answered_ns"]
+    begins = [(steps[0]["before"], record.started_ns), *((step["after"], step["answered_ns"]) for step in steps)]
+    ends = [*((step["before"], step["called_ns"]) for step in steps), (steps[-1]["after"], record.ended_ns)]
+    pairs = zip(begins, ends, strict=True)
+    return [_Stay(state, Span(start_ns, end_ns)) for (state, start_ns), (same, end_ns) in pairs if state == same]
 
 
 #: A message that was under way to be sent when the state changed may be stamped so much later.

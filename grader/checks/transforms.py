@@ -346,11 +346,14 @@ def _rate(seen: _Seen, wanted: WantedFrame, rate_hz: float) -> Part:
     least, most = ((len(times_ns) + k) / span.duration_s for k in (-1, 1))
     low_hz = float(min(max(between_hz, least), most))
     delay_s = seen.delay_s(span.start_ns, span.end_ns)
-    high_hz = without_delay(low_hz, delay_s, span.duration_s)
-    nearest_hz = min(max(rate_hz, low_hz), high_hz)
-    share, best = (quantise(ramp(abs(hz / rate_hz - 1), p.rate_within, p.rate_beyond)) for hz in (low_hz, nearest_hz))
+    high_hz = max(low_hz, min(rate_hz, without_delay(low_hz, delay_s, span.duration_s)))
+    error_hz = 2 * float(np.std(np.diff(times_ns))) / 1e9 * low_hz / span.duration_s
+    bounds_hz = (low_hz - error_hz, high_hz + error_hz)
+    nearest_hz = min(max(rate_hz, bounds_hz[0]), bounds_hz[1])
+    furthest, nearest = max(abs(hz / rate_hz - 1) for hz in bounds_hz), abs(nearest_hz / rate_hz - 1)
+    share, best = (quantise(ramp(off, p.rate_within, p.rate_beyond)) for off in (furthest, nearest))
     reason = f"{wanted.child} is sent at {low_hz:.1f} Hz, not {rate_hz:g} Hz." if share < 1 else ""
-    doubt = cpu_delay_doubt(delay_s, span.duration_s) if best > share else ""
+    doubt = cpu_delay_doubt(delay_s, span.duration_s) if best > share and delay_s else ""
     return Part(share, f"{wanted.child} at {low_hz:.1f} Hz", reason, best=best, doubt=doubt)
 
 

@@ -270,7 +270,7 @@ def test_what_is_static_is_latched(
 
 @pytest.mark.parametrize(
     ("rate_hz", "credit"),
-    [(20.0, "1"), (18.1, "1"), (17.0, "0.8"), (21.9, "1"), (14.0, "0.5"), (8.0, "0"), (40.0, "0")],
+    [(20.0, "1"), (18.1, "1"), (17.0, "0.8"), (21.9, "1"), (13.9, "0.4"), (8.0, "0"), (40.0, "0")],
 )
 def test_rates_fall_with_their_deviation(tmp_path: Path, rate_hz: float, credit: str) -> None:
     """A tenth is full, and half off is none."""

@@ -519,6 +519,8 @@ def _jsonable(value: Any) -> Any:
         return value
     if isinstance(value, Mapping):
         return {str(k): _jsonable(v) for k, v in value.items()}
+    if hasattr(value, "get_fields_and_field_types"):
+        return {field: _jsonable(getattr(value, field)) for field in value.get_fields_and_field_types()}
     if hasattr(value, "__iter__"):
         return [_jsonable(v) for v in list(value)[:_MOST_ELEMENTS]]
     return str(value)[:_LONGEST_TEXT]
