@@ -127,11 +127,10 @@ def transform_tree(context: Context, p: TransformTree) -> Finding:
     expected = ", ".join(f"{f.child} in {f.parent}{' (static)' if f.static else ''}" for f in p.frames)
     seen = _Seen(context.session, p, context)
     if not seen.edges:
-        kinds = {t: context.session.stream(t).topic_type for t in (p.topic, p.static_topic)}
-        other = next(
-            (f"{t} carries {kind}, not {TF_MESSAGE}." for t, kind in kinds.items() if kind not in ("", TF_MESSAGE)), ""
-        )
-        reason = other or f"No transform was sent on {p.topic} or {p.static_topic}."
+        reason = f"No transform was sent on {p.topic} or {p.static_topic}."
+        for topic in (p.topic, p.static_topic):
+            if (kind := context.session.stream(topic).topic_type) not in ("", TF_MESSAGE):
+                reason = f"{topic} carries {kind}, not {TF_MESSAGE}."
         return unexplained(failed(expected, "no transforms", reason))
     groups = {
         "frames": [_frame(seen, wanted) for wanted in p.frames],
@@ -207,17 +206,9 @@ class _Seen:
         run = self.session.process(self.p.process)
         return self.session.machine_delay_s(run, Span(start_ns, end_ns)) if run is not None else 0.0
 
-    def delayed(
-        self, rows: NDArray[np.bool_], starts_ns: Integers, ends_ns: Integers, least_s: Floats
-    ) -> NDArray[np.bool_]:
-        """Return in which of some rows the machine delayed the process for so long; of many, in the first."""
-        found = np.zeros(len(rows), dtype=bool)
-        for n in np.flatnonzero(rows)[:_MOST_DOUBTED]:
-            found[n] = self.delay_s(int(starts_ns[n]), int(ends_ns[n])) >= least_s[n]
-        return found
-
-
-_MOST_DOUBTED = 200
+    def missing(self, wanted: WantedFrame) -> Part:
+        """State that a frame was not sent, or not on the topic of what moves."""
+        return Part(0.0, reason=f"No transform of the frame {wanted.child} was sent on {self.p.topic}.")
 
 
 # -- the tree --------------------------------------------------------------------------------------
@@ -231,7 +222,7 @@ def _frame(seen: _Seen, wanted: WantedFrame) -> Part:
         reason = f"Parent and child are exchanged: {parent} was sent as a child of {child}."
         return Part(known, f"{parent} in {child}", reason, hint=_EXCHANGED_HINT)
     if edge is None:
-        return Part(0.0, reason=f"No transform of the frame {child} was sent.")
+        return seen.missing(wanted)
     if parent not in parents:
         return Part(0.0, f"{child} in {parents[0]}", f"The parent of {child} is {parents[0]}, not {parent}.")
     if edge.slashed:
@@ -288,7 +279,7 @@ def _static(seen: _Seen, wanted: WantedFrame) -> Part:
     child, known, p = wanted.child, seen.p.known_credit, seen.p
     static, moving = (seen.edge(wanted, static=kind) for kind in (True, False))
     if static is None and moving is None:
-        return Part(0.0)
+        return seen.missing(wanted)
     if not wanted.static:
         reason = f"{child} moves, and was sent on {p.static_topic}, where it is taken to stay for ever."
         return Part(1.0) if moving is not None and static is None else Part(known if moving else 0.0, reason=reason)
@@ -315,7 +306,7 @@ def _stamps(seen: _Seen, wanted: WantedFrame) -> Part:
     """Judge the stamps of a frame that moves; one that is old since the machine delayed the program is not."""
     edge, p = seen.edge(wanted, static=False), seen.p
     if edge is None:
-        return Part(0.0)
+        return seen.missing(wanted)
     if not edge.stamps_ns.any():
         reason = f"The stamps of {wanted.child} are 0."
         return Part(0.0, reason=reason, hint="Set header.stamp to self.get_clock().now().to_msg().")
@@ -323,20 +314,30 @@ def _stamps(seen: _Seen, wanted: WantedFrame) -> Part:
     old, ahead = ages_s > p.oldest_s, ages_s < -p.ahead_s
     worst_s = float(ages_s[np.abs(ages_s).argmax()])
     share = quantise(1 - float((old | ahead).mean()))
-    late_ns = edge.source_ns - np.round(ages_s * 1e9).astype(np.int64)
-    excused = old & seen.delayed(old, late_ns, edge.source_ns, ages_s - p.oldest_s)
-    best = quantise(1 - float((old & ~excused | ahead).mean()))
+    excused = sum(
+        _was_late(seen, int(edge.source_ns[n]), float(ages_s[n])) for n in np.flatnonzero(old)[:_MOST_DOUBTED]
+    )
+    best = quantise(1 - float((old | ahead).mean()) + excused / len(old))
     which = "in the future" if worst_s < 0 else "old"
     reason = f"Stamps of {wanted.child} are up to {abs(worst_s):.2f} s {which} when they are published."
     doubt = "Not your fault: the grading computer delayed your program between a stamp and its publication."
     return Part(1.0) if share == 1 else Part(share, reason=reason, best=best, doubt=doubt if best > share else "")
 
 
+#: Of more stamps that are old, not all can be the machine's doing.
+_MOST_DOUBTED = 200
+
+
+def _was_late(seen: _Seen, source_ns: int, age_s: float) -> bool:
+    """Whether the machine delayed the program for so long that a stamp got old before it was published."""
+    return seen.delay_s(source_ns - round(age_s * 1e9), source_ns) >= age_s - seen.p.oldest_s
+
+
 def _rate(seen: _Seen, wanted: WantedFrame, rate_hz: float) -> Part:
     """Judge how often a frame was sent, by the bounds that the machine's delays leave open."""
     edge, p = seen.edge(wanted, static=False), seen.p
     if edge is None:
-        return Part(0.0)
+        return seen.missing(wanted)
     times_ns = np.unique(edge.source_ns)
     span = seen.span or Span(int(times_ns[0]), int(times_ns[-1]))
     if len(times_ns) < 3 or span.duration_s <= 0:
@@ -377,11 +378,8 @@ def _pose(seen: _Seen, p: WantedPose) -> Part:
     if expected is None:
         return Part(0.0, best=1.0, doubt="What the expected poses are computed from was not recorded.")
     fits, off = _fit(p, poses, expected)
-    # Of what follows an oracle, the machine may have made wrong what was sent when it had just delayed the program.
-    follows = ~fits & (p.oracle is not None and not seen.p.simulated)
-    least_s = np.full(len(fits), _HARMLESS_S)
-    excused = seen.delayed(follows, times_ns - _JUST_NS, times_ns + _JUST_NS, least_s)
-    share, best = (quantise(float(right.mean())) for right in (fits, fits | excused))
+    share = quantise(float(fits.mean()))
+    best = max(share, _undisturbed(seen, times_ns, fits) if p.oracle is not None and share < 1 else 0.0)
     text = f"{p.frame} in {p.within} off by {off}"
     if share == 1:
         return Part(1.0, text)
@@ -393,8 +391,16 @@ def _pose(seen: _Seen, p: WantedPose) -> Part:
     return Part(credit, text, f"{reason} {meaning}".strip(), best=max(credit, best), doubt=doubt, hint=hint)
 
 
-#: So long before or after a pose, a delay of the program may have changed it, if it is longer than that of any timer.
-_JUST_NS, _HARMLESS_S = 200_000_000, 0.01
+def _undisturbed(seen: _Seen, times_ns: Integers, fits: NDArray[np.bool_]) -> float:
+    """Return the share of right poses among those about which the machine did not delay the program; 1 with too few."""
+    near = ((int(t) - _NEAR_NS, int(t) + _NEAR_NS) for t in times_ns)
+    calm = np.array([seen.p.simulated or seen.delay_s(*span) < _HARMLESS_S for span in near])
+    return quantise(float(fits[calm].mean())) if calm.sum() >= _FEWEST_CALM else 1.0
+
+
+#: So near to a pose, a delay of the program may have changed it, if it is longer than that of any timer; and how many
+#: other poses can stand for all.
+_NEAR_NS, _HARMLESS_S, _FEWEST_CALM = 200_000_000, 0.01, 5
 
 
 def _expected(seen: _Seen, p: WantedPose, times_ns: Integers, other: Mapping[str, Any]) -> Floats | None:

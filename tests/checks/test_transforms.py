@@ -41,7 +41,7 @@ def transform(
     return {"header": header, "child_frame_id": child, "transform": pose}
 
 
-def base(time_s: float, *, parent: str = "odom", child: str = "base", late_s: float = 0.0) -> dict[str, Any]:
+def base(time_s: float, late_s: float = 0.0, *, parent: str = "odom", child: str = "base") -> dict[str, Any]:
     """Give the frame that drives along x at 0.5 m/s and turns at 0.2 rad/s."""
     return transform(parent, child, time_s - late_s, (0.5 * time_s, 0, 0), yawed(0.2 * time_s))
 
@@ -118,10 +118,10 @@ def test_nothing_sent_fails(tmp_path: Path) -> None:
         ),
         ({"parent": "/odom", "child": "/base"}, "0.75", "leading slash"),
         ({"parent": "map"}, "0.5", "The parent of base is map, not odom."),
-        ({"child": "robot"}, "0.5", "No transform of the frame base was sent."),
+        ({"child": "robot"}, "0.5", "No transform of the frame base was sent on /tf."),
     ],
 )
-def test_wrong_names_cost_their_frame(tmp_path: Path, names: dict[str, str], credit: str, words: str) -> None:
+def test_wrong_names_cost_their_frame(tmp_path: Path, names: dict[str, Any], credit: str, words: str) -> None:
     """Of two frames, one is half; a mistake with a name costs half of that."""
     finding = only("frames", session(tmp_path, [(t, base(t, **names)) for t in TIMES]))
     assert finding.credit == Decimal(credit)
@@ -147,7 +147,7 @@ def test_a_tree_has_one_root_one_parent_each_and_no_circle(
 
 
 @pytest.mark.parametrize("names", [{"child": "robot", "parent": "odom"}, {"parent": "base", "child": "odom"}])
-def test_one_mistake_costs_once(tmp_path: Path, names: dict[str, str]) -> None:
+def test_one_mistake_costs_once(tmp_path: Path, names: dict[str, Any]) -> None:
     """A frame that is missing, or exchanged with its parent, does not break the tree besides."""
     finding = only("tree", session(tmp_path, [(t, base(t, **names)) for t in TIMES]))
     assert finding.outcome is Outcome.PASSED
@@ -342,6 +342,9 @@ def test_poses_that_the_machine_delayed_are_undecided(tmp_path: Path) -> None:
     assert only("poses", session(tmp_path, sent), poses=[ORACLE]).outcome is Outcome.PARTIAL
     made = session(tmp_path / "delayed", sent).disturbed("it", *((2.2 + n / 10, 0.05) for n in range(7)))
     assert only("poses", made, poses=[ORACLE]).outcome is Outcome.INCONCLUSIVE
+    wrong = [(t, transform("odom", "base", t)) for t in TIMES]
+    made = session(tmp_path / "wrong", wrong).disturbed("it", *((2.2 + n / 10, 0.05) for n in range(7)))
+    assert only("poses", made, poses=[ORACLE]).outcome is Outcome.FAILED
 
 
 def test_frames_that_nothing_connects_are_said(tmp_path: Path) -> None:
