@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -166,7 +166,13 @@ class _Seen:
         """All that was sent, what moves within the window; what is static first."""
         of_topics = ((self.p.static_topic, True), (self.p.topic, False))
         sent = (edge for topic, static in of_topics for edge in broadcasts(self.session.stream(topic), static=static))
-        return [edge for edge in (each.within(self.span) for each in sent) if len(edge.stamps_ns)]
+        within = (each.within(None if each.child in self.static else self.span) for each in sent)
+        return [edge for edge in within if len(edge.stamps_ns)]
+
+    @cached_property
+    def static(self) -> frozenset[str]:
+        """The frames that are to be static, which may have been sent before the window."""
+        return frozenset(wanted.child for wanted in self.p.frames if wanted.static)
 
     @cached_property
     def parents(self) -> dict[str, list[str]]:
@@ -207,8 +213,15 @@ class _Seen:
         return self.session.machine_delay_s(run, Span(start_ns, end_ns)) if run is not None else 0.0
 
     def missing(self, wanted: WantedFrame) -> Part:
-        """State that a frame was not sent, or not on the topic of what moves."""
-        return Part(0.0, reason=f"No transform of the frame {wanted.child} was sent on {self.p.topic}.")
+        """State that nothing of a frame arrived, and where it may have been lost."""
+        reason = f"No transform of the frame {wanted.child} arrived{'' if wanted.static else f' on {self.p.topic}'}."
+        early = int(self.session.stream(self.p.topic).sequence.min(initial=2**32)) - 1
+        if wanted.static and 0 < early < 2**31:
+            reason += f" The first {early} messages on {self.p.topic} were sent before anybody listened: {_LATCH}"
+        return Part(0.0, reason=reason, hint=_STATIC_HINT if wanted.static else "")
+
+
+_LATCH = "what is sent once has to be latched."
 
 
 # -- the tree --------------------------------------------------------------------------------------
@@ -366,7 +379,8 @@ _EXPLAINS = 0.9
 
 def _pose(seen: _Seen, p: WantedPose) -> Part:
     """Judge where a frame lies in another; a mistake with a name leaves part of the credit."""
-    tree = FrameTree(seen.put_right)
+    # What should be static, and was sent as if it moved, has cost its part.
+    tree = FrameTree(replace(edge, static=edge.static or edge.child in seen.static) for edge in seen.put_right)
     times_ns = tree.times_ns(p.frame, p.within)
     if p.at_s and seen.span is not None:
         start_ns = np.array([seen.span.start_ns + round(s * 1e9) for s in p.at_s], dtype=np.int64)

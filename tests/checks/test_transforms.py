@@ -118,7 +118,7 @@ def test_nothing_sent_fails(tmp_path: Path) -> None:
         ),
         ({"parent": "/odom", "child": "/base"}, "0.75", "leading slash"),
         ({"parent": "map"}, "0.5", "The parent of base is map, not odom."),
-        ({"child": "robot"}, "0.5", "No transform of the frame base was sent on /tf."),
+        ({"child": "robot"}, "0.5", "No transform of the frame base arrived on /tf."),
     ],
 )
 def test_wrong_names_cost_their_frame(tmp_path: Path, names: dict[str, Any], credit: str, words: str) -> None:
@@ -245,7 +245,7 @@ AGAIN = [(t, base(t)) for t in TIMES] + [(t, laser()) for t in TIMES]
         (AGAIN, None, "transient_local", "0.75", "and again on /tf"),
         (AGAIN, [], "transient_local", "0.75", "was sent on /tf, where it ages"),
         (
-            [*AGAIN[: len(TIMES)], (2.0, laser())],
+            [*AGAIN[: len(TIMES)], (0.5, laser())],
             [],
             "transient_local",
             "0.5",
@@ -326,6 +326,25 @@ def test_an_oracle_says_where_a_frame_is_at_each_time(tmp_path: Path, factor: fl
     finding = only("poses", session(tmp_path, sent), poses=[{**ORACLE, "slips": [SLIP]}])
     assert finding.credit == Decimal(credit)
     assert ("twice as fast" in finding.reason) == (factor == 2.0)
+
+
+def test_what_was_sent_before_anybody_listened_is_said(tmp_path: Path) -> None:
+    """Sequence numbers tell that messages on /tf were lost, of which a static frame may have been one."""
+    made = session(tmp_path, [], [])
+    made.typed("/tf", TF, [{"transforms": [base(t)]} for t in TIMES], TIMES)
+    assert only("frames", made).reason == "No transform of the frame laser arrived."
+    late = session(tmp_path / "late", [(t, base(t)) for t in TIMES], [])
+    recorded = late.recorded()
+    recorded.stream("/tf").sequence[:] += 2
+    finding = judged("transform_tree", {**TREE, "weights": {**NOTHING, "frames": 1.0}}, recorded)
+    assert "The first 2 messages on /tf were sent before anybody listened" in finding.reason
+    assert "TRANSIENT_LOCAL" in finding.hint
+
+
+def test_what_was_not_latched_lies_where_it_should_all_the_same(tmp_path: Path) -> None:
+    """A static frame that was sent once on /tf has cost its part, and no pose besides."""
+    made = session(tmp_path, [*((t, base(t)) for t in TIMES), (0.5, laser())], [])
+    assert only("poses", made, poses=[LASER, ORACLE]).outcome is Outcome.PASSED
 
 
 def test_at_given_times_a_pose_is_interpolated(tmp_path: Path) -> None:
