@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from itertools import compress
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -32,7 +32,9 @@ class ParameterEffect(Parameters):
     topic: ref.Topic | None = Field(None, description="Its rate in Hz counts, or the field, or the text.")
     field: ref.FieldPath | None = Field(None, description="One number; its median counts.")
     text: ref.TextField | None = Field(None, description="The most frequent text counts.")
-    answer: str | None = Field(None, description="Path of a field in the answers to the calls before and after.")
+    answer: Annotated[str, ref.fields_of_type("_Response", "after")] | None = Field(
+        None, description="Path of a field in the answers to the calls before and after."
+    )
     old: float | bool | str = Field(description="What it is before.")
     new: float | bool | str
     tolerance: float = Field(1e-6, ge=0, description="Of numbers, but for a rate.")
