@@ -35,12 +35,12 @@ class WantedAnswer(Parameters):
     patterns: Annotated[Mapping[str, Pattern], ref.fields_of_type("_Response", "step")] = Field(default_factory=dict)
 
 
-class AnswerSlip(Parameters):
-    """A known mistake, by what the oracle gives with other parameters, and the credit that it leaves."""
+class OracleSlip(Parameters):
+    """A known mistake, by what the oracle gives with other parameters."""
 
     parameters: Mapping[str, Any]
     meaning: str
-    credit: Share = 0.0
+    credit: Share = Field(0.5, description="Credit that it leaves.")
 
 
 class CallValue(Parameters):
@@ -52,7 +52,7 @@ class CallValue(Parameters):
         None, description="file.py:function(request, parameters, seed); gives values by the paths of fields."
     )
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
-    slips: tuple[AnswerSlip, ...] = ()
+    slips: tuple[OracleSlip, ...] = ()
     tolerance: float = Field(1e-6, ge=0, description="Of numbers.")
     tolerances: Mapping[str, float] = Field(default_factory=dict, description="Path of a field -> its own tolerance.")
 

@@ -92,7 +92,7 @@ def parameter_effect(context: Context, p: ParameterEffect) -> Finding:
     if (silent := unanswered(context, step, expected)) is not None:
         return silent
     if step is not None and (refused := step.result.get("refused")):
-        why = "; ".join(f"{name}: {str(reason).rstrip('.')}" for name, reason in refused.items())
+        why = "; ".join(f"{name}: {str(reason)[:_MOST_SHOWN].rstrip('.')}" for name, reason in refused.items())
         return failed(expected, "refused", f"The parameter could not be set while the node ran: {why}.", hint=_SET_HINT)
     before, after, restarted = (p.measured(context, label) for label in (p.before, p.after, p.restarted))
     measured = f"{_shown(before)}, then {_shown(after)}"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from grader.checks.answers import OracleSlip
 from grader.checks.base import (
     Context,
     Part,
@@ -59,13 +60,6 @@ class Role(Parameters):
     field: ref.FieldPath
 
 
-class PoseSlip(Parameters):
-    """A known mistake, by what the oracle gives with other parameters."""
-
-    parameters: Mapping[str, Any]
-    meaning: str
-
-
 class WantedPose(Parameters):
     """Where a frame lies in another, by numbers or by an oracle."""
 
@@ -78,7 +72,7 @@ class WantedPose(Parameters):
     )
     streams: Mapping[str, Role] = Field(default_factory=dict, description="Role that the oracle knows -> its numbers.")
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
-    slips: tuple[PoseSlip, ...] = ()
+    slips: tuple[OracleSlip, ...] = ()
     at_s: tuple[float, ...] = Field((), description="Times after the window opens; by default all that were sent.")
     tolerance_m: float = Field(0.01, gt=0)
     tolerance_deg: float = Field(1.0, gt=0)
@@ -135,7 +129,7 @@ def transform_tree(context: Context, p: TransformTree) -> Finding:
     groups = {
         "frames": [_frame(seen, wanted) for wanted in p.frames],
         "tree": _tree(seen),
-        "values": [_values(seen, edge) for edge in seen.edges],
+        "values": [_values(seen, edge) for edge in seen.put_right[-_MOST_JUDGED:]],
         "stamps": [_stamps(seen, wanted) for wanted in p.frames if not wanted.static],
         "static": [_static(seen, wanted) for wanted in p.frames],
         "rates": [_rate(seen, wanted, wanted.rate_hz) for wanted in p.frames if wanted.rate_hz is not None],
@@ -269,7 +263,8 @@ def _tree(seen: _Seen) -> list[Part]:
     return [*(Part(0.0, reason=reason) for reason in found), *[sound] * (3 - len(found))]
 
 
-_MOST_NAMED = 5
+#: Broadcasts of which the numbers are judged, and frames that are named.
+_MOST_JUDGED, _MOST_NAMED = 50, 5
 
 
 def _values(seen: _Seen, edge: Broadcast) -> Part:
@@ -399,8 +394,9 @@ def _pose(seen: _Seen, p: WantedPose) -> Part:
         return Part(1.0, text)
     reason = f"{p.frame} in {p.within} is off by {off}; {p.tolerance_m:g} m and {p.tolerance_deg:g}° are allowed."
     slips = _slips(seen, p, tree, times_ns, poses) if share < 1 - _EXPLAINS else ()
-    meaning, hint = next(((meaning, hint) for fits, meaning, hint in slips if fits.mean() >= _EXPLAINS), ("", ""))
-    credit = max(share, seen.p.known_credit if meaning else 0.0)
+    explaining = ((known, meaning, hint) for right, known, meaning, hint in slips if right.mean() >= _EXPLAINS)
+    known, meaning, hint = next(explaining, (0.0, "", ""))
+    credit = max(share, known)
     doubt = "Not your fault: the grading computer delayed your program while it sent poses." if best > credit else ""
     return Part(credit, text, f"{reason} {meaning}".strip(), best=max(credit, best), doubt=doubt, hint=hint)
 
@@ -444,23 +440,29 @@ def _fit(p: WantedPose, poses: Floats, expected: Floats) -> tuple[NDArray[np.boo
 
 def _slips(
     seen: _Seen, p: WantedPose, tree: FrameTree, times_ns: Integers, poses: Floats
-) -> Iterator[tuple[NDArray[np.bool_], str, str]]:
-    """Give the known mistakes: which of the poses each explains, its name, and how to fix it."""
-    expected = _expected(seen, p, times_ns, {})
+) -> Iterator[tuple[NDArray[np.bool_], float, str, str]]:
+    """Give the known mistakes: which of the poses each explains, the credit that it leaves, its name, how to fix it."""
+    expected, known = _expected(seen, p, times_ns, {}), seen.p.known_credit
     assert expected is not None
-    yield _fit(p, inverse(poses), expected)[0], f"It is the inverse: where {p.within} lies in {p.frame}.", _INVERSE_HINT
+    yield (
+        _fit(p, inverse(poses), expected)[0],
+        known,
+        f"It is the inverse: where {p.within} lies in {p.frame}.",
+        _INVERSE_HINT,
+    )
     for edges in _suspects(tree, p):
         if (rolled := tree.rolled(edges).pose(p.frame, p.within, times_ns)) is not None:
-            yield _fit(p, rolled, expected)[0], _WXYZ, _WXYZ_HINT
+            yield _fit(p, rolled, expected)[0], known, _WXYZ, _WXYZ_HINT
     if p.oracle is None:
         degrees = np.repeat(pose_of(p.xyz or (), [float(np.degrees(a)) for a in p.rpy]), len(times_ns), axis=0)
-        yield _fit(p, poses, degrees)[0], "The angles are in degrees where radians are meant.", "Use math.radians()."
+        yield _fit(p, poses, degrees)[0], known, _DEGREES, "Use math.radians()."
     for slip in p.slips:
         if (other := _expected(seen, p, times_ns, slip.parameters)) is not None:
-            yield _fit(p, poses, other)[0], f"Your poses match {slip.meaning}.", ""
+            yield _fit(p, poses, other)[0], slip.credit, f"Your poses match {slip.meaning}.", ""
 
 
 _INVERSE_HINT = "Send the pose of the child as it is seen from the parent."
+_DEGREES = "The angles are in degrees where radians are meant."
 _WXYZ = "The quaternion is in the order w, x, y, z."
 _WXYZ_HINT = "ROS has x, y, z, w; transforms3d and others give w first: set each of the four by its name."
 
