@@ -22,6 +22,8 @@ from grader.errors import RecordingError
 from grader.lab.rubric import Rubric
 from grader.recording.submission import read_submission
 
+#: The rubric in a lab's folder.
+RUBRIC_FILE = "rubric.yaml"
 #: Folder beside the copy of a rubric, in which the files that it names lie as they do beside the rubric itself.
 KEPT = "rubric.files"
 #: `file.py:name`, as a whole value in JSON.
@@ -32,7 +34,7 @@ def lab_folder() -> Path:
     """Return the folder of the lab that travels with the grader: the checkout's root, or inside the package."""
     package = Path(grader.__file__).parent
     inside = package / "shipped_lab"
-    return inside if (inside / "rubric.yaml").is_file() else package.parent
+    return inside if (inside / RUBRIC_FILE).is_file() else package.parent
 
 
 def lab_id(rubric: Path) -> str:
@@ -53,7 +55,7 @@ def _id_in(text: str) -> str:
 
 def is_shipped(rubric: Path) -> bool:
     """Whether a rubric is of the lab that travels with the grader."""
-    return lab_id(rubric) == lab_id(lab_folder() / "rubric.yaml")
+    return lab_id(rubric) == lab_id(lab_folder() / RUBRIC_FILE)
 
 
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
@@ -126,7 +128,7 @@ def remarks(recordings: Path, rubric: Rubric) -> list[str]:
     made_with = submission.lab_files
     if other := _differing(made_with, sha256s(files_of(rubric))):
         return [f"judged by another {other} than it was recorded with"]
-    shipped = [lab_folder()] if rubric.lab.id == lab_id(lab_folder() / "rubric.yaml") else []
+    shipped = [lab_folder()] if rubric.lab.id == lab_id(lab_folder() / RUBRIC_FILE) else []
     lab = next((lab for lab in (Path(submission.lab_folder), *shipped) if lab.is_absolute() and lab.is_dir()), None)
     if lab is None or not (changed := _differing(made_with, sha256s(_texts(lab, made_with)))):
         return []
