@@ -59,10 +59,11 @@ def is_shipped(rubric: Path) -> bool:
 
 
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
-    """Return the files beside a rubric that it names: reference programs and oracles, also those of figures."""
-    models = [*rubric.reference.values(), *(check.parameters for check in rubric.checks())]
-    models += [figure for criterion in rubric.criteria for figure in criterion.figures if figures]
-    functions = (file for model in models for file in _FUNCTION.findall(model.model_dump_json()))
+    """Return the files beside a rubric that it names: reference programs, oracles and checks of its own."""
+    parts = [spec.model_dump_json() for spec in rubric.reference.values()]
+    parts += [check.model_dump_json(include={"check", "parameters"}) for check in rubric.checks()]
+    parts += [figure.model_dump_json() for criterion in rubric.criteria for figure in criterion.figures if figures]
+    functions = (file for part in parts for file in _FUNCTION.findall(part))
     return list(dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions]))
 
 

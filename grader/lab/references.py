@@ -11,8 +11,7 @@ import difflib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, reduce
-from operator import or_
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -25,7 +24,6 @@ from pydantic import (
     StringConstraints,
     ValidationInfo,
     WithJsonSchema,
-    create_model,
     field_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
@@ -104,6 +102,10 @@ class Scope:
         """Return the ids of all checks."""
         criteria = (_mapping(criterion) for criterion in _list(self.plain.get("criteria")))
         return [str(_mapping(check).get("id")) for criterion in criteria for check in _list(criterion.get("checks"))]
+
+    def settings_of(self, reference: str) -> str:
+        """Return how the rubric names the class of a reference node's settings."""
+        return str(_mapping(_mapping(self.plain.get("reference")).get(reference)).get("settings"))
 
     @property
     def steps(self) -> list[StepText] | None:
@@ -370,15 +372,23 @@ def _file(scope: Scope, value: str, info: ValidationInfo) -> None:
     one_of(value, "file", _beside(scope, value), " beside the rubric")
 
 
-def _definition(scope: Scope, value: str) -> ast.FunctionDef | ast.ClassDef:
-    """Return a function or class of a Python file beside the rubric; it is not run, for it may do anything."""
+@dataclass(frozen=True)
+class Definition:
+    """A function or class of a Python file beside the rubric, and all others of the file, by their names."""
+
+    node: ast.FunctionDef | ast.ClassDef
+    beside: Mapping[str, ast.FunctionDef | ast.ClassDef]
+
+
+def definition_at(scope: Scope, value: str) -> Definition:
+    """Look up "file.py:name"; the file is not run, for it may do anything. Raises ValueError if there is none."""
     file, _, name = value.partition(":")
     one_of(file, "Python file", _beside(scope, file), " beside the rubric")
     try:
         found = _definitions((scope.folder / file).read_bytes())
     except (SyntaxError, ValueError) as problem:
         raise ValueError(f"{file} is not valid Python: {problem}") from problem
-    return found[one_of(name, "function or class", found, f" in {file}")]
+    return Definition(found[one_of(name, "function or class", found, f" in {file}")], found)
 
 
 @lru_cache(maxsize=8)
@@ -388,32 +398,8 @@ def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
 
 FileBeside = Annotated[str, Reference("File beside the rubric.", _file)]
 Loadable = Annotated[
-    str, Reference("file.py:name, beside the rubric.", lambda scope, value, info: _definition(scope, value))
+    str, Reference("file.py:name, beside the rubric.", lambda scope, value, info: definition_at(scope, value))
 ]
-
-#: Types of settings that are looked at; others are left to the reference node.
-_PLAIN_TYPES: dict[str, Any] = {"float": float, "int": int, "bool": bool, "str": str, "None": type(None)}
-
-
-def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> None:
-    """Look settings up in the class that the rubric names for those of the reference node before them."""
-    entry = _mapping(_mapping(scope.plain.get("reference")).get(info.data.get("reference") or ""))
-    try:
-        made = _definition(scope, str(entry.get("settings")))
-    except ValueError:
-        return  # None is named, or it is a mistake where it stands.
-    if not isinstance(made, ast.ClassDef):
-        return
-    typed: dict[str, Any] = {}
-    for node in made.body:
-        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            words = ast.unparse(node.annotation).split(" | ")
-            known = all(word in _PLAIN_TYPES for word in words)
-            typed[node.target.id] = (reduce(or_, (_PLAIN_TYPES[word] for word in words)) if known else Any, None)
-    create_model(made.name, __base__=Parameters, **typed).model_validate(value)
-
-
-Settings = Annotated[dict[str, Any], Reference("Settings of the reference node.", _settings)]
 
 
 # -- values ----------------------------------------------------------------------------------------

@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field, model_validator
 
 from grader.lab import references as ref
+from grader.lab.lab_code import Settings
 from grader.lab.references import Parameters
 from grader.lab.yaml_with_lines import mistakes_at
 
@@ -60,7 +61,7 @@ class StartStep(Step):
         default_factory=dict, description="Name remappings besides, where the artifact's file holds others too."
     )
     if_ended: bool = Field(False, description="Start it again only if it has ended.")
-    with_: ref.Settings = Field(default_factory=dict, alias="with", description="Settings (reference only).")
+    with_: Settings = Field(default_factory=dict, alias="with", description="Settings (reference only).")
 
     @model_validator(mode="after")
     def _is_of_use(self) -> StartStep:
