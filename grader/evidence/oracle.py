@@ -14,6 +14,16 @@ from typing import Any
 def load_oracle(lab_folder: Path, reference: str) -> Callable[..., Any]:
     """Load `file.py:function`, relative to the rubric's folder; raises ValueError if there is none."""
     file, _, function = reference.partition(":")
+    module = load_file(lab_folder, file)
+    oracle: Callable[..., Any] | None = getattr(module, function, None)
+    # What it imports is not its own: by that, a rubric from anywhere could call anything.
+    if getattr(oracle, "__module__", None) != module.__name__ or oracle is None:
+        raise ValueError(f"{file} has no function {function}")
+    return oracle
+
+
+def load_file(lab_folder: Path, file: str) -> ModuleType:
+    """Execute a Python file of a lab, as a module; raises ValueError if it is not there."""
     path = (lab_folder / file).resolve()
     if not (path.is_relative_to(lab_folder.resolve()) and path.is_file()):
         raise ValueError(f"there is no file {file} beside the rubric")
@@ -29,11 +39,7 @@ def load_oracle(lab_folder: Path, reference: str) -> Callable[..., Any]:
         except BaseException:
             del sys.modules[name]
             raise
-    oracle: Callable[..., Any] | None = getattr(sys.modules[name], function, None)
-    # What it imports is not its own: by that, a rubric from anywhere could call anything.
-    if getattr(oracle, "__module__", None) != name or oracle is None:
-        raise ValueError(f"{file} has no function {function}")
-    return oracle
+    return sys.modules[name]
 
 
 def describe_failure(problem: BaseException, reference: str) -> str:

@@ -14,8 +14,10 @@ import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import yaml
+from pydantic import BaseModel
 
 import grader
 from grader.errors import RecordingError
@@ -27,7 +29,7 @@ RUBRIC_FILE = "rubric.yaml"
 #: Folder beside the copy of a rubric, in which the files that it names lie as they do beside the rubric itself.
 KEPT = "rubric.files"
 #: `file.py:name`, as a whole value in JSON.
-_FUNCTION = re.compile(r'"([^"\\]+\.py):\w+"')
+_FUNCTION = re.compile(r'"([^"\\]+\.py:\w+)"')
 
 
 def lab_folder() -> Path:
@@ -60,11 +62,15 @@ def is_shipped(rubric: Path) -> bool:
 
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
     """Return the files beside a rubric that it names: reference programs, oracles and checks of its own."""
-    parts = [spec.model_dump_json() for spec in rubric.reference.values()]
-    parts += [check.model_dump_json(include={"check", "parameters"}) for check in rubric.checks()]
-    parts += [figure.model_dump_json() for criterion in rubric.criteria for figure in criterion.figures if figures]
-    functions = (file for part in parts for file in _FUNCTION.findall(part))
+    parts: list[Any] = [*rubric.reference.values(), *rubric.checks()]
+    parts += [figure for criterion in rubric.criteria for figure in criterion.figures if figures]
+    functions = (function.partition(":")[0] for part in parts for function in functions_of(part))
     return list(dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions]))
+
+
+def functions_of(part: BaseModel) -> list[str]:
+    """Return the functions and classes, "file.py:name", that a reference node, a check or a figure names."""
+    return _FUNCTION.findall(part.model_dump_json(exclude={"title", "hint"}))
 
 
 def files_of(rubric: Rubric) -> dict[str, str]:
