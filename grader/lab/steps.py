@@ -50,6 +50,7 @@ class StartStep(Step):
 
     words = "starting {target}"
     targets = ("student", "launch", "reference")
+    example: ClassVar = {"student": "talker"}
 
     student: ref.Artifact | None = None
     launch: ref.Artifact | None = None
@@ -77,6 +78,7 @@ class WaitForStep(Step):
 
     words = "waiting for {key} {target}"
     targets = ("node", "publisher", "subscription", "service", "output_of")
+    example: ClassVar = {"publisher": "/chatter", "type": "std_msgs/msg/String"}
 
     node: ref.RosName | None = None
     publisher: ref.RosName | None = None
@@ -121,6 +123,7 @@ class CallStep(Step):
 
     words = "calling {service} ({repeat}×)"
     command = "ros2 service call {service} {type} {request}"
+    example: ClassVar = {"request": {"data": True}}
 
     service: ref.RosName
     type: ref.ServiceType
