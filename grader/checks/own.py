@@ -246,7 +246,7 @@ def built(function: Callable[..., Any], p: OwnParameters) -> list[Any]:
     try:
         return [TypeAdapter(kind).validate_python(p.model_dump()) for kind in kinds]
     except ValidationError as error:
-        wrong = (f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors())
+        wrong = (": ".join([*map(str, e["loc"]), e["msg"].removeprefix("Value error, ")]) for e in error.errors())
         raise ValueError("; ".join(wrong)) from error
 
 
