@@ -133,13 +133,12 @@ def load_fixture(folder: Path, rubric: Rubric | None = None) -> Fixture:
     """
     path, what = folder / EXPECTED_FILE, f"what {folder.name} expects"
     plain, mistakes = parse_yaml(path, read_text(path, what, "Each fixture has one."), what)
-    expectation = Expectation.model_construct()
     try:
         expectation = Expectation.model_validate(plain)
+        for loc, words in expectation.unfit(rubric) if rubric is not None else ():
+            mistakes.add(loc, words)
     except ValidationError as error:
         mistakes.add_validation((), error)
-    for loc, words in expectation.unfit(rubric) if rubric is not None and not mistakes.found else ():
-        mistakes.add(loc, words)
     mistakes.raise_any("fixtures/README.md describes its format.")
     base, own = expectation.with_files_of, folder / "submission"
     layers = [folder.resolve().parent.parent / base] if base is not None else []
