@@ -92,8 +92,11 @@ class Expectation(Strict):
         expected = self.criteria.get(criterion)
         return expected is not None and any(check.outcome != "passed" for check in expected.checks.values())
 
-    def unfit(self, rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+    def unfit(self, rubric: Rubric) -> list[tuple[Loc, str]]:
         """Say what is named here, and where, that is not in a rubric."""
+        return list(self._unfit(rubric))
+
+    def _unfit(self, rubric: Rubric) -> Iterator[tuple[Loc, str]]:
         for n, name in enumerate(self.sessions):
             if name not in rubric.sessions:
                 yield ("sessions", n), f"the rubric has no session {name!r}{suggestion(name, rubric.sessions)}"
