@@ -24,7 +24,7 @@ API_VERSION = 1
 LAB_TYPES = (
     *("Artifact", "Process", "ReferenceNode", "SessionId", "EarlierCheckId"),
     *("AnyStep", "CallLabel", "ExitLabel", "GetLabel", "PlanLabel", "SetLabel", "Window"),
-    *("RosName", "Topic", "MessageType", "ServiceType", "FieldPath", "StampField", "TextField"),
+    *("GivenName", "RosName", "Topic", "MessageType", "ServiceType", "FieldPath", "StampField", "TextField"),
     *("FileBeside", "Pattern", "Patterns", "Share"),
 )
 _KNOWN: dict[str, Any] = {
