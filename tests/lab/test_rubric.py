@@ -428,14 +428,14 @@ def test_what_is_mistyped_is_reported_before_anything_runs(tmp_path: Path, old: 
     assert len(caught.value.mistakes) <= 4
 
 
-#: A line of the lab that travels with the grader, what in it is mistyped, and what it becomes: names that the rubric may
-#: give for the first time, and that stand elsewhere too.
+#: A line of the lab that travels with the grader, what in it is mistyped, and what it becomes: names that may be given
+#: there for the first time, and that stand elsewhere too.
 MISSPELT = [
     ("- wait_for: {publisher: /joint_commands,", "joint_commands", "joint_comands"),
     ("- call: {service: /robot/enable,", "enable", "enabel"),
     ("- get_parameters: {node: /robot_mode_service,", "robot_mode", "robot_mod"),
-    ("with: {artifact: publisher, node: /joint_command_publisher,", "command", "comand"),
-    ("with: {artifact: service, node: /robot_mode_service,", "mode", "node"),
+    ("- wait_for: {node: /joint_command_publisher,", "command", "comand"),
+    ("- {node: /robot_mode_service, artifact: service,", "mode", "node"),
     ("- {name: max_velocity, type: double", "velocity", "veloctiy"),
     ("names: [max_velocity, safety_enabled]", "safety_enabled", "safetyenabled"),
     ("- {node: /joint_state_subscriber, artifact: subscriber,", "state", "sate"),
@@ -465,7 +465,7 @@ def test_a_name_that_is_misspelt_once_is_reported(tmp_path: Path, line: str, old
             ("gain_x", "gain_y"),
             ("/arm_l/pose", "/arm_r/pose"),
         ),
-        *(("/talker", "talker"), ("left_wheel", "right_wheel"), ("min_speed", "max_speed"), ("/scan", "/scam")),
+        *(("/talker", "talker"), ("left_wheel", "right_wheel"), ("min_speed", "max_speed"), ("/map", "/mat")),
     ],
 )
 def test_names_that_are_meant_to_be_alike_are_let_be(tmp_path: Path, alike: tuple[str, str]) -> None:
