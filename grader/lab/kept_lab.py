@@ -20,6 +20,7 @@ import yaml
 import grader
 from grader.errors import RecordingError
 from grader.lab.rubric import Rubric
+from grader.recording.interfaces import read_folder
 from grader.recording.submission import read_submission
 
 #: Folder beside the copy of a rubric, in which the files that it names lie as they do beside the rubric itself.
@@ -57,11 +58,13 @@ def is_shipped(rubric: Path) -> bool:
 
 
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
-    """Return the files beside a rubric that it names: reference programs and oracles, also those of figures."""
+    """Return the files beside a rubric that it names: programs, oracles (those of figures too), interfaces."""
     models = [*rubric.reference.values(), *(check.parameters for check in rubric.checks())]
     models += [figure for criterion in rubric.criteria for figure in criterion.figures if figures]
     functions = (file for model in models for file in _FUNCTION.findall(model.model_dump_json()))
-    return list(dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions]))
+    defined = read_folder(rubric.folder / rubric.interfaces) if rubric.interfaces is not None else {}
+    interfaces = (f"{rubric.interfaces}/{name}" for name in defined)
+    return list(dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions, *interfaces]))
 
 
 def files_of(rubric: Rubric) -> dict[str, str]:

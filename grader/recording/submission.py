@@ -78,6 +78,9 @@ class SubmissionRecord:
     #: Modules that the submission may import, and that the grader did not find where its programs run; None
     #: where it did not look.
     absent_modules: list[str] | None = None
+    #: Packages of interfaces that were not built where its programs run, through no fault of its own -> why; None
+    #: where none were built.
+    not_built: dict[str, str] | None = None
     #: Where the lab was by which it was recorded.
     lab_folder: str = ""
     #: Files that the rubric names -> their hashes.
