@@ -199,7 +199,8 @@ class Package:
     def _compile(self) -> None:
         home = Path(sys.prefix)
         headers = [self.work, Path(sysconfig.get_path("include")), Path(numpy.get_include())]
-        headers += [folder for prefix in (*self.prefixes, home) for folder in (prefix / "include").glob("*")]
+        for prefix in self.prefixes:
+            headers += [prefix / "include", *(prefix / "include").glob("*")]
         search = [f"-I{folder}" for folder in headers]
         entry = self.code / f"_{self.name}_s.ep.rosidl_typesupport_c.c"
         sources = [path for path in sorted(self.code.rglob("*.c*")) if path.suffix in (".c", ".cpp") and path != entry]
@@ -255,13 +256,13 @@ class Package:
 
 def _copy(paths: Iterable[Path], above: Path, target: Path) -> None:
     for path in paths:
-        copy = target / path.relative_to(above)
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(path, copy)
+        copied = target / path.relative_to(above)
+        copied.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, copied)
 
 
 def _link(objects: Sequence[str], output: Path, run_path: str) -> None:
-    _run(["c++", "-shared", *objects, "-o", str(output), f"-Wl,-rpath,{run_path}"])
+    _run(["c++", "-shared", *objects, "-o", str(output), f"-Wl,-soname,{output.name}", f"-Wl,-rpath,{run_path}"])
 
 
 def _run(command: Sequence[str]) -> None:
