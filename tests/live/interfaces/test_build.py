@@ -104,20 +104,22 @@ def test_a_change_of_what_a_package_uses_builds_it_anew(tmp_path: Path, isolatio
 
 #: Each closes the C comment, the text or the line in which rosidl would put it.
 _CODE = "__attribute__((constructor)) void hostile_code(void) { __builtin_trap(); }"
-HARMLESS = {
-    "comment of a field": f"int8 x # */ {_CODE} /*\n",
-    "comment of a constant": f"# */ {_CODE} /*\nint8 X=1\nint8 x\n",
-    "comment of a message": f"# */\n# {_CODE}\n# /*\n\nint8 x\n",
-    "end of a text of IDL": 'int8 x # \\\\"); }; }; module hostile_code { //\n',
-    "escaped end of a line": f"int8 x # \\n {_CODE} \\x2a/ {_CODE}\n",
-}
+HARMLESS = [
+    f"int8 x # */ {_CODE} /*\n",
+    f"# */ {_CODE} /*\nint8 X=1\nint8 x\n",
+    f"# */\n# {_CODE}\n# /*\n\nint8 x\n",
+    'int8 x # \\\\"); }; }; module hostile_code { //\n',
+    f"int8 x # \\n {_CODE} \\x2a/ {_CODE}\n",
+]
 
 
-@pytest.mark.parametrize("text", HARMLESS.values(), ids=HARMLESS)
-def test_comments_do_not_reach_the_compiler(text: str, tmp_path: Path, isolation: Isolation) -> None:
+def test_comments_do_not_reach_the_compiler(tmp_path: Path, isolation: Isolation) -> None:
     """Nothing of them is in what is generated; that would be executed by the grader's own recorder."""
-    found, _ = built(tmp_path / "1", isolation, InterfacePackage("harm_msgs", {"msg/Harm.msg": text}))
-    assert run("import harm_msgs.msg; print(harm_msgs.msg.Harm().x)", found) == "0\n"
+    harm = InterfacePackage("harm_msgs", {f"msg/Harm{n}.msg": text for n, text in enumerate(HARMLESS)})
+    found, _ = built(tmp_path / "1", isolation, harm)
+    assert run("import harm_msgs.msg; print([getattr(harm_msgs.msg, f'Harm{n}')().x for n in range(5)])", found) == (
+        "[0, 0, 0, 0, 0]\n"
+    )
     made = [path for path in found.prefixes["harm_msgs"].rglob("*") if path.is_file() and path.suffix != ".msg"]
     assert made
     assert not [path for path in made if b"hostile_code" in path.read_bytes()]
@@ -127,7 +129,7 @@ NOT_BUILT = {
     "text that ends": ("string x \"a'; import os; '\"\n", "characters"),
     "text with a backslash": (r'string X="a\\"; hostile"' + "\n", "characters"),
     "text of two lines": (r"string x 'a\nimport os'" + "\n", "characters"),
-    "texts in an array": ('string[] x [\'a\', "b\\""]\n', "characters"),
+    "texts in an array": ('string[] x ["a{b}", "c"]\n', "characters"),
     "more than there is room for": ("uint8[1000000000] x\n", "bytes"),
     "nested beyond all bounds": ("sensor_msgs/BatteryState[60000] x\n", "bytes"),
     "a package that is not here": ("octomap_msgs/Octomap x\n", "not installed"),

@@ -32,6 +32,7 @@ import rosidl_generator_py
 import rosidl_generator_type_description
 import rosidl_typesupport_c
 import rosidl_typesupport_fastrtps_c
+import rosidl_typesupport_introspection_c
 from rosidl_adapter import parser, resource
 
 #: Longest time for reading the definitions: some texts keep rosidl's patterns busy for ever.
@@ -44,7 +45,9 @@ _PLAIN = re.compile(r"[A-Za-z0-9 _.,:;/+=()<>&!|^~-]{0,1000}")
 _BYTES = {"bool": 1, "byte": 1, "char": 1, "wstring": 4, "string": 1}
 #: What every service and action is made of besides.
 _IMPLIED = ("builtin_interfaces", "service_msgs", "action_msgs", "unique_identifier_msgs")
-_PARTS = ("generator_c", "typesupport_fastrtps_c", "typesupport_c", "generator_py")
+#: What sends messages, and what describes their types to others; each is looked for by the name of its library.
+_SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
+_PARTS = ("rosidl_generator_c", *_SUPPORTS, "rosidl_typesupport_c", "rosidl_generator_py")
 _FLAGS = ("-fPIC", "-O1", "-w")
 
 
@@ -62,7 +65,8 @@ class Package:
     def __init__(self, source: Path, target: Path, prefixes: Sequence[Path]) -> None:
         self.name, self.source, self.target, self.prefixes = source.name, source, target, prefixes
         self.work = target.with_name(f"{target.name}.work")
-        self.code = self.work / self.name
+        # Two generators write files of the same names.
+        self.code, self.described = self.work / self.name, self.work / "introspection" / self.name
         self.files = sorted(path.relative_to(source) for path in source.glob("*/*.*"))
         self.messages: dict[str, Any] = {}
 
@@ -154,21 +158,22 @@ class Package:
         """Write a file of arguments, as rosidl's own CMake functions do."""
         names = [path.relative_to(self.code).as_posix() for path in idl]
         templates = next(self._shared(generator)) / "resource"
+        output = self.described if "introspection" in generator else self.code
         file = self.work / f"{generator}.json"
         settings = {
             "package_name": self.name,
             "idl_tuples": [f"{self.code}:{name}" for name in names],
             "ros_interface_dependencies": [],
             "target_dependencies": [],
-            "output_dir": str(self.code),
+            "output_dir": str(output),
             "template_dir": str(templates),
             **more,
         }
         file.write_text(json.dumps(settings))
         for control in templates.glob("*__visibility_control.h.in"):
             text = control.read_text().replace("@PROJECT_NAME_UPPER@", self.name.upper())
-            header = self.code / "msg" / control.name.removesuffix(".in")
-            header.parent.mkdir(exist_ok=True)
+            header = output / "msg" / control.name.removesuffix(".in")
+            header.parent.mkdir(parents=True, exist_ok=True)
             header.write_text(text.replace("@PROJECT_NAME@", self.name))
         return str(file)
 
@@ -186,11 +191,11 @@ class Package:
         def arguments(generator: str) -> str:
             return self._arguments(generator, idl, type_description_tuples=tuples)
 
-        rosidl_generator_c.generate_c(arguments("rosidl_generator_c"), disable_description_codegen=True)
-        fast = "rosidl_typesupport_fastrtps_c"
-        rosidl_typesupport_fastrtps_c.generate_typesupport_fastrtps_c(arguments(fast))
-        # With one support alone it is called by its name; else a library would have to be found when it runs.
-        rosidl_typesupport_c.generate_c(arguments("rosidl_typesupport_c"), [fast])
+        rosidl_generator_c.generate_c(arguments("rosidl_generator_c"))
+        fast, describing = map(arguments, _SUPPORTS)
+        rosidl_typesupport_fastrtps_c.generate_typesupport_fastrtps_c(fast)
+        rosidl_typesupport_introspection_c.generate_c(describing)
+        rosidl_typesupport_c.generate_c(arguments("rosidl_typesupport_c"), list(_SUPPORTS))
         rosidl_generator_py.generate_py(arguments("rosidl_generator_py"), ["rosidl_typesupport_c"])
         (self.code / "__init__.py").touch()
 
@@ -198,12 +203,12 @@ class Package:
 
     def _compile(self) -> None:
         home = Path(sys.prefix)
-        headers = [self.work, Path(sysconfig.get_path("include")), Path(numpy.get_include())]
+        headers = [self.work, self.described.parent, Path(sysconfig.get_path("include")), Path(numpy.get_include())]
         for prefix in self.prefixes:
             headers += [prefix / "include", *(prefix / "include").glob("*")]
         search = [f"-I{folder}" for folder in headers]
         entry = self.code / f"_{self.name}_s.ep.rosidl_typesupport_c.c"
-        sources = [path for path in sorted(self.code.rglob("*.c*")) if path.suffix in (".c", ".cpp") and path != entry]
+        sources = [path for path in sorted(self.work.rglob("*.c*")) if path.suffix in (".c", ".cpp") and path != entry]
 
         def compiled(source: Path) -> str:
             output = str(source.with_suffix(f"{source.suffix}.o"))
@@ -218,13 +223,18 @@ class Package:
         library.parent.mkdir(parents=True)
         self._python.mkdir(parents=True)
         _link([*objects[:-1], *self._libraries(home)], library, "$ORIGIN")
-        _link([objects[-1], str(library)], module, "$ORIGIN/../../..")
+        # One library has it all. What is looked for by name is found, since that is loaded already, and leads there.
+        names = [library.with_name(f"lib{self.name}__{support}.so") for support in _SUPPORTS]
+        for name in names:
+            _link([str(library)], name, "$ORIGIN")
+        _link([objects[-1], str(library), *map(str, names)], module, "$ORIGIN/../../..")
 
     def _libraries(self, home: Path) -> Iterator[str]:
         """Give what links what it uses of other packages, wherever the prefixes, which lie side by side, are then."""
         used = {field.type.pkg_name for message in self.messages.values() for field in message.fields}
         yield from (f"-L{home}/lib", "-lrosidl_runtime_c", "-lrosidl_typesupport_fastrtps_c", "-lfastcdr", "-lrcutils")
         yield from ("-lrosidl_typesupport_fastrtps_cpp", "-lrmw", "-lrosidl_typesupport_c")
+        yield "-lrosidl_typesupport_introspection_c"
         for package in sorted({*used, *_IMPLIED} - {None, self.name}):
             own = next((p for p in self.prefixes if (p / "lib" / f"lib{package}__interfaces.so").is_file()), None)
             if own is not None:
@@ -232,7 +242,7 @@ class Package:
                 yield f"-l{package}__interfaces"
                 yield f"-Wl,-rpath,$ORIGIN/../../{own.name}/lib"
             else:
-                yield from (f"-l{package}__rosidl_{part}" for part in _PARTS)
+                yield from (f"-l{package}__{part}" for part in _PARTS)
 
     # -- installing ---------------------------------------------------------------------------
 
@@ -244,7 +254,8 @@ class Package:
     def _install(self) -> None:
         index = self.target / "share/ament_index/resource_index"
         _copy(self.code.rglob("*.py"), self.code, self._python)
-        _copy(self.code.rglob("*.h"), self.code, self.target / "include" / self.name / self.name)
+        for made in (self.code, self.described):
+            _copy(made.rglob("*.h"), made, self.target / "include" / self.name / self.name)
         share = self.target / "share" / self.name
         for suffix in ("idl", "json"):
             _copy(self.code.rglob(f"*.{suffix}"), self.code, share)
@@ -262,7 +273,8 @@ def _copy(paths: Iterable[Path], above: Path, target: Path) -> None:
 
 
 def _link(objects: Sequence[str], output: Path, run_path: str) -> None:
-    _run(["c++", "-shared", *objects, "-o", str(output), f"-Wl,-soname,{output.name}", f"-Wl,-rpath,{run_path}"])
+    names = [f"-Wl,-soname,{output.name}", f"-Wl,-rpath,{run_path}", "-Wl,--no-as-needed"]
+    _run(["c++", "-shared", *names, *objects, "-o", str(output)])
 
 
 def _run(command: Sequence[str]) -> None:
