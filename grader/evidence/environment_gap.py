@@ -45,6 +45,12 @@ def environment_gap(found: Diagnosis | None, submission: SubmissionRecord, progr
         return None
     if found.kind in _IMPORT_KINDS and found.exception_type == "ModuleNotFoundError":
         return absent_module(found.subject, found.file, found.line, submission)
+    if found.kind == "missing-name":
+        # Its folder of definitions was taken for a module, in which nothing is.
+        lines = _imports(submission.texts.get(found.file, ""))
+        names = {name for first, last, name in lines if first <= (found.line or 0) <= last}
+        not_built = sorted(names & (submission.not_built or {}).keys())
+        return absent_module(not_built[0], found.file, found.line, submission) if not_built else None
     if found.kind != "syntax-error" or not is_newer_python(submission.texts.get(found.file, "")):
         return None
     at = f" (line {found.line})" if found.line else ""
