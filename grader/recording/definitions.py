@@ -113,6 +113,20 @@ def also_defined(packages: Sequence[InterfacePackage]) -> Iterator[None]:
         _at_hand.reset(token)
 
 
+_FIELD_STEP = re.compile(r"\.?([A-Za-z_]\w*)|[.\[](\d+)\]?")
+_FIELD_PATH = re.compile(r"[A-Za-z_]\w*(\.\w+|\[\d+\])*")
+
+
+def field_steps(path: str) -> tuple[str | int, ...]:
+    """Return the names and numbers of a field's path; `ValueError` if it is none.
+
+    "pose.position.x", "transforms[0].child_frame_id"; a number may stand behind a dot too: "layout.dim.0.size".
+    """
+    if not _FIELD_PATH.fullmatch(path):
+        raise ValueError(f"{path!r} is no path of a field such as pose.position.x or transforms[0].child_frame_id")
+    return tuple(int(number) if number else name for name, number in _FIELD_STEP.findall(path))
+
+
 def fields_of(name: str) -> Mapping[str, str] | None:
     """Return the fields of a message type, with their types as `.msg` files spell them, e.g. "float64[]".
 
@@ -120,11 +134,12 @@ def fields_of(name: str) -> Mapping[str, str] | None:
     known here.
     """
     own = next((package.fields[name] for package in _at_hand.get() if name in package.fields), None)
-    return _spelled_fields(own[1]) if own is not None else _installed_fields(name)
+    return _spelled_fields(own[1]) if own is not None else installed_fields(name)
 
 
 @lru_cache(maxsize=1024)
-def _installed_fields(name: str) -> Mapping[str, str] | None:
+def installed_fields(name: str) -> Mapping[str, str] | None:
+    """Return those of a type that is installed, or of ROS itself."""
     try:
         known: Mapping[str, Any] = definition_of(name).types(name)
     except DefinitionNotFound:

@@ -15,7 +15,7 @@ from grader.errors import RubricError
 from grader.judging.rubrics import read_rubric, rubric_kinds
 from grader.lab.kept_lab import lab_folder
 from grader.lab.rubric import Rubric, json_schema, load_rubric
-from grader.recording.definitions import fields_of, types_in
+from grader.recording.definitions import installed_fields, installed_types
 
 GRADER = Path(__file__).resolve().parents[2] / "grader"
 
@@ -353,8 +353,12 @@ MISTYPED: list[tuple[str, str, str]] = [
     ("request: {data: true}", "request: {date: true}", "SetBool_Request has no field 'date'; did you mean 'data'?"),
     ("response: {success: true}", "response: {sucess: true}", "no field 'sucess'; did you mean 'success'?"),
     ("field: data\n          length", "field: dta\n          length", "no field 'dta'; did you mean 'data'?"),
-    ("field: data\n          length", "field: layout.data_offset\n          length", "an array of numbers is needed"),
-    ("field: data\n          oracle", "field: layout.dim\n          oracle", "an array of numbers is needed"),
+    (
+        "field: data\n          length",
+        "field: layout.dim[0].label\n          length",
+        "is a string; it must hold numbers",
+    ),
+    ("field: data\n          oracle", "field: layout.dim\n          oracle", "it must hold numbers"),
     ("window: window", "window: widow", "no step labelled 'widow' in session 'alone'; did you mean 'window'?"),
     ("window: window", "window: heard", "'heard' labels a step of kind wait_for; observe is needed"),
     ("step: enable", "step: enabel", "no step labelled 'enabel' in session 'alone'; did you mean 'enable'?"),
@@ -391,6 +395,8 @@ MISTYPED: list[tuple[str, str, str]] = [
     ("- observe: {", "- obseve: {", "did you mean 'observe'?"),
     ("pattern: '([0-9.]+)'", "pattern: '([0-9.]+'", "not a valid regular expression"),
     ("- start: {student: talk}", "- start: {student: talk, with: {a: 1}}", "only a reference takes it"),
+    ("field: data\n          length", "field: data[0][1]\n          length", "a float64 has no elements, so that [1]"),
+    ("field: data\n          length", "field: data[x]\n          length", "'data[x]' is no path of a field such as"),
 ]
 
 
@@ -459,14 +465,14 @@ def test_fields_are_known_where_ros_is_not_installed(tmp_path: Path, monkeypatch
         "msg/String", "msg/Strng"
     )
     (lab_folder_of(tmp_path) / "lab.yaml").write_text(text, encoding="utf-8")
-    types_in.cache_clear()
-    fields_of.cache_clear()
+    installed_types.cache_clear()
+    installed_fields.cache_clear()
     try:
         with pytest.raises(RubricError) as caught:
             load_rubric(tmp_path / "lab.yaml", rubric_kinds())
     finally:
-        types_in.cache_clear()
-    fields_of.cache_clear()
+        installed_types.cache_clear()
+    installed_fields.cache_clear()
     assert [message.rpartition("; ")[2] for message in caught.value.mistakes] == [
         "did you mean 'std_msgs/msg/String'?",
         "did you mean 'data'?",
