@@ -17,7 +17,8 @@ class SessionPlan:
     The `record` holds what is known before, `steps` what is to be run, each with the words in which it is shown then;
     the caller removes `scratch`. For each artifact there are the wrapper's path relative to `staged`, and the source's
     relative to `staged`/src; for each reference node the absolute path of its "file" and its full name as "node".
-    `expected` are the names of topics, services and nodes that the rubric uses.
+    `expected` are the names of topics, services and nodes that the rubric uses. In the folder `interfaces` lie the
+    prefixes of packages that were built.
     """
 
     record: SessionRecord
@@ -25,6 +26,7 @@ class SessionPlan:
     folder: Path
     scratch: Path
     staged: Path
+    interfaces: Path
     executables: dict[str, str]
     sources: dict[str, str]
     reference: dict[str, dict[str, str]]
