@@ -221,7 +221,6 @@ def record(
                 rubric,
                 submission,
                 Path(scratch),
-                Path(interfaces),
                 executables,
                 recordings,
                 isolation,
@@ -231,6 +230,7 @@ def record(
                 forks,
                 native,
                 scheduler=scheduler,
+                interfaces=Path(interfaces),
                 lacking=lacking,
             )
             on_progress = watch.follow(on_progress)

@@ -26,7 +26,6 @@ class SessionPlan:
     folder: Path
     scratch: Path
     staged: Path
-    interfaces: Path
     executables: dict[str, str]
     sources: dict[str, str]
     reference: dict[str, dict[str, str]]
@@ -37,3 +36,4 @@ class SessionPlan:
     domain_id: int
     timeout_s: float
     native: NativeLaunch | None = None
+    interfaces: Path | None = None

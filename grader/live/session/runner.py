@@ -93,7 +93,6 @@ class SessionRunner:
     rubric: Rubric
     submission: SubmissionRecord
     staged: Path
-    interfaces: Path
     executables: dict[str, str]
     recordings: Path
     isolation: Isolation
@@ -105,6 +104,7 @@ class SessionRunner:
     attempt: int = 1
     disturbed: frozenset[str] = frozenset()
     scheduler: Scheduler | None = None
+    interfaces: Path | None = None
     lacking: Mapping[str, str] = field(default_factory=dict)
 
     def record(
@@ -164,7 +164,7 @@ class SessionRunner:
             folder=folder.resolve(),
             scratch=scratch,
             staged=self.staged.resolve(),
-            interfaces=self.interfaces.resolve(),
+            interfaces=self.interfaces,
             executables=self.executables,
             sources={a.name: a.path for a in self.submission.artifacts if a.path is not None},
             reference={

@@ -64,7 +64,7 @@ class StudentSandbox:
         self._room = Room.below(plan.scratch, plan.interpreter)
         self.workspace, self.launch_workspace = self._room.areas[WORKSPACE], plan.scratch / "trial"
         self.parameters, self.interfaces = self._room.tools[PARAMETERS], self._room.tools[INTERFACES]
-        self._prefixes = sorted(path.name for path in plan.interfaces.iterdir())
+        self._prefixes = sorted(plan.interfaces.iterdir()) if plan.interfaces is not None else []
         self.seen = self._room.seen(plan.isolation)
         #: Programs that never began, and how the session would be disturbed by that.
         self._unstarted: list[tuple[ProcessRun, str]] = []
@@ -106,8 +106,8 @@ class StudentSandbox:
         else:
             adopt_orphans()
             self._room.make(self.plan.scratch)
-        for name in self._prefixes:
-            shutil.copytree(self.plan.interfaces / name, self.interfaces / name)
+        for prefix in self._prefixes:
+            shutil.copytree(prefix, self.interfaces / prefix.name)
         if self._group is not None:
             self._group.make()
         self.copy_workspace(self.plan.staged, self.workspace)
@@ -128,12 +128,12 @@ class StudentSandbox:
         base = student_environment(
             self.plan.interpreter, self.seen[HOME], self.seen[WORKSPACE], self.seen[INSIDE], self.plan.domain_id
         )
-        found = with_prefixes(base, [f"{self.seen[INTERFACES]}/{name}" for name in self._prefixes])
+        found = with_prefixes(base, [f"{self.seen[INTERFACES]}/{p.name}" for p in self._prefixes])
         return {**found, "TMPDIR": self.seen[TEMPORARY], **more}
 
     def with_interfaces(self, environment: Mapping[str, str]) -> dict[str, str]:
         """Return the environment of a process of the grader's own in which the interfaces are found that were built."""
-        return with_prefixes(environment, [str(self.interfaces / name) for name in self._prefixes])
+        return with_prefixes(environment, [str(self.interfaces / p.name) for p in self._prefixes])
 
     async def start(
         self, run: ProcessRun, *, cwd: str | None = None, environment: Mapping[str, str] | None = None
