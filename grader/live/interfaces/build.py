@@ -200,7 +200,7 @@ def _subset(package: str, folder: Path) -> None:
 
 
 def parts_in(folder: Path) -> dict[str, str]:
-    """Return the packages of which a folder of prefixes has a part of the grader's own, for the recording's versions."""
+    """Return the packages of which a folder of prefixes has but a part, for the versions that a recording keeps."""
     return {path.name.removesuffix(_PART): "a part of it" for path in folder.glob(f"*{_PART}")}
 
 
