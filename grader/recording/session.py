@@ -22,6 +22,8 @@ UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 PARTICIPANT_DIGITS = 24
 #: Those that tell the process: all its participants share them.
 PROCESS_DIGITS = 16
+#: What an action's topics and services have in their names, and how that ends which takes its goals.
+OF_ACTION, GOAL_SERVICE = "/_action/", "/_action/send_goal"
 #: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
 GRADER_NAMESPACE = "/_grader"
 
@@ -145,6 +147,14 @@ class GraphSnapshot:
     services: list[ServiceEndpoint] = field(default_factory=list)
     clients: list[ServiceEndpoint] = field(default_factory=list)
 
+    @property
+    def actions(self) -> list[ServiceEndpoint]:
+        """Servers of actions, each known by its service that takes goals."""
+        taking = (service for service in self.services if service.name.endswith(GOAL_SERVICE))
+        return [
+            ServiceEndpoint(s.name.removesuffix(GOAL_SERVICE), s.type.removesuffix("_SendGoal"), s.node) for s in taking
+        ]
+
 
 @dataclass
 class StepRun:
@@ -170,7 +180,7 @@ class Claim:
     """What the tap noted in a student's process: a claim by student code, never evidence of behaviour."""
 
     process: str
-    #: "publisher", "subscription", "service", "client", "timer", "parameter", "node".
+    #: "publisher", "subscription", "service", "client", "action", "action_client", "timer", "parameter", "node".
     kind: str
     #: As given in the call (not expanded); period in seconds for a timer.
     name: str
