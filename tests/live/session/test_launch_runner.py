@@ -74,8 +74,8 @@ def test_waits_for_a_core_are_not_a_launch_files_time(cpu_s: float, most: float,
 
     spins = ["taskset", "--cpu-list", core, sys.executable, "-c", "while True: pass"]
     with ExitStack() as others:
-        for _ in range(4):
-            others.callback(others.enter_context(subprocess.Popen(spins)).kill)
+        for _ in range(4):  # each a group of its own to the scheduler, as the program is
+            others.callback(others.enter_context(subprocess.Popen(spins, start_new_session=True)).kill)
         assert asyncio.run(run()) == outcome
 
 
