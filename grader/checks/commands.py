@@ -39,6 +39,7 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "call_gated": ("{set_step}", "{refused_step}"),
     "parameters_declared": ("{step}",),
     "calls_in_time": ("{step}",),
+    "action_server": ("ros2 action info -t {action}", "{goal_step}"),
     "launch_loads": ("{step}",),
     "launch_arguments": ("{step} --show-args",),
     "launch_nodes": ("{step} --print",),

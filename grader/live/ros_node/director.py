@@ -375,9 +375,10 @@ class Director:
         probe, about = self._probe(action, kind), {"action": action, "type": kind, "goals": list[Any]()}
         if not self._until(lambda: probe.ready, min(timeout_s, _BRIEFLY_S)):
             return "timeout", {**about, "problem": "the action server is not up"}
-        given = (request["goal"], request["newer_goal"])
-        goals = [None if values is None else _fill(message := probe.type.Goal(), _known(message, values)) for values in given]
-        step = GoalStep(probe, request, min(timeout_s, _BRIEFLY_S) if action in self._silent else timeout_s, *goals)
+        timeout_s = min(timeout_s, _BRIEFLY_S) if action in self._silent else timeout_s
+        given = (values for values in (request["goal"], request["newer_goal"]) if values is not None)
+        goals = [_fill(goal := probe.type.Goal(), _known(goal, values)) for values in given]
+        step = GoalStep(probe, request, timeout_s, *goals)
         try:
             # The step has a deadline of its own.
             self._until(step.advance, 2 * timeout_s, spins=True)

@@ -157,7 +157,7 @@ class GoalStep:
     """
 
     def __init__(
-        self, probe: ActionProbe, request: Mapping[str, Any], timeout_s: float, goal: Any, newer: Any | None
+        self, probe: ActionProbe, request: Mapping[str, Any], timeout_s: float, goal: Any, newer: Any = None
     ) -> None:
         self._probe, self._request, self._newer = probe, request, newer
         self._deadline, self._gone = Deadline(timeout_s), Deadline(_GONE_S)
