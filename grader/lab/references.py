@@ -41,7 +41,7 @@ _STANDARD_TOPICS = {
     "/rosout": "rcl_interfaces/msg/Log",
     "/parameter_events": "rcl_interfaces/msg/ParameterEvent",
 }
-_ENDPOINTS = ("topic", "publisher", "subscription", "service", "action")
+_ENDPOINTS = ("topic", "publisher", "subscription", "service", "action", "action_client")
 
 
 class Parameters(Strict):
@@ -269,11 +269,11 @@ ActionType = Annotated[str, Reference("An action type.", lambda scope, value, in
 
 
 def _of_endpoint(scope: Scope, value: str, info: ValidationInfo) -> None:
-    folders = (folder for key, folder in (("service", "srv"), ("action", "action")) if info.data.get(key))
-    _interface(value, next(folders, "msg"))
+    folders = {"service": "srv", "action": "action", "action_client": "action"}
+    _interface(value, next((folder for key, folder in folders.items() if info.data.get(key)), "msg"))
 
 
-#: A service's or an action's where the key `service` or `action` stands before it.
+#: A service's or an action's where such a key stands before it.
 AnyType = Annotated[str, Reference("A message, service or action type.", _of_endpoint)]
 
 

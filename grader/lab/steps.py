@@ -75,13 +75,14 @@ class WaitForStep(Step):
     """Wait for a node, an endpoint, a service, an action or a line of output; near misses of a name are found."""
 
     words = "waiting for {key} {target}"
-    targets = ("node", "publisher", "subscription", "service", "action", "output_of")
+    targets = ("node", "publisher", "subscription", "service", "action", "action_client", "output_of")
 
     node: ref.RosName | None = None
     publisher: ref.RosName | None = None
     subscription: ref.RosName | None = None
     service: ref.RosName | None = None
     action: ref.RosName | None = Field(None, description="An action's server.")
+    action_client: ref.RosName | None = None
     output_of: ref.Process | None = Field(None, description="Process whose output is watched.")
     text: str | None = Field(None, description="Text that the line holds (with output_of).")
     type: ref.AnyType | None = None

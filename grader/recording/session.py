@@ -23,7 +23,7 @@ PARTICIPANT_DIGITS = 24
 #: Those that tell the process: all its participants share them.
 PROCESS_DIGITS = 16
 #: What an action's topics and services have in their names, and how that ends which takes its goals.
-OF_ACTION, GOAL_SERVICE = "/_action/", "/_action/send_goal"
+OF_ACTION, _GOAL_SERVICE = "/_action/", "/_action/send_goal"
 #: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
 GRADER_NAMESPACE = "/_grader"
 
@@ -150,10 +150,19 @@ class GraphSnapshot:
     @property
     def actions(self) -> list[ServiceEndpoint]:
         """Servers of actions, each known by its service that takes goals."""
-        taking = (service for service in self.services if service.name.endswith(GOAL_SERVICE))
-        return [
-            ServiceEndpoint(s.name.removesuffix(GOAL_SERVICE), s.type.removesuffix("_SendGoal"), s.node) for s in taking
-        ]
+        return _actions_of(self.services)
+
+    @property
+    def action_clients(self) -> list[ServiceEndpoint]:
+        """Clients of actions, each known by its client of that service."""
+        return _actions_of(self.clients)
+
+
+def _actions_of(endpoints: list[ServiceEndpoint]) -> list[ServiceEndpoint]:
+    taking = (endpoint for endpoint in endpoints if endpoint.name.endswith(_GOAL_SERVICE))
+    return [
+        ServiceEndpoint(e.name.removesuffix(_GOAL_SERVICE), e.type.removesuffix("_SendGoal"), e.node) for e in taking
+    ]
 
 
 @dataclass

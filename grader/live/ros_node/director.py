@@ -55,7 +55,7 @@ from grader.recording.trusted_channel import digest
 #: Once a student's node shows other endpoints, how long the wanted name may still take to appear.
 _NEAR_MISS_AFTER_S = 2.0
 #: Keys of what is waited for.
-_NAMED = ("node", "publisher", "subscription", "service", "action")
+_NAMED = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: Topics, and types of services, that every node has; never what a lab asks for.
 _STANDARD = ("/rosout", "/parameter_events", "/clock")
 _STANDARD_SERVICE_TYPES = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
@@ -243,10 +243,11 @@ class Director:
         graph, of_action = self._watch.last, OF_ACTION in wanted
         if kind == "node":
             return [Candidate(n, "") for n in self._students()]
-        if kind in ("service", "action"):
+        offers = {"service": graph.services, "action": graph.actions, "action_client": graph.action_clients}
+        if kind in offers:
             return [
                 Candidate(s.name, s.type)
-                for s in (graph.services if kind == "service" else graph.actions)
+                for s in offers[kind]
                 if s.node not in self._reference_nodes
                 and not s.type.startswith(_STANDARD_SERVICE_TYPES)
                 and (OF_ACTION in s.name) == of_action

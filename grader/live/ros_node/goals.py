@@ -81,6 +81,8 @@ class Goal:
             "stamp_ns": None,
             "feedback": [],
             "feedback_count": 0,
+            "first_feedback_ns": None,
+            "last_feedback_ns": None,
             "ended_ns": None,
             "status": None,
             "result": None,
@@ -119,6 +121,7 @@ class Goal:
             with suppress(Exception):  # Whoever publishes without ROS may send what is no message.
                 values = plain(deserialize_message(data, kind).feedback, self._room)
             kept.append({"t_ns": source_ns, "values": values})
+        self.record["first_feedback_ns"] = self.record["first_feedback_ns"] or source_ns
         self.record["last_feedback_ns"] = source_ns
 
     def finish(self) -> dict[str, Any]:

@@ -56,7 +56,7 @@ def sessions_at_a_time(isolation: Isolation) -> int:
 
 
 #: By which steps name topics, services and nodes.
-_NAMING = ("node", "publisher", "subscription", "service", "action", "first_message_on")
+_NAMING = ("node", "publisher", "subscription", "service", "action", "action_client", "first_message_on")
 
 
 def given_in_steps(rubric: Rubric, *keys: str) -> list[str]:
