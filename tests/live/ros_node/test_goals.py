@@ -21,7 +21,7 @@ sys.path.append(str(ROOT))
 
 from grader.evidence.recorded import Recorded  # noqa: E402
 from grader.recording.session import StepRun  # noqa: E402
-from tests.live.small_lab import Lab, record_one  # noqa: E402
+from tests.live.small_lab import FREE, Lab, record_one  # noqa: E402
 
 pytestmark = pytest.mark.live
 
@@ -258,7 +258,7 @@ def test_a_students_client_has_a_reference_server(tmp_path: Path) -> None:
                 ]
             }
         },
-        "criteria": [{"id": "all", "title": "All", "points": 0, "checks": []}],
+        "criteria": [{"id": "all", "title": "All", "points": 0, "checks": [FREE]}],
     }
     submission = tmp_path / "submission"
     submission.mkdir()
