@@ -30,7 +30,7 @@ from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.recording.definitions import field_steps
 from grader.recording.session import StepRun
-from grader.result import Finding
+from grader.result import Finding, Location
 
 Status = Literal["succeeded", "aborted", "canceled"]
 _FeedbackField = Annotated[str, ref.fields_of_type("_Feedback", "step")]
@@ -177,18 +177,25 @@ def action_server(context: Context, p: ActionServer) -> Finding:
         asked.append(words(p, wanted) + (f" (goal {_shown(step.parameters['goal'])})" if step is not None else ""))
         try:
             found = judge(context, p) if key == "offered" else judge(_sent(context, p, step), wanted)
-            parts.append(replace(found, weight=wanted.weight))
         except _NotTested as why:
             reason = f"Not tested, because {why}. {_THEN_THESE}"
             before = untested[reason].weight if reason in untested else 0.0
             untested[reason] = _Nothing(0.0, reason=reason, hint=why.hint, weight=before + wanted.weight)
+        else:
+            parts.append(replace(found, weight=wanted.weight, where=_where(context, p, key, step, found)))
     expected = "; ".join(asked)
     if not parts and any(map(context.charged, context.findings)):
         return not_reached(next(iter(untested)), expected=expected)
-    parts += untested.values()
-    where = (*claimed_at(claim_of(context, "action", p.action)), context.location())
-    finding = of_parts(expected, parts, where=where)
-    return unexplained(finding) if any(isinstance(part, _Nothing) for part in parts) else finding
+    finding = of_parts(expected, [*parts, *untested.values()])
+    nothing = untested or any(isinstance(part, _Nothing) for part in parts)
+    return unexplained(finding) if nothing else finding
+
+
+def _where(context: Context, p: ActionServer, key: str, step: StepRun | None, found: Part) -> tuple[Location, ...]:
+    """Point at the goal, and where something is lost that stands where the server is made, at that line."""
+    there = context.location(p.action, Span(step.started_ns, step.ended_ns) if step is not None else None)
+    made = found.share < 1 and key in ("offered", "accepted", "rejected")
+    return (*(claimed_at(claim_of(context, "action", p.action)) if made else ()), there)
 
 
 _THEN_THESE = "Fix that, and these points can be earned too."
@@ -391,9 +398,16 @@ def _short(value: Any) -> str:
 
 #: What rclpy prints where the execute callback leaves the goal without a status, or raises an exception.
 _NOT_SET, _RAISED = "Goal state not set, assuming aborted", "Error raised in execute callback"
+_WITHOUT_STATUS = "The execute callback ended without setting a status, which rclpy takes for ABORTED."
+#: As `action_msgs/srv/CancelGoal` numbers its answers; rclpy gives it where the request was seen too late.
+_GOAL_TERMINATED = 3
 _CANCELED_HINT = (
     "In its loop the execute callback must look at goal_handle.is_cancel_requested, and then call "
     "goal_handle.canceled() and return a result."
+)
+_PREEMPTED_HINT = (
+    "When a newer goal is accepted, let the execute callback of the one before notice it, call goal_handle.abort() and "
+    "return a result."
 )
 _BLOCKED_HINT = (
     "While the execute callback runs, the node answers nothing else: give ActionServer a "
@@ -410,7 +424,7 @@ def _final_status(sent: _Sent, wanted: StatusWanted) -> Part:
     if sent.record["status"] == "aborted" and sent.printed(_RAISED):
         return _Nothing(0.0, measured, f"{reason} The execute callback raised an exception.")
     if sent.record["status"] == "aborted" and sent.printed(_NOT_SET):
-        reason += " The execute callback ended without setting a status, which rclpy takes for ABORTED."
+        reason += f" {_WITHOUT_STATUS}"
     setter = {"succeeded": "succeed", "aborted": "abort", "canceled": "canceled"}[wanted.status]
     return Part(0.0, measured, reason, hint=f"Call goal_handle.{setter}() before `return result`.")
 
@@ -420,10 +434,9 @@ def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
     cancel = sent.record["cancel"]
     if cancel is None:
         return _too_early(sent, "cancelled")
-    answered_ns, ended_ns = cancel["answered_ns"], sent.record["ended_ns"]
     if cancel["accepted"]:
         return _ends_early(sent, wanted, ("canceled",), cancel["sent_ns"], "it was cancelled")
-    if answered_ns is not None and (ended_ns is None or answered_ns < ended_ns):
+    if cancel["answered_ns"] is not None and cancel["code"] != _GOAL_TERMINATED:
         hint = "Give ActionServer a cancel_callback that returns CancelResponse.ACCEPT; without one, rclpy refuses."
         return Part(0.0, "cancelling refused", f"Cancelling the {sent.words} was refused.", hint=hint)
     reason = f"The request to cancel the {sent.words} was not answered while it was under way."
@@ -438,22 +451,23 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     if newer.record["accepted"] is False:
         hint = "Accept it, and abort the goal that is under way."
         return Part(0.0, "newer goal rejected", "A newer goal is rejected while one is under way.", hint=hint)
-    # The first may have ended for the newer one before that was answered.
-    ended_ns = None if sent.record["status"] in wanted.status else sent.record["ended_ns"]
-    if newer.record["accepted"] is None or (ended_ns is not None and newer.record["answered_ns"] >= ended_ns):
-        reason = "A newer goal was not answered while the first one was under way."
-        return Part(0.0, "newer goal not answered in time", reason, hint=_BLOCKED_HINT)
+    if newer.record["accepted"] is None:
+        return Part(0.0, "newer goal not answered", "A newer goal was not answered.", hint=_BLOCKED_HINT)
     found = _ends_early(sent, wanted, wanted.status, newer.record["sent_ns"], "a newer one was sent")
-    if newer.has_ended or not found.share:
-        return found
-    reason = f"{found.reason} The newer goal did not end.".strip()
-    return replace(found, share=wanted.other_status_credit * found.share, best=None, reason=reason)
+    answered_s = (newer.record["answered_ns"] - newer.record["sent_ns"]) / 1e9
+    if not found.share and answered_s > wanted.within_s:
+        reason = f"A newer goal was answered only after {apart(answered_s, wanted.within_s, places=2)} s."
+        return replace(found, reason=reason, hint=_BLOCKED_HINT)
+    if not newer.has_ended:
+        reason = f"{found.reason} The newer goal did not end.".strip()
+        found = replace(found, share=wanted.other_status_credit * found.share, best=None, reason=reason)
+    return replace(found, hint=_PREEMPTED_HINT * (found.share < 1))
 
 
 def _too_early(sent: _Sent, what: str) -> Part:
     """Judge a goal that ended before it could be cancelled or preempted."""
     if not sent.has_ended:
-        raise _NotTested(f"no feedback came after which the {sent.words} could be {what}")
+        raise _NotTested(f"the moment at which the {sent.words} was to be {what} never came")
     ended = f"The {sent.words} had ended as {sent.status} before it could be {what}."
     return Part(0.0, "ended before", ended, hint="The execute callback must take its time over a goal such as this.")
 
@@ -470,6 +484,8 @@ def _ends_early(sent: _Sent, wanted: CancelledWanted, statuses: Sequence[str], a
     share, best = (credits[time_s <= wanted.within_s] for time_s in (took_s, took_s - delay_s))
     shown = f"{apart(took_s, wanted.within_s, places=2)} s after {since}"
     reasons = [] if fits else [f"The {sent.words} ended as {sent.status}, not as {named}."]
+    if not fits and sent.record["status"] == "aborted" and sent.printed(_NOT_SET):
+        reasons.append(_WITHOUT_STATUS)
     if took_s > wanted.within_s:
         reasons.append(f"It ended {shown}; within {wanted.within_s:g} s gives full credit.")
     doubt = cpu_delay_doubt(delay_s, took_s) if best > share else ""

@@ -186,6 +186,8 @@ def test_whatever_a_server_sends_is_kept_within_bounds(tmp_path: Path, name: str
 REFERENCE = """
 import sys
 from dataclasses import dataclass
+from pathlib import Path
+sys.path.insert(0, str(Path(__file__).resolve().parent))
 from rclpy.action import ActionServer
 from rclpy.executors import SingleThreadedExecutor
 from reference_node import reference_node, run
