@@ -313,7 +313,7 @@ def _feedback(sent: _Sent, wanted: FeedbackWanted) -> Part:
     if wanted.at_least_hz is not None:
         parts.append(_feedback_rate(sent, wanted.at_least_hz, wanted.hz_tolerance))
     for field, sign, way in ((wanted.rising, 1, "falls"), (wanted.falling, -1, "rises")):
-        if field is not None and _turns_back(sent, field, sign):
+        if field is not None and _reverses(sent, field, sign):
             parts.append(
                 Part(wanted.other_order_credit, reason=f"In the feedback, {field} {way} from one to the next.")
             )
@@ -339,7 +339,7 @@ def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
     return Part(share, f"at {shown}", reason, best=best, doubt=doubt)
 
 
-def _turns_back(sent: _Sent, field: str, sign: int) -> bool:
+def _reverses(sent: _Sent, field: str, sign: int) -> bool:
     """Whether a number, or the length of an array, goes the other way from one message to the next."""
     values = [_value_at(message["values"], field) for message in sent.record["feedback"]]
     sizes = [len(value) if isinstance(value, list) else value for value in values]
