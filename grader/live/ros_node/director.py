@@ -64,6 +64,8 @@ _STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _SPIN_S = 0.01
 #: How long a publisher of ours waits until the subscriptions of the student and the recorder are matched.
 _MATCH_S = 3.0
+#: How long it takes until the other side knows of a subscription that is matched on ours; it tells nobody.
+_KNOWN_S = 0.1
 #: How long it stays for a subscription that has not taken all of it.
 _ACKNOWLEDGED_S = 1.0
 #: In a network that is not the sandbox's own, how long to look for nodes that do not belong there.
@@ -376,6 +378,8 @@ class Director:
         probe, about = self._probe(action, kind), {"action": action, "type": kind, "goals": list[Any]()}
         if not self._until(lambda: probe.ready, min(timeout_s, _BRIEFLY_S)):
             return "timeout", {**about, "problem": "the action server is not up"}
+        self._until(lambda: self._recorder.matched(f"{action}/_action/feedback", f"{kind}_FeedbackMessage"), _MATCH_S)
+        self._until(lambda: False, _KNOWN_S)
         timeout_s = min(timeout_s, _BRIEFLY_S) if action in self._silent else timeout_s
         given = (values for values in (request["goal"], request["newer_goal"]) if values is not None)
         goals = [_fill(goal := probe.type.Goal(), _known(goal, values)) for values in given]
