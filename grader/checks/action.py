@@ -26,9 +26,9 @@ from grader.checks.base import (
 )
 from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at
 from grader.evidence.cpu_delay import Span
+from grader.evidence.fields import equal_within, value_at
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
-from grader.recording.definitions import field_steps
 from grader.recording.session import StepRun
 from grader.result import Finding, Location
 
@@ -187,8 +187,8 @@ def action_server(context: Context, p: ActionServer) -> Finding:
     if not parts and any(map(context.charged, context.findings)):
         return not_reached(next(iter(untested)), expected=expected)
     finding = of_parts(expected, [*parts, *untested.values()])
-    nothing = untested or any(isinstance(part, _Nothing) for part in parts)
-    return unexplained(finding) if nothing else finding
+    nothing_came = any(isinstance(part, _Nothing) for part in (*parts, *untested.values()))
+    return unexplained(finding) if nothing_came else finding
 
 
 def _where(context: Context, p: ActionServer, key: str, step: StepRun | None, found: Part) -> tuple[Location, ...]:
@@ -213,9 +213,8 @@ def _offered(context: Context, p: ActionServer) -> Part:
         reason = f"The action {p.action} did not appear, nor one of a similar name. A client would wait forever."
         return _Nothing(0.0, "no action in the graph", reason)
     offer = next((o for o in offers if o.type == p.type), offers[0])
-    faults = p.faults("action", (p.action, p.type), (used, offer.type), [offer.node]) + p.node_faults(
-        p.node, [offer.node]
-    )
+    faults = p.faults("action", (p.action, p.type), (used, offer.type), [offer.node])
+    faults += p.node_faults(p.node, [offer.node])
     measured = f"{used} of type {offer.type}, from {offer.node}"
     return Part(max(0.0, 1 - sum(cost for cost, _ in faults)), measured, " ".join(reason for _, reason in faults))
 
@@ -273,9 +272,7 @@ def _any_goal(sent: _Sent, *, accepted: bool) -> bool:
     return any(goal["accepted"] is accepted for goal in goals)
 
 
-_SILENT_HINT = (
-    "rclpy.spin(node) must be reached, and no callback may wait: as long as one does, the node answers nothing else."
-)
+_SILENT_HINT = "rclpy.spin(node) must be reached, and no callback may wait: meanwhile, the node answers nothing."
 
 
 def _silent(sent: _Sent) -> Part:
@@ -314,9 +311,7 @@ def _feedback(sent: _Sent, wanted: FeedbackWanted) -> Part:
         parts.append(_feedback_rate(sent, wanted.at_least_hz, wanted.hz_tolerance))
     for field, sign, way in ((wanted.rising, 1, "falls"), (wanted.falling, -1, "rises")):
         if field is not None and _reverses(sent, field, sign):
-            parts.append(
-                Part(wanted.other_order_credit, reason=f"In the feedback, {field} {way} from one to the next.")
-            )
+            parts.append(Part(wanted.other_order_credit, reason=f"From one message to the next, {field} {way}."))
     return Part(
         math.prod(part.share for part in parts),
         " ".join(part.text for part in parts if part.text),
@@ -341,20 +336,10 @@ def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
 
 def _reverses(sent: _Sent, field: str, sign: int) -> bool:
     """Whether a number, or the length of an array, goes the other way from one message to the next."""
-    values = [_value_at(message["values"], field) for message in sent.record["feedback"]]
+    values = [value_at(message["values"], field) for message in sent.record["feedback"]]
     sizes = [len(value) if isinstance(value, list) else value for value in values]
     numbers = [size for size in sizes if isinstance(size, (int, float))]
     return any(sign * later < sign * earlier for earlier, later in itertools.pairwise(numbers))
-
-
-def _value_at(values: Any, path: str) -> Any:
-    """Return the value of a field in what stands in a step's result; None where there is none."""
-    try:
-        for step in field_steps(path):
-            values = values[step]
-    except (IndexError, KeyError, TypeError):
-        return None
-    return values
 
 
 def _result(sent: _Sent, wanted: ResultWanted) -> Part:
@@ -363,8 +348,8 @@ def _result(sent: _Sent, wanted: ResultWanted) -> Part:
     if sent.record["ended_ns"] is None:
         reason = f"The {sent.words} ended as {sent.status}, but its result never came."
         return _Nothing(0.0, "no result", reason, hint="End the execute callback with `return result`.")
-    got = {path: _value_at(result, path) for path in wanted.values}
-    wrong = [path for path, value in wanted.values.items() if not _equal(got[path], value, wanted.tolerance)]
+    got = {path: value_at(result, path) for path in wanted.values}
+    wrong = [path for path, value in wanted.values.items() if not equal_within(got[path], value, wanted.tolerance)]
     reasons = [f"{path} is {_short(got[path])}, not {_short(wanted.values[path])}" for path in wrong]
     hint = ""
     if len(wrong) == len(got) and not any(got.values()):
@@ -372,17 +357,6 @@ def _result(sent: _Sent, wanted: ResultWanted) -> Part:
     share = 1 - len(wrong) / len(got)
     measured = "result " + ", ".join(f"{path}={_short(value)}" for path, value in got.items())
     return Part(share, measured, f"In the result, {' and '.join(reasons)}." if wrong else "", hint=hint)
-
-
-def _equal(got: Any, wanted: Any, tolerance: float) -> bool:
-    if isinstance(wanted, Mapping):
-        return isinstance(got, Mapping) and all(_equal(_value_at(got, k), v, tolerance) for k, v in wanted.items())
-    if isinstance(wanted, (list, tuple)):
-        alike = isinstance(got, list) and len(got) == len(wanted)
-        return alike and all(_equal(a, b, tolerance) for a, b in zip(got, wanted, strict=True))
-    if isinstance(wanted, (int, float)) and isinstance(got, (int, float)):
-        return bool(abs(got - wanted) <= tolerance)
-    return bool(got == wanted)
 
 
 #: Characters that are shown of a value.

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from grader.checks.action import ActionServer
-from grader.recording.session import OutputLine
+from grader.evidence.flakiness import inconclusive_reason
+from grader.recording.session import GraphSnapshot, OutputLine, ServiceEndpoint
 from grader.result import Finding, Outcome
 from tests.synthetic import Session, at, judged
 
@@ -181,7 +182,7 @@ def test_a_rejected_goal_keeps_the_rest_from_being_tested(tmp_path: Path) -> Non
         ({"at_least_hz": 10.5, "hz_tolerance": "5%"}, {}, "1", ""),
         ({"at_least_hz": 1}, {"feedback_count": 1, "last_feedback_ns": at(1.1)}, "0", "comes at 0.0 Hz"),
         ({"rising": "sequence"}, {}, "1", ""),
-        ({"falling": "sequence"}, {}, "0.5", "In the feedback, sequence rises"),
+        ({"falling": "sequence"}, {}, "0.5", "From one message to the next, sequence rises."),
         ({"rising": "sequence[1]"}, {}, "1", ""),
         ({"rising": "absent.field"}, {}, "1", ""),
     ],
@@ -351,6 +352,20 @@ def test_what_the_machine_may_have_delayed_is_undecided(
         found = judged("action_server", {**ABOUT, part: {"step": "it", **wanted}}, session)
         assert found.outcome is outcome
         assert ("Not your fault" in found.reason) == bool(delays)
+
+
+@pytest.mark.parametrize(("kind", "sent_goals"), [("wait_for", {}), ("send_goal", {"goals": []})])
+def test_an_action_that_came_after_it_was_given_up_is_seen_again(
+    tmp_path: Path, kind: str, sent_goals: dict[str, Any]
+) -> None:
+    """It was late, which may be the machine's doing; a goal that was sent came to a server that was there."""
+    session = Session(tmp_path / "late")
+    session.step(kind, "it", "timeout", parameters={"action": NAME}, **sent_goals)
+    session.record.graph.append(GraphSnapshot(at(9.0), services=[ServiceEndpoint(f"{NAME}/_action/send_goal", "", "")]))
+    assert "/fibonacci came too late" in str(inconclusive_reason(session.recorded(), ()))
+    session = sent(Session(tmp_path / "sent"), "it", SILENT, outcome="timeout")
+    session.record.graph.append(GraphSnapshot(at(9.0), services=[ServiceEndpoint(f"{NAME}/_action/send_goal", "", "")]))
+    assert inconclusive_reason(session.recorded(), ()) is None
 
 
 # -- parameters and weights ------------------------------------------------------------------------

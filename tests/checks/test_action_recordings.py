@@ -24,6 +24,9 @@ def test_each_mistake_costs_what_it_is_worth_and_has_a_name(name: str, tmp_path:
     assert result.problems == ()
     losing = [check for check in result.checks if check.id in lost]
     assert not losing or DEFECTS[name].words in f"{losing[0].reason} {losing[0].hint}"
+    if name == "accepts_all":
+        goals = [command for command in losing[0].commands if "send_goal" in command]
+        assert goals[1] == """ros2 action send_goal -f /fibonacci test_msgs/action/Fibonacci '{"order": -1}'"""
 
 
 def test_what_a_reader_of_bags_needs_is_in_the_recording(tmp_path: Path) -> None:

@@ -161,25 +161,24 @@ HOSTILE = {
         "one = Fibonacci.Feedback(sequence=[1])\nwhile True: handle.publish_feedback(one)\nreturn Fibonacci.Result()"
     ),
     "no result": "handle.succeed()",
-    "a result of another kind": "handle.succeed()\nreturn 'nothing'",
     "an exception": "raise ValueError('\\x00' * 1000)",
-    "an end of the process": "import os; os._exit(3)",
 }
 
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_whatever_a_server_sends_is_kept_within_bounds(tmp_path: Path, name: str) -> None:
     """The session goes on, in time, and its record stays small; what came before is there."""
-    recorded = record_one(tmp_path, server(HOSTILE[name]), [WAIT, goal(timeout_s=6.0)], timeout_s=40.0)
+    source = server(HOSTILE[name]).replace("/fibonaci'", "/fibonacci'")
+    recorded = record_one(tmp_path, source, [WAIT, goal(timeout_s=4.0)], timeout_s=40.0)
     (step,) = sent(recorded)
     (one,) = step.result["goals"]
     assert one["accepted"] is True
     assert len(json.dumps(step.result)) < 500_000
-    assert (step.ended_ns - step.started_ns) / 1e9 < 14
+    assert (step.ended_ns - step.started_ns) / 1e9 < 20
     if name == "a result of 100 MB":
         assert one["result"]["sequence"] == list(range(1000))
     if name == "no result":
-        assert (one["status"], one["result"]) in (("succeeded", None), ("succeeded", {"sequence": []}))
+        assert (one["status"], one["result"]) == ("succeeded", None)
 
 
 #: A reference node that serves an action; what it is asked and what it answers, it publishes too.
