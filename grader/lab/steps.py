@@ -175,6 +175,9 @@ class SetParametersStep(Step):
 
     node: ref.RosName
     values: dict[str, Any]
+    refusal_expected: bool = Field(
+        False, description="The values are invalid; what the node has is kept from before and after, and restored."
+    )
     timeout_s: float = Field(5.0, gt=0, le=60)
 
     def commands(self) -> Sequence[str]:
@@ -184,6 +187,17 @@ class SetParametersStep(Step):
             for name, value in self.values.items()
         )
         return ["ros2 param set {node} " + text.replace("{", "{{").replace("}", "}}") for text in written]
+
+
+class ChangeStateStep(Step):
+    """Ask a lifecycle node for a transition; keeps its answer, and its states before and after."""
+
+    words = "asking {node} to {transition}"
+    command = "ros2 lifecycle set {node} {transition}"
+
+    node: ref.RosName
+    transition: ref.LifecycleTransition
+    timeout_s: float = Field(5.0, gt=0, le=60, description="For each of the three calls.")
 
 
 class InterruptStep(Step):
@@ -228,6 +242,7 @@ STEPS: dict[str, type[Step]] = {
     "send_goal": SendGoalStep,
     "get_parameters": GetParametersStep,
     "set_parameters": SetParametersStep,
+    "change_state": ChangeStateStep,
     "interrupt": InterruptStep,
     "wait_exit": WaitExitStep,
     "plan": PlanStep,

@@ -6,7 +6,7 @@ result. It answers once when it is ready, and then to each request but the last.
 file of a student's.
 
 Requests: ``{"op": "wait_for", ...}``, ``observe``, ``publish``, ``call``, ``send_goal``, ``get_parameters``,
-``set_parameters``, ``forget``, ``stop``; ``{"op": "cancel"}`` ends the one under way.
+``set_parameters``, ``change_state``, ``forget``, ``stop``; ``{"op": "cancel"}`` ends the one under way.
 """
 
 from __future__ import annotations
@@ -60,6 +60,8 @@ _NAMED = ("node", "publisher", "subscription", "service", "action", "action_clie
 _STANDARD = ("/rosout", "/parameter_events", "/clock")
 _STANDARD_SERVICE_TYPES = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 _NO_ANSWER = "the node's parameter services do not answer"
+_NO_LIFECYCLE = "it offers no get_state service that answers, as a lifecycle node does"
+_STUCK = "the transition was not answered"
 _STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _SPIN_S = 0.01
 #: How long a publisher of ours waits until the subscriptions of the student and the recorder are matched.
@@ -393,9 +395,9 @@ class Director:
         self._silent |= {action} if result["goals"][0]["accepted"] is None else set()
         return step.outcome, {**about, **result}
 
-    def _ask(self, request: Mapping[str, Any], operation: str, **fields: Any) -> Any:
-        """Call one of the parameter services of a request's node; None if there is no answer."""
-        service_type = f"rcl_interfaces/srv/{operation.title().replace('_', '')}"
+    def _ask(self, request: Mapping[str, Any], operation: str, package: str = "rcl_interfaces", **fields: Any) -> Any:
+        """Call one of the parameter services of a request's node, or of another package; None without an answer."""
+        service_type = f"{package}/srv/{operation.title().replace('_', '')}"
         timeout_s = float(request["timeout_s"])
         client = self._ready_client(f"{self._node_name(request)}/{operation}", service_type, 0, timeout_s)
         if client is None:
@@ -427,11 +429,12 @@ class Director:
 
         Either is charged where it is looked for; here it is seen what the parameter does.
         """
+        if request["refusal_expected"]:
+            return self._set_invalid(request)
         meant: dict[str, str] = {}
         node, refused = self._node_name(request), self._refused(request, request["values"])
         if refused:
-            everything = {key: value for key, value in request.items() if key != "names"}
-            held = {n: v["value"] for n, v in self._do_get_parameters(everything)[1].get("values", {}).items()}
+            held = self._held(request)
             for name in tuple(refused):
                 value, own = request["values"][name], name if name in held else _misspelt(name, request["values"], held)
                 if own is not None and self._refused(request, {own: in_type_of(held[own], value)}) == {}:
@@ -441,6 +444,41 @@ class Director:
             return "timeout", {"node": node, "problem": _NO_ANSWER}
         names = {"names": meant} if meant else {}
         return ("failed" if refused else "done"), plain({"node": node, "refused": refused, **names})
+
+    def _held(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values of all of a node's parameters, as far as they are passed on."""
+        got = self._do_get_parameters({key: value for key, value in request.items() if key != "names"})[1]
+        return {name: entry["value"] for name, entry in got.get("values", {}).items()}
+
+    def _set_invalid(self, request: Mapping[str, Any]) -> Answer:
+        """Set values that are to be refused, and set back what was not, so that what follows is not affected.
+
+        A number goes in the type that the parameter has, since for another type rclpy refuses it by itself.
+        """
+        node, wanted, held = self._node_name(request), request["values"], self._held(request)
+        before = {name: held[name] for name in wanted if name in held}
+        refused = self._refused(request, {n: in_type_of(before.get(n), v) for n, v in wanted.items()})
+        after = {n: v for n, v in self._held(request).items() if n in wanted} if refused is not None else {}
+        kept = {"node": node, "refused": refused or {}, "before": before, "after": after}
+        if changed := {n: v for n, v in before.items() if n in after and after[n] != v}:
+            self._refused(request, changed)
+        answered = refused is not None and before.keys() == after.keys()
+        return ("done" if answered else "timeout"), plain(kept | ({} if answered else {"problem": _NO_ANSWER}))
+
+    def _do_change_state(self, request: Mapping[str, Any]) -> Answer:
+        node, about = self._node_name(request), "lifecycle_msgs"
+        before = self._ask(request, "get_state", about)
+        # By its label: an id that is not possible in the node's state ends a node of rclpy.
+        transition = interface_named("lifecycle_msgs/msg/Transition")(label=request["transition"])
+        called_ns = time.time_ns()
+        changed = self._ask(request, "change_state", about, transition=transition) if before is not None else None
+        answered_ns = time.time_ns()
+        after = self._ask(request, "get_state", about) if changed is not None else None
+        if before is None or changed is None or after is None:
+            return "timeout", {"node": node, "problem": f"{_NO_LIFECYCLE if before is None else _STUCK}"}
+        states = {"before": before.current_state.label, "after": after.current_state.label}
+        times = {"called_ns": called_ns, "answered_ns": answered_ns}
+        return "done", {"node": node, "success": changed.success, **plain(states), **times}
 
     def _refused(self, request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, str] | None:
         """Set parameters; returns the reasons for which some were refused, None if there was no answer."""
