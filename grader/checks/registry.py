@@ -12,7 +12,20 @@ from typing import Any, get_type_hints
 
 from pydantic import BaseModel
 
-from grader.checks import documentation, launch, publisher, qos_tool, service, subscriber
+from grader.checks import (
+    documentation,
+    fields,
+    latency,
+    launch,
+    motion,
+    oracle_values,
+    properties,
+    publisher,
+    qos_tool,
+    service,
+    silence,
+    subscriber,
+)
 from grader.checks.base import Context, undecided
 from grader.checks.preconditions import clock_set, explained, missing_artifact, not_assessable_here, proof, unseen
 from grader.lab.references import Parameters
@@ -75,6 +88,7 @@ _CHECKS = (
     Check(publisher.offered_qos, by_endpoints=True),
     # A node that listens.
     Check(subscriber.topics_subscribed, by_endpoints=True, seeks=("subscription",)),
+    Check(subscriber.requested_qos, by_endpoints=True),
     Check(subscriber.reported_series, by_clock=True),
     Check(subscriber.reported_statistics, by_clock=True),
     Check(subscriber.survives, by_endpoints=True, by_clock=True),
@@ -95,6 +109,16 @@ _CHECKS = (
     Check(qos_tool.topics_carry_traffic, by_endpoints=True, by_clock=True),
     Check(qos_tool.qos_profiles, by_endpoints=True, seeks=("publisher", "subscription")),
     Check(qos_tool.reported_traffic, by_clock=True),
+    # What messages hold, and how it moves.
+    Check(fields.field_range, by_clock=True),
+    Check(fields.field_matches),
+    Check(motion.reaches, by_clock=True),
+    Check(oracle_values.topic_equals_oracle, by_clock=True),
+    Check(properties.signal_property, by_clock=True),
+    # When something is published, and when nothing is.
+    Check(latency.message_latency, by_clock=True),
+    Check(silence.silent_until, by_clock=True),
+    Check(silence.stops_publishing, by_clock=True),
     # What is written.
     Check(documentation.readme),
     Check(documentation.code_explained),
