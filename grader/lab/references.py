@@ -324,7 +324,8 @@ def _field(kind: str, fits: Callable[[str], bool]) -> Reference:
 
 
 def _by_pattern(scope: Scope, value: str, info: ValidationInfo) -> None:
-    (_TEXT_FIELD if info.data.get("pattern") else _NUMBERS).look_up(scope, value, info)
+    if "pattern" in info.data:  # Else that has a mistake of its own.
+        (_TEXT_FIELD if info.data["pattern"] else _NUMBERS).look_up(scope, value, info)
 
 
 _NUMBERS = _field("numbers (one, an array, or a message of numbers)", _holds_numbers)
