@@ -27,7 +27,7 @@ import ast
 import difflib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -41,10 +41,10 @@ _BINARY: Mapping[type[ast.operator], np.ufunc] = {
     ast.Mult: np.multiply,
     ast.Div: np.divide,
 }
-_FUNCTIONS: Mapping[str, tuple[np.ufunc, int]] = {"abs": (np.abs, 1), "min": (np.minimum, 2), "max": (np.maximum, 2)}
-#: Name -> number of arguments; the temporal ones may have bounds.
-_LOGICAL = {"implies": 2, "always": 1, "eventually": 1, "until": 2}
+_FUNCTIONS: Mapping[str, np.ufunc] = {"abs": np.abs, "min": np.minimum, "max": np.maximum}
 _TEMPORAL = ("always", "eventually", "until")
+_OPERATORS = dict.fromkeys(("implies", *_TEMPORAL))
+_OF_ONE = ("abs", "always", "eventually")
 #: Robustness of a comparison of equal numbers, so that its sign tells whether it holds: 1 >= 1 does, 1 > 1 does not.
 _LEAST = 1e-12
 
@@ -93,16 +93,12 @@ class Property:
             raise ValueError(f"a property has at most {_LONGEST} characters")
         try:
             root = ast.parse(text.strip(), mode="eval").body
-        except (SyntaxError, ValueError, RecursionError, MemoryError) as problem:
+            # Over one value of each, with steps so long that all bounds are 0: that refuses what is no property.
+            _Evaluation({name: np.zeros(1) for name in signals}, np.inf, 1).truth(root)
+        except (SyntaxError, RecursionError, MemoryError) as problem:
             place = f" at character {problem.offset}" if isinstance(problem, SyntaxError) else ""
             raise ValueError(f"not a property{place}: {getattr(problem, 'msg', problem)}") from problem
-        _check_truth(root, tuple(signals))
         return cls(text.strip(), root)
-
-    @property
-    def names(self) -> frozenset[str]:
-        """The names in it, of signals and functions."""
-        return frozenset(node.id for node in ast.walk(self.root) if isinstance(node, ast.Name))
 
     def robustness(self, signals: Mapping[str, Floats], step_s: float) -> Robustness:
         """Evaluate it over signals, float64[n] each, at even steps; raises TooShortError where they end too early."""
@@ -124,16 +120,20 @@ def _known(node: ast.AST, name: str, known: Iterable[str], what: str) -> None:
         _refuse(node, f"there is no {what} {name!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
 
 
-def _called(node: ast.Call) -> tuple[str, tuple[float, float] | None]:
-    """Return the name of what is called, and its bounds in s."""
+def _called(node: ast.Call, known: Mapping[str, Any], what: str) -> tuple[str, tuple[float, float] | None]:
+    """Return the name of what is called, one of those known, and its bounds in s."""
     function, bounds = node.func, None
     if isinstance(function, ast.Subscript):
         bounds, function = _bounds(function), function.value
     if not isinstance(function, ast.Name) or node.keywords:
         _refuse(node, "this cannot be called")
-    if bounds is not None and function.id not in _TEMPORAL:
-        _refuse(node, f"{function.id} has no bounds")
-    return function.id, bounds
+    name, count = function.id, 1 if function.id in _OF_ONE else 2
+    _known(node, name, known, what)
+    if bounds is not None and name not in _TEMPORAL:
+        _refuse(node, f"{name} has no bounds")
+    if len(node.args) != count:
+        _refuse(node, f"{name} takes {count} argument{'s' * (count > 1)}")
+    return name, bounds
 
 
 def _bounds(node: ast.Subscript) -> tuple[float, float]:
@@ -146,56 +146,12 @@ def _bounds(node: ast.Subscript) -> tuple[float, float]:
     return low, high
 
 
-def _has_arguments(node: ast.Call, name: str, count: int) -> None:
-    if len(node.args) != count:
-        _refuse(node, f"{name} takes {count} argument{'s' * (count > 1)}")
-
-
-def _check_truth(node: ast.expr, names: tuple[str, ...]) -> None:
-    """Refuse what is not true or false."""
-    if isinstance(node, ast.BoolOp) or (isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)):
-        for value in node.values if isinstance(node, ast.BoolOp) else (node.operand,):
-            _check_truth(value, names)
-    elif isinstance(node, ast.Compare):
-        if not all(isinstance(op, (ast.Lt, ast.LtE, ast.Gt, ast.GtE)) for op in node.ops):
-            _refuse(node, "numbers are compared by < <= > >=; for equal ones, write abs(a - b) <= 0.01")
-        for side in (node.left, *node.comparators):
-            _check_number(side, names)
-    elif isinstance(node, ast.Call):
-        name, _ = _called(node)
-        _known(node, name, _LOGICAL, "operator")
-        _has_arguments(node, name, _LOGICAL[name])
-        for argument in node.args:
-            _check_truth(argument, names)
-    else:
-        _refuse(node, "this is neither true nor false; compare it with something")
-
-
-def _check_number(node: ast.expr, names: tuple[str, ...]) -> None:
-    """Refuse what is not a number."""
-    if isinstance(node, ast.Name):
-        _known(node, node.id, names, "signal")
-    elif isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
-        _check_number(node.left, names)
-        _check_number(node.right, names)
-    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
-        _check_number(node.operand, names)
-    elif isinstance(node, ast.Call):
-        name, _ = _called(node)
-        _known(node, name, _FUNCTIONS, "function of numbers")
-        _has_arguments(node, name, _FUNCTIONS[name][1])
-        for argument in node.args:
-            _check_number(argument, names)
-    elif not (isinstance(node, ast.Constant) and type(node.value) in (int, float)):
-        _refuse(node, "a number is expected")
-
-
 # -- evaluating ------------------------------------------------------------------------------------
 
 
 @dataclass
 class _Evaluation:
-    """One evaluation of a property, which has been checked."""
+    """One evaluation of a property; raises ValueError at what is none."""
 
     signals: Mapping[str, Floats]
     step_s: float
@@ -204,28 +160,33 @@ class _Evaluation:
 
     def number(self, node: ast.expr) -> Floats:
         if isinstance(node, ast.Name):
+            _known(node, node.id, self.signals, "signal")
             return self.signals[node.id]
-        if isinstance(node, ast.Constant):
+        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
             return np.full(self.count, float(node.value))  # type: ignore[arg-type]
-        if isinstance(node, ast.UnaryOp):
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub):
             return -self.number(node.operand)
-        if isinstance(node, ast.BinOp):
-            with np.errstate(divide="ignore", invalid="ignore"):
-                result: Floats = _BINARY[type(node.op)](self.number(node.left), self.number(node.right))
-            return result
-        assert isinstance(node, ast.Call)
-        values: Floats = _FUNCTIONS[_called(node)[0]][0](*map(self.number, node.args))
+        if isinstance(node, ast.BinOp) and type(node.op) in _BINARY:
+            function, arguments = _BINARY[type(node.op)], [node.left, node.right]
+        elif isinstance(node, ast.Call):
+            name, _ = _called(node, _FUNCTIONS, "function of numbers")
+            function, arguments = _FUNCTIONS[name], node.args
+        else:
+            _refuse(node, "a number is expected")
+        with np.errstate(divide="ignore", invalid="ignore"):
+            values: Floats = function(*map(self.number, arguments))
         return values
 
     def truth(self, node: ast.expr) -> Truth:
-        if isinstance(node, ast.UnaryOp):
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             return _negated(self.truth(node.operand))
         if isinstance(node, ast.BoolOp):
             return _pick(map(self.truth, node.values), np.less if isinstance(node.op, ast.And) else np.greater)
         if isinstance(node, ast.Compare):
             return self._compared(node)
-        assert isinstance(node, ast.Call)
-        name, bounds = _called(node)
+        if not isinstance(node, ast.Call):
+            _refuse(node, "this is neither true nor false; compare it with something")
+        name, bounds = _called(node, _OPERATORS, "operator")
         parts = [self.truth(argument) for argument in node.args]
         if name == "implies":
             self.never += [ast.unparse(node.args[0])] * (not (parts[0].values > 0).any())
@@ -239,6 +200,8 @@ class _Evaluation:
         sides = [self.number(side) for side in (node.left, *node.comparators)]
         parts = []
         for left, right, op in zip(sides, sides[1:], node.ops, strict=False):
+            if not isinstance(op, (ast.Lt, ast.LtE, ast.Gt, ast.GtE)):
+                _refuse(node, "numbers are compared by < <= > >=; for equal ones, write abs(a - b) <= 0.01")
             values = right - left if isinstance(op, (ast.Lt, ast.LtE)) else left - right
             equal = _LEAST if isinstance(op, (ast.LtE, ast.GtE)) else -_LEAST
             # What is no number, as nought by nought, says nothing, and holds by no more than what is equal.

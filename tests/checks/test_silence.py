@@ -22,7 +22,7 @@ def spoken(folder: Path, *times_s: float) -> Session:
     return session.typed("/out", FLOAT, [{}] * len(times_s), times_s) if times_s else session
 
 
-UNTIL = {
+UNTIL: dict[str, dict[str, Any]] = {
     "step": {"topic": "/out", "step": "go"},
     "message": {"topic": "/out", "message_on": "/goal"},
     "condition": {"topic": "/out", "condition": {"topic": "/goal", "field": "data", "low": 2.0}},
