@@ -166,7 +166,11 @@ class FieldRange(NumbersOf, OfMessages):
     @property
     def expected(self) -> str:
         """What is asked for, in words."""
-        words = (("at least {}", self.low), ("at most {}", self.high), ("changing by {} a second", self.change_per_s))
+        words = (
+            ("at least {}", self.low),
+            ("at most {}", self.high),
+            ("changing by up to {} a second", self.change_per_s),
+        )
         limits = [text.format(limit) for text, limit in words if limit is not None]
         return f"{self.field} {' and '.join(limits) or 'finite'} in {self.in_messages}"
 
@@ -243,8 +247,17 @@ _DELAYED = 0.2
 class Between(Parameters):
     """Limits of a number."""
 
-    low: float = Field(-np.inf, description="Least value.")
-    high: float = Field(np.inf, description="Greatest value.")
+    low: float | None = Field(None, description="Least value.")
+    high: float | None = Field(None, description="Greatest value.")
+
+    def hold(self, numbers: Floats) -> NDArray[np.bool_]:
+        """Return which numbers lie within them."""
+        found: NDArray[np.bool_] = (numbers >= _of_limit(self.low, -np.inf)) & (numbers <= _of_limit(self.high, np.inf))
+        return found
+
+    def __str__(self) -> str:
+        limits = {"at least": self.low, "at most": self.high}
+        return " and ".join(f"{words} {limit:g}" for words, limit in limits.items() if limit is not None)
 
 
 class FieldMatches(OfMessages):
@@ -314,8 +327,8 @@ def _mismatch(p: FieldMatches, text: str | None) -> str:
             number = float(found[name])
         except (TypeError, ValueError):
             return f"{name} is {str(found[name])[:40]!r}, no number"
-        if not limits.low <= number <= limits.high:
-            return f"{name} is {number:g}, not within {limits.low:g} to {limits.high:g}"
+        if not limits.hold(np.array([number]))[0]:
+            return f"{name} is {number:g}, not {limits}"
     return ""
 
 

@@ -16,7 +16,6 @@ from grader.checks.base import (
     cpu_delay_doubt,
     graded,
     not_reached,
-    of_parts,
     percent,
     quantise,
     ramp,
@@ -34,8 +33,8 @@ class LatencyLimit(Parameters):
     """How soon a share of the messages is answered; credit falls between two limits."""
 
     share: Share = Field(description="Share of the messages, e.g. 50% for the median, or 95%.")
-    full_within_s: float = Field(gt=0)
-    none_beyond_s: float = Field(gt=0)
+    full_within_s: float = Field(gt=0, description="Time within which they are answered for full credit.")
+    none_beyond_s: float = Field(gt=0, description="Time beyond which there is none.")
 
     @model_validator(mode="after")
     def _falls(self) -> LatencyLimit:
@@ -58,13 +57,14 @@ class MessageLatency(OfMessages):
     share of all.
     """
 
-    input: End
-    output: End
+    input: End = Field(description="The messages that are answered, the grader's or the student's.")
+    output: End = Field(description="Their answers.")
     match: Literal["stamp", "field", "next"] = Field(
         description="The answer has the message's header stamp, or the same value in the fields named; or it is the "
         "next message after it, where messages come slower than answers."
     )
-    limits: tuple[LatencyLimit, ...] = Field(min_length=1)
+    limits: tuple[LatencyLimit, ...] = Field(min_length=1, description="Shares with their limits.")
+    full_from: Share = Field(0.95, description="Share of answered messages that costs nothing.")
 
     @model_validator(mode="after")
     def _has_fields(self) -> MessageLatency:
@@ -86,31 +86,28 @@ def message_latency(context: Context, p: MessageLatency) -> Finding:
     expected = f"{', '.join(words)}; none for {' or '.join(f'{n.none_beyond_s * 1e3:g} ms' for n in p.limits)}"
     if not len(context.session.stream(p.output.topic)):
         return nothing_came(context, p.output.topic, expected)
-    asked_ns, answered_ns = _answers(context, p)
-    if not len(asked_ns):
+    asked, answered = _answers(context, p)
+    if not len(asked):
         return not_reached(f"No message was recorded on {p.input.topic} that could be answered.", expected=expected)
-    there = answered_ns >= 0
+    there = answered >= 0
     if not there.any():
         return nothing_came(context, p.output.topic, expected)
-    asked, answered = asked_ns[there], answered_ns[there]
-    took_s: Floats = (answered - asked) / 1e9
+    lost = lost_share(context, context.session.students, [p.input.topic], asked)
+    asked, answered = asked[there], answered[there]
     # What waited while the machine delayed a process is answered for as long after that.
     delays_s = context.session.delays_s(asked - round(_WAITED_S * 1e9), answered)
-    least_s = np.maximum(took_s - delays_s, np.minimum(took_s, 0.0))
-    parts = [_within(limit, took_s, least_s) for limit in p.limits]
-    slowest = int(np.argmax(took_s))
-    span = Span(int(asked[slowest]), int(answered[slowest]))
-    finding = of_parts(expected, parts, where=(context.location(p.output.topic, span),))
-    share, best = (sum(getattr(x, key) or 0.0 for x in parts) / len(parts) for key in ("share", "best"))
-    lost = max((lost_share(context, run, [p.input.topic], asked_ns) for run in context.session.students), default=0.0)
-    all_there, most_there = p.credit(float(there.mean())), p.credit(min(1.0, float(there.mean()) + lost))
-    reason = f"{int((~there).sum())} of {len(there)} messages were not answered." if all_there < 1 else ""
-    text = f"{finding.measured}; {int(there.sum())} of {len(there)} messages answered"
-    reasons = " ".join(filter(None, [*(part.reason for part in parts), reason]))
-    whole = Span(int(asked.min()), int(answered.max()))
-    doubt = cpu_delay_doubt(context.session.longest_delay_s(whole), whole.duration_s)
-    doubt = doubt if float(delays_s.sum()) > 0 or lost else ""
-    return graded(share * all_there, expected, text, reasons, where=finding.where, best=best * most_there, doubt=doubt)
+    took_s: Floats = (answered - asked) / 1e9
+    parts = [_within(limit, took_s, np.maximum(took_s - delays_s, 0.0)) for limit in p.limits]
+    share, best = (sum(getattr(part, key) for part in parts) / len(parts) for key in ("share", "best"))
+    all_there, most_there = (p.credit(min(1.0, float(there.mean()) + more)) for more in (0.0, lost))
+    texts = [*(part.text for part in parts), f"{len(asked)} of {len(there)} messages answered"]
+    reasons = [part.reason for part in parts if part.share < 1]
+    reasons += [f"{int((~there).sum())} of {len(there)} messages were not answered."] * (all_there < 1)
+    slowest, whole = int(np.argmax(took_s)), Span(int(asked.min()), int(answered.max()))
+    where = context.location(p.output.topic, Span(int(asked[slowest]), int(answered[slowest])))
+    doubt = cpu_delay_doubt(context.session.longest_delay_s(whole), whole.duration_s) if delays_s.any() or lost else ""
+    finding = (share * all_there, expected, "; ".join(texts), " ".join(reasons))
+    return graded(*finding, where=(where,), best=best * most_there, doubt=doubt)
 
 
 #: So long before a message a delay may keep its answer waiting.
@@ -127,7 +124,7 @@ def _within(limit: LatencyLimit, took_s: Floats, least_s: Floats) -> Part:
     )
     shown = apart(shown_s * 1e3, limit.full_within_s * 1e3, limit.none_beyond_s * 1e3, places=1)
     reason = f"{percent(limit.share)} of the answers take up to {shown} ms."
-    return Part(share, f"{percent(limit.share)} within {shown} ms", reason if share < 1 else "", best)
+    return Part(share, f"{percent(limit.share)} within {shown} ms", reason, best)
 
 
 #: A quantile is known only to some part of itself.
@@ -151,6 +148,7 @@ def _answers(context: Context, p: MessageLatency) -> tuple[Integers, Integers]:
         sent_ns.pop(None, None)
         asked = inputs.source_ns
         answered = np.array([sent_ns.get(key, -1) for key in p.keys(context, p.input)], dtype=np.int64)
+    answered = np.where(answered < asked, -1, answered)  # What came before it does not answer it.
     first_ns = int(asked[answered >= 0].min(initial=outputs.source_ns.max()))
     due = p.due(context, asked, first_ns, max(limit.none_beyond_s for limit in p.limits))
     return asked[due], answered[due]

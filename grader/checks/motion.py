@@ -92,7 +92,7 @@ class Reaches(NumbersOf, InWindow):
     Credit is that of the time at which it came; where it never came to stay, that of how near it did.
     """
 
-    target: Target
+    target: Target = Field(description="Where it has to come.")
     distance: Distance = Field(
         "straight", description="How far it is off: straight (Euclidean), angle (rad), rotation (of quaternions, rad)."
     )

@@ -159,7 +159,7 @@ def _unsent(context: Context, p: TopicEqualsOracle, found: _Compared) -> int:
     timing = timing_of(context.session.stream(p.topic), p.span(context))
     topics = [each.topic for each in p.streams.values()]
     times = max((context.session.stream(topic).source_ns for topic in topics), key=len)
-    lost = max((lost_share(context, run, topics, times) for run in context.session.students), default=0.0)
+    lost = lost_share(context, context.session.students, topics, times)
     return (timing.lost if timing is not None else 0) + int(np.ceil(lost * found.wanted))
 
 

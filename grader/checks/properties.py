@@ -54,7 +54,9 @@ class SignalProperty(InWindow):
     window's start on, or from the first message of the signal that begins last.
     """
 
-    signals: Mapping[Annotated[str, StringConstraints(pattern=r"^[A-Za-z_]\w*$")], Signal] = Field(min_length=1)
+    signals: Mapping[Annotated[str, StringConstraints(pattern=r"^[A-Za-z_]\w*$")], Signal] = Field(
+        min_length=1, description="Name in the property -> topic and field."
+    )
     property: str = Field(
         description="Comparisons of the signals, with + - * / abs min max; and or not implies(a, b); always(a), "
         "eventually(a), until(a, b), each with bounds in s as in always[0, 2](a). Equal numbers are compared by "

@@ -17,26 +17,22 @@ from grader.checks.base import (
     ramp,
     unexplained,
 )
-from grader.checks.fields import NumbersOf, moment
+from grader.checks.fields import Between, NumbersOf, moment
 from grader.evidence.cpu_delay import Span
 from grader.lab import references as ref
 from grader.lab.references import Parameters
 from grader.result import Finding
 
 
-class Condition(NumbersOf):
+class Condition(NumbersOf, Between):
     """Numbers of a message lie within limits for the first time."""
-
-    low: float | None = None
-    high: float | None = None
 
     def first_ns(self, context: Context) -> int | None:
         """Return when that was; None if never."""
         series = self.series(context.session)
         if series is None:
             return None
-        low, high = (limit if limit is not None else sign for limit, sign in ((self.low, -1e999), (self.high, 1e999)))
-        fits = ((series.values >= low) & (series.values <= high)).all(axis=1)
+        fits = self.hold(series.values).all(axis=1)
         return int(series.source_ns[fits][0]) if fits.any() else None
 
 

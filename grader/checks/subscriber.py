@@ -306,22 +306,22 @@ def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
         return 0.0, ""
     most = max((s.source_ns for s in context.session.streams(p.streams, p.field).values()), key=len)
     span = Span(int(most[0]), int(most[-1]))
-    return lost_share(context, run, p.streams.values(), most), cpu_delay_doubt(
-        context.session.machine_delay_s(run, span), max(span.duration_s, 1e-9)
-    )
+    late_s = context.session.machine_delay_s(run, span)
+    lost = lost_share(context, [run], p.streams.values(), most)
+    return lost, cpu_delay_doubt(late_s, max(span.duration_s, 1e-9))
 
 
-def lost_share(context: Context, run: ProcessRun, topics: Iterable[str], times_ns: Integers) -> float:
-    """Return which share of the messages on topics, of which one came at these times, a process may not have got.
+def lost_share(context: Context, runs: Iterable[ProcessRun], topics: Iterable[str], times_ns: Integers) -> float:
+    """Return which share of the messages that came at these times one of some processes may not have got, at most.
 
-    While its queue has room, nothing is lost.
+    While the queues of its subscriptions to these topics have room, nothing is lost.
     """
-    span = Span(int(times_ns[0]), int(times_ns[-1]))
+    span = Span(int(times_ns.min()), int(times_ns.max()))
     length_s = max(span.duration_s, 1e-9)
     claims = [claim_of(context, "subscription", topic) for topic in topics]
     room = min(c.qos.depth if c is not None and c.qos is not None else 1 for c in claims) - 1
-    lost_s = context.session.backlog(run, span, max(0, room) * length_s / len(times_ns)).lost_s
-    return lost_s / length_s
+    room_s = max(0, room) * length_s / len(times_ns)
+    return max((context.session.backlog(run, span, room_s).lost_s / length_s for run in runs), default=0.0)
 
 
 class Shorter(Parameters):
