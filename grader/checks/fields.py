@@ -314,7 +314,9 @@ def _written(value: object) -> str | None:
     """Return a text, or a number as it is written."""
     if isinstance(value, str):
         return value[:_MOST_TEXT]
-    return f"{value:g}" if isinstance(value, (int, float, np.number)) else None
+    if isinstance(value, (float, np.floating)):
+        return f"{value:g}"
+    return str(int(value)) if isinstance(value, (int, np.number)) else None
 
 
 def _mismatch(p: FieldMatches, text: str | None) -> str:

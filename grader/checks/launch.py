@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -469,18 +469,11 @@ class _Doer(Parameters):
         None, description="The node that does it; if it is not up, the check of the nodes charges that."
     )
 
-    @property
-    def expected(self) -> str:
-        """What it is to do, in words."""
-        raise NotImplementedError
-
-    def judged(self, context: Context, span: Span | None, delay_s: float, *, late: bool) -> Part | None:
-        """Judge it in a span in which the machine delayed somebody so long; None where it cannot be seen."""
-        raise NotImplementedError
-
 
 class TogetherCommands(_Doer):
     """Commands arrive as they do alone."""
+
+    expected: ClassVar[str] = "commands at the rate the publisher has alone"
 
     topic: ref.Topic
     alone_session: ref.SessionId
@@ -490,11 +483,6 @@ class TogetherCommands(_Doer):
     rate_parameter: str | None = Field(
         None, description="Parameter that sets the rate; which value it is given is judged elsewhere."
     )
-
-    @property
-    def expected(self) -> str:
-        """What it is to do, in words."""
-        return "commands at the rate the publisher has alone"
 
     def judged(self, context: Context, span: Span | None, delay_s: float, *, late: bool) -> Part | None:
         """Compare the rate with the one alone."""
@@ -584,12 +572,9 @@ def _root_mean_square(rows: Floats) -> float:
 class TogetherAnswers(_Doer):
     """The service answers."""
 
-    step: ref.CallLabel
+    expected: ClassVar[str] = "a service that answers"
 
-    @property
-    def expected(self) -> str:
-        """What it is to do, in words."""
-        return "a service that answers"
+    step: ref.CallLabel
 
     def judged(self, context: Context, span: Span | None, delay_s: float, *, late: bool) -> Part | None:
         """See whether its first call was answered."""
@@ -608,7 +593,7 @@ class LaunchTogether(Parameters):
     answers: TogetherAnswers | None = None
 
     @property
-    def doers(self) -> tuple[_Doer, ...]:
+    def doers(self) -> tuple[TogetherCommands | TogetherFollows | TogetherAnswers, ...]:
         """The parts that are asked for."""
         return tuple(part for part in (self.commands, self.follows, self.answers) if part is not None)
 

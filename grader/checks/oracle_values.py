@@ -119,9 +119,10 @@ def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
     if width != own:
         return failed(expected, f"{own} numbers a message", f"A message holds {own} numbers, not {width}.")
     found = _compared(context, p, published, wanted)
+    odd = len(p.chosen(context, p.topic)) - len(published.values)
     if not len(found.excess):
         return failed(expected, "0 messages to compare", "No message came at a time for which there is a right value.")
-    part = _judged(context, p, found)
+    part = _judged(context, p, found, odd)
     where = part.where or (context.location(p.topic, p.span(context)),)
     for other in p.alternatives if part.share < 1 else ():
         another = p.wanted(context, other.parameters)
@@ -132,18 +133,19 @@ def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
     return graded(part.share, expected, part.text, part.reason, where=where, best=part.best, doubt=part.doubt)
 
 
-def _judged(context: Context, p: TopicEqualsOracle, found: _Compared) -> Part:
-    """Judge how many messages are right, and how many the machine may have kept from being so."""
-    wrong, of = found.excess > 0, len(found.excess) + found.missing
+def _judged(context: Context, p: TopicEqualsOracle, found: _Compared, odd: int) -> Part:
+    """Judge how many messages are right, beside odd ones, and how many the machine may have kept from being so."""
+    wrong, of = found.excess > 0, len(found.excess) + found.missing + odd
     extra, right = int(np.isnan(found.right).any(axis=1).sum()), int((~wrong).sum())
     text = f"{right} of {of} messages right" + f", {found.missing} missing" * (found.missing > 0)
-    text += f", {extra} superfluous" * (extra > 0)
+    text += f", {extra} superfluous" * (extra > 0) + f", {odd} with another number of values" * (odd > 0)
     if right == of:
         return Part(1.0, text)
     excused = min(found.missing, _unsent(context, p, found)) + _old(context, p, found)
     best = p.credit(min(1.0, (right + excused) / of))
     doubt = "Not your fault: the grading computer was so busy that the node may not have got all messages in time."
-    reason = f"{found.missing} messages were not answered."
+    reason = f"{found.missing} messages were not answered." * (found.missing > 0)
+    reason += f" {odd} messages hold another number of values." * (odd > 0)
     if not wrong.any():
         return Part(p.credit(right / of), text, reason, best, doubt)
     first = int(np.argmax(wrong))
@@ -229,7 +231,7 @@ def _by_time(p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted) ->
     rows = np.arange(len(best))
     right = np.array([right for _, right in tried])[best, rows]
     excess = np.array([excess for excess, _ in tried])[best, rows]
-    known = np.isfinite(right).all(axis=1)
+    known = np.isfinite(right).all(axis=1)  # Where the oracle says nothing, nothing is compared.
     return _Compared(published.only(known), excess[known], right[known], int(known.sum()), 0)
 
 
@@ -238,19 +240,14 @@ _TIMES = 17
 
 
 def _at(p: TopicEqualsOracle, times: Integers, values: Floats, at_ns: Integers) -> Floats:
-    """Return the right values at some times; not a number where the oracle has none so near."""
-    after = np.clip(np.searchsorted(times, at_ns), 1, max(1, len(times) - 1)) if len(times) > 1 else None
-    if after is None:
-        nearest = np.zeros(len(at_ns), dtype=np.int64)
-    else:
-        nearest = np.where(at_ns - times[after - 1] <= times[after] - at_ns, after - 1, after)
-    far = np.abs(at_ns - times[nearest]) > round(2 * p.within_s * 1e9)
-    right: Floats = values[nearest].copy()
-    if p.match == "interpolated" and after is not None:
-        length = np.maximum(times[after] - times[after - 1], 1)
-        share = np.clip((at_ns - times[after - 1]) / length, 0.0, 1.0)[:, None]
-        right = values[after - 1] * (1 - share) + values[after] * share
-    right[far] = np.nan
+    """Return the right values at some times; not a number where the oracle has none there."""
+    if p.match == "interpolated":
+        return np.column_stack([np.interp(at_ns, times, each, left=np.nan, right=np.nan) for each in values.T])
+    after = np.minimum(np.searchsorted(times, at_ns), len(times) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(at_ns - times[before] <= times[after] - at_ns, before, after)
+    near = np.abs(at_ns - times[nearest]) <= p.within_s * 1e9 / (_TIMES - 1) + 1
+    right: Floats = np.where(near[:, None], values[nearest], np.nan)
     return right
 
 

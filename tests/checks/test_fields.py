@@ -180,6 +180,9 @@ def test_an_enum_is_compared_as_it_is_written(tmp_path: Path) -> None:
     session = Session(tmp_path).typed("/mode", "std_msgs/msg/UInt8", [{"data": 1}, {"data": 3}], [1.0, 2.0])
     finding = judged("field_matches", {"topic": "/mode", "field": "data", "pattern": "^[12]$"}, session)
     assert finding.credit == Decimal("0.5")
+    session = Session(tmp_path / "long").typed("/mode", "std_msgs/msg/Int64", [{"data": 1234567}], [1.0])
+    parameters = {"topic": "/mode", "field": "data", "pattern": "^1234567$"}
+    assert judged("field_matches", parameters, session).outcome is Outcome.PASSED
 
 
 def test_texts_of_another_type_do_not_match(tmp_path: Path) -> None:

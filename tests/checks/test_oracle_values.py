@@ -174,3 +174,27 @@ def test_without_inputs_nothing_can_be_said(tmp_path: Path) -> None:
     """That they are missing is charged elsewhere."""
     session = Session(tmp_path).process().typed("/out", STAMPED, [stamped(1.0, 1.0)], [1.0])
     assert judged("topic_equals_oracle", BY_STAMP, session).outcome is Outcome.NOT_REACHED
+
+
+def test_messages_of_another_length_are_wrong(tmp_path: Path) -> None:
+    """They cannot be compared, and are not passed over."""
+    kind = "std_msgs/msg/Float64MultiArray"
+    session = Session(tmp_path).process(interrupted_ns=at(6.2))
+    times = [1.0 + n / 20 for n in range(COUNT)]
+    session.typed("/in", FLOAT, [{"data": float(n)} for n in range(COUNT)], times)
+    rows = [{"data": [math.sin(t - 1.0)] if n % 5 else [0.0, 0.0]} for n, t in enumerate(times)]
+    session.typed("/out", kind, rows, times)
+    finding = judged("topic_equals_oracle", {**BY_TIME, "tolerance": 0.002}, session)
+    assert finding.measured == "80 of 100 messages right, 20 with another number of values"
+    assert finding.credit == Decimal("0.8")
+
+
+def test_between_sparse_times_of_an_oracle_lies_a_line_or_nothing(tmp_path: Path) -> None:
+    """At 1 Hz a value between is interpolated; by the nearest, only what is near a time is compared."""
+    times = [1.0, 2.0, 3.0]
+    session = Session(tmp_path).process().typed("/in", FLOAT, [{}] * 3, times)
+    halfway = math.sin(1.0) / 2
+    session.typed("/out", FLOAT, [{"data": 0.0}, {"data": halfway}], [1.01, 1.5])
+    for match, measured in (("interpolated", "2 of 2 messages right"), ("nearest", "1 of 1 messages right")):
+        finding = judged("topic_equals_oracle", {**BY_TIME, "match": match, "tolerance": 0.02}, session.recorded())
+        assert finding.measured == measured
