@@ -10,10 +10,11 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, model_validator
 
-from grader.checks.answers import agrees, picked, unanswered
+from grader.checks.answers import unanswered
 from grader.checks.base import Context, Part, cpu_delay_doubt, failed, graded, of_parts, passed, unexplained
 from grader.checks.publisher import TopicRate, topic_rate
 from grader.checks.service import answer_of
+from grader.evidence.fields import equal_within, value_at
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.patterns import search
@@ -62,14 +63,14 @@ class ParameterEffect(Parameters):
 
     def fits(self, value: Any, wanted: Any) -> bool:
         """Whether a value is another but for the tolerance."""
-        return agrees(value, wanted, self.full_within * abs(wanted) if self.is_rate else self.tolerance)
+        return equal_within(value, wanted, self.full_within * abs(wanted) if self.is_rate else self.tolerance)
 
     def measured(self, context: Context, label: str | None) -> Any:
         """Return what a step shows of it; None where that is nothing."""
         session, step = context.session, context.session.step(label) if label is not None else None
         span = session.window(label) if label is not None else None
         if self.answer is not None:
-            return picked(answer_of(step), self.answer)
+            return value_at(answer_of(step), self.answer)
         if self.topic is None or span is None:
             return None
         stream = session.stream(self.topic)

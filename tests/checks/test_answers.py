@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from grader.checks.answers import agrees, picked
 from grader.result import Outcome
 from tests.synthetic import Session, at, judged
 
@@ -99,28 +98,3 @@ def test_an_oracle_computes_the_answer_from_the_request(tmp_path: Path, factor: 
     finding = judged("call_value", ORACLE, session)
     assert finding.credit == Decimal(credit)
     assert ("It matches three times the distance." in finding.reason) == (factor == 3.0)
-
-
-@pytest.mark.parametrize(
-    ("got", "wanted", "agree"),
-    [
-        (1, 1.0, True),
-        (True, 1, False),
-        (1, True, False),
-        ("1", 1, False),
-        ([1.0, 2.05], [1, 2], True),
-        ([1.0], [1, 2], False),
-        ({"x": 1.05, "y": 3}, {"x": 1}, True),
-        (None, {"x": 1}, False),
-        (float("nan"), 1.0, False),
-    ],
-)
-def test_values_agree_within_a_tolerance(got: Any, wanted: Any, agree: bool) -> None:
-    """Numbers do, alone, in lists and by name; a truth is no number."""
-    assert agrees(got, wanted, 0.1) is agree
-
-
-@pytest.mark.parametrize("path", ["pose.position.z", "names[3]", "message.length", "pose[0]"])
-def test_what_is_not_there_is_nothing(path: str) -> None:
-    """A student's type may lack the field."""
-    assert picked(answer(1.0), path) is None
