@@ -20,7 +20,7 @@ from grader.lab.references import Share
 from grader.result import Finding
 
 
-class TopicEqualsOracle(NumbersOf, OfMessages):
+class TopicEqualsOracle(OfMessages, NumbersOf):
     """Published numbers equal those of an oracle.
 
     The oracle gets the streams by role, the parameters and the session's seed. With `for_each` it returns a row of
