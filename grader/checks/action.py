@@ -201,8 +201,20 @@ def _where(context: Context, p: ActionServer, key: str, step: StepRun | None, fo
 _THEN_THESE = "Fix that, and these points can be earned too."
 
 
+#: Characters that are shown of a value.
+_MOST_SHOWN = 80
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
+
+
+def _short(value: Any) -> str:
+    return _cut(repr(list(value) if isinstance(value, tuple) else value))
+
+
 def _shown(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name}={value!r}" for name, value in values.items()) or "without fields"
+    return _cut(", ".join(f"{name}={value!r}" for name, value in values.items())) or "without fields"
 
 
 def _offered(context: Context, p: ActionServer) -> Part:
@@ -282,6 +294,8 @@ def _silent(sent: _Sent) -> Part:
 
 # -- what an accepted goal gives -------------------------------------------------------------------
 
+_END_HINT = "The execute callback must end, with goal_handle.succeed() and `return result`."
+
 
 def _require_accepted(sent: _Sent) -> None:
     """Raise where a goal was not accepted, so that nothing can come of it."""
@@ -295,7 +309,7 @@ def _require_end(sent: _Sent) -> None:
     _require_accepted(sent)
     if not sent.has_ended:
         why = f"the {sent.words} did not end within {sent.waited_s:.1f} s (its status was {sent.status})"
-        raise _NotTested(why, "The execute callback must end, with goal_handle.succeed() and `return result`.")
+        raise _NotTested(why, _END_HINT)
 
 
 def _feedback(sent: _Sent, wanted: FeedbackWanted) -> Part:
@@ -357,15 +371,6 @@ def _result(sent: _Sent, wanted: ResultWanted) -> Part:
     share = 1 - len(wrong) / len(got)
     measured = "result " + ", ".join(f"{path}={_short(value)}" for path, value in got.items())
     return Part(share, measured, f"In the result, {' and '.join(reasons)}." if wrong else "", hint=hint)
-
-
-#: Characters that are shown of a value.
-_MOST_SHOWN = 80
-
-
-def _short(value: Any) -> str:
-    text = repr(list(value) if isinstance(value, tuple) else value)
-    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
 
 
 # -- how a goal ends -------------------------------------------------------------------------------
@@ -432,10 +437,11 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     if not found.share and answered_s > wanted.within_s:
         reason = f"A newer goal was answered only after {apart(answered_s, wanted.within_s, places=2)} s."
         return replace(found, reason=reason, hint=_BLOCKED_HINT)
-    if not newer.has_ended:
-        reason = f"{found.reason} The newer goal did not end.".strip()
-        found = replace(found, share=wanted.other_status_credit * found.share, best=None, reason=reason)
-    return replace(found, hint=_PREEMPTED_HINT * (found.share < 1))
+    found = replace(found, hint=_PREEMPTED_HINT * (found.share < 1))
+    if newer.has_ended:
+        return found
+    reason, share = f"{found.reason} The newer goal did not end.".strip(), wanted.other_status_credit * found.share
+    return replace(found, share=share, best=None, reason=reason, hint=found.hint or _END_HINT)
 
 
 def _too_early(sent: _Sent, what: str) -> Part:
