@@ -16,6 +16,7 @@ from grader.live.sandbox.environment import OWN_INTERPRETER, ros_environment, wi
 from grader.live.sandbox.isolation import Isolation
 from grader.live.sandbox.probing import probe_isolation
 from grader.recording.interfaces import InterfacePackage
+from tests.thorough import THOROUGH
 
 pytestmark = [
     pytest.mark.live,
@@ -176,6 +177,7 @@ def test_the_first_of_a_name_counts(tmp_path: Path, isolation: Isolation) -> Non
     assert run("from lab_msgs.msg import Reading; print(hasattr(Reading(), 'forged'))", found) == "False\n"
 
 
+@pytest.mark.skipif(not THOROUGH, reason="it waits for the end of the time that reading may take")
 def test_definitions_that_take_for_ever_are_given_up(tmp_path: Path, isolation: Isolation) -> None:
     """The pattern for names of constants that rosidl has tries every way to split a long one."""
     text = f"int8 {'A' * 60}_!=1\nint8 x\n"
