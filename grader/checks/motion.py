@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -92,6 +92,8 @@ class Reaches(InWindow, NumbersOf):
 
     Credit is that of the time at which it came; where it never came to stay, that of how near it did.
     """
+
+    example: ClassVar = {"target": {"value": 1.0}}
 
     target: Target = Field(description="Where it has to come.")
     distance: Distance = Field(
