@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from itertools import compress
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -24,6 +24,8 @@ from grader.result import Finding, Outcome
 
 class ParameterEffect(Parameters):
     """A parameter that is set while the node runs changes a rate, a field or an answer as told."""
+
+    example: ClassVar = {"topic": "/chatter", "old": 1.0, "new": 2.0}
 
     process: ref.Process
     set_step: ref.SetLabel = Field(description="The step that sets the parameter.")
