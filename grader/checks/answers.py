@@ -19,10 +19,11 @@ from grader.checks.service import (
     shown,
     silence,
 )
+from grader.checks.subscriber import Alternative
 from grader.evidence.fields import equal_within, value_at
 from grader.lab import references as ref
 from grader.lab.patterns import search
-from grader.lab.references import Parameters, Pattern, Share
+from grader.lab.references import Parameters, Pattern
 from grader.recording.session import StepRun
 from grader.result import Finding
 
@@ -35,14 +36,6 @@ class WantedAnswer(Parameters):
     patterns: Annotated[Mapping[str, Pattern], ref.fields_of_type("_Response", "step")] = Field(default_factory=dict)
 
 
-class OracleSlip(Parameters):
-    """A known mistake, by what the oracle gives with other parameters."""
-
-    parameters: Mapping[str, Any]
-    meaning: str
-    credit: Share = Field(0.5, description="Credit that it leaves.")
-
-
 class CallValue(Parameters):
     """Calls are answered with the right numbers and texts, in nested fields too; each call is a part."""
 
@@ -52,7 +45,7 @@ class CallValue(Parameters):
         None, description="file.py:function(request, parameters, seed); gives values by the paths of fields."
     )
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
-    slips: tuple[OracleSlip, ...] = ()
+    alternatives: tuple[Alternative, ...] = Field((), description="Known mistakes, by other parameters of the oracle.")
     tolerance: float = Field(1e-6, ge=0, description="Of numbers.")
     tolerances: Mapping[str, float] = Field(default_factory=dict, description="Path of a field -> its own tolerance.")
 
@@ -116,10 +109,10 @@ def _judge_answer(context: Context, p: CallValue, answer: WantedAnswer, step: St
     wrong = [f"{path} is {values[path]!r}"[:_MOST_SHOWN] + words for path, words in asked.items() if path not in right]
     more = f" and {len(wrong) - _MOST_WRONG} more are wrong" if len(wrong) > _MOST_WRONG else ""
     reason = f"In the answer to '{answer.step}', {' and '.join(wrong[:_MOST_WRONG])}{more}."
-    for slip in p.slips:
-        other = p.wanted(context, answer, step, slip.parameters)
+    for known in p.alternatives:
+        other = p.wanted(context, answer, step, known.parameters)
         if len(p.right(got, other)) == len(other):
-            return Part(max(share, slip.credit), text, f"{reason} It matches {slip.meaning}.")
+            return Part(max(share, known.left(context)), text, f"{reason} It matches {known.meaning}.")
     return Part(share, text, reason)
 
 

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
-from grader.checks.answers import OracleSlip
 from grader.checks.base import (
     Context,
     Part,
@@ -26,6 +25,8 @@ from grader.checks.base import (
     without_delay,
 )
 from grader.checks.endpoints import claim_of, claimed_at, student_endpoints
+from grader.checks.fields import NumbersOf
+from grader.checks.subscriber import Alternative
 from grader.evidence.cpu_delay import Span
 from grader.evidence.recorded import Floats, Integers, Recorded
 from grader.evidence.transforms import (
@@ -53,13 +54,6 @@ class WantedFrame(Parameters):
     rate_hz: float | None = Field(None, gt=0, description="How often it is sent.")
 
 
-class Role(Parameters):
-    """Numbers of a topic that an oracle gets."""
-
-    topic: ref.Topic
-    field: ref.FieldPath
-
-
 class WantedPose(Parameters):
     """Where a frame lies in another, by numbers or by an oracle."""
 
@@ -70,9 +64,11 @@ class WantedPose(Parameters):
     oracle: ref.Loadable | None = Field(
         None, description="file.py:function(streams, parameters, seed); gives x, y, z, qx, qy, qz, qw at each times_ns."
     )
-    streams: Mapping[str, Role] = Field(default_factory=dict, description="Role that the oracle knows -> its numbers.")
+    streams: Mapping[str, NumbersOf] = Field(
+        default_factory=dict, description="Role that the oracle knows -> its numbers."
+    )
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
-    slips: tuple[OracleSlip, ...] = ()
+    alternatives: tuple[Alternative, ...] = Field((), description="Known mistakes, by other parameters of the oracle.")
     at_s: tuple[float, ...] = Field((), description="Times after the window opens; by default all that were sent.")
     tolerance_m: float = Field(0.01, gt=0)
     tolerance_deg: float = Field(1.0, gt=0)
@@ -417,7 +413,7 @@ def _expected(seen: _Seen, p: WantedPose, times_ns: Integers, other: Mapping[str
     """Return the poses as they are to be, with other parameters of the oracle; None without what they rest on."""
     if p.oracle is None:
         return np.repeat(pose_of(p.xyz or (), p.rpy), len(times_ns), axis=0)
-    streams = {role: seen.session.numeric(of.topic, of.field) for role, of in p.streams.items()}
+    streams = {role: of.series(seen.session) for role, of in p.streams.items()}
     if None in streams.values():
         return None
     parameters = {**p.parameters, **other, "times_ns": times_ns}
@@ -456,9 +452,9 @@ def _slips(
     if p.oracle is None:
         degrees = np.repeat(pose_of(p.xyz or (), [float(np.degrees(a)) for a in p.rpy]), len(times_ns), axis=0)
         yield _fit(p, poses, degrees)[0], known, _DEGREES, "Use math.radians()."
-    for slip in p.slips:
-        if (other := _expected(seen, p, times_ns, slip.parameters)) is not None:
-            yield _fit(p, poses, other)[0], slip.credit, f"Your poses match {slip.meaning}.", ""
+    for each in p.alternatives:
+        if (other := _expected(seen, p, times_ns, each.parameters)) is not None:
+            yield _fit(p, poses, other)[0], each.left(seen.context), f"Your poses match {each.meaning}.", ""
 
 
 _INVERSE_HINT = "Send the pose of the child as it is seen from the parent."

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from grader.checks.base import failed
 from grader.result import Outcome
 from tests.synthetic import Session, at, judged
 
@@ -77,17 +78,26 @@ def test_a_request_that_cannot_be_sent_earns_nothing(tmp_path: Path) -> None:
     assert "The request of 'far' cannot be sent: it is that of 'near'." in finding.reason
 
 
+def test_a_mistake_that_another_check_charged_costs_nothing(tmp_path: Path) -> None:
+    """As an alternative of any oracle may say."""
+    known = {**ORACLE["alternatives"][0], "charged_by": ["earlier"]}
+    session = calls(tmp_path, near=answer(3.0, names=()), far=answer(6.0, names=()))
+    earlier = {"earlier": failed("", "", "It was charged.")}
+    finding = judged("call_value", {**ORACLE, "alternatives": [known]}, session, findings=earlier)
+    assert finding.outcome is Outcome.PASSED
+
+
 def doubled(request: Mapping[str, Any], parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
     """Compute the answer to a request; an oracle as a lab has it."""
     return {"pose.position.x": np.float64(request["distance"]) * parameters["factor"], "names": np.array([])}
 
 
-ORACLE = {
+ORACLE: dict[str, Any] = {
     "artifact": "it",
     "each": [{"step": "near"}, {"step": "far"}],
     "oracle": "tests/checks/test_answers.py:doubled",
     "parameters": {"factor": 2.0},
-    "slips": [{"parameters": {"factor": 3.0}, "meaning": "three times the distance", "credit": 0.75}],
+    "alternatives": [{"parameters": {"factor": 3.0}, "meaning": "three times the distance", "credit": 0.75}],
 }
 
 
