@@ -377,8 +377,9 @@ def _pose(seen: _Seen, p: WantedPose) -> Part:
         start_ns = np.array([seen.span.start_ns + round(s * 1e9) for s in p.at_s], dtype=np.int64)
         times_ns = seen.clock(start_ns)
     poses = tree.pose(p.frame, p.within, times_ns)
-    if poses is None or not len(times_ns):
-        return Part(0.0, reason=f"Where {p.frame} lies in {p.within} was not tested: nothing connects them.")
+    if poses is None or not len(times_ns) or (p.at_s and not np.isfinite(poses).any()):
+        then = " at the time that is looked at" if p.at_s else ""
+        return Part(0.0, reason=f"Where {p.frame} lies in {p.within} was not tested: nothing connects them{then}.")
     expected = _expected(seen, p, times_ns, {})
     if expected is None:
         return Part(0.0, best=1.0, doubt="What the expected poses are computed from was not recorded.")

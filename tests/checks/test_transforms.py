@@ -352,7 +352,9 @@ def test_at_given_times_a_pose_is_interpolated(tmp_path: Path) -> None:
     pose = {"frame": "base", "within": "odom", "xyz": [0.5 * 2.025, 0, 0], "rpy": [0, 0, 0.2 * 2.025]}
     close = {**pose, "tolerance_m": 1e-6, "tolerance_deg": 1e-4}
     assert only("poses", session(tmp_path), poses=[{**close, "at_s": [1.025]}]).outcome is Outcome.PASSED
-    assert only("poses", session(tmp_path / "late"), poses=[{**close, "at_s": [9.0]}]).outcome is Outcome.FAILED
+    late = only("poses", session(tmp_path / "late"), poses=[{**close, "at_s": [9.0]}])
+    assert late.outcome is Outcome.FAILED
+    assert "nothing connects them at the time that is looked at" in late.reason
 
 
 def test_poses_that_the_machine_delayed_are_undecided(tmp_path: Path) -> None:
