@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, model_validator
 
@@ -92,6 +92,8 @@ class PreemptedWanted(CancelledWanted):
 
 class ActionServer(OfEndpoint):
     """A node serves an action; the parts that are given count by their weights."""
+
+    example: ClassVar = {"accepted": {"step": "send_goal"}}
 
     artifact: ref.Artifact
     action: ref.RosName

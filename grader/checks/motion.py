@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -91,6 +91,8 @@ class Reaches(NumbersOf, InWindow):
 
     Credit is that of the time at which it came; where it never came to stay, that of how near it did.
     """
+
+    example: ClassVar = {"target": {"value": [2.0, 1.0]}, "tolerance": 0.1, "within_s": 10.0}
 
     target: Target = Field(description="Where it has to come.")
     distance: Distance = Field(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -27,6 +27,8 @@ class TopicEqualsOracle(NumbersOf, OfMessages):
     numbers for each message of that role, of not-a-numbers where there is nothing to publish. Without, it returns
     `{"times_ns": [...], "values": [...]}`, a row for each time.
     """
+
+    example: ClassVar = {"streams": {"input": {"topic": "/input", "field": "data"}}, "match": "order"}
 
     stamp: ref.StampField = Field("header.stamp", description="Field with the stamp in both messages.")
     streams: Mapping[str, NumbersOf] = Field(min_length=1, description="Role that the oracle knows -> topic and field.")
