@@ -20,7 +20,7 @@ from grader.lab.references import Share
 from grader.result import Finding
 
 
-class TopicEqualsOracle(NumbersOf, OfMessages):
+class TopicEqualsOracle(OfMessages, NumbersOf):
     """Published numbers equal those of an oracle.
 
     The oracle gets the streams by role, the parameters and the session's seed. With `for_each` it returns a row of
@@ -28,7 +28,7 @@ class TopicEqualsOracle(NumbersOf, OfMessages):
     `{"times_ns": [...], "values": [...]}`, a row for each time.
     """
 
-    example: ClassVar = {"streams": {"input": {"topic": "/input", "field": "data"}}, "match": "order"}
+    example: ClassVar = {"match": "nearest"}
 
     stamp: ref.StampField = Field("header.stamp", description="Field with the stamp in both messages.")
     streams: Mapping[str, NumbersOf] = Field(min_length=1, description="Role that the oracle knows -> topic and field.")

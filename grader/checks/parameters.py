@@ -24,7 +24,7 @@ from grader.result import Finding, Outcome
 class ParameterEffect(Parameters):
     """A parameter that is set while the node runs changes a rate, a field or an answer as told."""
 
-    example: ClassVar = {"before": "slow", "after": "fast", "topic": "/chatter", "old": 10.0, "new": 20.0}
+    example: ClassVar = {"topic": "/chatter", "old": 1.0, "new": 2.0}
 
     process: ref.Process
     set_step: ref.SetLabel = Field(description="The step that sets the parameter.")

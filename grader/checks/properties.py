@@ -54,7 +54,10 @@ class SignalProperty(InWindow):
     window's start on, or from the first message of the signal that begins last.
     """
 
-    example: ClassVar = {"signals": {"x": {"topic": "/chatter", "field": "data"}}, "property": "always(x > 0.3)"}
+    example: ClassVar = {
+        "signals": {"speed": {"topic": "/chatter", "field": "data"}},
+        "property": "always(abs(speed) <= 0.5)",
+    }
 
     signals: Mapping[Annotated[str, StringConstraints(pattern=r"^[A-Za-z_]\w*$")], Signal] = Field(
         min_length=1, description="Name in the property -> topic and field."

@@ -41,7 +41,7 @@ class Condition(NumbersOf, Between):
 class SilentUntil(Parameters):
     """Nothing is published on a topic before a step, another topic's first message, or a condition; then it begins."""
 
-    example: ClassVar = {"message_on": "/enabled"}
+    example: ClassVar = {"step": "step"}
 
     topic: ref.Topic
     step: ref.AnyStep | None = Field(None, description="Label of the step that begins it.")
