@@ -19,10 +19,11 @@ from grader.checks.service import (
     shown,
     silence,
 )
+from grader.checks.subscriber import Alternative
+from grader.evidence.fields import equal_within, value_at
 from grader.lab import references as ref
 from grader.lab.patterns import search
-from grader.lab.references import Parameters, Pattern, Share
-from grader.recording.definitions import field_steps
+from grader.lab.references import Parameters, Pattern
 from grader.recording.session import StepRun
 from grader.result import Finding
 
@@ -35,14 +36,6 @@ class WantedAnswer(Parameters):
     patterns: Annotated[Mapping[str, Pattern], ref.fields_of_type("_Response", "step")] = Field(default_factory=dict)
 
 
-class AnswerSlip(Parameters):
-    """A known mistake, by what the oracle gives with other parameters, and the credit that it leaves."""
-
-    parameters: Mapping[str, Any]
-    meaning: str
-    credit: Share = 0.0
-
-
 class CallValue(Parameters):
     """Calls are answered with the right numbers and texts, in nested fields too; each call is a part."""
 
@@ -52,7 +45,7 @@ class CallValue(Parameters):
         None, description="file.py:function(request, parameters, seed); gives values by the paths of fields."
     )
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
-    slips: tuple[AnswerSlip, ...] = ()
+    alternatives: tuple[Alternative, ...] = Field((), description="Known mistakes, by other parameters of the oracle.")
     tolerance: float = Field(1e-6, ge=0, description="Of numbers.")
     tolerances: Mapping[str, float] = Field(default_factory=dict, description="Path of a field -> its own tolerance.")
 
@@ -63,12 +56,15 @@ class CallValue(Parameters):
         if self.oracle is None:
             return dict(answer.values)
         request, parameters = step.parameters.get("request", {}), {**self.parameters, **(other or {})}
-        return {**context.oracle(self.oracle)(request, parameters, context.session.record.seed), **answer.values}
+        computed = context.oracle(self.oracle)(request, parameters, context.session.record.seed)
+        # An oracle may compute with numpy.
+        plain = {path: value.tolist() if hasattr(value, "tolist") else value for path, value in computed.items()}
+        return {**plain, **answer.values}
 
     def right(self, got: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
         """Return the paths of the fields that are as wanted."""
         tolerances = {path: self.tolerances.get(path, self.tolerance) for path in wanted}
-        return [path for path, value in wanted.items() if agrees(picked(got, path), value, tolerances[path])]
+        return [path for path, value in wanted.items() if equal_within(value_at(got, path), value, tolerances[path])]
 
 
 def call_value(context: Context, p: CallValue) -> Finding:
@@ -102,9 +98,9 @@ def _judge_answer(context: Context, p: CallValue, answer: WantedAnswer, step: St
         return Part(0.0, reason=f"The request of '{answer.step}' cannot be sent: it is that of '{same.label}'.")
     wanted = p.wanted(context, answer, step)
     right = p.right(got, wanted)
-    right += [path for path, pattern in answer.patterns.items() if search(pattern, str(picked(got, path)))]
+    right += [path for path, pattern in answer.patterns.items() if search(pattern, str(value_at(got, path)))]
     paths = [*wanted, *answer.patterns]
-    values = {path: picked(got, path) for path in paths}
+    values = {path: value_at(got, path) for path in paths}
     text = f"{answer.step}: {shown(values)[:_MOST_SHOWN]}"
     share = len(right) / max(1, len(paths))
     if share == 1:
@@ -113,37 +109,15 @@ def _judge_answer(context: Context, p: CallValue, answer: WantedAnswer, step: St
     wrong = [f"{path} is {values[path]!r}"[:_MOST_SHOWN] + words for path, words in asked.items() if path not in right]
     more = f" and {len(wrong) - _MOST_WRONG} more are wrong" if len(wrong) > _MOST_WRONG else ""
     reason = f"In the answer to '{answer.step}', {' and '.join(wrong[:_MOST_WRONG])}{more}."
-    for slip in p.slips:
-        other = p.wanted(context, answer, step, slip.parameters)
+    for known in p.alternatives:
+        other = p.wanted(context, answer, step, known.parameters)
         if len(p.right(got, other)) == len(other):
-            return Part(max(share, slip.credit), text, f"{reason} It matches {slip.meaning}.")
+            return Part(max(share, known.left(context)), text, f"{reason} It matches {known.meaning}.")
     return Part(share, text, reason)
 
 
 #: Characters of an answer that are shown, and fields of it that are named.
 _MOST_SHOWN, _MOST_WRONG = 200, 3
-
-
-def picked(answer: Any, path: str) -> Any:
-    """Return the value at a field's path in an answer; None where there is none."""
-    try:
-        for step in field_steps(path):
-            answer = answer[step]
-    except (IndexError, KeyError, TypeError):
-        return None
-    return answer
-
-
-def agrees(got: Any, wanted: Any, tolerance: float) -> bool:
-    """Whether a value is as wanted: numbers within a tolerance, also in lists and by name; all else equal."""
-    wanted = wanted.tolist() if hasattr(wanted, "tolist") else wanted  # an oracle may compute with numpy
-    if isinstance(wanted, Mapping):
-        return isinstance(got, Mapping) and all(agrees(got.get(k), v, tolerance) for k, v in wanted.items())
-    if isinstance(wanted, (list, tuple)):
-        alike = isinstance(got, (list, tuple)) and len(got) == len(wanted)
-        return alike and all(agrees(g, w, tolerance) for g, w in zip(got, wanted, strict=True))
-    numbers = [not isinstance(value, bool) and isinstance(value, (int, float)) for value in (got, wanted)]
-    return abs(got - wanted) <= tolerance if all(numbers) else type(got) is type(wanted) and bool(got == wanted)
 
 
 #: Steps in which the node itself has to answer.

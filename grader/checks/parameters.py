@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from itertools import compress
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from grader.checks.answers import agrees, picked, unanswered
+from grader.checks.answers import unanswered
 from grader.checks.base import Context, Part, cpu_delay_doubt, failed, graded, of_parts, passed, unexplained
 from grader.checks.publisher import TopicRate, topic_rate
 from grader.checks.service import answer_of
+from grader.evidence.fields import equal_within, value_at
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.patterns import search
@@ -34,7 +35,9 @@ class ParameterEffect(Parameters):
     topic: ref.Topic | None = Field(None, description="Its rate in Hz counts, or the field, or the text.")
     field: ref.FieldPath | None = Field(None, description="One number; its median counts.")
     text: ref.TextField | None = Field(None, description="The most frequent text counts.")
-    answer: str | None = Field(None, description="Path of a field in the answers to the calls before and after.")
+    answer: Annotated[str, ref.fields_of_type("_Response", "after")] | None = Field(
+        None, description="Path of a field in the answers to the calls before and after."
+    )
     old: float | bool | str = Field(description="What it is before.")
     new: float | bool | str
     tolerance: float = Field(1e-6, ge=0, description="Of numbers, but for a rate.")
@@ -62,14 +65,14 @@ class ParameterEffect(Parameters):
 
     def fits(self, value: Any, wanted: Any) -> bool:
         """Whether a value is another but for the tolerance."""
-        return agrees(value, wanted, self.full_within * abs(wanted) if self.is_rate else self.tolerance)
+        return equal_within(value, wanted, self.full_within * abs(wanted) if self.is_rate else self.tolerance)
 
     def measured(self, context: Context, label: str | None) -> Any:
         """Return what a step shows of it; None where that is nothing."""
         session, step = context.session, context.session.step(label) if label is not None else None
         span = session.window(label) if label is not None else None
         if self.answer is not None:
-            return picked(answer_of(step), self.answer)
+            return value_at(answer_of(step), self.answer)
         if self.topic is None or span is None:
             return None
         stream = session.stream(self.topic)
@@ -92,7 +95,7 @@ def parameter_effect(context: Context, p: ParameterEffect) -> Finding:
     if (silent := unanswered(context, step, expected)) is not None:
         return silent
     if step is not None and (refused := step.result.get("refused")):
-        why = "; ".join(f"{name}: {str(reason).rstrip('.')}" for name, reason in refused.items())
+        why = "; ".join(f"{name}: {str(reason)[:_MOST_SHOWN].rstrip('.')}" for name, reason in refused.items())
         return failed(expected, "refused", f"The parameter could not be set while the node ran: {why}.", hint=_SET_HINT)
     before, after, restarted = (p.measured(context, label) for label in (p.before, p.after, p.restarted))
     measured = f"{_shown(before)}, then {_shown(after)}"

@@ -145,13 +145,17 @@ class Alternative(Parameters):
         (), description="Where one of these checks took points, none are lost here."
     )
 
+    def left(self, context: Context) -> float:
+        """Return the credit that it leaves: all where another check has charged it."""
+        return 1.0 if any(map(context.charged, self.charged_by)) else self.credit
+
     def explains(self, context: Context, finding: Finding, least: float = 0.0) -> Finding:
         """State what numbers are worth that fit it; where another check has charged the mistake, that says it.
 
         Numbers of which a share is right all the same are worth at least that.
         """
         charged, meant = any(map(context.charged, self.charged_by)), f"Your numbers match {self.meaning}."
-        share, reason = 1.0 if charged else max(self.credit, least), f"{finding.reason} {meant}".strip()
+        share, reason = max(self.left(context), least), f"{finding.reason} {meant}".strip()
         notes = finding.notes if charged or self.credit < 1 else (*finding.notes, meant)
         return graded(share, finding.expected, finding.measured, reason, where=finding.where, notes=notes)
 

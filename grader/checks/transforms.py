@@ -25,6 +25,8 @@ from grader.checks.base import (
     without_delay,
 )
 from grader.checks.endpoints import claim_of, claimed_at, student_endpoints
+from grader.checks.fields import NumbersOf
+from grader.checks.subscriber import Alternative
 from grader.evidence.cpu_delay import Span
 from grader.evidence.recorded import Floats, Integers, Recorded
 from grader.evidence.transforms import (
@@ -52,20 +54,6 @@ class WantedFrame(Parameters):
     rate_hz: float | None = Field(None, gt=0, description="How often it is sent.")
 
 
-class Role(Parameters):
-    """Numbers of a topic that an oracle gets."""
-
-    topic: ref.Topic
-    field: ref.FieldPath
-
-
-class PoseSlip(Parameters):
-    """A known mistake, by what the oracle gives with other parameters."""
-
-    parameters: Mapping[str, Any]
-    meaning: str
-
-
 class WantedPose(Parameters):
     """Where a frame lies in another, by numbers or by an oracle."""
 
@@ -76,9 +64,11 @@ class WantedPose(Parameters):
     oracle: ref.Loadable | None = Field(
         None, description="file.py:function(streams, parameters, seed); gives x, y, z, qx, qy, qz, qw at each times_ns."
     )
-    streams: Mapping[str, Role] = Field(default_factory=dict, description="Role that the oracle knows -> its numbers.")
+    streams: Mapping[str, NumbersOf] = Field(
+        default_factory=dict, description="Role that the oracle knows -> its numbers."
+    )
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
-    slips: tuple[PoseSlip, ...] = ()
+    alternatives: tuple[Alternative, ...] = Field((), description="Known mistakes, by other parameters of the oracle.")
     at_s: tuple[float, ...] = Field((), description="Times after the window opens; by default all that were sent.")
     tolerance_m: float = Field(0.01, gt=0)
     tolerance_deg: float = Field(1.0, gt=0)
@@ -135,7 +125,7 @@ def transform_tree(context: Context, p: TransformTree) -> Finding:
     groups = {
         "frames": [_frame(seen, wanted) for wanted in p.frames],
         "tree": _tree(seen),
-        "values": [_values(seen, edge) for edge in seen.edges],
+        "values": [_values(seen, edge) for edge in seen.put_right[-_MOST_JUDGED:]],
         "stamps": [_stamps(seen, wanted) for wanted in p.frames if not wanted.static],
         "static": [_static(seen, wanted) for wanted in p.frames],
         "rates": [_rate(seen, wanted, wanted.rate_hz) for wanted in p.frames if wanted.rate_hz is not None],
@@ -269,7 +259,8 @@ def _tree(seen: _Seen) -> list[Part]:
     return [*(Part(0.0, reason=reason) for reason in found), *[sound] * (3 - len(found))]
 
 
-_MOST_NAMED = 5
+#: Broadcasts of which the numbers are judged, and frames that are named.
+_MOST_JUDGED, _MOST_NAMED = 50, 5
 
 
 def _values(seen: _Seen, edge: Broadcast) -> Part:
@@ -399,8 +390,9 @@ def _pose(seen: _Seen, p: WantedPose) -> Part:
         return Part(1.0, text)
     reason = f"{p.frame} in {p.within} is off by {off}; {p.tolerance_m:g} m and {p.tolerance_deg:g}° are allowed."
     slips = _slips(seen, p, tree, times_ns, poses) if share < 1 - _EXPLAINS else ()
-    meaning, hint = next(((meaning, hint) for fits, meaning, hint in slips if fits.mean() >= _EXPLAINS), ("", ""))
-    credit = max(share, seen.p.known_credit if meaning else 0.0)
+    explaining = ((known, meaning, hint) for right, known, meaning, hint in slips if right.mean() >= _EXPLAINS)
+    known, meaning, hint = next(explaining, (0.0, "", ""))
+    credit = max(share, known)
     doubt = "Not your fault: the grading computer delayed your program while it sent poses." if best > credit else ""
     return Part(credit, text, f"{reason} {meaning}".strip(), best=max(credit, best), doubt=doubt, hint=hint)
 
@@ -421,7 +413,7 @@ def _expected(seen: _Seen, p: WantedPose, times_ns: Integers, other: Mapping[str
     """Return the poses as they are to be, with other parameters of the oracle; None without what they rest on."""
     if p.oracle is None:
         return np.repeat(pose_of(p.xyz or (), p.rpy), len(times_ns), axis=0)
-    streams = {role: seen.session.numeric(of.topic, of.field) for role, of in p.streams.items()}
+    streams = {role: of.series(seen.session) for role, of in p.streams.items()}
     if None in streams.values():
         return None
     parameters = {**p.parameters, **other, "times_ns": times_ns}
@@ -444,23 +436,29 @@ def _fit(p: WantedPose, poses: Floats, expected: Floats) -> tuple[NDArray[np.boo
 
 def _slips(
     seen: _Seen, p: WantedPose, tree: FrameTree, times_ns: Integers, poses: Floats
-) -> Iterator[tuple[NDArray[np.bool_], str, str]]:
-    """Give the known mistakes: which of the poses each explains, its name, and how to fix it."""
-    expected = _expected(seen, p, times_ns, {})
+) -> Iterator[tuple[NDArray[np.bool_], float, str, str]]:
+    """Give the known mistakes: which of the poses each explains, the credit that it leaves, its name, how to fix it."""
+    expected, known = _expected(seen, p, times_ns, {}), seen.p.known_credit
     assert expected is not None
-    yield _fit(p, inverse(poses), expected)[0], f"It is the inverse: where {p.within} lies in {p.frame}.", _INVERSE_HINT
+    yield (
+        _fit(p, inverse(poses), expected)[0],
+        known,
+        f"It is the inverse: where {p.within} lies in {p.frame}.",
+        _INVERSE_HINT,
+    )
     for edges in _suspects(tree, p):
         if (rolled := tree.rolled(edges).pose(p.frame, p.within, times_ns)) is not None:
-            yield _fit(p, rolled, expected)[0], _WXYZ, _WXYZ_HINT
+            yield _fit(p, rolled, expected)[0], known, _WXYZ, _WXYZ_HINT
     if p.oracle is None:
         degrees = np.repeat(pose_of(p.xyz or (), [float(np.degrees(a)) for a in p.rpy]), len(times_ns), axis=0)
-        yield _fit(p, poses, degrees)[0], "The angles are in degrees where radians are meant.", "Use math.radians()."
-    for slip in p.slips:
-        if (other := _expected(seen, p, times_ns, slip.parameters)) is not None:
-            yield _fit(p, poses, other)[0], f"Your poses match {slip.meaning}.", ""
+        yield _fit(p, poses, degrees)[0], known, _DEGREES, "Use math.radians()."
+    for each in p.alternatives:
+        if (other := _expected(seen, p, times_ns, each.parameters)) is not None:
+            yield _fit(p, poses, other)[0], each.left(seen.context), f"Your poses match {each.meaning}.", ""
 
 
 _INVERSE_HINT = "Send the pose of the child as it is seen from the parent."
+_DEGREES = "The angles are in degrees where radians are meant."
 _WXYZ = "The quaternion is in the order w, x, y, z."
 _WXYZ_HINT = "ROS has x, y, z, w; transforms3d and others give w first: set each of the four by its name."
 

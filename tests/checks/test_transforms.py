@@ -316,14 +316,14 @@ def test_a_pose_is_where_it_should_be(tmp_path: Path, sent: dict[str, Any], cred
 
 
 ORACLE = {"frame": "laser", "within": "odom", "oracle": "tests/checks/test_transforms.py:laser_in_odom"}
-SLIP = {"parameters": {"factor": 2.0}, "meaning": "a drive that is twice as fast"}
+SLIP = {"parameters": {"factor": 2.0}, "meaning": "a drive that is twice as fast", "credit": 0.5}
 
 
 @pytest.mark.parametrize(("factor", "credit"), [(1.0, "1"), (2.0, "0.5"), (1.5, "0")])
 def test_an_oracle_says_where_a_frame_is_at_each_time(tmp_path: Path, factor: float, credit: str) -> None:
     """Composed along the tree; what it gives with other parameters names a mistake."""
     sent = [(t, transform("odom", "base", t, (0.5 * t * factor, 0, 0), yawed(0.2 * t * factor))) for t in TIMES]
-    finding = only("poses", session(tmp_path, sent), poses=[{**ORACLE, "slips": [SLIP]}])
+    finding = only("poses", session(tmp_path, sent), poses=[{**ORACLE, "alternatives": [SLIP]}])
     assert finding.credit == Decimal(credit)
     assert ("twice as fast" in finding.reason) == (factor == 2.0)
 

@@ -62,6 +62,8 @@ _STANDARD_SERVICE_TYPES = ("rcl_interfaces/srv/", "type_description_interfaces/s
 _NO_ANSWER = "the node's parameter services do not answer"
 _NO_LIFECYCLE = "it offers no get_state service that answers, as a lifecycle node does"
 _STUCK = "the transition was not answered"
+#: What is passed on of a state's name.
+_LONGEST_LABEL = 40
 _STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _SPIN_S = 0.01
 #: How long a publisher of ours waits until the subscriptions of the student and the recorder are matched.
@@ -475,10 +477,12 @@ class Director:
         answered_ns = time.time_ns()
         after = self._ask(request, "get_state", about) if changed is not None else None
         if before is None or changed is None or after is None:
-            return "timeout", {"node": node, "problem": f"{_NO_LIFECYCLE if before is None else _STUCK}"}
-        states = {"before": before.current_state.label, "after": after.current_state.label}
+            return "timeout", {"node": node, "problem": _NO_LIFECYCLE if before is None else _STUCK}
+        states = {
+            key: state.current_state.label[:_LONGEST_LABEL] for key, state in (("before", before), ("after", after))
+        }
         times = {"called_ns": called_ns, "answered_ns": answered_ns}
-        return "done", {"node": node, "success": changed.success, **plain(states), **times}
+        return "done", {"node": node, "success": changed.success, **states, **times}
 
     def _refused(self, request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, str] | None:
         """Set parameters; returns the reasons for which some were refused, None if there was no answer."""
