@@ -56,13 +56,16 @@ def provide_interfaces(
             missing=dict.fromkeys(_names(wanted), "students' programs run with another Python than the grader's")
         )
     else:
-        built = provide(wanted, folder, isolation)
+        built = provide(ours, folder, isolation)
+        # A mistake in one of these is not a student's, nor is what follows from it.
+        built = Built(built.prefixes, {**built.missing, **built.invalid}, took_s=built.took_s)
+        built = provide(needed.students, folder, isolation, built)
     submission.not_built = built.missing
     if submission.absent_modules is not None:
         absent = {*submission.absent_modules, *built.missing} - built.prefixes.keys()
         submission.absent_modules = sorted(absent)
     _note_problems(needed, built, submission)
-    lost = {name: why for name, why in {**built.missing, **built.invalid}.items() if name in _names(ours)}
+    lost = {name: why for name, why in built.missing.items() if name in _names(ours)}
     whole = {spec.id: _texts_of(spec, rubric) for spec in rubric.sessions.values() if lost}
     return {
         session: f"{name} could not be built on the grading computer: {why}"
