@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +19,7 @@ from numpy.typing import NDArray
 from grader.evidence.authorship import Authorship, authorship
 from grader.evidence.cpu_delay import Backlog, Delay, Span, backlog
 from grader.evidence.crash.tracebacks import without_colours
+from grader.evidence.fields import numbers_of, time_ns
 from grader.recording.bag import Bag, Stream
 from grader.recording.session import (
     PARTICIPANT_DIGITS,
@@ -63,10 +63,12 @@ class NumericStream:
     received_ns: Integers
     sequence: Integers
     values: Floats  # (n, m)
+    #: Which messages of the topic's stream these are.
+    index: Integers
 
     def only(self, rows: NDArray[np.bool_]) -> NumericStream:
         """Return some of the messages."""
-        return NumericStream(self.source_ns[rows], self.received_ns[rows], self.sequence[rows], self.values[rows])
+        return NumericStream(*(column[rows] for column in vars(self).values()))
 
 
 @dataclass
@@ -159,13 +161,13 @@ class Recorded:
 
     @functools.cache  # noqa: B019
     def rows(self, name: str, field: str) -> tuple[Floats | None, ...]:
-        """Return the numbers in a field of each message; None where a message has none.
+        """Return the numbers in a field of each message, as `numbers_of` finds them; None where a message has none.
 
-        Where the type is not the one that the field belongs to, the first field that holds a sequence of
+        Where the type is not the one that the field belongs to, the first field that holds an array of
         numbers stands in, since a wrong type is charged elsewhere.
         """
         stream = self.stream(name)
-        rows = [_numbers(value) for value in stream.field(field)]
+        rows = [numbers_of(value) for value in stream.field(field)]
         if rows and all(row is None for row in rows):
             rows = [_first_numbers(message) for message in stream.messages]
         return tuple(rows)
@@ -184,7 +186,18 @@ class Recorded:
         kept = [i for i, row in rows.items() if len(row) == length]
         order = sorted(kept, key=lambda i: (int(stream.source_ns[i]), int(stream.sequence[i])))
         values = np.array([rows[i] for i in order], dtype=np.float64)
-        return NumericStream(stream.source_ns[order], stream.received_ns[order], stream.sequence[order], values)
+        times = (stream.source_ns[order], stream.received_ns[order], stream.sequence[order])
+        return NumericStream(*times, values, np.array(order, dtype=np.int64))
+
+    @functools.cache  # noqa: B019
+    def texts(self, name: str, field: str) -> tuple[str | None, ...]:
+        """Return the text in a field of each message on a topic of the rubric's; None where a message has none."""
+        return tuple(value if isinstance(value, str) else None for value in self.stream(name).field(field))
+
+    @functools.cache  # noqa: B019
+    def stamps_ns(self, name: str, field: str = "header.stamp") -> tuple[int | None, ...]:
+        """Return the time stamp in a field of each message, in ns; None where a message has none."""
+        return tuple(time_ns(value) if hasattr(value, "nanosec") else None for value in self.stream(name).field(field))
 
     def streams(self, roles: Mapping[str, str], field: str) -> dict[str, NumericStream]:
         """Return the numeric streams for an oracle, by role; roles without numbers are left out."""
@@ -423,19 +436,9 @@ def _run_delay_s(run: ProcessRun, span: Span) -> float:
     return total / 1e9
 
 
-def _numbers(value: Any) -> Floats | None:
-    if not isinstance(value, (list, tuple, np.ndarray)):
-        return None
-    try:
-        row = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        return None
-    return row if row.ndim == 1 else None
-
-
 def _first_numbers(message: object | None) -> Floats | None:
-    for name, value in vars(message).items() if hasattr(message, "__dict__") else ():
-        row = None if name.startswith("__") else _numbers(value)
+    for value in vars(message).values() if hasattr(message, "__dict__") else ():
+        row = numbers_of(value) if isinstance(value, np.ndarray) else None
         if row is not None and len(row):
             return row
     return None

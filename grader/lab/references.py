@@ -33,7 +33,7 @@ from pydantic_core import CoreSchema
 
 from grader.lab.patterns import compiled
 from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, suggestion
-from grader.recording.definitions import fields_of, packages_with, types_in
+from grader.recording.definitions import field_steps, fields_of, packages_with, types_in
 
 #: Topics that every ROS system has.
 _STANDARD_TOPICS = {
@@ -269,13 +269,15 @@ AnyType = Annotated[
 
 
 def _type_at(name: str, path: str) -> str | None:
-    """Return the type of a field ("layout.dim.0.size" is one of an element); None where the type is not known here."""
+    """Return the type of a field; None where the type is not known here."""
     spelled = name
-    for step in path.split("."):
-        if step.isdecimal() and spelled.endswith("]"):
+    for step in field_steps(path):
+        if isinstance(step, int):
+            if not spelled.endswith("]"):
+                raise ValueError(f"a {spelled} has no elements, so that [{step}] says nothing")
             spelled = spelled[: spelled.rindex("[")]
             continue
-        fields = fields_of(spelled) if spelled.count("/") == 2 and not spelled.endswith("]") else {}
+        fields = _fields_in(spelled)
         if fields is None:
             return None
         if step not in fields:
@@ -284,19 +286,42 @@ def _type_at(name: str, path: str) -> str | None:
     return spelled
 
 
-_NUMBERS = re.compile(r"(float|u?int|byte|char)\d*\[")
+def _fields_in(spelled: str) -> Mapping[str, str] | None:
+    """Return the fields of a type, of which an array and a primitive have none; None where it is not known here."""
+    return fields_of(spelled) if spelled.count("/") == 2 and not spelled.endswith("]") else {}
 
 
-def _numbers_at(scope: Scope, value: str, info: ValidationInfo) -> None:
-    """Look a field up in the types of the topics that stand before it."""
-    several = info.data.get("streams") or info.data.get("topics") or {"": info.data.get("topic")}
-    for topic in several.values():
-        found = [_type_at(name, value) for name in sorted(scope.types.get(topic, ()))]
-        if found and not any(spelled is None or _NUMBERS.match(spelled) for spelled in found):
-            raise ValueError(f"{value!r} of {topic} is a {found[0]}; an array of numbers is needed")
+_PRIMITIVE_NUMBER = re.compile(r"float\d+|u?int\d+|bool|boolean|byte|octet|char|double|float")
 
 
-FieldPath = Annotated[str, Reference("A field that is an array of numbers.", _numbers_at)]
+def _holds_numbers(spelled: str) -> bool:
+    """Whether a type is made of numbers only: a number, a vector or quaternion, a time, or an array of these."""
+    element = spelled.partition("[")[0]
+    fields = _fields_in(element)
+    if not fields:
+        return fields is None or _PRIMITIVE_NUMBER.fullmatch(element) is not None
+    return all(map(_holds_numbers, fields.values()))
+
+
+def _field(kind: str, fits: Callable[[str], bool]) -> Reference:
+    """Return the type of a field's path, which is looked up in the types of the topics that stand before it.
+
+    The kind says in words what the field holds; whether one does, a type says as `.msg` files spell it.
+    """
+
+    def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
+        several = info.data.get("streams") or info.data.get("topics") or {"": info.data.get("topic")}
+        for topic in several.values():
+            found = [_type_at(name, value) for name in sorted(scope.types.get(topic, ()))]
+            if found and not any(spelled is None or fits(spelled) for spelled in found):
+                raise ValueError(f"{value!r} of {topic} is a {found[0]}; it must hold {kind}")
+
+    return Reference(f"Path of a field that holds {kind}, such as pose.position.x or data[0].", look_up)
+
+
+FieldPath = Annotated[str, _field("numbers (one, an array, or a message of numbers)", _holds_numbers)]
+TextField = Annotated[str, _field("a text", lambda spelled: spelled in ("string", "wstring"))]
+StampField = Annotated[str, _field("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time")]
 
 
 def _wrong_fields(name: str, values: Mapping[str, Any], loc: Loc = ()) -> Iterator[tuple[Loc, str]]:

@@ -94,7 +94,9 @@ class Strict(BaseModel):
         try:
             return handler(value)
         except ValidationError as error:
-            found = [(tuple(item["loc"]), cls._words_for(item)) for item in error.errors()]
+            # A list is not empty by elements that are there, but wrong.
+            items = (item for item in error.errors() if item["type"] != "too_short" or not item["input"])
+            found = [(tuple(item["loc"]), cls._words_for(item)) for item in items]
         raise mistakes_at(found)
 
     @classmethod

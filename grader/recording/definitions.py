@@ -95,6 +95,20 @@ def type_hash_of(topic_type: str) -> str:
     return next((str(h["hash_string"]) for h in hashes if h["type_name"] == topic_type), "")
 
 
+_FIELD_STEP = re.compile(r"\.?([A-Za-z_]\w*)|[.\[](\d+)\]?")
+_FIELD_PATH = re.compile(r"[A-Za-z_]\w*(\.\w+|\[\d+\])*")
+
+
+def field_steps(path: str) -> tuple[str | int, ...]:
+    """Return the names and numbers of a field's path; `ValueError` if it is none.
+
+    "pose.position.x", "transforms[0].child_frame_id"; a number may stand behind a dot too: "layout.dim.0.size".
+    """
+    if not _FIELD_PATH.fullmatch(path):
+        raise ValueError(f"{path!r} is no path of a field such as pose.position.x or transforms[0].child_frame_id")
+    return tuple(int(number) if number else name for name, number in _FIELD_STEP.findall(path))
+
+
 @lru_cache(maxsize=1024)
 def fields_of(name: str) -> Mapping[str, str] | None:
     """Return the fields of a message type, with their types as `.msg` files spell them, e.g. "float64[]".

@@ -353,8 +353,12 @@ MISTYPED: list[tuple[str, str, str]] = [
     ("request: {data: true}", "request: {date: true}", "SetBool_Request has no field 'date'; did you mean 'data'?"),
     ("response: {success: true}", "response: {sucess: true}", "no field 'sucess'; did you mean 'success'?"),
     ("field: data\n          length", "field: dta\n          length", "no field 'dta'; did you mean 'data'?"),
-    ("field: data\n          length", "field: layout.data_offset\n          length", "an array of numbers is needed"),
-    ("field: data\n          oracle", "field: layout.dim\n          oracle", "an array of numbers is needed"),
+    (
+        "field: data\n          length",
+        "field: layout.dim[0].label\n          length",
+        "is a string; it must hold numbers",
+    ),
+    ("field: data\n          oracle", "field: layout.dim\n          oracle", "it must hold numbers"),
     ("window: window", "window: widow", "no step labelled 'widow' in session 'alone'; did you mean 'window'?"),
     ("window: window", "window: heard", "'heard' labels a step of kind wait_for; observe is needed"),
     ("step: enable", "step: enabel", "no step labelled 'enabel' in session 'alone'; did you mean 'enable'?"),
@@ -391,6 +395,8 @@ MISTYPED: list[tuple[str, str, str]] = [
     ("- observe: {", "- obseve: {", "did you mean 'observe'?"),
     ("pattern: '([0-9.]+)'", "pattern: '([0-9.]+'", "not a valid regular expression"),
     ("- start: {student: talk}", "- start: {student: talk, with: {a: 1}}", "only a reference takes it"),
+    ("field: data\n          length", "field: data[0][1]\n          length", "a float64 has no elements, so that [1]"),
+    ("field: data\n          length", "field: data[x]\n          length", "'data[x]' is no path of a field such as"),
 ]
 
 

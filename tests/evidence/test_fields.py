@@ -1,0 +1,84 @@
+"""Values of any field of any message, as numbers, texts and times."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from grader.evidence.recorded import Recorded
+from tests.synthetic import Session, at, evenly
+
+TIMES = evenly(10, 0.5)
+
+
+def recorded(folder: Path, kind: str, fields: dict[str, Any]) -> Recorded:
+    """Record messages that are all alike."""
+    return Session(folder).typed("/it", kind, [fields] * len(TIMES), TIMES).recorded()
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "path", "numbers"),
+    [
+        ("std_msgs/msg/Float32", {"data": 0.5}, "data", [0.5]),
+        ("std_msgs/msg/Bool", {"data": True}, "data", [1.0]),
+        ("geometry_msgs/msg/Pose", {"position": {"x": 1.0, "z": 3.0}}, "position", [1.0, 0.0, 3.0]),
+        ("geometry_msgs/msg/Pose", {"position": {"x": 1.0, "z": 3.0}}, "position.z", [3.0]),
+        ("geometry_msgs/msg/PoseStamped", {"pose": {"orientation": {"w": 1.0}}}, "pose.orientation", [0, 0, 0, 1.0]),
+        ("geometry_msgs/msg/Twist", {"angular": {"z": -2.0}}, "angular.z", [-2.0]),
+        ("sensor_msgs/msg/LaserScan", {"ranges": [1.0, 2.5]}, "ranges", [1.0, 2.5]),
+        ("sensor_msgs/msg/LaserScan", {"ranges": [1.0, 2.5]}, "ranges[1]", [2.5]),
+        ("geometry_msgs/msg/Polygon", {"points": [{"x": 1.0}, {"y": 2.0}]}, "points", [1.0, 0, 0, 0, 2.0, 0]),
+        ("geometry_msgs/msg/Polygon", {"points": [{"x": 1.0}, {"y": 2.0}]}, "points[1].y", [2.0]),
+        ("std_msgs/msg/Header", {"stamp": {"sec": 3, "nanosec": 500_000_000}}, "stamp", [3.5]),
+        ("nav_msgs/msg/Odometry", {"pose": {"covariance": [0.25] * 36}}, "pose.covariance[35]", [0.25]),
+    ],
+)
+def test_numbers_are_found_in_any_field(
+    tmp_path: Path, kind: str, fields: dict[str, Any], path: str, numbers: list[float]
+) -> None:
+    """A number, an array, and what is made of numbers are a row; an element is picked by its place."""
+    series = recorded(tmp_path, kind, fields).numeric("/it", path)
+    assert series is not None
+    assert series.values.tolist() == [numbers] * len(TIMES)
+    assert series.index.tolist() == list(range(len(TIMES)))
+
+
+@pytest.mark.parametrize(
+    ("kind", "fields", "path"),
+    [
+        ("geometry_msgs/msg/PoseStamped", {"header": {"frame_id": "map"}}, "header"),
+        ("geometry_msgs/msg/PoseStamped", {}, "pose.position[0]"),
+        ("geometry_msgs/msg/PoseStamped", {}, "pose.posture.x"),
+        ("geometry_msgs/msg/Polygon", {"points": [{}] * 400}, "points"),
+        ("std_msgs/msg/String", {"data": "1.5"}, "data"),
+    ],
+)
+def test_what_holds_no_numbers_gives_none(tmp_path: Path, kind: str, fields: dict[str, Any], path: str) -> None:
+    """Neither texts, nor what is not there, nor more numbers than a vector has."""
+    assert recorded(tmp_path, kind, fields).numeric("/it", path) is None
+
+
+def test_texts_and_stamps_stand_by_message(tmp_path: Path) -> None:
+    """Each message has its own, or none."""
+    header = {"stamp": {"sec": 2, "nanosec": 7}, "frame_id": "map"}
+    session = recorded(tmp_path, "geometry_msgs/msg/PoseStamped", {"header": header})
+    assert session.texts("/it", "header.frame_id") == ("map",) * len(TIMES)
+    assert session.texts("/it", "header.stamp") == (None,) * len(TIMES)
+    assert session.stamps_ns("/it") == (2_000_000_007,) * len(TIMES)
+    assert session.stamps_ns("/it", "header.frame_id") == (None,) * len(TIMES)
+
+
+def test_times_and_rows_keep_together_when_some_are_left_out(tmp_path: Path) -> None:
+    """What is left of a series has its own times and places."""
+    messages = [{"data": float(n)} for n in range(len(TIMES))]
+    series = (
+        Session(tmp_path).typed("/it", "std_msgs/msg/Float64", messages, TIMES, 0.01).recorded().numeric("/it", "data")
+    )
+    assert series is not None
+    rest = series.only(np.array([True, False, False, True, False, True]))
+    assert rest.values[:, 0].tolist() == rest.index.tolist() == [0, 3, 5]
+    assert rest.source_ns.tolist() == [at(TIMES[n]) for n in (0, 3, 5)]
+    assert rest.received_ns.tolist() == [at(TIMES[n] + 0.01) for n in (0, 3, 5)]
