@@ -26,6 +26,8 @@ ROOT = Path(__file__).resolve().parents[1]
 #: Where copies of the repository's files lie in the site.
 COPIES = "repository"
 _GENERATED = re.compile(r"<!-- generated: (\w+)(?: (\w+))? -->")
+#: A command of a command, as argparse lists it.
+_PART = re.compile(r"^    ([a-z]+) {2,}\S", re.MULTILINE)
 _LINK_OUT = re.compile(r"(?<=\]\()\.\./([^)#\s]+)")
 
 
@@ -91,7 +93,7 @@ def _need(key: str, part: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
     if key in schema.get("required", ()):
         return "**required**"
     default = part.get("default")
-    return "" if default is None or default in ([], {}, "") else f"`{_written(default)}`"
+    return "optional" if default is None or default in ([], {}, "") else f"`{_written(default)}`"
 
 
 def _written(value: Any) -> str:
@@ -135,19 +137,29 @@ def table(schema: Mapping[str, Any]) -> str:
     return "\n".join(["| key | value | default | |", "|---|---|---|---|", *rows]) if rows else "It has no settings."
 
 
-def _section(name: str, model: type[BaseModel], more: str = "") -> str:
+def _section(name: str, model: type[BaseModel], more: str = "", level: int = 2) -> str:
     schema = model.model_json_schema()
-    return f"## {name}\n\n{schema.get('description', '')}\n\n{more}{table(schema)}\n"
+    return f"{'#' * level} {name}\n\n{schema.get('description', '')}\n\n{more}{table(schema)}\n"
 
 
 # -- what pages ask for ----------------------------------------------------------------------------
 
 
 def checks() -> str:
-    """Return a section for each check, grouped as the registry has them."""
+    """Return a section for each check, below a heading for each of their modules."""
     from grader.checks.registry import REGISTRY
 
-    return "\n".join(_section(name, check.parameters) for name, check in REGISTRY.items())
+    groups: dict[str, list[str]] = {}
+    for name, check in REGISTRY.items():
+        groups.setdefault(check.find.__module__, []).append(_section(name, check.parameters, level=3))
+    return "\n".join(f"## {_heading(module)}\n\n" + "\n".join(parts) for module, parts in groups.items())
+
+
+def _heading(module: str) -> str:
+    """Return what the checks of a module are of: its first sentence, without how it begins and goes on."""
+    said = (importlib.import_module(module).__doc__ or module).partition(".")[0].partition(":")[0]
+    said = said.removeprefix("Checks of ").removeprefix("Checks that ")
+    return said[:1].upper() + said[1:]
 
 
 def steps() -> str:
@@ -170,28 +182,34 @@ def figures() -> str:
 
 def model(name: str) -> str:
     """Return the keys of a part of a rubric."""
-    from grader.lab import rubric
+    from grader.judging.rubrics import rubric_kinds
+    from grader.lab.rubric import json_schema
 
-    schema = getattr(rubric, name).model_json_schema()
+    schema = json_schema(rubric_kinds())
+    part = schema["$defs"][name]
     # What has a page or a section of its own is not told again.
-    for key in ("checks", "figures", "steps", "id" if name == "SessionSpec" else ""):
-        schema["properties"].pop(key, None)
-    return table(schema)
+    told = {key: value for key, value in part["properties"].items() if key not in ("checks", "figures", "steps")}
+    return table({**part, "properties": told, "$defs": schema["$defs"]})
 
 
 def commands() -> str:
     """Return what each command says of itself."""
     from grader.commands import COMMANDS
 
-    names = {"grade": "grade", **{f"grade {name}": name for name in COMMANDS}}
-    return "\n".join(f"## {title}\n\n```text\n{_help(name)}```\n" for title, name in names.items())
+    sections = [f"## grade\n\n```text\n{_help('grade')}```\n"]
+    for name in COMMANDS:
+        said = _help(name)
+        parts = _PART.findall(said)
+        sections.append(f"## grade {name}\n\n```text\n{said}```\n")
+        sections += [f"### grade {name} {part}\n\n```text\n{_help(name, part)}```\n" for part in parts]
+    return "\n".join(sections)
 
 
-def _help(name: str) -> str:
+def _help(*words: str) -> str:
     said, width = io.StringIO(), os.environ.get("COLUMNS")
     os.environ["COLUMNS"] = "100"
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
-        importlib.import_module(f"grader.commands.{name}").run(["--help"], Console())
+        importlib.import_module(f"grader.commands.{words[0]}").run([*words[1:], "--help"], Console())
     os.environ.pop("COLUMNS") if width is None else os.environ.update(COLUMNS=width)
     return said.getvalue()
 

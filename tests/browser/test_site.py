@@ -57,7 +57,9 @@ def test_every_link_leads_to_something(chromium: Browser, site: Path) -> None:
     for page in pages(site):
         with visit(chromium, page) as seen:
             links |= set(seen.page.eval_on_selector_all("a[href]", "all => all.map(a => a.href)"))
-            anchors |= {f"{page}#{name}" for name in seen.page.eval_on_selector_all("[id]", "all => all.map(e => e.id)")}
+            anchors |= {
+                f"{page}#{name}" for name in seen.page.eval_on_selector_all("[id]", "all => all.map(e => e.id)")
+            }
     inside = [urlsplit(link) for link in links if link.startswith("file:")]
     missing = [part.geturl() for part in inside if not Path(unquote(part.path)).is_file()]
     assert missing == []
