@@ -32,19 +32,27 @@ named = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to
 
 
 @cache
-def options(command: str) -> frozenset[str]:
-    """Give the options that a command of `grade` names in its help."""
+def said_by(*command: str) -> str:
+    """Give the help of a command of `grade`, such as `lab new`."""
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
-        import_module(f"grader.commands.{command}").run(["--help"], Console())
-    return frozenset(_OPTION.findall(said.getvalue()))
+        import_module(f"grader.commands.{command[0]}").run([*command[1:], "--help"], Console())
+    return said.getvalue()
+
+
+def options(*command: str) -> set[str]:
+    """Give the options that a command names in its help."""
+    return set(_OPTION.findall(said_by(*command)))
 
 
 def wrong_options(line: str) -> set[str]:
     """Give what a command line with `grade` asks for that there is not."""
-    words = shlex.split(line, comments=True)
-    command = words[1] if len(words) > 1 and words[1] in COMMANDS else "grade"
-    return {word.partition("=")[0] for word in words[1:] if word.startswith("-") and word != "-"} - options(command)
+    words = shlex.split(line, comments=True)[1:]
+    command = words[:1] if words[:1] and words[0] in COMMANDS else ["grade"]
+    # A command may have commands of its own, which argparse lists.
+    if words[1:] and re.search(rf"^    {re.escape(words[1])} {{2,}}", said_by(*command), re.MULTILINE):
+        command = words[:2]
+    return {word.partition("=")[0] for word in words if word.startswith("-") and word != "-"} - options(*command)
 
 
 def test_an_option_that_there_is_not_is_found() -> None:

@@ -1,7 +1,7 @@
 """What the documentation site has besides the pages in `docs/`; a hook of mkdocs.
 
-Where a page says `<!-- generated: NAME -->`, what the grader's own models say comes in its place. A link from a page to a
-file of the repository leads to a copy of it in the site.
+Where a page says `<!-- generated: NAME -->`, what the grader's own models say comes in its place. A link from a page to
+a file of the repository leads to a copy of it in the site.
 """
 
 from __future__ import annotations
