@@ -1,7 +1,7 @@
 """The simulated arm as a ROS 2 node: follows `/joint_commands`, publishes `/joint_states`, and time if asked.
 
 Settings (the rubric's `with`) are the fields of `ArmSettings`; how it is started is told in
-`reference_node.py`.
+`grader.reference_node`.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from typing import TYPE_CHECKING, Any
 sys.path.insert(0, str(Path(__file__).resolve().parent))
 
 from arm_model import JOINT_COUNT, ArmModel
-from reference_node import Configuration, ReferenceNode, StopRequest, reference_node, run, sleep_until
+
+from grader.reference_node import Configuration, ReferenceNode, StopRequest, reference_node, run, sleep_until
 
 if TYPE_CHECKING:
     from rclpy.node import Node

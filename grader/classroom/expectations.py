@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.errors import SubmissionError
 from grader.lab.rubric import Rubric
-from grader.lab.yaml_with_lines import Strict, parse_yaml, read_text
+from grader.lab.yaml_with_lines import Loc, Strict, parse_yaml, read_text, suggestion
 from grader.result import CheckResult, CriterionResult, Outcome, Result
 
 EXPECTED_FILE = "expected.yaml"
@@ -92,17 +92,19 @@ class Expectation(Strict):
         expected = self.criteria.get(criterion)
         return expected is not None and any(check.outcome != "passed" for check in expected.checks.values())
 
-    def unfit(self, rubric: Rubric) -> list[str]:
-        """Say what is named here and is not in a rubric."""
-        checks = {criterion.id: {check.id for check in criterion.checks} for criterion in rubric.criteria}
-        found = [f"the rubric has no session {name!r}" for name in self.sessions if name not in rubric.sessions]
-        for name in dict.fromkeys([*self.criteria, *self.teacher]):
+    def unfit(self, rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+        """Say what is named here, and where, that is not in a rubric."""
+        for n, name in enumerate(self.sessions):
+            if name not in rubric.sessions:
+                yield ("sessions", n), f"the rubric has no session {name!r}{suggestion(name, rubric.sessions)}"
+        checks = {criterion.id: [check.id for check in criterion.checks] for criterion in rubric.criteria}
+        for part, name in [*(("criteria", name) for name in self.criteria), *(("teacher", n) for n in self.teacher)]:
             if name not in checks:
-                found.append(f"the rubric has no criterion {name!r}")
-            elif name in self.criteria:
-                unknown = [check for check in self.criteria[name].checks if check not in checks[name]]
-                found += [f"the rubric's criterion {name!r} has no check {check!r}" for check in unknown]
-        return found
+                yield (part, name), f"the rubric has no criterion {name!r}{suggestion(name, checks)}"
+            for check in self.criteria[name].checks if part == "criteria" else ():
+                if check not in checks.get(name, [check]):
+                    words = f"the rubric's criterion {name!r} has no check {check!r}"
+                    yield (part, name, "checks", check), words + suggestion(check, checks[name])
 
 
 @dataclass(frozen=True)
@@ -124,14 +126,20 @@ class Fixture:
         return submission
 
 
-def load_fixture(folder: Path) -> Fixture:
-    """Read a fixture; raises RubricError with every mistake in its `expected.yaml`, each with its line."""
+def load_fixture(folder: Path, rubric: Rubric | None = None) -> Fixture:
+    """Read a fixture; raises RubricError with every mistake in its `expected.yaml`, each with its line.
+
+    A rubric that is given must have what it names.
+    """
     path, what = folder / EXPECTED_FILE, f"what {folder.name} expects"
     plain, mistakes = parse_yaml(path, read_text(path, what, "Each fixture has one."), what)
+    expectation = Expectation.model_construct()
     try:
         expectation = Expectation.model_validate(plain)
     except ValidationError as error:
         mistakes.add_validation((), error)
+    for loc, words in expectation.unfit(rubric) if rubric is not None and not mistakes.found else ():
+        mistakes.add(loc, words)
     mistakes.raise_any("docs/fixtures.md describes its format.")
     base, own = expectation.with_files_of, folder / "submission"
     layers = [folder.resolve().parent.parent / base] if base is not None else []

@@ -392,8 +392,11 @@ class Recorded:
     def output_of(self, artifact: str) -> list[OutputLine]:
         """Return the output of the last process that ran an artifact, without colours."""
         processes = self.processes_of(artifact)
-        output = processes[-1].output if processes else []
-        return [replace(o, text=without_colours(o.text)) if "\x1b" in o.text else o for o in output]
+        return self.lines_of(processes[-1]) if processes else []
+
+    def lines_of(self, run: ProcessRun) -> list[OutputLine]:
+        """Return the output of a process, without colours."""
+        return [replace(o, text=without_colours(o.text)) if "\x1b" in o.text else o for o in run.output]
 
 
 def clock_step_s(record: SessionRecord, span: Span) -> float:

@@ -18,7 +18,7 @@ from grader.checks.base import Context, inconclusive, not_reached, undecided
 from grader.checks.commands import commands_of
 from grader.checks.invalidated import is_timed, named, not_measurable, with_checks, without_rest
 from grader.checks.preconditions import missing_artifact
-from grader.checks.registry import REGISTRY
+from grader.checks.registry import check_named
 from grader.errors import RecordingError
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.flakiness import inconclusive_reason, may_be_flaky
@@ -188,7 +188,7 @@ def _found(spec: CheckSpec, context: Context) -> Finding:
     try:
         # Students may publish the largest numbers that there are.
         with patterns_bounded() as budget, np.errstate(over="ignore", invalid="ignore"):
-            finding = REGISTRY[spec.check].judge(context, spec.parameters)
+            finding = check_named(spec.check).judge(context, spec.parameters)
     except Exception as problem:
         return Finding(
             Outcome.ERROR, Decimal(0), reason=f"The check failed with an error: {type(problem).__name__}: {problem}"
@@ -220,7 +220,7 @@ def _faults(recorded: Recorded) -> list[str]:
 
 def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
     """Return what is found of a check that rests on a topic whose messages are not all recorded."""
-    check, names = REGISTRY[spec.check], named(spec, recorded)
+    check, names = check_named(spec.check), named(spec, recorded)
     if (loss := next((text for topic, text in dropped(recorded).items() if topic in names), None)) is not None:
         return undecided(finding, loss)
     gap = next((u for u in gaps_by_student(recorded) if u.topic in names), None)

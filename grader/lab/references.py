@@ -11,8 +11,7 @@ import difflib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, reduce
-from operator import or_
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -25,7 +24,6 @@ from pydantic import (
     StringConstraints,
     ValidationInfo,
     WithJsonSchema,
-    create_model,
     field_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
@@ -48,6 +46,8 @@ class Parameters(Strict):
     """Base of what stands behind a `with`, and of all that has a session: values are of their types as they stand."""
 
     model_config = ConfigDict(strict=True)
+    #: What the example of it in `grade checks` has beside what is required.
+    example: ClassVar[Mapping[str, Any]] = {}
     #: Whether it says something of a session's recording, so that it cannot be without one.
     of_session: ClassVar[bool] = True
 
@@ -105,6 +105,10 @@ class Scope:
         criteria = (_mapping(criterion) for criterion in _list(self.plain.get("criteria")))
         return [str(_mapping(check).get("id")) for criterion in criteria for check in _list(criterion.get("checks"))]
 
+    def settings_of(self, reference: str) -> str:
+        """Return how the rubric names the class of a reference node's settings."""
+        return str(_mapping(_mapping(self.plain.get("reference")).get(reference)).get("settings"))
+
     @property
     def steps(self) -> list[StepText] | None:
         """Return the steps of the present session; None where it is not defined."""
@@ -150,6 +154,8 @@ class Reference:
     what: str
     #: Raises ValueError if there is no such thing.
     look_up: Callable[[Scope, Any, ValidationInfo], object]
+    #: What may stand there, for the examples of `grade checks`; None where that is any text.
+    example: str | None = None
 
     def _check(self, value: Any, info: ValidationInfo) -> Any:
         if isinstance(info.context, Scope):
@@ -160,7 +166,8 @@ class Reference:
         return AfterValidator(self._check).__get_pydantic_core_schema__(source, handler)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        return {**handler(schema), "description": self.what}
+        examples = {} if self.example is None else {"examples": [self.example]}
+        return {**handler(schema), "description": self.what, **examples}
 
 
 def one_of(value: str, what: str, known: Iterable[str], location: str = "") -> str:
@@ -174,8 +181,11 @@ def one_of(value: str, what: str, known: Iterable[str], location: str = "") -> s
 # -- what is defined in the rubric -----------------------------------------------------------------
 
 
-def _defined(part: str, what: str) -> Reference:
-    return Reference(f"Name of the {what}.", lambda scope, value, info: one_of(value, what, scope.names(part)))
+def _defined(part: str, what: str, example: str) -> Reference:
+    def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
+        one_of(value, what, scope.names(part))
+
+    return Reference(f"Name of the {what}.", look_up, example)
 
 
 def _before(scope: Scope, value: str, info: ValidationInfo) -> None:
@@ -194,7 +204,8 @@ def step_label(*kinds: str) -> Reference:
             if kinds and labelled[value] not in kinds:
                 raise ValueError(f"{value!r} labels a step of kind {labelled[value]}; {' or '.join(kinds)} is needed")
 
-    return Reference(f"Label of the step{f', of kind {kinds[0]}' if kinds else ''}.", look_up)
+    example = "window" if kinds == ("observe",) else "".join(kinds[:1]) or "step"
+    return Reference(f"Label of the step{f', of kind {kinds[0]}' if kinds else ''}.", look_up, example)
 
 
 def _process(*more: str) -> Reference:
@@ -205,15 +216,15 @@ def _process(*more: str) -> Reference:
             names = [str(s.get("name") or s.get("student") or s.get("reference")) for s in starts]
             one_of(value, "process", [*names, *more], f" in session '{scope.session}'")
 
-    return Reference("Name of a process that the session starts.", look_up)
+    return Reference("Name of a process that the session starts.", look_up, "talker")
 
 
-Artifact = Annotated[str, _defined("artifacts", "artifact")]
-ReferenceNode = Annotated[str, _defined("reference", "reference node")]
-SessionId = Annotated[str, _defined("sessions", "session")]
+Artifact = Annotated[str, _defined("artifacts", "artifact", "talker")]
+ReferenceNode = Annotated[str, _defined("reference", "reference node", "robot")]
+SessionId = Annotated[str, _defined("sessions", "session", "talking")]
 CheckId = Annotated[str, Reference("Id of a check.", lambda scope, value, _: one_of(value, "check", scope.check_ids))]
 #: While a check is judged, the findings of those before it are known.
-EarlierCheckId = Annotated[str, Reference("Id of an earlier check.", _before)]
+EarlierCheckId = Annotated[str, Reference("Id of an earlier check.", _before, "talker.publishes")]
 AnyStep = Annotated[str, step_label()]
 CallLabel = Annotated[str, step_label("call")]
 PlanLabel = Annotated[str, step_label("plan")]
@@ -239,7 +250,7 @@ def _known_topic(scope: Scope, value: str, info: ValidationInfo) -> None:
 #: A topic, service or node that may be named here for the first time: "/a/b", "a", "~/a".
 RosName = Annotated[str, StringConstraints(pattern=r"^(~/|/)?[A-Za-z_{][A-Za-z0-9_{}]*(/[A-Za-z_{][A-Za-z0-9_{}]*)*$")]
 #: One that is used besides; where a step waits for it or its type stands somewhere, fields are looked up in that.
-Topic = Annotated[str, Reference("A topic or service.", _known_topic)]
+Topic = Annotated[str, Reference("A topic or service.", _known_topic, "/chatter")]
 
 _EXAMPLES = {"msg": "std_msgs/msg/String", "srv": "std_srvs/srv/SetBool"}
 
@@ -256,14 +267,22 @@ def _interface(value: str, folder: str) -> None:
         raise ValueError(f"there is no type {value!r}{suggestion(package, near)}")
 
 
-MessageType = Annotated[str, Reference("A message type.", lambda scope, value, info: _interface(value, "msg"))]
-ServiceType = Annotated[str, Reference("A service type.", lambda scope, value, info: _interface(value, "srv"))]
+def _type_in(folder: str, what: str) -> Reference:
+    def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
+        _interface(value, folder)
+
+    return Reference(what, look_up, _EXAMPLES[folder])
+
+
+MessageType = Annotated[str, _type_in("msg", "A message type.")]
+ServiceType = Annotated[str, _type_in("srv", "A service type.")]
 #: A service's where the key `service` stands before it.
 AnyType = Annotated[
     str,
     Reference(
         "A message or service type.",
         lambda scope, value, info: _interface(value, "srv" if info.data.get("service") else "msg"),
+        _EXAMPLES["msg"],
     ),
 ]
 
@@ -303,7 +322,7 @@ def _holds_numbers(spelled: str) -> bool:
     return all(map(_holds_numbers, fields.values()))
 
 
-def _field(kind: str, fits: Callable[[str], bool]) -> Reference:
+def _field(kind: str, fits: Callable[[str], bool], example: str) -> Reference:
     """Return the type of a field's path, which is looked up in the types of the topics that stand before it.
 
     The kind says in words what the field holds; whether one does, a type says as `.msg` files spell it.
@@ -316,12 +335,14 @@ def _field(kind: str, fits: Callable[[str], bool]) -> Reference:
             if found and not any(spelled is None or fits(spelled) for spelled in found):
                 raise ValueError(f"{value!r} of {topic} is a {found[0]}; it must hold {kind}")
 
-    return Reference(f"Path of a field that holds {kind}, such as pose.position.x or data[0].", look_up)
+    return Reference(f"Path of a field that holds {kind}, such as pose.position.x or data[0].", look_up, example)
 
 
-FieldPath = Annotated[str, _field("numbers (one, an array, or a message of numbers)", _holds_numbers)]
-TextField = Annotated[str, _field("a text", lambda spelled: spelled in ("string", "wstring"))]
-StampField = Annotated[str, _field("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time")]
+FieldPath = Annotated[str, _field("numbers (one, an array, or a message of numbers)", _holds_numbers, "data")]
+TextField = Annotated[str, _field("a text", lambda spelled: spelled in ("string", "wstring"), "data")]
+StampField = Annotated[
+    str, _field("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time", "header.stamp")
+]
 
 
 def _wrong_fields(name: str, values: Mapping[str, Any], loc: Loc = ()) -> Iterator[tuple[Loc, str]]:
@@ -370,15 +391,23 @@ def _file(scope: Scope, value: str, info: ValidationInfo) -> None:
     one_of(value, "file", _beside(scope, value), " beside the rubric")
 
 
-def _definition(scope: Scope, value: str) -> ast.FunctionDef | ast.ClassDef:
-    """Return a function or class of a Python file beside the rubric; it is not run, for it may do anything."""
+@dataclass(frozen=True)
+class Definition:
+    """A function or class of a Python file beside the rubric, and all others of the file, by their names."""
+
+    node: ast.FunctionDef | ast.ClassDef
+    beside: Mapping[str, ast.FunctionDef | ast.ClassDef]
+
+
+def definition_at(scope: Scope, value: str) -> Definition:
+    """Look up "file.py:name"; the file is not run, for it may do anything. Raises ValueError if there is none."""
     file, _, name = value.partition(":")
     one_of(file, "Python file", _beside(scope, file), " beside the rubric")
     try:
         found = _definitions((scope.folder / file).read_bytes())
     except (SyntaxError, ValueError) as problem:
         raise ValueError(f"{file} is not valid Python: {problem}") from problem
-    return found[one_of(name, "function or class", found, f" in {file}")]
+    return Definition(found[one_of(name, "function or class", found, f" in {file}")], found)
 
 
 @lru_cache(maxsize=8)
@@ -386,34 +415,15 @@ def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
     return {node.name: node for node in ast.parse(source).body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
 
 
-FileBeside = Annotated[str, Reference("File beside the rubric.", _file)]
+FileBeside = Annotated[str, Reference("File beside the rubric.", _file, "reference/robot.py")]
 Loadable = Annotated[
-    str, Reference("file.py:name, beside the rubric.", lambda scope, value, info: _definition(scope, value))
+    str,
+    Reference(
+        "file.py:name, beside the rubric.",
+        lambda scope, value, info: definition_at(scope, value),
+        "oracles.py:expected",
+    ),
 ]
-
-#: Types of settings that are looked at; others are left to the reference node.
-_PLAIN_TYPES: dict[str, Any] = {"float": float, "int": int, "bool": bool, "str": str, "None": type(None)}
-
-
-def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> None:
-    """Look settings up in the class that the rubric names for those of the reference node before them."""
-    entry = _mapping(_mapping(scope.plain.get("reference")).get(info.data.get("reference") or ""))
-    try:
-        made = _definition(scope, str(entry.get("settings")))
-    except ValueError:
-        return  # None is named, or it is a mistake where it stands.
-    if not isinstance(made, ast.ClassDef):
-        return
-    typed: dict[str, Any] = {}
-    for node in made.body:
-        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            words = ast.unparse(node.annotation).split(" | ")
-            known = all(word in _PLAIN_TYPES for word in words)
-            typed[node.target.id] = (reduce(or_, (_PLAIN_TYPES[word] for word in words)) if known else Any, None)
-    create_model(made.name, __base__=Parameters, **typed).model_validate(value)
-
-
-Settings = Annotated[dict[str, Any], Reference("Settings of the reference node.", _settings)]
 
 
 # -- values ----------------------------------------------------------------------------------------

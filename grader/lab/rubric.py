@@ -29,6 +29,7 @@ from pydantic import (
 )
 from pydantic.json_schema import models_json_schema
 
+from grader.lab.lab_code import is_own, own_parameters, require_own
 from grader.lab.policy import Policy
 from grader.lab.references import (
     CheckId,
@@ -45,6 +46,8 @@ from grader.lab.references import (
 from grader.lab.steps import STEPS, Step
 from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, parse_yaml, read_text, suggestion
 
+#: `file.py:function`, beside the rubric.
+_OWN_PATTERN = r"\.py:\w+$"
 _REMEDY = "`grade checks` lists every check with its parameters."
 
 
@@ -181,7 +184,16 @@ class _OfKind(Parameters):
     @field_validator("check", "kind", check_fields=False)
     @classmethod
     def _is_known(cls, value: str, info: ValidationInfo) -> str:
-        return value if info.context is None else one_of(value, cls.key, getattr(info.context.kinds, cls.models))
+        if info.context is not None and cls.is_own(value):
+            require_own(info.context, value)
+        elif info.context is not None:
+            one_of(value, cls.key, getattr(info.context.kinds, cls.models))
+        return value
+
+    @classmethod
+    def is_own(cls, kind: str) -> bool:
+        """Whether a kind is one of the lab's own, of a file beside the rubric."""
+        return False
 
     @field_validator("parameters", mode="before", check_fields=False)
     @classmethod
@@ -189,8 +201,10 @@ class _OfKind(Parameters):
         kind = info.data.get(cls.key)
         if isinstance(value, BaseModel) or kind is None or info.context is None:
             return value if isinstance(value, BaseModel) else Parameters()
-        model: type[Parameters] = getattr(info.context.kinds, cls.models)[kind]
         info.context.session = info.data.get("session")
+        if cls.is_own(kind):
+            return own_parameters(info.context, kind, value)
+        model: type[Parameters] = getattr(info.context.kinds, cls.models)[kind]
         if model.of_session and info.data.get("session", "") is None:
             raise ValueError(f"{kind} looks at a recording; say which by the key session")
         return model.model_validate({} if value is None else value, context=info.context)
@@ -205,7 +219,9 @@ class CheckSpec(_OfKind):
     title: str = Field(default_factory=lambda data: data.get("id"))
     points: Points
     session: SessionId | None = None
-    check: str = Field(description="`grade checks` lists them.")
+    check: str = Field(
+        description="`grade checks` lists them; or file.py:function beside the rubric, of the lab's own."
+    )
     parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
     requires: tuple[EarlierCheckId, ...] = ()
     hint: str = ""
@@ -217,6 +233,11 @@ class CheckSpec(_OfKind):
         if info.context is not None and isinstance(value, dict):
             info.context.begin_check(str(value.get("id")))
         return value
+
+    @classmethod
+    def is_own(cls, kind: str) -> bool:
+        """Whether it is a check of the lab's own."""
+        return is_own(kind)
 
     @field_validator("id")
     @classmethod
@@ -331,7 +352,9 @@ def json_schema(kinds: Kinds) -> dict[str, Any]:
     }
     for spec, models in ((CheckSpec, kinds.checks), (FigureSpec, kinds.figures)):
         part = defs[spec.__name__]
-        part["properties"][spec.key]["enum"] = list(models)
+        known: dict[str, Any] = {"enum": list(models)}
+        own = {"type": "string", "pattern": _OWN_PATTERN}
+        part["properties"][spec.key] |= {"anyOf": [known, own]} if spec is CheckSpec else known
         part["allOf"] = [
             {"if": {"properties": {spec.key: {"const": name}}}, "then": {"properties": {"with": ref(model)}}}
             for name, model in models.items()

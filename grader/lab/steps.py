@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field, model_validator
 
 from grader.lab import references as ref
+from grader.lab.lab_code import Settings
 from grader.lab.references import Parameters
 from grader.lab.yaml_with_lines import mistakes_at
 
@@ -49,6 +50,7 @@ class StartStep(Step):
 
     words = "starting {target}"
     targets = ("student", "launch", "reference")
+    example: ClassVar = {"student": "talker"}
 
     student: ref.Artifact | None = None
     launch: ref.Artifact | None = None
@@ -60,7 +62,7 @@ class StartStep(Step):
         default_factory=dict, description="Name remappings besides, where the artifact's file holds others too."
     )
     if_ended: bool = Field(False, description="Start it again only if it has ended.")
-    with_: ref.Settings = Field(default_factory=dict, alias="with", description="Settings (reference only).")
+    with_: Settings = Field(default_factory=dict, alias="with", description="Settings (reference only).")
 
     @model_validator(mode="after")
     def _is_of_use(self) -> StartStep:
@@ -76,6 +78,7 @@ class WaitForStep(Step):
 
     words = "waiting for {key} {target}"
     targets = ("node", "publisher", "subscription", "service", "output_of")
+    example: ClassVar = {"publisher": "/chatter", "type": "std_msgs/msg/String"}
 
     node: ref.RosName | None = None
     publisher: ref.RosName | None = None
@@ -120,6 +123,7 @@ class CallStep(Step):
 
     words = "calling {service} ({repeat}×)"
     command = "ros2 service call {service} {type} {request}"
+    example: ClassVar = {"request": {"data": True}}
 
     service: ref.RosName
     type: ref.ServiceType

@@ -412,6 +412,11 @@ class Bag:
             raise FileNotFoundError(f"no .mcap file in {folder}: give the folder of a recording")
         return cls(_contents_of(path))
 
+    @classmethod
+    def empty(cls) -> Bag:
+        """Return a finished bag without messages."""
+        return cls(_Contents(finished=True))
+
     @property
     def size_bytes(self) -> int:
         """Bytes of all messages together."""
