@@ -6,26 +6,35 @@ a file of the repository leads to a copy of it in the site.
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import html
 import importlib
 import io
+import json
 import os
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-from pydantic import BaseModel
 from rich.console import Console
+
+from grader.checks.registry import REGISTRY
+from grader.commands import COMMANDS, checks, figures, steps
+from grader.commands.listing import Entry, Parameter, parameters_in
+from grader.judging.rubrics import rubric_kinds
+from grader.lab.rubric import json_schema
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Where copies of the repository's files lie in the site.
 COPIES = "repository"
-_GENERATED = re.compile(r"<!-- generated: (\w+)(?: (\w+))? -->")
+_GENERATED = re.compile(r"<!-- generated: (\w+)([^>]*) -->")
+#: Keys of a part of a rubric that have a page or a section of their own.
+_APART = ("checks", "figures", "steps")
+_FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 #: A command of a command, as argparse lists it.
 _PART = re.compile(r"^    ([a-z]+) {2,}\S", re.MULTILINE)
 _LINK_OUT = re.compile(r"(?<=\]\()\.\./([^)#\s]+)")
@@ -45,114 +54,52 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
     """Fill in what is generated, and lead links out of `docs/` to the copies."""
     if page.file.src_uri.startswith(f"{COPIES}/"):
         return markdown
-    filled = _GENERATED.sub(lambda found: GENERATED[found[1]](*filter(None, [found[2]])), markdown)
+    filled = _GENERATED.sub(lambda found: GENERATED[found[1]](*found[2].split()), markdown)
     return _LINK_OUT.sub(rf"{COPIES}/\1", filled)
 
 
-# -- models ----------------------------------------------------------------------------------------
+# -- checks, steps, figures, and keys of a rubric ----------------------------------------------------
 
 
-def _resolved(part: Mapping[str, Any], schema: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Follow a reference, and leave out that a value may be missing."""
-    choices = [each for each in part.get("anyOf", ()) if each.get("type") != "null"]
-    if len(choices) == 1:
-        rest = {key: value for key, value in part.items() if key != "anyOf"}
-        return _resolved({**choices[0], **rest}, schema)
-    if "$ref" in part:
-        name = part["$ref"].rpartition("/")[2]
-        return {**schema["$defs"][name], **{key: value for key, value in part.items() if key != "$ref"}}
-    return part
+def table(parameters: Iterable[Parameter]) -> str:
+    """Return the table of the keys of a mapping, with those within them."""
+    rows = list(_rows(parameters))
+    return "\n".join(["| key | value | default | |", "|---|---|---|---|", *rows]) if rows else "It has no parameters."
 
 
-_KINDS = {"string": "text", "number": "number", "integer": "whole number", "boolean": "`true` or `false`"}
-_BOUNDS = {"exclusiveMinimum": "above", "minimum": "from", "exclusiveMaximum": "below", "maximum": "to"}
+def _rows(parameters: Iterable[Parameter], prefix: str = "") -> Iterator[str]:
+    for each in parameters:
+        cells = (each.type.replace("number or text", "share"), _need(each), each.description)
+        yield f"| `{prefix}{each.name}` | " + " | ".join(map(_cell, cells)) + " |"
+        within = "[]" if each.type.startswith("list") else ".NAME" if each.type.startswith("mapping of") else ""
+        yield from _rows(each.parameters, f"{prefix}{each.name}{within}.")
 
 
-def _kind(part: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
-    """Say what stands in YAML for a part of a JSON Schema."""
-    part = _resolved(part, schema)
-    if "anyOf" in part:
-        kinds = list(dict.fromkeys(_kind(each, schema) for each in part["anyOf"]))
-        return "share" if "such as 2%" in part.get("description", "") or _is_share(part) else " or ".join(kinds)
-    if "enum" in part or "const" in part:
-        return ", ".join(f"`{value}`" for value in part.get("enum", [part.get("const")]))
-    if part.get("type") == "array":
-        return f"list of: {_kind(part.get('items', {}), schema)}"
-    if part.get("type") == "object":
-        values = part.get("additionalProperties")
-        return f"mapping of names to: {_kind(values, schema)}" if isinstance(values, dict) else "mapping"
-    bounds = " ".join(f"{word} {part[key]:g}" for key, word in _BOUNDS.items() if key in part)
-    return f"{_KINDS.get(part.get('type', ''), 'any value')} {bounds}".strip()
-
-
-def _is_share(part: Mapping[str, Any]) -> bool:
-    return any("%" in each.get("pattern", "") for each in part["anyOf"])
-
-
-def _need(key: str, part: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
-    if key in schema.get("required", ()):
+def _need(parameter: Parameter) -> str:
+    if parameter.required:
         return "**required**"
-    default = part.get("default")
-    return "optional" if default is None or default in ([], {}, "") else f"`{_written(default)}`"
-
-
-def _written(value: Any) -> str:
-    """Write a default as YAML has it."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, float):
-        return f"{value:.3g}"
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key}: {_written(inner)}" for key, inner in value.items()) + "}"
-    return str(value)
-
-
-def _meaning(part: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
-    """Return what is said of a value; of a list or a mapping, also what is said of its parts."""
-    part = _resolved(part, schema)
-    values = part.get("items") or part.get("additionalProperties")
-    return part.get("description") or (_meaning(values, schema) if isinstance(values, dict) else "")
-
-
-def _rows(part: Mapping[str, Any], schema: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """Give a line of a table for each key of a model, and for the keys of the models in it."""
-    for key, inner in part.get("properties", {}).items():
-        cells = (_kind(inner, schema), _need(key, inner, part), " ".join(_meaning(inner, schema).split()))
-        yield f"| `{prefix}{key}` | " + " | ".join(_cell(cell) for cell in cells) + " |"
-        nested, path = _resolved(inner, schema), f"{prefix}{key}"
-        if isinstance(values := nested.get("items"), dict):
-            nested, path = _resolved(values, schema), f"{path}[]"
-        elif isinstance(values := nested.get("additionalProperties"), dict):
-            nested, path = _resolved(values, schema), f"{path}.NAME"
-        yield from _rows(nested, schema, f"{path}.")
+    value = parameter.default
+    return "optional" if value in (None, [], {}, "") else f"`{json.dumps(value)}`".replace('"', "")
 
 
 def _cell(text: str) -> str:
-    return html.escape(text, quote=False).replace("|", "&#124;").replace("*'", "\\*'")
+    return html.escape(text, quote=False).replace("|", "&#124;")
 
 
-def table(schema: Mapping[str, Any]) -> str:
-    """Return the table of a model's keys."""
-    rows = list(_rows(schema, schema))
-    return "\n".join(["| key | value | default | |", "|---|---|---|---|", *rows]) if rows else "It has no settings."
+def _sections(entries: Iterable[Entry], level: int = 2) -> str:
+    return "\n".join(
+        f"{'#' * level} {entry.name}\n\n{entry.description}\n\n"
+        f"{table(entry.parameters)}\n\n```yaml\n{entry.example}```\n"
+        for entry in entries
+    )
 
 
-def _section(name: str, model: type[BaseModel], more: str = "", level: int = 2) -> str:
-    schema = model.model_json_schema()
-    return f"{'#' * level} {name}\n\n{schema.get('description', '')}\n\n{more}{table(schema)}\n"
-
-
-# -- what pages ask for ----------------------------------------------------------------------------
-
-
-def checks() -> str:
+def grouped_checks() -> str:
     """Return a section for each check, below a heading for each of their modules."""
-    from grader.checks.registry import REGISTRY
-
-    groups: dict[str, list[str]] = {}
-    for name, check in REGISTRY.items():
-        groups.setdefault(check.find.__module__, []).append(_section(name, check.parameters, level=3))
-    return "\n".join(f"## {_heading(module)}\n\n" + "\n".join(parts) for module, parts in groups.items())
+    groups: dict[str, list[Entry]] = {}
+    for entry in checks.entries():
+        groups.setdefault(REGISTRY[entry.name].find.__module__, []).append(entry)
+    return "\n".join(f"## {_heading(module)}\n\n{_sections(group, 3)}" for module, group in groups.items())
 
 
 def _heading(module: str) -> str:
@@ -162,45 +109,24 @@ def _heading(module: str) -> str:
     return said[:1].upper() + said[1:]
 
 
-def steps() -> str:
-    """Return a section for each kind of step."""
-    from grader.lab.steps import STEPS
-
-    one = "Exactly one of {} is given.\n\n"
-    return "\n".join(
-        _section(name, step, one.format(", ".join(f"`{key}`" for key in step.targets)) if step.targets else "")
-        for name, step in STEPS.items()
-    )
-
-
-def figures() -> str:
-    """Return a section for each kind of figure."""
-    from grader.report.figures import FIGURES
-
-    return "\n".join(_section(name, figure) for name, figure in FIGURES.items())
-
-
-def model(name: str) -> str:
+def part(name: str) -> str:
     """Return the keys of a part of a rubric."""
-    from grader.judging.rubrics import rubric_kinds
-    from grader.lab.rubric import json_schema
-
     schema = json_schema(rubric_kinds())
-    part = schema["$defs"][name]
     # What has a page or a section of its own is not told again.
-    told = {key: value for key, value in part["properties"].items() if key not in ("checks", "figures", "steps")}
-    return table({**part, "properties": told, "$defs": schema["$defs"]})
+    told = (each for each in parameters_in(schema["$defs"][name], schema) if each.name not in _APART)
+    return table(told)
 
 
-def commands() -> str:
-    """Return what each command says of itself."""
-    from grader.commands import COMMANDS
+# -- commands and code -------------------------------------------------------------------------------
 
+
+def commands_said() -> str:
+    """Return what each command says of itself, and each of their own commands."""
     sections = [f"## grade\n\n```text\n{_help('grade')}```\n"]
     for name in COMMANDS:
         said = _help(name)
-        parts = _PART.findall(said)
         sections.append(f"## grade {name}\n\n```text\n{said}```\n")
+        parts = _PART.findall(said)
         sections += [f"### grade {name} {part}\n\n```text\n{_help(name, part)}```\n" for part in parts]
     return "\n".join(sections)
 
@@ -214,10 +140,32 @@ def _help(*words: str) -> str:
     return said.getvalue()
 
 
+def code(path: str, *names: str) -> str:
+    """Return classes and functions of a file by what they are given and say of themselves."""
+    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
+    found = {node.name: node for node in tree.body if isinstance(node, (ast.ClassDef, *_FUNCTIONS))}
+    return "\n\n".join(f"```python\n{ast.unparse(_outside(found[name]))}\n```" for name in names)
+
+
+def _outside(node: ast.stmt) -> ast.stmt:
+    """Leave out of a class or function what is none of others' business."""
+    if isinstance(node, _FUNCTIONS):
+        node.body = node.body[:1] if ast.get_docstring(node) else [ast.Expr(ast.Constant(...))]
+    elif isinstance(node, ast.ClassDef):
+        node.body = [_outside(each) for each in node.body if not _name_of(each).startswith("_")]
+    return node
+
+
+def _name_of(node: ast.stmt) -> str:
+    target = getattr(node, "target", node)
+    return str(getattr(target, "name", getattr(target, "id", "")))
+
+
 GENERATED: Mapping[str, Callable[..., str]] = {
-    "checks": checks,
-    "steps": steps,
-    "figures": figures,
-    "model": model,
-    "commands": commands,
+    "checks": grouped_checks,
+    "steps": lambda: _sections(steps.entries()),
+    "figures": lambda: _sections(figures.entries()),
+    "part": part,
+    "commands": commands_said,
+    "code": code,
 }
