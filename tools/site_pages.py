@@ -64,7 +64,11 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 def table(parameters: Iterable[Parameter]) -> str:
     """Return the table of the keys of a mapping, with those within them."""
     rows = list(_rows(parameters))
-    return "\n".join(["| key | value | default | |", "|---|---|---|---|", *rows]) if rows else "It has no parameters."
+    if not rows:
+        return "It has no parameters."
+    return "\n".join(
+        ["<div class='keys' markdown>\n", "| key | value | default | |", "|---|---|---|---|", *rows, "\n</div>"]
+    )
 
 
 def _rows(parameters: Iterable[Parameter], prefix: str = "") -> Iterator[str]:
