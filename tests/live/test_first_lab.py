@@ -44,6 +44,7 @@ def write(block: Block, folder: Path) -> None:
     """Write the file that a block is, or put it where its title says."""
     file = folder / block.title.removeprefix(APPENDED)
     assert file.exists() == block.title.startswith(APPENDED), file
+    file.parent.mkdir(exist_ok=True)
     with file.open("a", encoding="utf-8") as opened:
         opened.write(block.text)
 
