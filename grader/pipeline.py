@@ -258,6 +258,7 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
     files = kept_lab.files_of(rubric)
     kept_lab.trust(files)
     submission.lab_folder, submission.lab_files = str(rubric.folder), kept_lab.sha256s(files)
+    submission.lab_id, submission.lab_sha256 = rubric.lab.id, kept_lab.identity_of(rubric)
     write_submission(recordings, submission)
     replace_files(rubric_files(recordings, rubric))
 

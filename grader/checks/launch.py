@@ -176,7 +176,7 @@ def _capitalised(message: str) -> str:
 class WantedArgument(Parameters):
     """A launch argument with its default."""
 
-    name: str
+    name: ref.GivenName
     default: str
 
 
@@ -229,7 +229,7 @@ class WantedNode(Parameters):
 
     node: ref.RosName
     artifact: ref.Artifact
-    executable: str
+    executable: ref.GivenName
     charged_by: ref.EarlierCheckId
     types_charged_by: ref.EarlierCheckId | None = Field(
         None, description="Check that charges parameters declared with a wrong type."
@@ -392,12 +392,14 @@ class WantedNodeParameter(Parameters):
     """A parameter of a launched node, with the value for the default arguments and for others."""
 
     node: ref.RosName
-    executable: str
+    executable: ref.GivenName
     step: ref.GetLabel
-    name: str
+    name: ref.GivenName
     value: Any
     other: Any = None
-    argument: str | None = Field(None, description="Launch argument that it follows; its default is judged elsewhere.")
+    argument: ref.GivenName | None = Field(
+        None, description="Launch argument that it follows; its default is judged elsewhere."
+    )
 
 
 class LaunchParameters(Parameters):
@@ -477,7 +479,7 @@ class TogetherCommands(_Doer):
     window: ref.Window
     least_share: Share = 0.8
     rate_step: ref.GetLabel | None = Field(None, description="Step that read the parameter below in the running node.")
-    rate_parameter: str | None = Field(
+    rate_parameter: ref.GivenName | None = Field(
         None, description="Parameter that sets the rate; which value it is given is judged elsewhere."
     )
 

@@ -167,8 +167,8 @@ class Context(Submission):
 
     def window(self, label: str) -> tuple[float, float] | None:
         """Return begin and end of an `observe` step in s; None where it was not reached."""
-        span = self._session.window(label)
-        return span and (self._session.since_start_s(span.start_ns), self._session.since_start_s(span.end_ns))
+        span, since = self._session.window(label), self._session.since_start_s
+        return None if span is None else (since(span.start_ns), since(span.end_ns))
 
     def _span(self, window: str | None) -> Span | None:
         return None if window is None else self._session.window(window) or Span(0, 0)
@@ -246,7 +246,7 @@ def built(function: Callable[..., Any], p: OwnParameters) -> list[Any]:
     try:
         return [TypeAdapter(kind).validate_python(p.model_dump()) for kind in kinds]
     except ValidationError as error:
-        wrong = (f"{'.'.join(map(str, item['loc']))}: {item['msg']}" for item in error.errors())
+        wrong = (": ".join([*map(str, e["loc"]), e["msg"].removeprefix("Value error, ")]) for e in error.errors())
         raise ValueError("; ".join(wrong)) from error
 
 
@@ -254,7 +254,9 @@ def _checked(finding: Any) -> Finding:
     """Return a finding with texts that are some, and of a length that can be shown."""
     if not isinstance(finding, Finding) or not all(isinstance(location, Location) for location in finding.where):
         raise TypeError("a Finding is expected, as passed() and failed() give it, and where they lie by location()")
-    texts = {name: str(getattr(finding, name))[:_MOST_TEXT] for name in ("expected", "measured", "reason", "hint")}
+    texts: dict[str, Any] = {
+        name: str(getattr(finding, name))[:_MOST_TEXT] for name in ("expected", "measured", "reason", "hint")
+    }
     return replace(
         finding, **texts, where=tuple(finding.where), notes=tuple(str(n)[:_MOST_TEXT] for n in finding.notes)
     )

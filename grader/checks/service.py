@@ -54,7 +54,7 @@ class Given(Parameters):
     """A parameter with the value under which an answer is asked for; its own default is judged elsewhere."""
 
     step: ref.GetLabel = Field(description="The step that read the parameter.")
-    name: str
+    name: ref.GivenName
     value: Any
     instead: ref.CallLabel = Field(description="The call that counts where the node began with another value.")
 
@@ -310,7 +310,7 @@ _SET_HINT = (
 class WantedParameter(Parameters):
     """A parameter with its type and default."""
 
-    name: str
+    name: ref.GivenName
     type: ref.ParameterType
     value: Any
 

@@ -92,8 +92,11 @@ class Expectation(Strict):
         expected = self.criteria.get(criterion)
         return expected is not None and any(check.outcome != "passed" for check in expected.checks.values())
 
-    def unfit(self, rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+    def unfit(self, rubric: Rubric) -> list[tuple[Loc, str]]:
         """Say what is named here, and where, that is not in a rubric."""
+        return list(self._unfit(rubric))
+
+    def _unfit(self, rubric: Rubric) -> Iterator[tuple[Loc, str]]:
         for n, name in enumerate(self.sessions):
             if name not in rubric.sessions:
                 yield ("sessions", n), f"the rubric has no session {name!r}{suggestion(name, rubric.sessions)}"
@@ -133,13 +136,12 @@ def load_fixture(folder: Path, rubric: Rubric | None = None) -> Fixture:
     """
     path, what = folder / EXPECTED_FILE, f"what {folder.name} expects"
     plain, mistakes = parse_yaml(path, read_text(path, what, "Each fixture has one."), what)
-    expectation = Expectation.model_construct()
     try:
         expectation = Expectation.model_validate(plain)
+        for loc, words in expectation.unfit(rubric) if rubric is not None else ():
+            mistakes.add(loc, words)
     except ValidationError as error:
         mistakes.add_validation((), error)
-    for loc, words in expectation.unfit(rubric) if rubric is not None and not mistakes.found else ():
-        mistakes.add(loc, words)
     mistakes.raise_any("docs/fixtures.md describes its format.")
     base, own = expectation.with_files_of, folder / "submission"
     layers = [folder.resolve().parent.parent / base] if base is not None else []

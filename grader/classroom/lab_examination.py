@@ -30,6 +30,7 @@ from grader.lab.rubric import Rubric
 from grader.lab.yaml_with_lines import Loc, parse_yaml
 from grader.recording.bag import Bag
 from grader.recording.session import SessionRecord
+from grader.report.views import points
 from grader.result import CheckResult, Outcome, Result
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
 
@@ -54,14 +55,17 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
     _, mistakes = parse_yaml(rubric_file, rubric.text, "the lab")
     if rubric.lab.solution is not None and not (rubric.folder / rubric.lab.solution).is_dir():
         mistakes.add(("lab", "solution"), f"there is no folder {rubric.lab.solution!r} beside the rubric")
+    for name, artifact in rubric.artifacts.items() if rubric.lab.solution is not None else ():
+        if not any((rubric.folder / rubric.lab.solution).rglob(artifact.file)):
+            mistakes.add(("artifacts", name, "file"), f"there is no {artifact.file} in the solution")
     for loc, words in in_process(partial(_code_mistakes, rubric), _IMPORT_BOUND):
         mistakes.add(loc, words)
     listed = [words for _, words in sorted(mistakes.found)] + list(_fixture_mistakes(rubric))
     if listed:
         problem = f"the lab has {len(listed)} mistake{'s' * (len(listed) != 1)}"
         raise RubricError(problem, listed, location=str(rubric.folder), remedy=_REMEDY)
-    points, checks = rubric.lab.points, len(list(rubric.checks()))
-    yield Remark("✓", f"The rubric and all that it names are in order. Points: {points}, checks: {checks}.")
+    count = f"Points: {points(rubric.lab.points)}, checks: {len(list(rubric.checks()))}."
+    yield Remark("✓", f"The rubric and all that it names are in order. {count}")
     if rubric.reference and find_spec("rclpy") is None:
         yield Remark("!", "ROS is not installed here: the reference nodes were not imported.")
     if rubric.lab.solution is None:
@@ -86,7 +90,9 @@ def _code_mistakes(rubric: Rubric) -> list[tuple[Loc, str]]:
     """Execute the lab's files and say what is wrong with them, in a process that ends with it."""
     sys.argv = sys.argv[:1]  # A program without a guard finds no configuration and ends.
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        return [(loc, words) for loc, work, named in _works(rubric) if (words := _failure(work, named))]
+        found = [(words, loc) for loc, work, named in _works(rubric) if (words := _failure(work, named))]
+    # What is wrong with a file is said where it is named first.
+    return [(loc, words) for words, loc in dict(reversed(found)).items()]
 
 
 def _failure(work: Callable[[], object], named: str) -> str:
@@ -114,7 +120,7 @@ def _works(rubric: Rubric) -> Iterator[tuple[Loc, Callable[[], object], str]]:
         for kind, parts in (("checks", criterion.checks), ("figures", criterion.figures)):
             for m, part in enumerate(parts):
                 for function in functions_of(part):
-                    yield ("criteria", n, kind, m), partial(_call, folder, function, part), function
+                    yield ("criteria", n, kind, m, "with"), partial(_call, folder, function, part), function
 
 
 def _settle(folder: Path, settings: str, values: dict[str, Any]) -> None:
@@ -155,7 +161,7 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
     yield from (Remark("!", f"{check.id} does not pass on the solution's recording: {_said(check)}") for check in lost)
     free = [check for check in idle if check.earned]
     for check in free:
-        words = f"{check.id} earns {check.earned} points also where nothing happens"
+        words = f"{check.id} earns {points(check.earned)} points also where nothing happens"
         yield Remark("!", f"{words}: let it require a check that fails then, or ask for more.")
     if not lost and not free:
         yield Remark("✓", "On the solution's recording every check passes, and where nothing happens none does.")

@@ -13,6 +13,7 @@ from rich.text import Text
 
 from grader.commands.arguments import add_flag, parser_of, print_note
 from grader.errors import UsageError
+from grader.json_text import json_text
 from grader.report.escape import terminal_text
 
 _DESCRIPTION = """\
@@ -68,8 +69,7 @@ def _new(folder: Path, console: Console) -> int:
     rubric, name = folder / "rubric.yaml", json.dumps(folder.resolve().name)
     text = rubric.read_text(encoding="utf-8").replace('"template"', name, 1)
     rubric.write_text(text, encoding="utf-8")
-    schema = json.dumps(json_schema(rubric_kinds()), indent=1)
-    (folder / "rubric.schema.json").write_text(schema + "\n", encoding="utf-8")
+    (folder / "rubric.schema.json").write_text(json_text(json_schema(rubric_kinds())), encoding="utf-8")
     console.print(f"A lab with one node, two checks, a solution and a fixture: {folder}", markup=False, soft_wrap=True)
     for command, words in (
         (f"grade lab check {folder}", "finds mistakes, at once"),

@@ -26,6 +26,7 @@ from grader.evidence.gaps import describe_gap, dropped, gaps_by_student, limits_
 from grader.evidence.integrity import tampering_in
 from grader.evidence.recorded import Recorded
 from grader.judging.score import score_criteria, total
+from grader.lab.kept_lab import identity_of
 from grader.lab.patterns import NOTE, patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
 from grader.recording.session import SESSION_FILE
@@ -294,6 +295,7 @@ def _provenance(recordings: Recordings, rubric: Rubric) -> Provenance:
         "grader": __version__,
         "lab": rubric.lab.id,
         "rubric_sha256": rubric.sha256,
+        "lab_sha256": identity_of(rubric),
         "submission_sha256": recordings.submission.sha256,
         "versions": versions,
         **({"handout_ros": rubric.lab.ros} if rubric.lab.ros else {}),

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import json
 import os
 import re
 from collections.abc import Iterable, Mapping
@@ -76,6 +77,12 @@ def functions_of(part: BaseModel) -> list[str]:
 def files_of(rubric: Rubric) -> dict[str, str]:
     """Return the texts of the files that a rubric names, where they are there."""
     return _texts(rubric.folder, named_files(rubric))
+
+
+def identity_of(rubric: Rubric) -> str:
+    """Return the hash of a rubric and of all files that it names: what is judged by another is of another lab."""
+    stated = {RUBRIC_FILE: rubric.sha256, **sha256s(files_of(rubric))}
+    return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
 
 
 def kept_files(copy: Path) -> dict[str, str]:

@@ -24,7 +24,7 @@ API_VERSION = 1
 LAB_TYPES = (
     *("Artifact", "Process", "ReferenceNode", "SessionId", "EarlierCheckId"),
     *("AnyStep", "CallLabel", "ExitLabel", "GetLabel", "PlanLabel", "SetLabel", "Window"),
-    *("RosName", "Topic", "MessageType", "ServiceType", "FieldPath", "StampField", "TextField"),
+    *("GivenName", "RosName", "Topic", "MessageType", "ServiceType", "FieldPath", "StampField", "TextField"),
     *("FileBeside", "Pattern", "Patterns", "Share"),
 )
 _KNOWN: dict[str, Any] = {
@@ -53,7 +53,7 @@ def model_of(found: Definition) -> type[Parameters]:
     for node in found.node.body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
             typed[node.target.id] = (_type_of(node.annotation, found), _value(node.value))
-    return create_model(found.node.name, __base__=tuple(bases) or Parameters, **typed)
+    return create_model(found.node.name, __base__=tuple(bases) or (Parameters,), **typed)
 
 
 def _model_named(name: str, found: Definition) -> type[Parameters] | None:
@@ -74,7 +74,7 @@ def _type_of(node: ast.expr, found: Definition) -> Any:
     """Return the type that an annotation stands for; Any where it is none that is known here."""
     try:
         return _annotated(node, found)
-    except (TypeError, SyntaxError):
+    except (TypeError, ValueError, SyntaxError):
         return Any
 
 
@@ -88,12 +88,12 @@ def _annotated(node: ast.expr, found: Definition) -> Any:
     if isinstance(node, ast.BinOp):
         either = [_annotated(side, found) for side in (node.left, node.right)]
         return Any if Any in either else reduce(or_, either)
-    kind = _annotated(node.value, found) if isinstance(node, ast.Subscript) else Any
-    if kind is Any or not isinstance(node, ast.Subscript):
+    if not isinstance(node, ast.Subscript) or (kind := _annotated(node.value, found)) is Any:
         return Any
     inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-    as_written = (n.value if isinstance(n, ast.Constant) else n for n in inner)
-    return kind[tuple(n if kind is Literal or n is ... else _annotated(n, found) for n in as_written)]
+    # Those of a Literal, and the dots of a tuple, stand for themselves.
+    of = (ast.literal_eval(n) if kind is Literal or ast.unparse(n) == "..." else _annotated(n, found) for n in inner)
+    return kind[tuple(of)]
 
 
 def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> None:

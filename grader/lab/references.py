@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import difflib
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
@@ -119,6 +120,11 @@ class Scope:
         return None if session is None else found
 
     @cached_property
+    def written(self) -> Counter[str]:
+        """Return all names and other words of one piece that stand in the rubric, and how often each does."""
+        return Counter(re.findall(r"[\w~/.-]+", "\n".join(_texts(self.plain))))
+
+    @cached_property
     def types(self) -> dict[str, set[str]]:
         """Return the types of all topics and services that are waited for, typed, or the new name of others."""
         found = {topic: {name} for topic, name in _STANDARD_TOPICS.items()}
@@ -137,6 +143,14 @@ def _mapping(value: Any) -> Mapping[str, Any]:
 
 def _list(value: Any) -> Sequence[Any]:
     return value if isinstance(value, list) else ()
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Give all keys and texts in a value that are of one piece."""
+    inner = [*value, *value.values()] if isinstance(value, Mapping) else _list(value)
+    yield from (value,) if isinstance(value, str) and " " not in value else ()
+    for part in inner:
+        yield from _texts(part)
 
 
 def _parts(value: Any) -> Iterator[Mapping[str, Any]]:
@@ -247,8 +261,48 @@ def _known_topic(scope: Scope, value: str, info: ValidationInfo) -> None:
         raise ValueError(f"{value!r} is not known: {words}{suggestion(value, near)}")
 
 
+#: Shorter names are too often alike.
+_LEAST_LETTERS = 5
+
+
+def _not_misspelt(scope: Scope, value: str, info: ValidationInfo) -> None:
+    """Refuse a name that stands here alone where one that differs by a letter stands before it, or more often."""
+    if len(value) < _LEAST_LETTERS or scope.written[value] != 1:
+        return
+    names = list(scope.written)
+    others = [name for n, name in enumerate(names) if scope.written[name] > 1 or n < names.index(value)]
+    if near := [name for name in others if _one_letter_apart(value, name)]:
+        raise ValueError(f"{value!r} stands here alone; did you mean '{near[0]}', as elsewhere?")
+
+
+def _one_letter_apart(a: str, b: str) -> bool:
+    """Whether one letter is missing, too much, another, or swapped with its neighbour.
+
+    Digits, a plural, parts of one letter and a leading slash are meant: joint1 and joint2, goal and goals, gain_x and
+    gain_y.
+    """
+    start = _alike(a, b)
+    end = _alike(a[start:][::-1], b[start:][::-1])
+    left, right = a[start : len(a) - end], b[start : len(b) - end]
+    begins, ends = re.fullmatch(r"|.*[_/.]", a[:start]), re.fullmatch(r"|[_/.].*", a[len(a) - end :])
+    more = left + right
+    meant = (begins and ends) or (more == "s" and ends) or (more == "/" and not start) or re.search(r"\d", more)
+    return not meant and (max(len(left), len(right)) == 1 or (len(left) == 2 and left == right[::-1]))
+
+
+def _alike(a: str, b: str) -> int:
+    """Return with how many letters two texts begin alike."""
+    return next((n for n, (one, other) in enumerate(zip(a, b, strict=False)) if one != other), min(len(a), len(b)))
+
+
+#: A name that students' programs are to use, such as that of a ROS parameter.
+GivenName = Annotated[str, Reference("A name, as students are to give it.", _not_misspelt)]
 #: A topic, service or node that may be named here for the first time: "/a/b", "a", "~/a".
-RosName = Annotated[str, StringConstraints(pattern=r"^(~/|/)?[A-Za-z_{][A-Za-z0-9_{}]*(/[A-Za-z_{][A-Za-z0-9_{}]*)*$")]
+RosName = Annotated[
+    str,
+    StringConstraints(pattern=r"^(~/|/)?[A-Za-z_{][A-Za-z0-9_{}]*(/[A-Za-z_{][A-Za-z0-9_{}]*)*$"),
+    Reference("Name of a topic, a service or a node.", _not_misspelt),
+]
 #: One that is used besides; where a step waits for it or its type stands somewhere, fields are looked up in that.
 Topic = Annotated[str, Reference("A topic or service.", _known_topic, "/chatter")]
 

@@ -141,7 +141,7 @@ class GetParametersStep(Step):
     command = "ros2 param dump {node}"
 
     node: ref.RosName
-    names: tuple[str, ...]
+    names: tuple[ref.GivenName, ...]
     timeout_s: float = Field(5.0, gt=0, le=60)
 
 

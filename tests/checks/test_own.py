@@ -158,7 +158,7 @@ def test_what_goes_wrong_in_it_costs_nothing(tmp_path: Path, statement: str, wor
     found = judged(lab(tmp_path, body), session(tmp_path))
     assert found.outcome is Outcome.ERROR
     assert words in found.reason
-    assert (found.undecided, found.retry) == (3, False)
+    assert (float(found.undecided), found.retry) == (3.0, False)
 
 
 def test_without_an_end_it_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

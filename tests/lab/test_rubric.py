@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from datetime import timedelta
 from decimal import Decimal
 from pathlib import Path
@@ -425,6 +426,54 @@ def test_what_is_mistyped_is_reported_before_anything_runs(tmp_path: Path, old: 
     assert fitting, caught.value.mistakes
     assert fitting[0].startswith(f"lab.yaml:{line_of(text, new)}: ")
     assert len(caught.value.mistakes) <= 4
+
+
+#: A line of the lab that travels with the grader, what in it is mistyped, and what it becomes: names that may be given
+#: there for the first time, and that stand elsewhere too.
+MISSPELT = [
+    ("- wait_for: {publisher: /joint_commands,", "joint_commands", "joint_comands"),
+    ("- call: {service: /robot/enable,", "enable", "enabel"),
+    ("- get_parameters: {node: /robot_mode_service,", "robot_mode", "robot_mod"),
+    ("- wait_for: {node: /joint_command_publisher,", "command", "comand"),
+    ("- {node: /robot_mode_service, artifact: service,", "mode", "node"),
+    ("- {name: max_velocity, type: double", "velocity", "veloctiy"),
+    ("names: [max_velocity, safety_enabled]", "safety_enabled", "safetyenabled"),
+    ("- {node: /joint_state_subscriber, artifact: subscriber,", "state", "sate"),
+]
+
+
+@pytest.mark.parametrize(("line", "old", "new"), MISSPELT, ids=[f"{new} {line:.30}" for line, _, new in MISSPELT])
+def test_a_name_that_is_misspelt_once_is_reported(tmp_path: Path, line: str, old: str, new: str) -> None:
+    """Students would be charged for it: no program has such a topic, service, node or parameter."""
+    shutil.copytree(lab_folder() / "reference", tmp_path / "reference")
+    text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
+    assert line in text
+    text = text.replace(line, line.replace(old, new, 1), 1)
+    (tmp_path / "lab.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(RubricError) as caught:
+        load_rubric(tmp_path / "lab.yaml", rubric_kinds())
+    place, words = f"lab.yaml:{line_of(text, line.replace(old, new, 1))}: ", "stands here alone; did you mean '"
+    assert any(m.startswith(place) and words in m for m in caught.value.mistakes), caught.value.mistakes
+
+
+@pytest.mark.parametrize(
+    "alike",
+    [
+        *(
+            ("/joint1/state", "/joint2/state"),
+            ("/goals", "/goal"),
+            ("gain_x", "gain_y"),
+            ("/arm_l/pose", "/arm_r/pose"),
+        ),
+        *(("/talker", "talker"), ("left_wheel", "right_wheel"), ("min_speed", "max_speed"), ("/map", "/mat")),
+    ],
+)
+def test_names_that_are_meant_to_be_alike_are_let_be(tmp_path: Path, alike: tuple[str, str]) -> None:
+    """Numbers, a plural, a part of one letter, and short names; whichever of the two stands alone."""
+    for one, other in (alike, alike[::-1]):
+        names = f"names: [{one}, {one}, {other}]"
+        (lab_folder_of(tmp_path) / "lab.yaml").write_text(LAB.replace("names: [rate]", names, 1), encoding="utf-8")
+        load_rubric(tmp_path / "lab.yaml", rubric_kinds())
 
 
 def test_many_mistypings_are_reported_at_once(tmp_path: Path) -> None:

@@ -232,16 +232,16 @@ class LaunchRunner:
         reader = PipeReader(result_read, _MAX_PLAN_BYTES, received.append)
         request = {"file": f"{root}/{source}", "arguments": arguments, "root": root, "native": native is not None}
         running.write(json.dumps(request).encode(), last=True)
-        in_time = await _ends_in_time(running, left_s)
+        outcome = await _run_until(running, left_s)
         await running.kill()
         reader.close()
         text = received[0] if received else ""
         if not text:
             sandbox.note_unstarted(run, "the launch file could not be evaluated")
-        plan = _read_plan(text, in_time, timeout_s, run, source)
+        plan = _read_plan(text, outcome == "done", timeout_s, run, source)
         if plan.problem is not None and plan.problem.kind in ("too_slow", "no_plan"):
             self._given_up[source] = plan
-        return ("done" if in_time else "timeout"), plan
+        return outcome, plan
 
     # -- running ------------------------------------------------------------------------------
 
@@ -355,15 +355,18 @@ def with_places(text: str, names: Container[str], folder: str) -> str:
     return _OWN_FILE.sub(lambda match: f"{folder}/{match[1]}" if match[1] in names else match[0], text)
 
 
-async def _ends_in_time(running: RunningProcess, time_s: float, most: float = _MOST_EXTENDED) -> bool:
-    """Wait until a program has ended: as long as it may take, and as long as it waits for a core besides."""
+async def _run_until(running: RunningProcess, time_s: float, most: float = _MOST_EXTENDED) -> str:
+    """Wait until a program has ended: as long as it may take, and as long as it waits for a core besides.
+
+    Return "failed" if it had that time, and "timeout" if the machine kept it from a core for too long to tell.
+    """
     began_s = time.monotonic()
     while not await running.wait_exit(max(_LOOK_S, began_s + time_s - time.monotonic())):
         running.sample_usage()
         delay_s = running.run.usage[-1].run_delay_ns / 1e9 if running.run.usage else 0.0
-        if time.monotonic() - began_s > min(time_s + delay_s + _WAIT_S, most * time_s):
-            return False
-    return True
+        if (took_s := time.monotonic() - began_s) > min(time_s + delay_s + _WAIT_S, most * time_s):
+            return "timeout" if took_s < time_s + delay_s else "failed"
+    return "done"
 
 
 def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, source: str) -> Plan:
