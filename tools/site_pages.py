@@ -137,7 +137,7 @@ def commands_said() -> str:
 
 def _help(*words: str) -> str:
     said, width = io.StringIO(), os.environ.get("COLUMNS")
-    os.environ["COLUMNS"] = "100"
+    os.environ["COLUMNS"] = "88"
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
         importlib.import_module(f"grader.commands.{words[0]}").run([*words[1:], "--help"], Console())
     os.environ.pop("COLUMNS") if width is None else os.environ.update(COLUMNS=width)
