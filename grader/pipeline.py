@@ -175,6 +175,7 @@ def record(
 ) -> Judgement:
     """Run the live half, and sessions again whose checks are undecided; returns the judgement of what is kept."""
     from grader.evidence.environment_gap import modules_to_look_for
+    from grader.live.interfaces.needs import needed_interfaces, provide_interfaces
     from grader.live.sandbox.environment import absent_modules, find_native_launch, versions
     from grader.live.sandbox.isolation import Level
     from grader.live.sandbox.machine import wait_for_calm
@@ -193,7 +194,10 @@ def record(
             yield
 
     # It begins to import while the isolation is tried.
-    with ForkServer(given_in_steps(rubric, "type")) as forks:
+    with (
+        ForkServer(given_in_steps(rubric, "type")) as forks,
+        tempfile.TemporaryDirectory(prefix=scratch_prefix()) as interfaces,
+    ):
         with watch.stage("testing the sandbox"):
             isolation = scheduler.isolation if scheduler is not None else probe_isolation(options.interpreter)
         require(isolation, Level.of(options.least_isolation))
@@ -204,6 +208,9 @@ def record(
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
         wanted = in_bounds(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
         submission.absent_modules = absent_modules(options.interpreter, wanted)
+        with work("building interfaces"):
+            needed = in_bounds(partial(needed_interfaces, rubric, submission), submission.source, _READING_BOUND)
+            lacking = provide_interfaces(needed, rubric, submission, Path(interfaces), isolation, options.interpreter)
         if options.scope is not Scope.UNDECIDED:
             _start_afresh(recordings, submission, rubric)
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
@@ -223,6 +230,8 @@ def record(
                 forks,
                 native,
                 scheduler=scheduler,
+                interfaces=Path(interfaces),
+                lacking=lacking,
             )
             on_progress = watch.follow(on_progress)
             preparing = threading.Timer(_PREPARED_AFTER_S, prepare, [rubric])
@@ -247,7 +256,8 @@ def record(
                     preparing.join()
                     return judge_bounded(recordings, rubric, options.overrides)
 
-            return judged() if options.scope is Scope.ONCE else retry_undecided(recordings, chosen, retry, judged)
+            once = options.scope is Scope.ONCE or lacking
+            return judged() if once else retry_undecided(recordings, chosen, retry, judged)
 
 
 def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:

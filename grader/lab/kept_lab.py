@@ -23,6 +23,7 @@ from pydantic import BaseModel
 import grader
 from grader.errors import RecordingError
 from grader.lab.rubric import Rubric
+from grader.recording.interfaces import read_folder
 from grader.recording.submission import read_submission
 
 #: The rubric in a lab's folder.
@@ -62,11 +63,13 @@ def is_shipped(rubric: Path) -> bool:
 
 
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
-    """Return the files beside a rubric that it names: reference programs, oracles and checks of its own."""
+    """Return the files beside a rubric that it names: programs, oracles and checks of its own, interfaces."""
     parts: list[Any] = [*rubric.reference.values(), *rubric.checks()]
     parts += [figure for criterion in rubric.criteria for figure in criterion.figures if figures]
     functions = (function.partition(":")[0] for part in parts for function in functions_of(part))
-    return list(dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions]))
+    defined = read_folder(rubric.folder / rubric.interfaces) if rubric.interfaces is not None else {}
+    interfaces = (f"{rubric.interfaces}/{name}" for name in defined)
+    return list(dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions, *interfaces]))
 
 
 def functions_of(part: BaseModel) -> list[str]:

@@ -32,7 +32,15 @@ from pydantic_core import CoreSchema
 
 from grader.lab.patterns import compiled
 from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, suggestion
-from grader.recording.definitions import field_steps, fields_of, packages_with, types_in
+from grader.recording.definitions import (
+    also_defined,
+    field_steps,
+    fields_of,
+    installed_types,
+    packages_with,
+    types_in,
+)
+from grader.recording.interfaces import PARTS, InterfacePackage, packages_of, read_folder
 
 #: Topics that every ROS system has.
 _STANDARD_TOPICS = {
@@ -469,6 +477,53 @@ def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
     return {node.name: node for node in ast.parse(source).body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
 
 
+def interfaces_in(folder: Path, name: object) -> list[InterfacePackage]:
+    """Return the packages in the folder of that name beside a rubric; none where there is no such folder."""
+    inside = isinstance(name, str) and (folder / name).resolve().is_relative_to(folder.resolve())
+    return list(packages_of(read_folder(folder / str(name)))) if inside else []
+
+
+def readable_interfaces(folder: Path, name: object) -> list[InterfacePackage]:
+    """Return those of the packages that are written as ROS asks for."""
+    return [package for package in interfaces_in(folder, name) if not package.problem and _is_readable(package)]
+
+
+def _is_readable(package: InterfacePackage) -> bool:
+    try:
+        return bool(package.fields)
+    except ValueError:
+        return False
+
+
+def _interfaces(scope: Scope, value: str, info: ValidationInfo) -> None:
+    packages = interfaces_in(scope.folder, value)
+    if not packages:
+        raise ValueError(f"there is no folder {value!r} beside the rubric with msg/, srv/ or action/ files in it")
+    with also_defined(readable_interfaces(scope.folder, value)):
+        wrong = [f"{package.name}: {words}" for package in packages if (words := _wrong_in(package))]
+    if wrong:
+        raise ValueError("; ".join(wrong))
+
+
+def _wrong_in(package: InterfacePackage) -> str:
+    """Say what is wrong with a package of the lab's, as far as that is known without building it."""
+    if package.problem:
+        return package.problem
+    if any(installed_types(package.name, kind) for kind in PARTS):
+        return "ROS has a package of this name, which counts"
+    try:
+        messages = package.fields
+    except ValueError as problem:
+        return str(problem)
+    spelled = {name: fields_of(name) or {} for name in messages}
+    used = {kind.partition("[")[0] for fields in spelled.values() for kind in fields.values()}
+    unknown = sorted(name for name in used if "/" in name and fields_of(name) is None)
+    return f"there is no type {unknown[0].replace('/msg/', '/')}" if unknown else ""
+
+
+InterfaceFolder = Annotated[
+    str, Reference("Folder beside the rubric: packages of .msg, .srv and .action files.", _interfaces, "interfaces")
+]
 FileBeside = Annotated[str, Reference("File beside the rubric.", _file, "reference/robot.py")]
 Loadable = Annotated[
     str,

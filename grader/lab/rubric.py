@@ -35,16 +35,21 @@ from grader.lab.references import (
     CheckId,
     EarlierCheckId,
     FileBeside,
+    InterfaceFolder,
     Kinds,
     Loadable,
     Parameters,
     RosName,
     Scope,
     SessionId,
+    interfaces_in,
     one_of,
+    readable_interfaces,
 )
 from grader.lab.steps import STEPS, Step
 from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, parse_yaml, read_text, suggestion
+from grader.recording.definitions import also_defined
+from grader.recording.interfaces import InterfacePackage
 
 #: `file.py:function`, beside the rubric.
 _OWN_PATTERN = r"\.py:\w+$"
@@ -283,6 +288,7 @@ class RubricFile(Parameters):
     """All that stands in a rubric."""
 
     lab: LabSpec
+    interfaces: InterfaceFolder | None = None
     artifacts: dict[str, ArtifactSpec] = Field(default_factory=dict, description="What students hand in.")
     reference: dict[str, ReferenceSpec] = Field(default_factory=dict, description="Nodes of our own.")
     sessions: Annotated[dict[str, SessionSpec], BeforeValidator(_with_ids)] = Field(default_factory=dict)
@@ -308,6 +314,11 @@ class Rubric(RubricFile):
         """Hash of the rubric's text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
+    @property
+    def interface_packages(self) -> list[InterfacePackage]:
+        """The lab's own messages, services and actions."""
+        return interfaces_in(self.folder, self.interfaces)
+
     def checks(self) -> Iterable[CheckSpec]:
         """All checks, in the rubric's order."""
         return (check for criterion in self.criteria for check in criterion.checks)
@@ -325,7 +336,8 @@ def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
     errors = []
     for folder in folders or (path.resolve().parent,):
         try:
-            found = RubricFile.model_validate(plain, context=Scope(plain, folder, kinds))
+            with also_defined(readable_interfaces(folder, plain.get("interfaces"))):
+                found = RubricFile.model_validate(plain, context=Scope(plain, folder, kinds))
         except ValidationError as error:
             errors.append(error)
             continue

@@ -16,7 +16,7 @@ from grader.errors import RubricError
 from grader.judging.rubrics import read_rubric, rubric_kinds
 from grader.lab.kept_lab import lab_folder
 from grader.lab.rubric import Rubric, json_schema, load_rubric
-from grader.recording.definitions import fields_of, types_in
+from grader.recording.definitions import installed_fields, installed_types
 
 GRADER = Path(__file__).resolve().parents[2] / "grader"
 
@@ -514,14 +514,14 @@ def test_fields_are_known_where_ros_is_not_installed(tmp_path: Path, monkeypatch
         "msg/String", "msg/Strng"
     )
     (lab_folder_of(tmp_path) / "lab.yaml").write_text(text, encoding="utf-8")
-    types_in.cache_clear()
-    fields_of.cache_clear()
+    installed_types.cache_clear()
+    installed_fields.cache_clear()
     try:
         with pytest.raises(RubricError) as caught:
             load_rubric(tmp_path / "lab.yaml", rubric_kinds())
     finally:
-        types_in.cache_clear()
-    fields_of.cache_clear()
+        installed_types.cache_clear()
+    installed_fields.cache_clear()
     assert [message.rpartition("; ")[2] for message in caught.value.mistakes] == [
         "did you mean 'std_msgs/msg/String'?",
         "did you mean 'data'?",

@@ -134,6 +134,7 @@ class Session:
     ) -> RunningProcess:
         self.record.processes.append(run)
         environment = trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id)
+        environment = self.sandbox.with_interfaces(environment)
         program = Program(run.name, main, environment, _TRUSTED_BYTES)
         running = await RunningProcess.fork(run, program, on_message=hear)
         self.sandbox.trusted.append(running)
