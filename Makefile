@@ -39,7 +39,7 @@ bench: $(STAMP) system
 
 # The documentation as a site; a link that leads nowhere ends it. Open site/index.html.
 docs: $(DEV_STAMP)
-	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 lint: $(DEV_STAMP)
 	$(BIN)/ruff check
