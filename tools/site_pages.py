@@ -15,6 +15,7 @@ import json
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -27,6 +28,7 @@ from grader.commands import COMMANDS, checks, figures, steps
 from grader.commands.listing import Entry, Parameter, parameters_in
 from grader.judging.rubrics import rubric_kinds
 from grader.lab.rubric import json_schema
+from grader.lab.steps import STEPS
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Where copies of the repository's files lie in the site.
@@ -34,6 +36,8 @@ COPIES = "repository"
 _GENERATED = re.compile(r"<!-- generated: (\w+)([^>]*) -->")
 #: Keys of a part of a rubric that have a page or a section of their own.
 _APART = ("checks", "figures", "steps")
+#: Keys whose values a page lists.
+_KINDS = ("check", "kind")
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 #: A command of a command, as argparse lists it.
 _PART = re.compile(r"^    ([a-z]+) {2,}\S", re.MULTILINE)
@@ -90,6 +94,17 @@ def _cell(text: str) -> str:
     return html.escape(text, quote=False).replace("|", "&#124;")
 
 
+def described_steps() -> str:
+    """Return a section for each kind of step; of some keys of a step exactly one is given."""
+    one = " Exactly one of {} is given."
+    entries = steps.entries()
+    targets = {entry.name: ", ".join(f"`{key}`" for key in STEPS[entry.name].targets) for entry in entries}
+    return _sections(
+        replace(entry, description=entry.description + (one.format(targets[entry.name]) if targets[entry.name] else ""))
+        for entry in entries
+    )
+
+
 def _sections(entries: Iterable[Entry], level: int = 2) -> str:
     return "\n".join(
         f"{'#' * level} {entry.name}\n\n{entry.description}\n\n"
@@ -117,8 +132,8 @@ def part(name: str) -> str:
     """Return the keys of a part of a rubric."""
     schema = json_schema(rubric_kinds())
     # What has a page or a section of its own is not told again.
-    told = (each for each in parameters_in(schema["$defs"][name], schema) if each.name not in _APART)
-    return table(told)
+    told = [each for each in parameters_in(schema["$defs"][name], schema) if each.name not in _APART]
+    return table(replace(each, type="text") if each.name in _KINDS else each for each in told)
 
 
 # -- commands and code -------------------------------------------------------------------------------
@@ -167,7 +182,7 @@ def _name_of(node: ast.stmt) -> str:
 
 GENERATED: Mapping[str, Callable[..., str]] = {
     "checks": grouped_checks,
-    "steps": lambda: _sections(steps.entries()),
+    "steps": described_steps,
     "figures": lambda: _sections(figures.entries()),
     "part": part,
     "commands": commands_said,
