@@ -13,7 +13,19 @@ from typing import Any, get_type_hints
 
 from pydantic import BaseModel
 
-from grader.checks import documentation, launch, publisher, qos_tool, service, subscriber
+from grader.checks import (
+    action,
+    answers,
+    documentation,
+    launch,
+    lifecycle,
+    parameters,
+    publisher,
+    qos_tool,
+    service,
+    subscriber,
+    transforms,
+)
 from grader.checks.base import Context, undecided
 from grader.checks.own import find_own
 from grader.checks.preconditions import clock_set, explained, missing_artifact, not_assessable_here, proof, unseen
@@ -87,6 +99,15 @@ _CHECKS = (
     Check(service.call_gated),
     Check(service.parameters_declared, by_endpoints=True),
     Check(service.calls_in_time, by_clock=True),
+    # A node that serves an action.
+    Check(action.action_server, by_endpoints=True, by_clock=True, seeks=("action",)),
+    Check(answers.call_value),
+    # A node whose parameters or state are changed while it runs.
+    Check(parameters.parameter_effect, by_clock=True),
+    Check(parameters.parameter_rejected),
+    Check(lifecycle.lifecycle, by_clock=True),
+    # Nodes that broadcast transforms.
+    Check(transforms.transform_tree, by_clock=True),
     # A launch file.
     Check(launch.launch_loads, by_endpoints=True),
     Check(launch.launch_arguments, by_endpoints=True),

@@ -53,12 +53,7 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
     `tried` are results of its solution, if there are any.
     """
     _, mistakes = parse_yaml(rubric_file, rubric.text, "the lab")
-    if rubric.lab.solution is not None and not (rubric.folder / rubric.lab.solution).is_dir():
-        mistakes.add(("lab", "solution"), f"there is no folder {rubric.lab.solution!r} beside the rubric")
-    for name, artifact in rubric.artifacts.items() if rubric.lab.solution is not None else ():
-        if not any((rubric.folder / rubric.lab.solution).rglob(artifact.file)):
-            mistakes.add(("artifacts", name, "file"), f"there is no {artifact.file} in the solution")
-    for loc, words in in_process(partial(_code_mistakes, rubric), _IMPORT_BOUND):
+    for loc, words in (*_solution_mistakes(rubric), *in_process(partial(_code_mistakes, rubric), _IMPORT_BOUND)):
         mistakes.add(loc, words)
     listed = [words for _, words in sorted(mistakes.found)] + list(_fixture_mistakes(rubric))
     if listed:
@@ -76,6 +71,15 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
 
 
 # -- files -----------------------------------------------------------------------------------------
+
+
+def _solution_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+    folder = rubric.folder / (rubric.lab.solution or "")
+    if not folder.is_dir():
+        yield ("lab", "solution"), f"there is no folder {rubric.lab.solution!r} beside the rubric"
+    for name, artifact in rubric.artifacts.items() if rubric.lab.solution and folder.is_dir() else ():
+        if not any(folder.rglob(artifact.file)):
+            yield ("artifacts", name, "file"), f"there is no {artifact.file} in the solution"
 
 
 def _fixture_mistakes(rubric: Rubric) -> Iterator[str]:

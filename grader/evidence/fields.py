@@ -1,12 +1,14 @@
-"""Values of messages' fields as numbers and times."""
+"""Values of messages' fields: as numbers and times, and such as stand in a step's result."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from grader.recording.definitions import field_steps
 
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 #: Numbers that are taken one by one out of a message's value: a flood of nested ones is no vector.
@@ -49,3 +51,26 @@ def _numbers_in(value: Any) -> Iterator[float]:
 def time_ns(value: Any) -> int:
     """Return a time stamp or duration of a message in ns."""
     return int(value.sec) * 10**9 + int(value.nanosec)
+
+
+def value_at(values: Any, path: str) -> Any:
+    """Return the value of a field in a message that stands in a step's result as JSON; None where there is none."""
+    try:
+        for step in field_steps(path):
+            values = values[step]
+    except (IndexError, KeyError, TypeError):
+        return None
+    return values
+
+
+def equal_within(got: Any, wanted: Any, tolerance: float) -> bool:
+    """Whether a value of such a message is one of a rubric's, of which a mapping may leave out fields."""
+    if isinstance(wanted, Mapping):
+        pairs = ((value_at(got, path), value) for path, value in wanted.items())
+        return isinstance(got, Mapping) and all(equal_within(*pair, tolerance) for pair in pairs)
+    if isinstance(wanted, (list, tuple)):
+        alike = isinstance(got, list) and len(got) == len(wanted)
+        return alike and all(equal_within(a, b, tolerance) for a, b in zip(got, wanted, strict=True))
+    if isinstance(wanted, (int, float)) and isinstance(got, (int, float)):
+        return bool(abs(got - wanted) <= tolerance)
+    return bool(got == wanted)

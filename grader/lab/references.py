@@ -48,7 +48,7 @@ _STANDARD_TOPICS = {
     "/rosout": "rcl_interfaces/msg/Log",
     "/parameter_events": "rcl_interfaces/msg/ParameterEvent",
 }
-_ENDPOINTS = ("topic", "publisher", "subscription", "service")
+_ENDPOINTS = ("topic", "publisher", "subscription", "service", "action", "action_client")
 
 
 class Parameters(Strict):
@@ -134,7 +134,7 @@ class Scope:
 
     @cached_property
     def types(self) -> dict[str, set[str]]:
-        """Return the types of all topics and services that are waited for, typed, or the new name of others."""
+        """Return the types of topics, services and actions that are waited for, typed, or the new name of others."""
         found = {topic: {name} for topic, name in _STANDARD_TOPICS.items()}
         for part in _parts(self.plain):
             renamed = [*_mapping(part.get("remappings")).values(), *_mapping(part.get("composed")).values()]
@@ -142,6 +142,8 @@ class Scope:
             typed = [part.get(key) for key in _ENDPOINTS] if isinstance(part.get("type"), str) else []
             for name in (n for n in (*renamed, *awaited, *typed) if isinstance(n, str)):
                 found.setdefault(name, set()).update({part["type"]} if name in typed else ())
+            if isinstance(part.get("action"), str) and typed:
+                found[f"{part['action']}/_action/feedback"] = {f"{part['type']}_FeedbackMessage"}
         return found
 
 
@@ -249,9 +251,11 @@ CheckId = Annotated[str, Reference("Id of a check.", lambda scope, value, _: one
 EarlierCheckId = Annotated[str, Reference("Id of an earlier check.", _before, "talker.publishes")]
 AnyStep = Annotated[str, step_label()]
 CallLabel = Annotated[str, step_label("call")]
+GoalLabel = Annotated[str, step_label("send_goal")]
 PlanLabel = Annotated[str, step_label("plan")]
 GetLabel = Annotated[str, step_label("get_parameters")]
 SetLabel = Annotated[str, step_label("set_parameters")]
+TransitionLabel = Annotated[str, step_label("change_state")]
 ExitLabel = Annotated[str, step_label("wait_exit")]
 Window = Annotated[str, step_label("observe")]
 Process = Annotated[str, _process()]
@@ -314,7 +318,11 @@ RosName = Annotated[
 #: One that is used besides; where a step waits for it or its type stands somewhere, fields are looked up in that.
 Topic = Annotated[str, Reference("A topic or service.", _known_topic, "/chatter")]
 
-_EXAMPLES = {"msg": "std_msgs/msg/String", "srv": "std_srvs/srv/SetBool"}
+_EXAMPLES = {
+    "msg": "std_msgs/msg/String",
+    "srv": "std_srvs/srv/SetBool",
+    "action": "example_interfaces/action/Fibonacci",
+}
 
 
 def _interface(value: str, folder: str) -> None:
@@ -338,15 +346,16 @@ def _type_in(folder: str, what: str) -> Reference:
 
 MessageType = Annotated[str, _type_in("msg", "A message type.")]
 ServiceType = Annotated[str, _type_in("srv", "A service type.")]
-#: A service's where the key `service` stands before it.
-AnyType = Annotated[
-    str,
-    Reference(
-        "A message or service type.",
-        lambda scope, value, info: _interface(value, "srv" if info.data.get("service") else "msg"),
-        _EXAMPLES["msg"],
-    ),
-]
+ActionType = Annotated[str, _type_in("action", "An action type.")]
+
+
+def _of_endpoint(scope: Scope, value: str, info: ValidationInfo) -> None:
+    folders = {"service": "srv", "action": "action", "action_client": "action"}
+    _interface(value, next((folder for key, folder in folders.items() if info.data.get(key)), "msg"))
+
+
+#: A service's or an action's where such a key stands before it.
+AnyType = Annotated[str, Reference("A message, service or action type.", _of_endpoint, _EXAMPLES["msg"])]
 
 
 def _type_at(name: str, path: str) -> str | None:
@@ -421,15 +430,15 @@ def _wrong_fields(name: str, values: Mapping[str, Any], loc: Loc = ()) -> Iterat
 def fields_of_type(part: str = "", label: str | None = None) -> Reference:
     """Return the type of values by the name of their field, or of one such name.
 
-    They are of a message, or of the "_Request" or "_Response" `part` of a service. Of which, the key `type` before it
-    says, or else the call that the key `label` before it names.
+    They are of a message, or of a `part` of a service ("_Request", "_Response") or of an action ("_Goal", "_Result",
+    "_Feedback"). Of which, the key `type` before it says, or else the step that the key `label` before it names.
     """
 
     def look_up(scope: Scope, value: str | Mapping[str, Any], info: ValidationInfo) -> None:
         name = info.data.get("type")
         if label is not None:
-            calls = (s.parameters.get("type") for s in scope.steps or () if s.label == info.data.get(label))
-            name = next(calls, None)
+            types = (s.parameters.get("type") for s in scope.steps or () if s.label == info.data.get(label))
+            name = next(types, None)
         if isinstance(name, str) and name.count("/") == 2:
             wrong = list(_wrong_fields(name + part, {value: None} if isinstance(value, str) else value))
             if wrong:
@@ -579,5 +588,8 @@ Patterns = Annotated[
 Reliability = Literal["reliable", "best_effort"]
 Durability = Literal["volatile", "transient_local"]
 History = Literal["keep_last", "keep_all"]
+#: As `lifecycle_msgs` labels them.
+LifecycleState = Literal["unconfigured", "inactive", "active", "finalized"]
+LifecycleTransition = Literal["configure", "activate", "deactivate", "cleanup", "shutdown"]
 _Single = Literal["bool", "integer", "double", "string"]
 ParameterType = Literal[_Single, "byte_array", "bool_array", "integer_array", "double_array", "string_array"]

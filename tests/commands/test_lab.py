@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import shutil
+import textwrap
+from collections.abc import Iterable
 from pathlib import Path
 
 import pytest
 import yaml
 
+from grader import own_checks
 from grader.cli import main
+from grader.judging.judge import Recordings, judge
+from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
+from grader.result import CheckResult
+from tests.synthetic import Session, evenly, submission
 
 ROOT = Path(__file__).resolve().parents[2]
 NODE = """\
@@ -221,6 +228,54 @@ FREE = """\
         check: checks/mine.py:always
         with: {topic: /joint_commands}
 """
+
+
+def judged(lab: Path, made: Session) -> CheckResult:
+    """Judge a recording of the lab's session by the last check of its rubric."""
+    made.record.session = "talking"
+    rubric = read_rubric(lab / "rubric.yaml")
+    found = judge(Recordings(submission(talker="talker.py"), {"talking": made.recorded()}), rubric)
+    return found.checks[-1]
+
+
+def with_check(lab: Path, source: str, words: str) -> None:
+    """Add a check of its own to a lab."""
+    (lab / "checks").mkdir()
+    (lab / "checks/mine.py").write_text(source, encoding="utf-8")
+    with (lab / "rubric.yaml").open("a", encoding="utf-8") as rubric:
+        rubric.write(f"      - {{id: talker.mine, points: 0, session: talking, {words}}}\n")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "outcome"), [(range(1, 21), "passed"), (range(1, 11), "passed"), ([1, 2, 2, *range(3, 20)], "failed")]
+)
+def test_the_check_in_its_readme_works(
+    new: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], numbers: Iterable[int], outcome: str
+) -> None:
+    """As it is written there: right, just enough, and wrong."""
+    text = (new / "README.md").read_text(encoding="utf-8")
+    source = textwrap.dedent(text.partition("  ```python\n")[2].partition("  ```\n")[0])
+    with_check(new, source, "check: checks/mine.py:counts_up, with: {topic: /chatter}")
+    assert run(capsys, "check", new)[0] == 0
+    greetings = [f"Hello {number}" for number in numbers]
+    made = Session(tmp_path, "talking").process("talker").texts("/chatter", greetings, evenly(10, 10)[: len(greetings)])
+    found = judged(new, made)
+    assert found.outcome.value == outcome, found.reason
+
+
+@pytest.mark.parametrize(("nearest", "outcome"), [(0.4, "passed"), (0.3, "passed"), (0.2, "failed")])
+def test_the_check_in_the_documentation_of_own_checks_works(
+    new: Path, tmp_path: Path, nearest: float, outcome: str
+) -> None:
+    """As it is written there, on ranges of a laser."""
+    text = str(own_checks.__doc__)
+    source = textwrap.dedent(text[text.index("    from dataclasses") : text.index("- The second argument")])
+    with_check(new, source, "check: checks/mine.py:keeps_away, with: {topic: /scan, window: window}")
+    scans = [{"ranges": [1.0, nearest, 2.0]}] * 10
+    made = Session(tmp_path, "talking").process("talker").window(0.5, 5.0)
+    made.typed("/scan", "sensor_msgs/msg/LaserScan", scans, evenly(10, 0.9))
+    found = judged(new, made)
+    assert found.outcome.value == outcome, found.reason
 
 
 @pytest.mark.live

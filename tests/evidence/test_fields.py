@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from grader.evidence.fields import equal_within, value_at
 from grader.evidence.recorded import Recorded
 from tests.synthetic import Session, at, evenly
 
@@ -82,3 +83,35 @@ def test_times_and_rows_keep_together_when_some_are_left_out(tmp_path: Path) -> 
     assert rest.values[:, 0].tolist() == rest.index.tolist() == [0, 3, 5]
     assert rest.source_ns.tolist() == [at(TIMES[n]) for n in (0, 3, 5)]
     assert rest.received_ns.tolist() == [at(TIMES[n] + 0.01) for n in (0, 3, 5)]
+
+
+RESULT = {"pose": {"x": 1.0, "name": "a"}, "rows": [1, 2.5], "done": True}
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [("pose.x", 1.0), ("rows[1]", 2.5), ("rows.0", 1), ("rows[2]", None), ("pose.y", None), ("rows.x", None)],
+)
+def test_values_of_what_stands_in_a_result_are_found_by_paths(path: str, value: object) -> None:
+    """Where there is no such field or element, there is no value."""
+    assert value_at(RESULT, path) == value
+
+
+@pytest.mark.parametrize(
+    ("wanted", "tolerance", "equal"),
+    [
+        ({"pose": {"x": 1.25}}, 0.25, True),
+        ({"pose": {"x": 1.25}}, 0.2, False),
+        ({"pose": {"x": 1, "name": "a"}, "done": True}, 0.0, True),
+        ({"pose": {"name": "b"}}, 1.0, False),
+        ({"pose.x": 1.0, "rows": [1, 2.4]}, 0.11, True),
+        ({"rows": [1]}, 1.0, False),
+        ({"rows": [1, "2.5"]}, 1.0, False),
+        ({"rows": {"x": 1}}, 1.0, False),
+        ({}, 0.0, True),
+    ],
+)
+def test_values_are_compared_within_a_tolerance(wanted: dict[str, Any], tolerance: float, equal: bool) -> None:
+    """Numbers may differ, texts and lengths may not, and what is not asked for does not count."""
+    assert equal_within(RESULT, wanted, tolerance) is equal
+    assert not equal_within({"x": float("nan")}, {"x": 1.0}, 1e9)

@@ -56,11 +56,11 @@ def sessions_at_a_time(isolation: Isolation) -> int:
 
 
 #: By which steps name topics, services and nodes.
-_NAMING = ("node", "publisher", "subscription", "service", "first_message_on")
+_NAMING = ("node", "publisher", "subscription", "service", "action", "action_client", "first_message_on")
 
 
 def given_in_steps(rubric: Rubric, *keys: str) -> list[str]:
-    """Return what the rubric's steps give under some keys: names, or by `type` those of messages and services."""
+    """Return what the rubric's steps give under some keys: names, or by `type` those of interfaces."""
     steps = [step for session in rubric.sessions.values() for step in session.steps]
     return sorted({str(step.parameters[key]) for step in steps for key in keys if step.parameters.get(key)})
 

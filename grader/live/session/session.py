@@ -50,7 +50,7 @@ _SAMPLED_SHARE = 0.7
 _AFTER_EXIT_S = 0.3
 #: What a measurement needs of its time undisturbed, and the pieces by which it is made longer for that.
 _CALM_S, _MORE_S = 0.7, 0.5
-_NAMED = ("node", "publisher", "subscription", "service")
+_NAMED = ("node", "publisher", "subscription", "service", "action", "action_client")
 
 
 class Session:
