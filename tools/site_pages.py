@@ -122,9 +122,9 @@ def grouped_checks() -> str:
 
 
 def _heading(module: str) -> str:
-    """Return what the checks of a module are of: its first sentence, without how it begins and goes on."""
-    said = (importlib.import_module(module).__doc__ or module).partition(".")[0].partition(":")[0]
-    said = said.removeprefix("Checks of ").removeprefix("Checks that ")
+    """Return what the checks of a module are of: how its docstring begins, without that they are checks."""
+    said = re.split(r"[.:,]", importlib.import_module(module).__doc__ or module)[0]
+    said = re.sub(r"^(The )?[Cc]hecks? (of|that) ", "", said)
     return said[:1].upper() + said[1:]
 
 
