@@ -18,6 +18,7 @@ import yaml
 from rich.console import Console
 
 from grader.commands import COMMANDS
+from grader.errors import RubricError
 from grader.judging.rubrics import read_rubric
 from tests.documentation import PAGES, ROOT, blocks, command_lines, inline
 
@@ -93,6 +94,14 @@ def test_files_that_pages_name_are_there(page: Path) -> None:
     assert missing == set()
 
 
+def test_every_room_of_the_house_is_in_the_layout() -> None:
+    """Each package and module of `grader/`, and each package of its live half."""
+    grader, said = ROOT / "grader", set(inline(ROOT / "docs/developers.md"))
+    rooms = {path.name + "/" * path.is_dir() for path in grader.iterdir() if path.suffix == ".py" or path.is_dir()}
+    rooms |= {f"live/{path.parent.name}/" for path in grader.glob("live/*/__init__.py")}
+    assert {name for name in rooms if not name.startswith("__")} - said == set()
+
+
 @named
 def test_examples_in_python_and_yaml_can_be_read(page: Path) -> None:
     """They are valid as they stand."""
@@ -110,6 +119,34 @@ def test_the_parts_of_the_example_are_a_rubric(tmp_path: Path) -> None:
     (tmp_path / "rubric.yaml").write_text(yaml.safe_dump(parts), encoding="utf-8")
     rubric = read_rubric(tmp_path / "rubric.yaml")
     assert [check.id for check in rubric.checks()] == ["talker.publishes", "talker.rate"]
+
+
+def test_the_examples_of_a_labs_code_can_be_named_by_a_rubric(tmp_path: Path) -> None:
+    """Parameters of the check and settings of the reference node are found as the page has them."""
+    page = ROOT / "docs/lab-code.md"
+    for block in blocks(page):
+        if block.title:
+            (tmp_path / block.title).parent.mkdir(exist_ok=True)
+            (tmp_path / block.title).write_text(block.text, encoding="utf-8")
+    named, parts = (yaml.safe_load(block.text) for block in blocks(page, "yaml"))
+    parts["sessions"]["listening"]["steps"] += [
+        {"wait_for": {"publisher": "/scan", "type": "sensor_msgs/msg/LaserScan"}},
+        {"observe": {"duration_s": 1}, "label": "window"},
+    ]
+    criterion = {
+        "id": "c",
+        "title": "C",
+        "points": 1,
+        "checks": [{"id": "d", "points": 1, "session": "listening", **named}],
+    }
+    rest = {"lab": {"id": "x", "title": "X", "points": 1}, "artifacts": {"listener": {"file": "listener.py"}}}
+    rubric = tmp_path / "rubric.yaml"
+    rubric.write_text(yaml.safe_dump({**rest, **parts, "criteria": [criterion]}), encoding="utf-8")
+    assert next(iter(read_rubric(rubric).checks())).parameters.model_dump()["least_m"] == 0.3
+    rubric.write_text(rubric.read_text(encoding="utf-8").replace("rate_hz", "rate_hzz"), encoding="utf-8")
+    with pytest.raises(RubricError) as found:
+        read_rubric(rubric)
+    assert "did you mean 'rate_hz'" in found.value.mistakes[0]
 
 
 def test_the_example_of_an_oracle_gives_what_it_says() -> None:
