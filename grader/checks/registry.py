@@ -17,12 +17,18 @@ from grader.checks import (
     action,
     answers,
     documentation,
+    fields,
+    latency,
     launch,
     lifecycle,
+    motion,
+    oracle_values,
     parameters,
+    properties,
     publisher,
     qos_tool,
     service,
+    silence,
     subscriber,
     transforms,
 )
@@ -90,6 +96,7 @@ _CHECKS = (
     Check(publisher.offered_qos, by_endpoints=True),
     # A node that listens.
     Check(subscriber.topics_subscribed, by_endpoints=True, seeks=("subscription",)),
+    Check(subscriber.requested_qos, by_endpoints=True),
     Check(subscriber.reported_series, by_clock=True),
     Check(subscriber.reported_statistics, by_clock=True),
     Check(subscriber.survives, by_endpoints=True, by_clock=True),
@@ -119,6 +126,16 @@ _CHECKS = (
     Check(qos_tool.topics_carry_traffic, by_endpoints=True, by_clock=True),
     Check(qos_tool.qos_profiles, by_endpoints=True, seeks=("publisher", "subscription")),
     Check(qos_tool.reported_traffic, by_clock=True),
+    # What messages hold, and how it moves.
+    Check(fields.field_range, by_clock=True),
+    Check(fields.field_matches),
+    Check(motion.reaches, by_clock=True),
+    Check(oracle_values.topic_equals_oracle, by_clock=True),
+    Check(properties.signal_property, by_clock=True),
+    # When something is published, and when nothing is.
+    Check(latency.message_latency, by_clock=True),
+    Check(silence.silent_until, by_clock=True),
+    Check(silence.stops_publishing, by_clock=True),
     # What is written.
     Check(documentation.readme),
     Check(documentation.code_explained),

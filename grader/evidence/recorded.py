@@ -175,19 +175,7 @@ class Recorded:
     @functools.cache  # noqa: B019
     def numeric(self, name: str, field: str, *, finite: bool = True) -> NumericStream | None:
         """Return the messages whose field holds (finite) numbers of the most frequent length, by source time."""
-        stream, all_rows = self.stream(name), self.rows(name, field)
-        rows = {i: row for i, row in enumerate(all_rows) if row is not None and len(row)}
-        if finite:
-            rows = {i: row for i, row in rows.items() if np.isfinite(row).all()}
-        lengths = Counter(map(len, rows.values()))
-        if not lengths:
-            return None
-        length = max(lengths, key=lambda n: (lengths[n], n))
-        kept = [i for i, row in rows.items() if len(row) == length]
-        order = sorted(kept, key=lambda i: (int(stream.source_ns[i]), int(stream.sequence[i])))
-        values = np.array([rows[i] for i in order], dtype=np.float64)
-        times = (stream.source_ns[order], stream.received_ns[order], stream.sequence[order])
-        return NumericStream(*times, values, np.array(order, dtype=np.int64))
+        return numeric_stream(self.stream(name), self.rows(name, field), finite=finite)
 
     @functools.cache  # noqa: B019
     def texts(self, name: str, field: str) -> tuple[str | None, ...]:
@@ -272,6 +260,11 @@ class Recorded:
     def process(self, name: str) -> ProcessRun | None:
         """Return the last process of this name."""
         return next((p for p in reversed(self.record.processes) if p.name == name), None)
+
+    @property
+    def students(self) -> tuple[ProcessRun, ...]:
+        """The student's processes, in order of their start."""
+        return tuple(run for run in self.record.processes if run.role == "student")
 
     @functools.cache  # noqa: B019 - see `stream`
     def delays(self, run: ProcessRun) -> tuple[Delay, ...]:
@@ -360,6 +353,20 @@ class Recorded:
         """Return the CPU time that a process took within a span, in s, interpolated between samples."""
         return _grown_s([(usage.t_ns, usage.cpu_ns) for usage in run.usage], span)
 
+    def delays_s(self, starts_ns: Integers, ends_ns: Integers) -> Floats:
+        """Return for how long the machine delayed that process which it delayed most, in each of many spans, in s.
+
+        Each is what `longest_delay_s` gives for its span; where a delay reaches over an end, its part.
+        """
+        most: Floats = np.zeros(len(starts_ns))
+        for run in (run for run in self.record.processes if run.role in ("student", "reference")):
+            delays = self.delays(run)
+            if delays:
+                edges = np.array([edge for d in delays for edge in ((d.start_ns, 0), (d.end_ns, d.delay_ns))]).T
+                before, after = (np.interp(t, edges[0], np.cumsum(edges[1])) for t in (starts_ns, ends_ns))
+                most = np.maximum(most, (after - before) / 1e9)
+        return most
+
     def longest_delay_s(self, span: Span) -> float:
         """Return for how long within a span the machine delayed that process which it delayed most, in s.
 
@@ -437,6 +444,22 @@ def _run_delay_s(run: ProcessRun, span: Span) -> float:
     if run.exited_ns is not None and run.ended_by == "itself" and last_ns > started_ns:
         total += delayed_ns * span.shared_ns(last_ns, run.exited_ns) // (last_ns - started_ns)
     return total / 1e9
+
+
+def numeric_stream(stream: Stream, all_rows: Sequence[Floats | None], *, finite: bool = True) -> NumericStream | None:
+    """Return the messages of a stream whose rows hold (finite) numbers of the most frequent length, by source time."""
+    rows = {i: row for i, row in enumerate(all_rows) if row is not None and len(row)}
+    if finite:
+        rows = {i: row for i, row in rows.items() if np.isfinite(row).all()}
+    lengths = Counter(map(len, rows.values()))
+    if not lengths:
+        return None
+    length = max(lengths, key=lambda n: (lengths[n], n))
+    kept = [i for i, row in rows.items() if len(row) == length]
+    order = sorted(kept, key=lambda i: (int(stream.source_ns[i]), int(stream.sequence[i])))
+    values = np.array([rows[i] for i in order], dtype=np.float64)
+    times = (stream.source_ns[order], stream.received_ns[order], stream.sequence[order])
+    return NumericStream(*times, values, np.array(order, dtype=np.int64))
 
 
 def _first_numbers(message: object | None) -> Floats | None:

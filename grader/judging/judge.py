@@ -18,7 +18,7 @@ from grader.checks.base import Context, inconclusive, not_reached, undecided
 from grader.checks.commands import commands_of
 from grader.checks.invalidated import is_timed, named, not_measurable, with_checks, without_rest
 from grader.checks.preconditions import missing_artifact
-from grader.checks.registry import check_named
+from grader.checks.registry import LOST, check_named
 from grader.errors import RecordingError
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.flakiness import inconclusive_reason, may_be_flaky
@@ -98,7 +98,7 @@ def judge_checks(recordings: Recordings, rubric: Rubric, violations: Sequence[Vi
         if chosen is None or spec.session is None or spec.session in chosen:
             recorded = recordings.sessions.get(spec.session or "")
             finding = _judge(spec, dataclasses.replace(context, recorded=recorded), rubric, violations)
-            findings[spec.id] = _of_the_rest(spec, finding, findings, rubric)
+            findings[spec.id] = _excused(spec, _of_the_rest(spec, finding, findings, rubric), context, rubric)
     return findings
 
 
@@ -111,6 +111,17 @@ def _of_the_rest(spec: CheckSpec, finding: Finding, findings: Mapping[str, Findi
     said = f"It was judged on a repaired copy, where it earns {float(repaired.rest or 1):.0%}. {finding.reason}".strip()
     hint = finding.hint or repaired.hint
     return dataclasses.replace(finding, outcome=Outcome.PARTIAL, credit=credit, reason=said, hint=hint)
+
+
+def _excused(spec: CheckSpec, finding: Finding, context: Context, rubric: Rubric) -> Finding:
+    """Return a finding without its loss, where an earlier check took points for the same mistake."""
+    earlier = next(filter(context.charged, spec.excused_by), None)
+    if earlier is None or finding.outcome not in LOST:
+        return finding
+    title = next(check.title for check in rubric.checks() if check.id == earlier)
+    note = f"'{spec.title}': {finding.reason} This costs nothing here, since '{title}' took points already."
+    notes = (*finding.notes, note)
+    return dataclasses.replace(finding, outcome=Outcome.PASSED, credit=Decimal(1), reason="", hint="", notes=notes)
 
 
 def _all_required(spec: CheckSpec, rubric: Rubric) -> list[str]:

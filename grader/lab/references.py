@@ -384,12 +384,16 @@ def _fields_in(spelled: str) -> Mapping[str, str] | None:
 _PRIMITIVE_NUMBER = re.compile(r"float\d+|u?int\d+|bool|boolean|byte|octet|char|double|float")
 
 
+def _is_number(spelled: str) -> bool:
+    return _PRIMITIVE_NUMBER.fullmatch(spelled) is not None
+
+
 def _holds_numbers(spelled: str) -> bool:
     """Whether a type is made of numbers only: a number, a vector or quaternion, a time, or an array of these."""
     element = spelled.partition("[")[0]
     fields = _fields_in(element)
     if not fields:
-        return fields is None or _PRIMITIVE_NUMBER.fullmatch(element) is not None
+        return fields is None or _is_number(element)
     return all(map(_holds_numbers, fields.values()))
 
 
@@ -409,10 +413,29 @@ def _field(kind: str, fits: Callable[[str], bool], example: str) -> Reference:
     return Reference(f"Path of a field that holds {kind}, such as pose.position.x or data[0].", look_up, example)
 
 
-FieldPath = Annotated[str, _field("numbers (one, an array, or a message of numbers)", _holds_numbers, "data")]
-TextField = Annotated[str, _field("a text", lambda spelled: spelled in ("string", "wstring"), "data")]
+def _by_pattern(scope: Scope, value: str, info: ValidationInfo) -> None:
+    if "pattern" in info.data:  # Else that has a mistake of its own.
+        (_TEXT_FIELD if info.data["pattern"] else _NUMBERS).look_up(scope, value, info)
+
+
+_NUMBERS = _field("numbers (one, an array, or a message of numbers)", _holds_numbers, "data")
+_TEXT_FIELD = _field("a text", lambda spelled: spelled in ("string", "wstring"), "data")
+FieldPath = Annotated[str, _NUMBERS]
+TextField = Annotated[str, _TEXT_FIELD]
 StampField = Annotated[
     str, _field("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time", "header.stamp")
+]
+#: A text where the key `pattern` stands before it, which finds the numbers in it; else numbers.
+NumbersField = Annotated[
+    str,
+    Reference(
+        "Path of a field that holds numbers; or a text, with a pattern that finds them in it.", _by_pattern, "data"
+    ),
+]
+#: What a pattern can be compared with.
+WordField = Annotated[
+    str,
+    _field("a text or one number", lambda spelled: spelled in ("string", "wstring") or _is_number(spelled), "data"),
 ]
 
 

@@ -229,6 +229,9 @@ class CheckSpec(_OfKind):
     )
     parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
     requires: tuple[EarlierCheckId, ...] = ()
+    excused_by: tuple[EarlierCheckId, ...] = Field(
+        (), description="Where one of these checks took points, none are lost here: one mistake costs once."
+    )
     hint: str = ""
     replaces: tuple[str, ...] = Field((), description="Ids of earlier checks that have become part of this one.")
 

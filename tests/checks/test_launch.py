@@ -40,6 +40,7 @@ TOGETHER: dict[str, dict[str, Any]] = {
         "command": "/commands",
         "field": "data",
         "index": 0,
+        "subject": "the arm",
         "charged_by": "motion",
     },
     "answers": {"step": "enable", "charged_by": "enables"},
