@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ast
 import contextlib
-import html
 import importlib
 import io
 import json
@@ -77,8 +76,8 @@ def table(parameters: Iterable[Parameter]) -> str:
 
 def _rows(parameters: Iterable[Parameter], prefix: str = "") -> Iterator[str]:
     for each in parameters:
-        cells = (each.type.replace("number or text", "share"), _need(each), each.description)
-        yield f"| `{prefix}{each.name}` | " + " | ".join(map(_cell, cells)) + " |"
+        cells = (_plain(each.type.replace("number or text", "share")), _need(each), _plain(each.description))
+        yield f"| `{prefix}{each.name}` | " + " | ".join(cells) + " |"
         within = "[]" if each.type.startswith("list") else ".NAME" if each.type.startswith("mapping of") else ""
         yield from _rows(each.parameters, f"{prefix}{each.name}{within}.")
 
@@ -90,8 +89,11 @@ def _need(parameter: Parameter) -> str:
     return "optional" if value in (None, [], {}, "") else f"`{json.dumps(value)}`".replace('"', "")
 
 
-def _cell(text: str) -> str:
-    return html.escape(text, quote=False).replace("|", "&#124;")
+def _plain(text: str) -> str:
+    """Return a text of a model as Markdown that shows it as it is, but for what it sets as code."""
+    parts = text.split("`")
+    parts[::2] = (re.sub(r"[<>\[\]*|\\]", lambda found: f"&#{ord(found[0])};", part) for part in parts[::2])
+    return "`".join(parts)
 
 
 def described_steps() -> str:
@@ -107,7 +109,7 @@ def described_steps() -> str:
 
 def _sections(entries: Iterable[Entry], level: int = 2) -> str:
     return "\n".join(
-        f"{'#' * level} {entry.name}\n\n{entry.description}\n\n"
+        f"{'#' * level} {entry.name}\n\n{_plain(entry.description)}\n\n"
         f"{table(entry.parameters)}\n\n```yaml\n{entry.example}```\n"
         for entry in entries
     )
