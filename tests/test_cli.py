@@ -213,7 +213,7 @@ def test_checks_lists_each_check_with_its_parameters(capsys: pytest.CaptureFixtu
     assert "    rate_hz: number, required." in output
     assert "    topics: list (mapping each), required." in output
     assert "        type: text, required. A message type." in output
-    assert not re.search(r": (str|float|int|tuple|Mapping|Optional|grader\.)", output)
+    assert not re.search(r": (str|float|int|tuple|Mapping|Optional|grader)\b", output)
     # The value of a parameter may be of any type.
     assert set(re.findall(r"(\w+): any value", output)) == {"value", "other"}
 

@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field, model_validator
 
@@ -92,6 +92,8 @@ class PreemptedWanted(CancelledWanted):
 
 class ActionServer(OfEndpoint):
     """A node serves an action; the parts that are given count by their weights."""
+
+    example: ClassVar = {"accepted": {"step": "send_goal"}}
 
     artifact: ref.Artifact
     action: ref.RosName
@@ -201,8 +203,20 @@ def _where(context: Context, p: ActionServer, key: str, step: StepRun | None, fo
 _THEN_THESE = "Fix that, and these points can be earned too."
 
 
+#: Characters that are shown of a value.
+_MOST_SHOWN = 80
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
+
+
+def _short(value: Any) -> str:
+    return _cut(repr(list(value) if isinstance(value, tuple) else value))
+
+
 def _shown(values: Mapping[str, Any]) -> str:
-    return ", ".join(f"{name}={value!r}" for name, value in values.items()) or "without fields"
+    return _cut(", ".join(f"{name}={value!r}" for name, value in values.items())) or "without fields"
 
 
 def _offered(context: Context, p: ActionServer) -> Part:
@@ -282,6 +296,8 @@ def _silent(sent: _Sent) -> Part:
 
 # -- what an accepted goal gives -------------------------------------------------------------------
 
+_END_HINT = "The execute callback must end, with goal_handle.succeed() and `return result`."
+
 
 def _require_accepted(sent: _Sent) -> None:
     """Raise where a goal was not accepted, so that nothing can come of it."""
@@ -295,7 +311,7 @@ def _require_end(sent: _Sent) -> None:
     _require_accepted(sent)
     if not sent.has_ended:
         why = f"the {sent.words} did not end within {sent.waited_s:.1f} s (its status was {sent.status})"
-        raise _NotTested(why, "The execute callback must end, with goal_handle.succeed() and `return result`.")
+        raise _NotTested(why, _END_HINT)
 
 
 def _feedback(sent: _Sent, wanted: FeedbackWanted) -> Part:
@@ -359,15 +375,6 @@ def _result(sent: _Sent, wanted: ResultWanted) -> Part:
     return Part(share, measured, f"In the result, {' and '.join(reasons)}." if wrong else "", hint=hint)
 
 
-#: Characters that are shown of a value.
-_MOST_SHOWN = 80
-
-
-def _short(value: Any) -> str:
-    text = repr(list(value) if isinstance(value, tuple) else value)
-    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
-
-
 # -- how a goal ends -------------------------------------------------------------------------------
 
 #: What rclpy prints where the execute callback leaves the goal without a status, or raises an exception.
@@ -375,6 +382,8 @@ _NOT_SET, _RAISED = "Goal state not set, assuming aborted", "Error raised in exe
 _WITHOUT_STATUS = "The execute callback ended without setting a status, which rclpy takes for ABORTED."
 #: As `action_msgs/srv/CancelGoal` numbers its answers; rclpy gives it where the request was seen too late.
 _GOAL_TERMINATED = 3
+#: What sets a status.
+_SETTER = {"succeeded": "succeed", "aborted": "abort", "canceled": "canceled"}
 _CANCELED_HINT = (
     "In its loop the execute callback must look at goal_handle.is_cancel_requested, and then call "
     "goal_handle.canceled() and return a result."
@@ -399,8 +408,7 @@ def _final_status(sent: _Sent, wanted: StatusWanted) -> Part:
         return _Nothing(0.0, measured, f"{reason} The execute callback raised an exception.")
     if sent.record["status"] == "aborted" and sent.printed(_NOT_SET):
         reason += f" {_WITHOUT_STATUS}"
-    setter = {"succeeded": "succeed", "aborted": "abort", "canceled": "canceled"}[wanted.status]
-    return Part(0.0, measured, reason, hint=f"Call goal_handle.{setter}() before `return result`.")
+    return Part(0.0, measured, reason, hint=f"Call goal_handle.{_SETTER[wanted.status]}() before `return result`.")
 
 
 def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
@@ -409,7 +417,7 @@ def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
     if cancel is None:
         return _too_early(sent, "cancelled")
     if cancel["accepted"]:
-        return _ends_early(sent, wanted, ("canceled",), cancel["sent_ns"], "it was cancelled")
+        return _ends_early(sent, wanted, ("canceled",), _CANCELED_HINT, cancel["sent_ns"], "it was cancelled")
     if cancel["answered_ns"] is not None and cancel["code"] != _GOAL_TERMINATED:
         hint = "Give ActionServer a cancel_callback that returns CancelResponse.ACCEPT; without one, rclpy refuses."
         return Part(0.0, "cancelling refused", f"Cancelling the {sent.words} was refused.", hint=hint)
@@ -427,15 +435,15 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
         return Part(0.0, "newer goal rejected", "A newer goal is rejected while one is under way.", hint=hint)
     if newer.record["accepted"] is None:
         return Part(0.0, "newer goal not answered", "A newer goal was not answered.", hint=_BLOCKED_HINT)
-    found = _ends_early(sent, wanted, wanted.status, newer.record["sent_ns"], "a newer one was sent")
+    found = _ends_early(sent, wanted, wanted.status, _PREEMPTED_HINT, newer.record["sent_ns"], "a newer one was sent")
     answered_s = (newer.record["answered_ns"] - newer.record["sent_ns"]) / 1e9
     if not found.share and answered_s > wanted.within_s:
         reason = f"A newer goal was answered only after {apart(answered_s, wanted.within_s, places=2)} s."
         return replace(found, reason=reason, hint=_BLOCKED_HINT)
-    if not newer.has_ended:
-        reason = f"{found.reason} The newer goal did not end.".strip()
-        found = replace(found, share=wanted.other_status_credit * found.share, best=None, reason=reason)
-    return replace(found, hint=_PREEMPTED_HINT * (found.share < 1))
+    if newer.has_ended:
+        return found
+    reason, share = f"{found.reason} The newer goal did not end.".strip(), wanted.other_status_credit * found.share
+    return replace(found, share=share, best=None, reason=reason, hint=found.hint or _END_HINT)
 
 
 def _too_early(sent: _Sent, what: str) -> Part:
@@ -446,12 +454,14 @@ def _too_early(sent: _Sent, what: str) -> Part:
     return Part(0.0, "ended before", ended, hint="The execute callback must take its time over a goal such as this.")
 
 
-def _ends_early(sent: _Sent, wanted: CancelledWanted, statuses: Sequence[str], asked_ns: int, since: str) -> Part:
+def _ends_early(
+    sent: _Sent, wanted: CancelledWanted, statuses: Sequence[str], hint: str, asked_ns: int, since: str
+) -> Part:
     """Judge how soon, and in which status, a goal ended once it was asked to."""
     named = " or ".join(status.upper() for status in statuses)
     if sent.record["ended_ns"] is None:
         reason = f"The {sent.words} did not end after {since}."
-        return Part(0.0, "goes on", reason, hint=_CANCELED_HINT)
+        return Part(0.0, "goes on", reason, hint=hint)
     took_s, delay_s = (sent.record["ended_ns"] - asked_ns) / 1e9, sent.delay_s(asked_ns, sent.record["ended_ns"])
     fits = sent.record["status"] in statuses
     credits = {True: 1.0 if fits else wanted.other_status_credit, False: wanted.late_credit if fits else 0.0}
@@ -460,10 +470,12 @@ def _ends_early(sent: _Sent, wanted: CancelledWanted, statuses: Sequence[str], a
     reasons = [] if fits else [f"The {sent.words} ended as {sent.status}, not as {named}."]
     if not fits and sent.record["status"] == "aborted" and sent.printed(_NOT_SET):
         reasons.append(_WITHOUT_STATUS)
+        hint = f"Call goal_handle.{_SETTER[statuses[0]]}() before `return result`."
     if took_s > wanted.within_s:
         reasons.append(f"It ended {shown}; within {wanted.within_s:g} s gives full credit.")
+        hint = "Look for it more often, in each round of the execute callback's loop." if fits else hint
     doubt = cpu_delay_doubt(delay_s, took_s) if best > share else ""
-    return Part(share, f"{sent.status} {shown}", " ".join(reasons), best, doubt, _CANCELED_HINT * (share < 1))
+    return Part(share, f"{sent.status} {shown}", " ".join(reasons), best, doubt, hint * (share < 1))
 
 
 _Judge = Callable[..., Part]

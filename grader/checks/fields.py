@@ -141,7 +141,7 @@ def _of_limit(limit: Limit, otherwise: float) -> Floats:
     return np.atleast_1d(np.array(otherwise if limit is None else limit, dtype=np.float64))
 
 
-class FieldRange(NumbersOf, OfMessages):
+class FieldRange(OfMessages, NumbersOf):
     """Numbers in a field stay within limits, and do not change too fast."""
 
     low: Limit = Field(None, description="Least value, of all numbers or a list with one for each.")

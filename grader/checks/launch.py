@@ -590,6 +590,8 @@ class TogetherAnswers(_Doer):
 class LaunchTogether(Parameters):
     """The launched nodes and the reference nodes work together; each part that is asked for counts the same."""
 
+    example: ClassVar = {"answers": {"step": "call", "charged_by": "talker.publishes"}}
+
     commands: TogetherCommands | None = None
     follows: TogetherFollows | None = None
     answers: TogetherAnswers | None = None

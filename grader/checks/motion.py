@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from grader.checks.base import (
     CREDIT_LEVELS,
     Context,
+    Part,
     apart,
     cpu_delay_doubt,
     failed,
@@ -86,11 +87,13 @@ class Target(Parameters):
         return np.broadcast_to(row, (len(times_ns), len(row)))
 
 
-class Reaches(NumbersOf, InWindow):
+class Reaches(InWindow, NumbersOf):
     """A field comes near a target in time after a step or a window's start, and stays there.
 
     Credit is that of the time at which it came; where it never came to stay, that of how near it did.
     """
+
+    example: ClassVar = {"target": {"value": 1.0}}
 
     target: Target = Field(description="Where it has to come.")
     distance: Distance = Field(
@@ -147,42 +150,49 @@ def reaches(context: Context, p: Reaches) -> Finding:
     if target.shape[1] not in (1, series.values.shape[1]):
         reason = f"{p.field} holds {series.values.shape[1]} numbers, the target {target.shape[1]}."
         return failed(expected, f"{series.values.shape[1]} numbers", reason)
-    off = DISTANCES[p.distance](series.values, target)
-    held = _most_within(series, off, p.hold_s, span)
-    near = int(np.argmin(held))
-    came = np.flatnonzero(held <= p.tolerance)
-    first = int(came[0]) if len(came) else near
-    at_s, here = moment(context, p.topic, int(series.source_ns[first]))
-    late_s = (here.start_ns - span.start_ns) / 1e9
-    shown = apart(float(held[first]), p.tolerance, places=3) if np.isfinite(held[near]) else f"{off.min():.3f}"
-    measured = f"within {shown} after {apart(late_s, p.within_s, places=2)} s"
-    if len(came):
-        reason = f"It comes there after {apart(late_s, p.within_s, places=2)} s, {p.within_s:g} s are allowed."
-        delay_s = context.session.longest_delay_s(Span(span.start_ns, here.end_ns))
-        shares = [p.timely(late_s), p.timely(late_s - delay_s)]
-    else:
-        stays = f" that it keeps for {p.hold_s:g} s" if p.hold_s else ""
-        reason = f"The nearest{stays} is {shown}, at {at_s:.2f} s; {p.tolerance:g} is near enough."
-        delay_s = context.session.longest_delay_s(span)
-        nearness = p.near_credit * ramp(float(held[near]), p.tolerance, p.none_beyond or p.tolerance)
-        shares = [nearness, 1.0 if delay_s > _MANY_DELAYS * span.duration_s else nearness]
+    part = _arrival(context, p, span, series, DISTANCES[p.distance](series.values, target))
+    shares, reason, measured = [part.share, part.best or 0.0], part.reason, part.text
     beyond = _overshoot(series.values, target) if p.overshoot is not None else 0.0
     if p.overshoot is not None and beyond > p.overshoot:
         shares = [share * (1 - p.overshoot_costs) for share in shares]
-        goes = f"It goes {apart(beyond, p.overshoot, places=3)} beyond the target; {p.overshoot:g} is allowed."
-        reason = goes if shares[0] and late_s <= p.within_s and len(came) else f"{reason} {goes}"
-        measured += f", {beyond:.3f} beyond"
+        shown = apart(beyond, p.overshoot, places=3)
+        reason = f"{reason} It goes {shown} beyond the target; {p.overshoot:g} is allowed.".strip()
+        measured += f", {shown} beyond"
     low, high = (quantise(share, CREDIT_LEVELS) for share in shares)
+    return graded(low, expected, measured, reason, where=part.where, best=max(low, high), doubt=part.doubt)
+
+
+def _arrival(context: Context, p: Reaches, span: Span, series: NumericStream, off: Floats) -> Part:
+    """Judge when it came to stay near enough, or else how near it came to stay at all."""
+    held = _most_within(series, off, p.hold_s)
+    near = int(np.argmin(held))
+    came = bool(held[near] <= p.tolerance)
+    first = int(np.argmax(held <= p.tolerance)) if came else near
+    at_s, here = moment(context, p.topic, int(series.source_ns[first]))
+    late_s = (here.start_ns - span.start_ns) / 1e9
+    shown, after = apart(float(held[first]), p.tolerance, places=3), apart(late_s, p.within_s, places=2)
+    if np.isinf(held[near]):
+        shown = f"{off.min():.3f}"
+    if came:
+        delay_s = context.session.longest_delay_s(Span(span.start_ns, here.end_ns))
+        share, best = p.timely(late_s), p.timely(late_s - delay_s)
+        reason = f"It comes there after {after} s, {p.within_s:g} s are allowed." if share < 1 else ""
+    else:
+        delay_s = context.session.longest_delay_s(span)
+        share = p.near_credit * ramp(float(held[near]), p.tolerance, p.none_beyond or p.tolerance)
+        best = 1.0 if delay_s > _MANY_DELAYS * span.duration_s else share
+        stays = f" that it keeps for {p.hold_s:g} s" if p.hold_s else ""
+        reason = f"The nearest{stays} is {shown}, at {at_s:.2f} s; {p.tolerance:g} is near enough."
     doubt = cpu_delay_doubt(delay_s, span.duration_s)
-    where = (context.location(p.topic, here),)
-    return graded(low, expected, measured, reason, where=where, best=max(low, high), doubt=doubt)
+    text = f"within {shown} after {after} s"
+    return Part(share, text, reason, best, doubt, where=(context.location(p.topic, here),))
 
 
 #: Share of a time for which a process was delayed, from which a motion in it may depend on that.
 _MANY_DELAYS = 0.25
 
 
-def _most_within(series: NumericStream, off: Floats, hold_s: float, span: Span) -> Floats:
+def _most_within(series: NumericStream, off: Floats, hold_s: float) -> Floats:
     """Return how far it is off at most from each message on for a time; infinite where that is not seen to its end.
 
     A message is taken to hold until the next one. What ends with the recording was not seen to stay.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -20,13 +20,15 @@ from grader.lab.references import Share
 from grader.result import Finding
 
 
-class TopicEqualsOracle(NumbersOf, OfMessages):
+class TopicEqualsOracle(OfMessages, NumbersOf):
     """Published numbers equal those of an oracle.
 
     The oracle gets the streams by role, the parameters and the session's seed. With `for_each` it returns a row of
     numbers for each message of that role, of not-a-numbers where there is nothing to publish. Without, it returns
     `{"times_ns": [...], "values": [...]}`, a row for each time.
     """
+
+    example: ClassVar = {"match": "nearest"}
 
     stamp: ref.StampField = Field("header.stamp", description="Field with the stamp in both messages.")
     streams: Mapping[str, NumbersOf] = Field(min_length=1, description="Role that the oracle knows -> topic and field.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import replace
 from itertools import compress
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -23,6 +23,8 @@ from grader.result import Finding, Outcome
 
 class ParameterEffect(Parameters):
     """A parameter that is set while the node runs changes a rate, a field or an answer as told."""
+
+    example: ClassVar = {"topic": "/chatter", "old": 1.0, "new": 2.0}
 
     process: ref.Process
     set_step: ref.SetLabel = Field(description="The step that sets the parameter.")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, StringConstraints, model_validator
@@ -53,6 +53,11 @@ class SignalProperty(InWindow):
     Its robustness earns credit: by how much it holds, or misses, in the unit of what is compared. It is that from the
     window's start on, or from the first message of the signal that begins last.
     """
+
+    example: ClassVar = {
+        "signals": {"speed": {"topic": "/chatter", "field": "data"}},
+        "property": "always(abs(speed) <= 0.5)",
+    }
 
     signals: Mapping[Annotated[str, StringConstraints(pattern=r"^[A-Za-z_]\w*$")], Signal] = Field(
         min_length=1, description="Name in the property -> topic and field."

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from pydantic import Field, model_validator
 
 from grader.checks.base import (
@@ -38,6 +40,8 @@ class Condition(NumbersOf, Between):
 
 class SilentUntil(Parameters):
     """Nothing is published on a topic before a step, another topic's first message, or a condition; then it begins."""
+
+    example: ClassVar = {"step": "step"}
 
     topic: ref.Topic
     step: ref.AnyStep | None = Field(None, description="Label of the step that begins it.")

@@ -273,8 +273,8 @@ def _known_topic(scope: Scope, value: str, info: ValidationInfo) -> None:
         raise ValueError(f"{value!r} is not known: {words}{suggestion(value, near)}")
 
 
-#: Shorter names are too often alike.
-_LEAST_LETTERS = 5
+#: Shorter names, or parts of them with fewer letters beside the one that differs, are too often alike.
+_LEAST_LETTERS, _LEAST_AROUND = 5, 2
 
 
 def _not_misspelt(scope: Scope, value: str, info: ValidationInfo) -> None:
@@ -290,16 +290,18 @@ def _not_misspelt(scope: Scope, value: str, info: ValidationInfo) -> None:
 def _one_letter_apart(a: str, b: str) -> bool:
     """Whether one letter is missing, too much, another, or swapped with its neighbour.
 
-    Digits, a plural, parts of one letter and a leading slash are meant: joint1 and joint2, goal and goals, gain_x and
-    gain_y.
+    Digits, a plural, parts of one or two letters and a leading slash are meant: joint1 and joint2, goal and goals,
+    gain_x and gain_y, vx_max and vy_max.
     """
     start = _alike(a, b)
     end = _alike(a[start:][::-1], b[start:][::-1])
     left, right = a[start : len(a) - end], b[start : len(b) - end]
-    begins, ends = re.fullmatch(r"|.*[_/.]", a[:start]), re.fullmatch(r"|[_/.].*", a[len(a) - end :])
-    more = left + right
-    meant = (begins and ends) or (more == "s" and ends) or (more == "/" and not start) or re.search(r"\d", more)
-    return not meant and (max(len(left), len(right)) == 1 or (len(left) == 2 and left == right[::-1]))
+    rest = a[len(a) - end :]
+    around = re.split(r"[_/.]", a[:start])[-1] + re.split(r"[_/.]", rest)[0]
+    more, ends = left + right, re.fullmatch(r"|[_/.].*", rest)
+    meant = len(around) < _LEAST_AROUND or (more == "s" and ends) or (more == "/" and not start)
+    different = max(len(left), len(right)) == 1 or (len(left) == 2 and left == right[::-1])
+    return different and not meant and re.search(r"\d", more) is None
 
 
 def _alike(a: str, b: str) -> int:

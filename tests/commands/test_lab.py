@@ -177,6 +177,19 @@ def test_what_only_the_files_tell_is_found(
     assert place in found[0]
 
 
+def test_interfaces_of_its_own_are_no_mistake(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """They are built for its sessions; a reference node that imports them cannot be imported before."""
+    pytest.importorskip("rclpy")
+    with_code(new)
+    (new / "interfaces/our_msgs/msg").mkdir(parents=True)
+    (new / "interfaces/our_msgs/msg/Beat.msg").write_text("int32 count\n", encoding="utf-8")
+    edit(new, "# The experiments.", "interfaces: interfaces\n\n# The experiments.")
+    edit(new, "import sys\n", "import sys\nfrom our_msgs.msg import Beat\n", "reference/robot.py")
+    assert run(capsys, "check", new)[0] == 0
+    edit(new, "our_msgs.msg", "their_msgs.msg", "reference/robot.py")
+    assert run(capsys, "check", new)[0] == 4
+
+
 def recorded(lab: Path, recording: Path) -> None:
     """Put a recording where `grade lab try` leaves that of the solution."""
     recordings = lab / "tried/solution/recordings"

@@ -465,7 +465,13 @@ def test_a_name_that_is_misspelt_once_is_reported(tmp_path: Path, line: str, old
             ("gain_x", "gain_y"),
             ("/arm_l/pose", "/arm_r/pose"),
         ),
-        *(("/talker", "talker"), ("left_wheel", "right_wheel"), ("min_speed", "max_speed"), ("/map", "/mat")),
+        *(
+            ("/talker", "talker"),
+            ("left_wheel", "right_wheel"),
+            ("min_speed", "max_speed"),
+            ("/map", "/mat"),
+            ("vx_max", "vy_max"),
+        ),
     ],
 )
 def test_names_that_are_meant_to_be_alike_are_let_be(tmp_path: Path, alike: tuple[str, str]) -> None:

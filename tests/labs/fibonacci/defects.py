@@ -78,12 +78,12 @@ DEFECTS = {
     "refuses_to_cancel": Defect(
         (("            cancel_callback=lambda goal: CancelResponse.ACCEPT,\n", ""),), _NO_GOALS[2:3], "was refused"
     ),
-    "never_canceled": Defect(((_CANCELED, ""),), (("cancelled", "2"),), "ended as ABORTED, not as CANCELED"),
+    "never_canceled": Defect(((_CANCELED, ""),), (("cancelled", "2"),), "Call goal_handle.canceled() before"),
     "ignores_cancel": Defect(
         (("handle.is_cancel_requested", "False"),), _NO_GOALS[2:3], "look at goal_handle.is_cancel_requested"
     ),
     "late_cancel": Defect(
-        ((_CANCELED, f"                time.sleep(0.7)\n{_CANCELED}"),), (("cancelled", "2"),), "within 0.5 s"
+        ((_CANCELED, f"                time.sleep(0.7)\n{_CANCELED}"),), (("cancelled", "2"),), "Look for it more often"
     ),
     "not_preempted": Defect((("self.newest is not handle", "False"),), _NO_GOALS[3:], "call goal_handle.abort()"),
 }

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,7 @@ from grader.live.sandbox.environment import OWN_INTERPRETER, ros_environment, wi
 from grader.live.sandbox.isolation import Isolation
 from grader.live.sandbox.probing import probe_isolation
 from grader.recording.interfaces import InterfacePackage
+from tests.thorough import THOROUGH
 
 pytestmark = [
     pytest.mark.live,
@@ -93,6 +95,15 @@ def test_messages_services_and_actions_are_built_once(tmp_path: Path, isolation:
     assert again_s < took_s / 10, f"{again_s:.2f} s of {took_s:.2f} s"
     assert json.loads(run(USE, again))[0] == 1.5
     print(f"built in {took_s:.1f} s, from the cache in {again_s:.3f} s")
+
+
+def test_two_gradings_build_the_same_once(tmp_path: Path, isolation: Isolation) -> None:
+    """The second waits, and takes what the first has built."""
+    package = InterfacePackage("both_msgs", {"msg/Both.msg": "int8 x\n"})
+    with ThreadPoolExecutor(2) as threads:
+        several = list(threads.map(lambda n: built(tmp_path / str(n), isolation, package)[0], range(2)))
+    assert sorted(found.took_s > 0 for found in several) == [False, True]
+    assert all(run("from both_msgs.msg import Both; print(Both().x)", found) == "0\n" for found in several)
 
 
 def test_a_change_of_what_a_package_uses_builds_it_anew(tmp_path: Path, isolation: Isolation) -> None:
@@ -176,6 +187,7 @@ def test_the_first_of_a_name_counts(tmp_path: Path, isolation: Isolation) -> Non
     assert run("from lab_msgs.msg import Reading; print(hasattr(Reading(), 'forged'))", found) == "False\n"
 
 
+@pytest.mark.skipif(not THOROUGH, reason="it waits for the end of the time that reading may take")
 def test_definitions_that_take_for_ever_are_given_up(tmp_path: Path, isolation: Isolation) -> None:
     """The pattern for names of constants that rosidl has tries every way to split a long one."""
     text = f"int8 {'A' * 60}_!=1\nint8 x\n"

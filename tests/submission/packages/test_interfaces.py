@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
+from grader.judging.rubrics import read_rubric
 from grader.recording.submission import PackageFact, SubmissionRecord
+from grader.submission.artifacts import read_submission_folder
 from grader.submission.packages.interfaces import interface_packages, interface_problems
 
 CALL = 'rosidl_generate_interfaces(${PROJECT_NAME}\n  "msg/Num.msg"\n  srv/Add.srv\n  DEPENDENCIES std_msgs)\n'
@@ -42,3 +46,18 @@ def test_what_colcon_build_would_leave_out_is_said() -> None:
     assert "CMakeLists.txt lists msg/Sum.msg, which is not there" in made(CALL.replace("Num", "Sum"))[1]
     assert "does not call rosidl_generate_interfaces" in made("project(mine)\n")[1][0]
     assert made(BY_GLOB)[1] == []
+
+
+def test_a_definition_that_is_a_link_is_none(tmp_path: Path) -> None:
+    """What it leads to is nobody's business, and no part of what is handed in."""
+    secret = tmp_path / "secret"
+    secret.write_text("int64 secret\n", encoding="utf-8")
+    package = tmp_path / "submission/mine"
+    (package / "msg").mkdir(parents=True)
+    (package / "package.xml").write_text("<package><name>mine</name></package>", encoding="utf-8")
+    (package / "CMakeLists.txt").write_text(BY_GLOB, encoding="utf-8")
+    (package / "msg/Num.msg").symlink_to(secret)
+    (package / "msg/Other.msg").write_text("int64 other\n", encoding="utf-8")
+    (package / "joint_publisher.py").touch()
+    record = read_submission_folder(package.parent, read_rubric(None))
+    assert [dict(found.files) for found in interface_packages(record)] == [{"msg/Other.msg": "int64 other\n"}]

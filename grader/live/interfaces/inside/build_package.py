@@ -48,7 +48,8 @@ _IMPLIED = ("builtin_interfaces", "service_msgs", "action_msgs", "unique_identif
 #: What sends messages, and what describes their types to others; each is looked for by the name of its library.
 _SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
 _PARTS = ("rosidl_generator_c", *_SUPPORTS, "rosidl_typesupport_c", "rosidl_generator_py")
-_FLAGS = ("-fPIC", "-O1", "-w")
+#: Without optimisation, as `colcon build` compiles where nothing else is asked for.
+_FLAGS = ("-fPIC", "-O0", "-w")
 
 
 class Refused(Exception):
