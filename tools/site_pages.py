@@ -123,6 +123,14 @@ def grouped_checks() -> str:
     return "\n".join(f"## {_heading(module)}\n\n{_sections(group, 3)}" for module, group in groups.items())
 
 
+def overview() -> str:
+    """Return a table of all checks, each with the first sentence of what it says of itself."""
+    rows = (
+        f"| [{e.name}](#{e.name}) | {_plain(re.split(r'(?<=[.;]) ', e.description)[0])} |" for e in checks.entries()
+    )
+    return "\n".join(["| check | |", "|---|---|", *rows])
+
+
 def _heading(module: str) -> str:
     """Return what the checks of a module are of: how its docstring begins, without that they are checks."""
     said = re.split(r"[.:,]", importlib.import_module(module).__doc__ or module)[0]
@@ -183,6 +191,7 @@ def _name_of(node: ast.stmt) -> str:
 
 
 GENERATED: Mapping[str, Callable[..., str]] = {
+    "overview": overview,
     "checks": grouped_checks,
     "steps": described_steps,
     "figures": lambda: _sections(figures.entries()),
