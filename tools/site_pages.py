@@ -125,9 +125,8 @@ def grouped_checks() -> str:
 
 def overview() -> str:
     """Return a table of all checks, each with the first sentence of what it says of itself."""
-    rows = (
-        f"| [{e.name}](#{e.name}) | {_plain(re.split(r'(?<=[.;]) ', e.description)[0])} |" for e in checks.entries()
-    )
+    first = {entry.name: re.split(r"[.;] ", entry.description)[0].rstrip(".") for entry in checks.entries()}
+    rows = (f"| [{name}](#{name}) | {_plain(said)}. |" for name, said in first.items())
     return "\n".join(["| check | |", "|---|---|", *rows])
 
 
