@@ -65,7 +65,7 @@ def entries_of(models: Mapping[str, type[Parameters]], around: Mapping[str, Any]
         entry = {**around, key: name, "with": values} if key else {name: values}
         text = yaml.safe_dump([entry], sort_keys=False, allow_unicode=True, width=110)
         about = " ".join(schema.get("description", "").split())
-        found.append(Entry(name, about, list(_parameters(schema, schema)), text))
+        found.append(Entry(name, about, list(parameters_in(schema, schema)), text))
     return found
 
 
@@ -105,11 +105,12 @@ def _print_parameter(parameter: Parameter, indent: int, console: Console) -> Non
 # -- out of a JSON Schema --------------------------------------------------------------------------
 
 
-def _parameters(model: _Schema, schema: _Schema) -> Iterator[Parameter]:
+def parameters_in(model: _Schema, schema: _Schema) -> Iterator[Parameter]:
+    """Describe the keys of a model, which is a part of a schema."""
     for name, part in model.get("properties", {}).items():
         required = name in model.get("required", ())
         inner = _model_within(part, schema)
-        nested = list(_parameters(inner, schema)) if inner is not None and inner is not model else []
+        nested = list(parameters_in(inner, schema)) if inner is not None and inner is not model else []
         about = next((each["description"] for each in (part, *part.get("anyOf", ())) if "description" in each), "")
         yield Parameter(name, _kind(part, schema), required, part.get("default"), " ".join(about.split()), nested)
 
