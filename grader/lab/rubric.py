@@ -247,7 +247,7 @@ class CriterionSpec(Parameters):
     title: str = Field(min_length=1)
     points: Points
     description: str = ""
-    checks: tuple[CheckSpec, ...] = Field(min_length=1)
+    checks: tuple[CheckSpec, ...]
     figures: tuple[FigureSpec, ...] = ()
 
 
@@ -265,7 +265,7 @@ class RubricFile(Parameters):
     artifacts: dict[str, ArtifactSpec] = Field(default_factory=dict, description="What students hand in.")
     reference: dict[str, ReferenceSpec] = Field(default_factory=dict, description="Nodes of our own.")
     sessions: Annotated[dict[str, SessionSpec], BeforeValidator(_with_ids)] = Field(default_factory=dict)
-    criteria: tuple[CriterionSpec, ...] = Field(min_length=1)
+    criteria: tuple[CriterionSpec, ...]
     policy: Policy = Policy()
 
     @model_validator(mode="after")
