@@ -209,8 +209,8 @@ def record(
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
         wanted = in_bounds(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
         submission.absent_modules = absent_modules(options.interpreter, wanted)
-        with work("building interfaces"):
-            needed = in_bounds(partial(needed_interfaces, rubric, submission), submission.source, _READING_BOUND)
+        needed = in_bounds(partial(needed_interfaces, rubric, submission), submission.source, _READING_BOUND)
+        with work("building interfaces") if needed.packages else nullcontext():
             lacking = provide_interfaces(needed, rubric, submission, Path(interfaces), isolation, options.interpreter)
         if options.scope is not Scope.UNDECIDED:
             _start_afresh(recordings, submission, rubric)

@@ -142,7 +142,7 @@ def load_fixture(folder: Path, rubric: Rubric | None = None) -> Fixture:
             mistakes.add(loc, words)
     except ValidationError as error:
         mistakes.add_validation((), error)
-    mistakes.raise_any("fixtures/README.md describes its format.")
+    mistakes.raise_any("docs/fixtures.md describes its format.")
     base, own = expectation.with_files_of, folder / "submission"
     layers = [folder.resolve().parent.parent / base] if base is not None else []
     return Fixture(folder.name, (*layers, *([own] if own.is_dir() else [])), expectation)

@@ -19,7 +19,8 @@ from grader.lab.yaml_with_lines import meant
 _KINDS = {"string": "text", "number": "number", "integer": "whole number", "boolean": "true or false"}
 #: What stands in an example for a key of this name, unless its type says more than that it is a text or a number.
 _NAMED: Mapping[str, Any] = {
-    **{"topic": "/chatter", "service": "/enable", "node": "/talker", "name": "rate", "names": ["rate"]},
+    **{"topic": "/chatter", "service": "/enable", "action": "/fibonacci", "node": "/talker", "name": "rate"},
+    **{"child": "base_link", "parent": "odom", "names": ["rate"]},
     **{"rate_hz": 10, "tick_s": 0.1, "least_s": 1, "most_s": 5, "within_s": 0.5, "tolerance": 0.01, "index": 0},
     **{"full_within": "2%", "zero_beyond": "20%", "full_within_s": 0.003, "zero_beyond_s": 0.01},
     **{"message": {"data": "hello"}, "request": {"data": True}, "response": {"success": True}},
@@ -64,7 +65,7 @@ def entries_of(models: Mapping[str, type[Parameters]], around: Mapping[str, Any]
         entry = {**around, key: name, "with": values} if key else {name: values}
         text = yaml.safe_dump([entry], sort_keys=False, allow_unicode=True, width=110)
         about = " ".join(schema.get("description", "").split())
-        found.append(Entry(name, about, list(_parameters(schema, schema)), text))
+        found.append(Entry(name, about, list(parameters_in(schema, schema)), text))
     return found
 
 
@@ -104,11 +105,12 @@ def _print_parameter(parameter: Parameter, indent: int, console: Console) -> Non
 # -- out of a JSON Schema --------------------------------------------------------------------------
 
 
-def _parameters(model: _Schema, schema: _Schema) -> Iterator[Parameter]:
+def parameters_in(model: _Schema, schema: _Schema) -> Iterator[Parameter]:
+    """Describe the keys of a model, which is a part of a schema."""
     for name, part in model.get("properties", {}).items():
         required = name in model.get("required", ())
         inner = _model_within(part, schema)
-        nested = list(_parameters(inner, schema)) if inner is not None and inner is not model else []
+        nested = list(parameters_in(inner, schema)) if inner is not None and inner is not model else []
         about = next((each["description"] for each in (part, *part.get("anyOf", ())) if "description" in each), "")
         yield Parameter(name, _kind(part, schema), required, part.get("default"), " ".join(about.split()), nested)
 

@@ -57,6 +57,20 @@ def test_what_is_mistyped_is_reported_with_its_line(tmp_path: Path, lab: str, ol
     assert found.startswith("lab.yaml:"), os.linesep.join(caught.value.mistakes)
 
 
+def test_fields_of_the_feedbacks_topic_are_looked_up(tmp_path: Path, lab: str) -> None:
+    """It is known as soon as the action's type is, for any check that looks into messages."""
+    head, _, _ = lab.rpartition("        check: action_server\n")
+    for field, words in (("feedback.sequence", ""), ("feedback.sequenc", "did you mean 'sequence'?")):
+        values = f"with: {{topic: /fibonacci/_action/feedback, field: {field}, length: 1}}\n"
+        (tmp_path / "lab.yaml").write_text(f"{head}        check: message_values\n        {values}", encoding="utf-8")
+        found: list[str] = []
+        try:
+            load_rubric(tmp_path / "lab.yaml", rubric_kinds())
+        except RubricError as error:
+            found = list(error.mistakes)
+        assert [words in mistake for mistake in found] == ([True] if words else [])
+
+
 def test_feedback_is_a_topic_whose_fields_are_known(lab: str) -> None:
     """What an action implies is described with it."""
     fields = fields_of(f"{KIND}_FeedbackMessage")

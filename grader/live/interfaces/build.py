@@ -69,13 +69,16 @@ def shipped_for(texts: Iterable[str]) -> list[InterfacePackage]:
     return [package for package in packages_of(read_folder(_SHIPPED)) if package.name in shown]
 
 
-def provide(packages: Sequence[InterfacePackage], folder: Path, isolation: Isolation) -> Built:
-    """Put the prefixes of some packages into a folder, from the cache or built now.
+def provide(
+    packages: Sequence[InterfacePackage], folder: Path, isolation: Isolation, before: Built | None = None
+) -> Built:
+    """Put the prefixes of some packages into a folder, from the cache or built now, to those that there were `before`.
 
     Of several packages of one name the first counts.
     """
-    built = Built()
-    first = {package.name: package for package in reversed(packages)}
+    built = before or Built()
+    tried = {*built.prefixes, *built.missing, *built.invalid}
+    first = {package.name: package for package in reversed(packages) if package.name not in tried}
     for number, package in enumerate(in_order(first.values())):
         try:
             if number >= _MOST_PACKAGES:
@@ -83,7 +86,7 @@ def provide(packages: Sequence[InterfacePackage], folder: Path, isolation: Isola
             built.prefixes[package.name] = _prefix_of(package, built, folder, isolation)
         except _NotBuilt as reason:
             (built.invalid if reason.invalid else built.missing)[package.name] = str(reason)
-    if "tf2_msgs" in built.prefixes and importlib.util.find_spec("tf2_ros") is None:
+    if "tf2_msgs" in built.prefixes.keys() - tried and importlib.util.find_spec("tf2_ros") is None:
         _subset("tf2_ros", folder)
     return built
 

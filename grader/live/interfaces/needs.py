@@ -28,6 +28,11 @@ class Needed:
     shipped: Sequence[InterfacePackage]
     students: Sequence[InterfacePackage]
 
+    @property
+    def packages(self) -> list[InterfacePackage]:
+        """Return all of them; of several of one name, the first counts."""
+        return [*self.labs, *self.shipped, *self.students]
+
 
 def needed_interfaces(rubric: Rubric, submission: SubmissionRecord) -> Needed:
     """Return the packages that a lab and a submission define, and those of the grader's own that they name."""
@@ -50,19 +55,20 @@ def provide_interfaces(
     the grader's own, and both before a student's of the same name.
     """
     ours = [*needed.labs, *needed.shipped]
-    wanted = [*ours, *needed.students]
-    if wanted and not _is_like_ours(interpreter):
-        built = Built(
-            missing=dict.fromkeys(_names(wanted), "students' programs run with another Python than the grader's")
-        )
+    if needed.packages and not _is_like_ours(interpreter):
+        why = "students' programs run with another Python than the grader's"
+        built = Built(missing=dict.fromkeys(_names(needed.packages), why))
     else:
-        built = provide(wanted, folder, isolation)
+        built = provide(ours, folder, isolation)
+        # A mistake in one of these is not a student's, nor is what follows from it.
+        built = Built(built.prefixes, {**built.missing, **built.invalid}, took_s=built.took_s)
+        built = provide(needed.students, folder, isolation, built)
     submission.not_built = built.missing
     if submission.absent_modules is not None:
         absent = {*submission.absent_modules, *built.missing} - built.prefixes.keys()
         submission.absent_modules = sorted(absent)
     _note_problems(needed, built, submission)
-    lost = {name: why for name, why in {**built.missing, **built.invalid}.items() if name in _names(ours)}
+    lost = {name: why for name, why in built.missing.items() if name in _names(ours)}
     whole = {spec.id: _texts_of(spec, rubric) for spec in rubric.sessions.values() if lost}
     return {
         session: f"{name} could not be built on the grading computer: {why}"

@@ -12,11 +12,14 @@ from pathlib import Path
 
 import pytest
 
+from grader.judging.rubrics import read_rubric
 from grader.live.interfaces.build import Built, lacking_toolchain, provide
+from grader.live.interfaces.needs import Needed, provide_interfaces
 from grader.live.sandbox.environment import OWN_INTERPRETER, ros_environment, with_prefixes
 from grader.live.sandbox.isolation import Isolation
 from grader.live.sandbox.probing import probe_isolation
 from grader.recording.interfaces import InterfacePackage
+from grader.recording.submission import SubmissionRecord
 from tests.thorough import THOROUGH
 
 pytestmark = [
@@ -178,6 +181,16 @@ def test_what_is_installed_counts(name: str, tmp_path: Path, isolation: Isolatio
     """Nobody's package takes the place of one that the grader uses."""
     found, _ = built(tmp_path / "1", isolation, InterfacePackage(name, {"msg/String.msg": "int8 data\n"}))
     assert "counts" in found.missing[name]
+
+
+def test_a_mistake_of_the_labs_is_not_a_students(tmp_path: Path, isolation: Isolation) -> None:
+    """Nor is what it keeps from being built; both are missing, and said so."""
+    wrong = InterfacePackage("lab_msgs", {"msg/Reading.msg": "float64 Value\n"})
+    record = SubmissionRecord("s", absent_modules=[])
+    needed = Needed([wrong], [], [STUDENTS])
+    lacking = provide_interfaces(needed, read_rubric(None), record, tmp_path, isolation, OWN_INTERPRETER)
+    assert set(record.not_built or {}) == set(record.absent_modules or ()) == {"lab_msgs", "team_msgs"}
+    assert lacking == {}, "no session of this lab needs it"
 
 
 def test_the_first_of_a_name_counts(tmp_path: Path, isolation: Isolation) -> None:
