@@ -258,7 +258,12 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
         notes = [f"The node ended in phase {reached + 1} of {count}, which costs points in {p.end_charged_by}."]
         unreported += min(count - reached, count // 2)
     judged = max(right, count - unreported)
-    kept, doubt = _kept_silent(context, p, plateaus[reached:])
+    behind = [
+        each
+        for n, each in enumerate(plateaus)
+        if not fits[n] and any(replace(each, right=before.right).is_right(p) for before in plateaus[:n])
+    ]
+    kept, doubt = _kept_behind(context, p, [*behind, *plateaus[reached:]])
     best = min(1.0, (right + kept) / judged)
     return graded(right / judged, expected, measured, example, where=where, notes=notes, best=best, doubt=doubt)
 
@@ -267,11 +272,11 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
 _READ_LATE_S = 0.3
 
 
-def _kept_silent(context: Context, p: ReportedSeries, silent: Sequence[_Plateau]) -> tuple[float, str]:
+def _kept_behind(context: Context, p: ReportedSeries, behind: Sequence[_Plateau]) -> tuple[float, str]:
     """Return on how many plateaus the machine may have kept a node from what is right, and say so.
 
-    Those are the silent ones at the end for half of which it had no core; and any, where the grader stalled and
-    read too late what was printed.
+    Those are the silent ones at the end, and those with what was right before, for half of which it had no core; and
+    any, where the grader stalled and read too late what was printed.
     """
     times = [stream.source_ns for stream in context.session.streams(p.streams, p.field).values()]
     run, span = _went_on(context, p.artifact), Span(min(int(t[0]) for t in times), max(int(t[-1]) for t in times))
@@ -280,7 +285,7 @@ def _kept_silent(context: Context, p: ReportedSeries, silent: Sequence[_Plateau]
     doubt = cpu_delay_doubt(context.session.machine_delay_s(run, span), span.duration_s)
     if context.session.stalled_s(span) > _READ_LATE_S and run.limit is None and not run.output_dropped_bytes:
         return float("inf"), doubt
-    halves = (context.session.machine_delay_s(run, plateau.span) >= plateau.span.duration_s / 2 for plateau in silent)
+    halves = (context.session.machine_delay_s(run, plateau.span) >= plateau.span.duration_s / 2 for plateau in behind)
     return float(sum(halves)), doubt
 
 

@@ -275,6 +275,21 @@ def test_silence_that_the_machine_may_have_caused_is_undecided(
     assert judged("reported_series", SERIES, session).outcome is outcome
 
 
+@pytest.mark.parametrize(
+    ("delay_s", "factor", "outcome"),
+    [(3.5, 1.0, Outcome.INCONCLUSIVE), (0.5, 1.0, Outcome.PARTIAL), (3.5, 57.3, Outcome.FAILED)],
+)
+def test_reports_that_come_late_are_undecided_where_the_machine_kept_them(
+    tmp_path: Path, delay_s: float, factor: float, outcome: Outcome
+) -> None:
+    """A node that works off a queue of its own may lag by a phase without a core; wrong numbers stay wrong there."""
+    session, times = stimulus(tmp_path)
+    with_reports(session, times, factor).delayed("it", delay_s, 5.0)
+    process = session.record.processes[0]
+    process.output = [replace(line, t_ns=line.t_ns + round(0.6e9)) for line in process.output]
+    assert judged("reported_series", SERIES, session).outcome is outcome
+
+
 def test_without_a_stimulus_nothing_is_decided(tmp_path: Path) -> None:
     """If commands were not recorded, that is the grader's fault."""
     states = (np.arange(20) / 100).tolist()
