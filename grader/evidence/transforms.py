@@ -82,7 +82,7 @@ def broadcasts(stream: Stream, *, static: bool) -> tuple[Broadcast, ...]:
         except (AttributeError, TypeError):  # The student's workspace may define the type anew.
             continue
         edge = (names[0].removeprefix("/"), names[1].removeprefix("/"))
-        if pose is not None and len(pose) == 7 and (edge in rows or len(rows) < _MOST_EDGES):
+        if stamp_ns is not None and pose is not None and len(pose) == 7 and (edge in rows or len(rows) < _MOST_EDGES):
             rows.setdefault(edge, []).append((stamp_ns, source_ns, pose))
             slashed |= {edge} if edge != names else set()
     return tuple(_broadcast(edge, static, edge in slashed, listed) for edge, listed in rows.items())
