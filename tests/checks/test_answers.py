@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from grader.checks.answers import CallValue
 from grader.checks.base import failed
 from grader.result import Outcome
 from tests.synthetic import Session, at, judged
@@ -58,6 +60,20 @@ def test_each_answer_is_judged_by_its_fields(
     finding = judged("call_value", VALUE, calls(tmp_path, near=near, far=far))
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
+
+
+def test_a_field_that_is_not_there_is_like_no_pattern(tmp_path: Path) -> None:
+    """Neither is its absence a text, which any pattern could be like."""
+    each = [{"step": "near", "patterns": {"note": "N"}}]
+    finding = judged("call_value", {**VALUE, "each": each}, calls(tmp_path, near=answer(1.5)))
+    assert finding.outcome is Outcome.FAILED
+    assert "note is None" in finding.reason
+
+
+def test_something_is_asked_of_each_answer() -> None:
+    """What is asked nothing could never be right."""
+    with pytest.raises(ValidationError, match="each needs values or patterns"):
+        CallValue.model_validate({**VALUE, "each": [*EACH, {"step": "other"}]})
 
 
 def test_silence_costs_once(tmp_path: Path) -> None:

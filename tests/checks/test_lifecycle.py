@@ -25,11 +25,18 @@ ASKED = {"configure": 2.0, "activate": 4.0, "deactivate": 8.0, "cleanup": 10.0}
 
 
 def asked(
-    session: Session, label: str, before: str, after: str, *, success: bool = True, outcome: str = "done"
+    session: Session,
+    label: str,
+    before: str,
+    after: str,
+    *,
+    success: bool = True,
+    outcome: str = "done",
+    node: str = "/talker",
 ) -> Session:
     """Add a step that asked for a transition."""
     called_s = ASKED[label]
-    result = {"node": "/talker", "before": before, "after": after, "success": success}
+    result = {"node": node, "before": before, "after": after, "success": success}
     times = {"called_ns": at(called_s), "answered_ns": at(called_s + 0.1)}
     session.step("change_state", label, outcome, **({**result, **times} if outcome == "done" else {"problem": "x"}))
     step = session.record.steps[-1]
@@ -37,9 +44,9 @@ def asked(
     return session
 
 
-def whole(folder: Path, *times_s: float) -> Session:
+def whole(folder: Path, *times_s: float, session: Session | None = None) -> Session:
     """Record a node that goes all the way, and publishes at some times."""
-    session = Session(folder).process("it")
+    session = session or Session(folder).process("it")
     states = ["unconfigured", "inactive", "active", "inactive", "unconfigured"]
     for label, before, after in zip(ASKED, states[:-1], states[1:], strict=True):
         asked(session, label, before, after)
@@ -86,6 +93,24 @@ def test_silence_that_the_machine_caused_is_undecided(tmp_path: Path) -> None:
     assert judged("lifecycle", PUBLISHED, delayed).outcome is Outcome.INCONCLUSIVE
     late = whole(tmp_path / "late", *ACTIVE, 8.4).disturbed("it", (8.1, 0.25))
     assert judged("lifecycle", PUBLISHED, late).outcome is Outcome.INCONCLUSIVE
+
+
+def test_each_time_in_a_state_is_judged_by_its_own_delays(tmp_path: Path) -> None:
+    """A short one that the machine delayed is undecided, however calm a long one was."""
+    session = whole(tmp_path, *ACTIVE)
+    asked(session, "activate", "unconfigured", "active")
+    again = session.record.steps[-1]
+    again.label, again.result["called_ns"], again.result["answered_ns"] = "again", at(12.0), at(12.1)
+    session.record.ended_ns = at(13.0)
+    assert judged("lifecycle", PUBLISHED, session.disturbed("it", (12.1, 0.8))).outcome is Outcome.INCONCLUSIVE
+
+
+def test_another_lifecycle_node_does_not_count(tmp_path: Path) -> None:
+    """Its states are not those of the node that is judged."""
+    session = Session(tmp_path).process("it")
+    asked(session, "configure", "unconfigured", "inactive", node="/other")
+    session.record.steps[-1].label = "other"
+    assert judged("lifecycle", PUBLISHED, whole(tmp_path, *ACTIVE, session=session)).outcome is Outcome.PASSED
 
 
 def test_a_callback_that_raises_is_named(tmp_path: Path) -> None:
