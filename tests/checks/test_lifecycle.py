@@ -44,9 +44,9 @@ def asked(
     return session
 
 
-def whole(folder: Path, *times_s: float, session: Session | None = None) -> Session:
+def whole(folder: Path, *times_s: float) -> Session:
     """Record a node that goes all the way, and publishes at some times."""
-    session = session or Session(folder).process("it")
+    session = Session(folder).process("it")
     states = ["unconfigured", "inactive", "active", "inactive", "unconfigured"]
     for label, before, after in zip(ASKED, states[:-1], states[1:], strict=True):
         asked(session, label, before, after)
@@ -107,10 +107,11 @@ def test_each_time_in_a_state_is_judged_by_its_own_delays(tmp_path: Path) -> Non
 
 def test_another_lifecycle_node_does_not_count(tmp_path: Path) -> None:
     """Its states are not those of the node that is judged."""
-    session = Session(tmp_path).process("it")
-    asked(session, "configure", "unconfigured", "inactive", node="/other")
-    session.record.steps[-1].label = "other"
-    assert judged("lifecycle", PUBLISHED, whole(tmp_path, *ACTIVE, session=session)).outcome is Outcome.PASSED
+    session = asked(whole(tmp_path, *ACTIVE), "configure", "unconfigured", "inactive", node="/other")
+    other = session.record.steps.pop()
+    other.label, other.result["called_ns"], other.result["answered_ns"] = "other", at(6.0), at(6.1)
+    session.record.steps.insert(2, other)
+    assert judged("lifecycle", PUBLISHED, session).outcome is Outcome.PASSED
 
 
 def test_a_callback_that_raises_is_named(tmp_path: Path) -> None:
