@@ -427,7 +427,7 @@ def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
     _require_accepted(sent)
     cancel = sent.record["cancel"]
     if cancel is None:
-        return _too_early(sent, "cancelled")
+        return _too_early(sent, "cancelled", "cancel_after_s")
     if cancel["accepted"]:
         return _ends_early(sent, wanted, ("canceled",), _CANCELED_HINT, cancel["sent_ns"], "it was cancelled")
     if cancel["answered_ns"] is not None and cancel["code"] != _GOAL_TERMINATED:
@@ -440,7 +440,7 @@ def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
 def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     _require_accepted(sent)
     if len(_goals(sent.step)) < 2:
-        return _too_early(sent, "preempted")
+        return _too_early(sent, "preempted", "newer_after_s")
     newer = replace(sent, record=_goals(sent.step)[1])
     if newer.record["accepted"] is False:
         hint = "Accept it, and abort the goal that is under way."
@@ -462,12 +462,19 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     return replace(found, share=share, best=best, reason=reason, hint=found.hint or _END_HINT)
 
 
-def _too_early(sent: _Sent, what: str) -> Part:
-    """Judge a goal that ended before it could be cancelled or preempted."""
+def _too_early(sent: _Sent, what: str, key: str) -> Part:
+    """Judge a goal that ended before it could be cancelled or preempted; the step has under a key when that was due."""
     if not sent.has_ended:
         raise _NotTested(f"the moment at which the {sent.words} was to be {what} never came")
     ended = f"The {sent.words} had ended as {sent.status} before it could be {what}."
-    return Part(0.0, "ended before", ended, hint="The execute callback must take its time over a goal such as this.")
+    found = Part(0.0, "ended before", ended, hint="The execute callback must take its time over a goal such as this.")
+    after_s, end_ns = sent.step.parameters.get(key), sent.record["ended_ns"]
+    if after_s is None or end_ns is None:
+        return found
+    late_s = (end_ns - sent.record["answered_ns"]) / 1e9 - after_s
+    delay_s = sent.delay_s(sent.record["answered_ns"], end_ns)
+    is_ours = 0 < late_s <= delay_s
+    return replace(found, best=1.0, doubt=cpu_delay_doubt(delay_s, late_s + after_s)) if is_ours else found
 
 
 def _ends_early(

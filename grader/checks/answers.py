@@ -74,13 +74,13 @@ class CallValue(Parameters):
 
 
 def call_value(context: Context, p: CallValue) -> Finding:
-    """Judge the answers to several calls by their fields; a call without an answer costs more only once."""
+    """Judge the answers to several calls by their fields; where none is answered, that costs more only once."""
     steps = [context.session.step(answer.step) for answer in p.each]
     expected = "; ".join(f"{answer.step}: {_wanted_words(answer, p)}" for answer in p.each)
-    if answer_of(steps[0]) is None:
+    answers = [answer_of(step) for step in steps]
+    if all(answer is None for answer in answers):
         return silence(context, steps[0], expected, problem_of(steps[0]))
     parts = [_judge_answer(context, p, answer, step) for answer, step in zip(p.each, steps, strict=True)]
-    answers = [answer_of(step) for step in steps]
     requests = [step.parameters.get("request") for step in steps if step is not None]
     alike = len(answers) > 1 and answers.count(answers[0]) == len(answers) and requests.count(requests[0]) == 1
     if alike and any(part.share < 1 for part in parts):

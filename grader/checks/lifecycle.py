@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import Field
 
 from grader.checks.answers import unanswered
-from grader.checks.base import Context, Part, cpu_delay_doubt, of_parts, weighed
+from grader.checks.base import Context, Part, cpu_delay_doubt, of_parts, unexplained, weighed
 from grader.evidence.cpu_delay import Span
 from grader.lab import references as ref
 from grader.lab.references import LifecycleState, Parameters, Share
@@ -56,8 +56,9 @@ def lifecycle(context: Context, p: Lifecycle) -> Finding:
     """Judge the transitions by the node's answers, and what it published by when it was published."""
     expected = ", ".join(f"{w.step} → {w.state}{'' if w.succeeds else ' (refused)'}" for w in p.transitions)
     steps = [context.session.step(wanted.step) for wanted in p.transitions]
-    if (silent := unanswered(context, steps[0], expected)) is not None:
-        return silent
+    silent = [unanswered(context, step, expected) for step in steps]
+    if None not in silent and silent[0] is not None:
+        return silent[0]
     went = [_transition(context, wanted, step) for wanted, step in zip(p.transitions, steps, strict=True)]
     for n, step in enumerate(steps[1:], 1):
         # From another state than it was to reach, a transition proves nothing; that has cost points before.
@@ -67,7 +68,8 @@ def lifecycle(context: Context, p: Lifecycle) -> Finding:
     published = [_published(context, p, of, stays) for of in p.published]
     parts = weighed(went, p.transitions_share if published else 1.0)
     parts += weighed(published, 1 - p.transitions_share) if published else []
-    return of_parts(expected, parts, where=(context.location(),))
+    finding = of_parts(expected, parts, where=(context.location(),))
+    return unexplained(finding) if any(silent) else finding
 
 
 def _transition(context: Context, wanted: WantedTransition, step: StepRun | None) -> Part:

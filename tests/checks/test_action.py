@@ -391,6 +391,15 @@ def test_what_the_machine_may_have_delayed_is_undecided(
         assert ("Not your fault" in found.reason) == bool(delays)
 
 
+@pytest.mark.parametrize("part", ["cancelled", "preempted"])
+def test_a_goal_that_the_grader_asked_to_end_too_late_is_undecided(tmp_path: Path, part: str) -> None:
+    """It was under way when that was due, and the machine delayed who was to ask; without a delay it costs."""
+    for delays, outcome in (((), Outcome.FAILED), (((1.05, 0.45),), Outcome.INCONCLUSIVE)):
+        session = sent(offering(tmp_path / outcome.value), "it", GOOD).disturbed("it", *delays)
+        session.record.steps[-1].parameters |= {"cancel_after_s": 0.2, "newer_after_s": 0.2}
+        assert judged("action_server", {**ABOUT, part: {"step": "it"}}, session).outcome is outcome
+
+
 @pytest.mark.parametrize(("kind", "sent_goals"), [("wait_for", {}), ("send_goal", {"goals": []})])
 def test_an_action_that_came_after_it_was_given_up_is_seen_again(
     tmp_path: Path, kind: str, sent_goals: dict[str, Any]

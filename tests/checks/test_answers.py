@@ -50,11 +50,12 @@ def calls(folder: Path, **answers: Mapping[str, Any] | None) -> Session:
         (answer(1.5), answer(4.0, "close"), "0.5", "pose.position.x is 4.0, not 40.0 and message is 'close'."),
         (answer(0.0, "no", ()), answer(0.0, "no", ()), "0", "All 2 calls get the same answer, whatever they ask for."),
         (answer(1.5), None, "0.5", "far: No answer came within 0.1 s."),
+        (None, answer(40.0), "0.5", "near: No answer came within 0.1 s."),
         ({"other": "type"}, answer(40.0), "0.5", "pose.position.x is None"),
     ],
 )
 def test_each_answer_is_judged_by_its_fields(
-    tmp_path: Path, near: dict[str, Any], far: dict[str, Any] | None, credit: str, words: str
+    tmp_path: Path, near: dict[str, Any] | None, far: dict[str, Any] | None, credit: str, words: str
 ) -> None:
     """Each call is a part, and each field a part of that."""
     finding = judged("call_value", VALUE, calls(tmp_path, near=near, far=far))

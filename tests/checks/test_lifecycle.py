@@ -161,6 +161,20 @@ def test_a_node_that_is_none_is_charged_once(tmp_path: Path) -> None:
     assert '"configure" got no answer' in later.reason
 
 
+def test_one_transition_without_an_answer_costs_that_one(tmp_path: Path) -> None:
+    """Where the node answers others, these count; and where it crashed, that is said."""
+    session = asked(Session(tmp_path / "slow").process("it"), "configure", "", "", outcome="timeout")
+    asked(session, "activate", "inactive", "active")
+    finding = judged("lifecycle", {**LIFECYCLE, "transitions": WANTED[:2]}, session)
+    assert (finding.credit, finding.reason) == (Decimal("0.5"), "The node did not answer 'configure'.")
+    error = ["ZeroDivisionError: division by zero"]
+    session = Session(tmp_path / "ended").process("it", error, interrupted_ns=None, ended_by="itself", exit_status=1)
+    asked(session, "configure", "unconfigured", "inactive")
+    asked(session, "activate", "", "", outcome="cancelled")
+    finding = judged("lifecycle", {**LIFECYCLE, "transitions": WANTED[:2]}, session)
+    assert (finding.credit, "already ended" in finding.reason) == (Decimal("0.5"), True)
+
+
 def test_a_state_that_was_never_reached_is_charged_with_its_transition(tmp_path: Path) -> None:
     """Nothing can be published in it, which is not said again."""
     session = asked(Session(tmp_path).process("it"), "configure", "unconfigured", "unconfigured", success=False)
