@@ -258,7 +258,8 @@ def _steps(context: Context, step: StepRun) -> list[StepRun]:
 
 
 def _goals(step: StepRun) -> list[dict[str, Any]]:
-    return step.result.get("goals", [])
+    goals: list[dict[str, Any]] = step.result.get("goals", [])
+    return goals
 
 
 # -- whether a goal is accepted --------------------------------------------------------------------

@@ -13,7 +13,8 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from grader.checks import transforms
+from grader.checks.transforms import TransformTree
+from grader.evidence.transforms import Broadcast, FrameTree
 from grader.result import Finding, Outcome
 from tests.synthetic import RELIABLE, Session, at, evenly, judged
 
@@ -410,9 +411,14 @@ def test_a_long_way_between_frames_is_judged_soon(tmp_path: Path) -> None:
     names = ["base", *(f"link_{n}" for n in range(30)), "laser"]
     made = session(tmp_path, None, [transform(a, b, 0.9, (0, 0, 1)) for a, b in pairwise(names)])
     rolled: list[int] = []
-    tree = transforms.FrameTree.rolled
+    tree = FrameTree.rolled
+
+    def counted(self: FrameTree, edges: Sequence[Broadcast]) -> FrameTree:
+        rolled.append(len(edges))
+        return tree(self, edges)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(transforms.FrameTree, "rolled", lambda *each: rolled.append(1) or tree(*each))
+        patch.setattr(FrameTree, "rolled", counted)
         assert only("poses", made, poses=[LASER]).outcome is Outcome.FAILED
     assert len(rolled) <= 11
 
@@ -421,4 +427,4 @@ def test_times_in_a_window_need_one() -> None:
     """Without it, they would be overlooked."""
     wanted = {**TREE, "window": None, "poses": [{**LASER, "at_s": [1.0]}]}
     with pytest.raises(ValidationError, match="at_s needs a window"):
-        transforms.TransformTree.model_validate(wanted)
+        TransformTree.model_validate(wanted)
