@@ -265,7 +265,9 @@ def _checked(finding: Any) -> Finding:
     credit = finding.credit
     fits = {Outcome.PASSED: credit == 1, Outcome.PARTIAL: 0 < credit < 1}
     if not isinstance(credit, Decimal) or not fits.get(finding.outcome, credit == 0 and finding.outcome in _WITHOUT):
-        raise ValueError("its credit does not fit its outcome; passed(), failed(), graded() and inconclusive() see to it")
+        raise ValueError(
+            "its credit does not fit its outcome; passed(), failed(), graded() and inconclusive() see to it"
+        )
     texts: dict[str, Any] = {
         name: str(getattr(finding, name))[:_MOST_TEXT] for name in ("expected", "measured", "reason", "hint")
     }
