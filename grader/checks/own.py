@@ -265,9 +265,7 @@ def _checked(finding: Any) -> Finding:
     credit = finding.credit
     fits = {Outcome.PASSED: credit == 1, Outcome.PARTIAL: 0 < credit < 1}
     if not isinstance(credit, Decimal) or not fits.get(finding.outcome, credit == 0 and finding.outcome in _WITHOUT):
-        raise ValueError(
-            "its credit does not fit its outcome; passed(), failed(), graded() and inconclusive() see to it"
-        )
+        raise ValueError("its credit does not fit its outcome; use passed(), failed(), graded() or inconclusive()")
     texts: dict[str, Any] = {
         name: str(getattr(finding, name))[:_MOST_TEXT] for name in ("expected", "measured", "reason", "hint")
     }
