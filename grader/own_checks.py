@@ -64,7 +64,6 @@ from grader.lab.references import (
     EarlierCheckId as EarlierCheckId,
     ExitLabel as ExitLabel,
     FieldPath as FieldPath,
-    FileBeside as FileBeside,
     GetLabel as GetLabel,
     GivenName as GivenName,
     MessageType as MessageType,

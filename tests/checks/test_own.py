@@ -10,12 +10,15 @@ from typing import Any
 
 import pytest
 
+from grader import own_checks
 from grader.checks import own
 from grader.cli import main
 from grader.errors import RubricError
 from grader.judging.judge import Recordings, judge
 from grader.judging.rubrics import read_rubric, recorded_rubric, rubric_files
+from grader.lab import references
 from grader.lab.kept_lab import KEPT, named_files
+from grader.lab.lab_code import LAB_TYPES
 from grader.recording.submission import write_submission
 from grader.result import CheckResult, Outcome, to_json
 from grader.result_folder import RECORDINGS
@@ -264,6 +267,13 @@ def test_values_that_only_its_class_refuses_are_an_error(tmp_path: Path) -> None
     )
     found = judged(lab(tmp_path, body), session(tmp_path))
     assert (found.outcome, "odd" in found.reason) == (Outcome.ERROR, True)
+
+
+def test_types_of_its_parameters_are_given_under_their_names() -> None:
+    """But for that of a file beside the rubric: which is not kept with recordings, so that they could not be judged."""
+    named = {name for name in vars(references) if hasattr(own_checks, name) and not name.startswith("_")}
+    assert named == set(LAB_TYPES)
+    assert "FileBeside" not in LAB_TYPES
 
 
 def result(results: Path) -> Any:
