@@ -146,6 +146,7 @@ def _build(
             path = sources / package.name / file
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8", errors="surrogateescape")
+        _open_to_all(sources)
         for prefix in others:
             shutil.copytree(prefix, room.tools[INTERFACES] / prefix.name)
         answer = _run(isolation, room.with_tools({"/sources": sources, "/building": _INSIDE}), package, others, left_s)
