@@ -94,6 +94,17 @@ def test_what_is_not_known_raises_what_the_real_one_raises(
     assert not buffer.can_transform(target, source, Time(seconds=at_s))
 
 
+def test_a_frame_that_had_another_parent_is_not_connected_then(tf2_ros: Any) -> None:
+    """A node that catches what the real one raises goes on."""
+    buffer = tf2_ros.Buffer()
+    buffer.set_transform_static(stamped("hand", "finger", 0.0, 0.0, 0.0), "test")
+    for at_s, parent in enumerate(["shelf", "shelf", "finger"]):
+        buffer.set_transform(stamped(parent, "cup", 0.0, 0.0, 10 + at_s), "test")
+    with pytest.raises(tf2_ros.ConnectivityException):
+        buffer.lookup_transform("hand", "cup", Time(seconds=11))
+    assert buffer.lookup_transform("hand", "cup", Time(seconds=12)).child_frame_id == "cup"
+
+
 def test_the_buffer_forgets_what_is_older_than_ten_seconds(tf2_ros: Any) -> None:
     """And takes no transform that is none."""
     buffer = driving(tf2_ros)

@@ -243,11 +243,16 @@ class Buffer:
 
     def _to(self, above, name, time_ns):
         """Return the transform from a frame to one above it."""
-        whole = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-        while name != above:
-            parent, transform = self._frames[name].at(time_ns, name)
-            whole, name = _composed(transform, whole), parent
-        return whole
+        whole, at = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), name
+        for _ in range(_MOST_FRAMES):
+            if at == above:
+                return whole
+            if at not in self._frames:
+                break
+            parent, transform = self._frames[at].at(time_ns, at)
+            whole, at = _composed(transform, whole), parent
+        # Its parents were others at that time.
+        raise ConnectivityException(f"Could not find a connection between '{above}' and '{name}' at that time.")
 
     def _latest_common_ns(self, target, source):
         """Return the latest time of which all on the way between two frames is known; 0 if all of it is static."""
