@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -327,7 +328,7 @@ def field_matches(context: Context, p: FieldMatches) -> Finding:
     return graded(share, expected, measured, " ".join(reasons), where=(where,))
 
 
-def _written(value: object) -> str | None:
+def _written(value: Any) -> str | None:
     """Return a text, or a number as it is written."""
     if isinstance(value, str):
         return value[:_MOST_TEXT]

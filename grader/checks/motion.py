@@ -207,7 +207,8 @@ def _most_within(series: NumericStream, off: Floats, hold_s: float) -> Floats:
 
 def greatest(values: Floats, ends: Integers) -> Floats:
     """Return the greatest value from each one on up to its end: of two parts that overlap, each a power of two long."""
-    starts, found = np.arange(len(values)), values.copy()
+    starts: Integers = np.arange(len(values))
+    found: Floats = values.copy()
     most, width = values, 1
     while len(most):
         fit = ends - starts >= width

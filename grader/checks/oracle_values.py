@@ -39,7 +39,9 @@ class TopicEqualsOracle(OfMessages, NumbersOf):
     example: ClassVar = {"match": "nearest"}
 
     stamp: ref.StampField = Field("header.stamp", description="Field with the stamp in both messages.")
-    streams: Mapping[str, OracleStream] = Field(min_length=1, description="Role that the oracle knows -> topic and field.")
+    streams: Mapping[str, OracleStream] = Field(
+        min_length=1, description="Role that the oracle knows -> topic and field."
+    )
     oracle: ref.Loadable = Field(description="file.py:function beside the rubric.")
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
     for_each: str | None = Field(None, description="Role of which each message has its answer.")
@@ -95,8 +97,7 @@ def _rows(values: Any) -> Floats:
 
 def _asked(rows: Floats) -> Booleans:
     """Return which rows say something: not those that are all not-a-numbers."""
-    asked: Booleans = ~np.isnan(rows).all(axis=1)
-    return asked
+    return np.logical_not(np.isnan(rows).all(axis=1, keepdims=True))[:, 0]
 
 
 @dataclass(frozen=True)

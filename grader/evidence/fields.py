@@ -57,8 +57,9 @@ def is_number(value: Any) -> bool:
 def time_ns(value: Any) -> int | None:
     """Return a time stamp or duration of a message in ns; None if it is none: students may define types anew."""
     sec, nanosec = getattr(value, "sec", None), getattr(value, "nanosec", None)
-    is_time = getattr(value, "__msgtype__", None) in _TIMES and isinstance(sec, int) and isinstance(nanosec, int)
-    return sec * 10**9 + nanosec if is_time else None
+    if getattr(value, "__msgtype__", None) in _TIMES and isinstance(sec, int) and isinstance(nanosec, int):
+        return sec * 10**9 + nanosec
+    return None
 
 
 def value_at(values: Any, path: str) -> Any:

@@ -94,8 +94,9 @@ def _read(transform: Any) -> tuple[tuple[str, str], int, Floats] | None:
     """
     with suppress(Exception):
         names = (str(transform.header.frame_id)[:_LONGEST_NAME], str(transform.child_frame_id)[:_LONGEST_NAME])
-        stamp_ns, pose = int(np.int64(time_ns(transform.header.stamp))), numbers_of(transform.transform)
-        return (names, stamp_ns, pose) if pose is not None and len(pose) == 7 else None
+        stamp_ns, pose = time_ns(transform.header.stamp), numbers_of(transform.transform)
+        if stamp_ns is not None and pose is not None and len(pose) == 7:
+            return names, int(np.int64(stamp_ns)), pose
     return None
 
 

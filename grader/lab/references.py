@@ -421,8 +421,9 @@ def _look_up_field(scope: Scope, topic: str, path: str, kind: str, fits: Callabl
 
 def stamped(info: ValidationInfo, topics: Iterable[str], path: str = "header.stamp") -> None:
     """Look for a time stamp in the messages of topics that are matched by it; raises ValueError if one has none."""
-    for topic in topics if isinstance(info.context, Scope) else ():
-        _look_up_field(info.context, topic, path, *_STAMP)
+    if isinstance(info.context, Scope):
+        for topic in topics:
+            _look_up_field(info.context, topic, path, *_STAMP)
 
 
 def _by_pattern(scope: Scope, value: str, info: ValidationInfo) -> None:

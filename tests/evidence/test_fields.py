@@ -128,17 +128,22 @@ def test_an_infinite_number_equals_itself(got: float, right: bool) -> None:
 
 def test_an_element_that_is_true_or_false_is_a_number(tmp_path: Path) -> None:
     """As a field that is true or false."""
-    session = Session(tmp_path).raw("/it", "own/msg/Flags", "bool[] data\n", [b"\0\1\0\0\2\0\0\0\0\1"], [1.0]).recorded()
+    session = (
+        Session(tmp_path).raw("/it", "own/msg/Flags", "bool[] data\n", [b"\0\1\0\0\2\0\0\0\0\1"], [1.0]).recorded()
+    )
     assert [row.tolist() for row in session.rows("/it", "data[1]") if row is not None] == [[1.0]]
 
 
 def test_an_element_that_is_not_there_is_not_another_field(tmp_path: Path) -> None:
     """What stands in for a field of another type does not for the seventh joint of two."""
-    assert recorded(tmp_path, "sensor_msgs/msg/JointState", {"position": [1.0, 2.0]}).numeric("/it", "position[6]") is None
+    assert (
+        recorded(tmp_path, "sensor_msgs/msg/JointState", {"position": [1.0, 2.0]}).numeric("/it", "position[6]") is None
+    )
 
 
 def test_a_type_of_the_students_own_has_no_stamp_that_breaks_a_check(tmp_path: Path) -> None:
     """Whatever it calls its fields, they are no time."""
     definition = f"H header\n{SEPARATOR}\nMSG: own/H\nT stamp\n{SEPARATOR}\nMSG: own/T\nint32 sec\nstring nanosec\n"
     message = b"\0\1\0\0" + struct.pack("<iI", 1, 2) + b"x\0"
-    assert Session(tmp_path).raw("/it", "own/msg/It", definition, [message], [1.0]).recorded().stamps_ns("/it") == (None,)
+    session = Session(tmp_path).raw("/it", "own/msg/It", definition, [message], [1.0]).recorded()
+    assert session.stamps_ns("/it") == (None,)

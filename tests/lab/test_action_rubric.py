@@ -25,7 +25,7 @@ MISTYPED = [
     ("cancel_after_s: 0.5", "cancel_after: 0.5", "unknown key; did you mean 'cancel_after_s'?"),
     ("cancel_after_s: 0.5", "cancel_after_s: soon", "a number is expected"),
     ("values: {sequence:", "values: {sequense:", "Fibonacci_Result has no field 'sequense'; did you mean 'sequence'?"),
-    ("values: {sequence: [0, 1, 1, 2, 3, 5]}", "values: {}", "at least 1"),
+    ("values: {sequence: [0, 1, 1, 2, 3, 5]}", "values: {}", "it is empty"),
     ("rising: sequence", "rising: sequenc", "Fibonacci_Feedback has no field 'sequenc'; did you mean 'sequence'?"),
     ("rising: sequence", "rising: 'sequence[0].x'", "int32 has no field 'x'"),
     ("accepted: {step: five}", "accepted: {step: fife}", "no step labelled 'fife' in session 'server'"),
