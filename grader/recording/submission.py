@@ -6,13 +6,56 @@ regrading needs neither the submission nor ROS.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from grader.recording.record import read_record, write_record
 
 SUBMISSION_SCHEMA = "ros-lab-grader/submission/v1"
 SUBMISSION_FILE = "submission.json"
+
+
+@dataclass(frozen=True)
+class Person:
+    """A person, as the download of a learning-management system or a class list knows them; empty where neither does.
+
+    All are texts as they were written there: the zeros that an id begins with are part of it.
+    """
+
+    name: str = ""
+    #: By which the university knows them: Moodle's ID number, Canvas' SIS User ID, Brightspace's OrgDefinedId.
+    student_id: str = ""
+    login: str = ""
+    email: str = ""
+    #: The system's own number of them, which stands in the names of its download.
+    number: str = ""
+    section: str = ""
+
+    def completed(self, other: Person) -> Person:
+        """Return what this one knows, and where it is empty the other."""
+        return Person(**(asdict(other) | {name: text for name, text in asdict(self).items() if text}))
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who handed a submission in, and how a report gets back to them."""
+
+    #: Several if they handed it in together.
+    people: tuple[Person, ...] = ()
+    #: Of which learning-management system the download was.
+    system: str = ""
+    #: Under which paths in an archive that system takes something back for it; see `Delivered.handback`.
+    handback: tuple[str, ...] = ()
+
+    def completed(self, other: Identity) -> Identity:
+        """Return what this one knows, and where it knows less what another one of the same submission does."""
+        first = tuple(one.completed(two) for one, two in zip(self.people[:1], other.people[:1], strict=False))
+        others = self.people[1:] or other.people[1:]
+        return Identity(
+            (*(first or self.people[:1] or other.people[:1]), *others),
+            self.system or other.system,
+            self.handback or other.handback,
+        )
 
 
 @dataclass
@@ -73,6 +116,7 @@ class SubmissionRecord:
     submitted_at: str | None = None
     #: By which a grade book knows the student, where a learning-management system or a class list told it.
     student_id: str | None = None
+    identity: Identity = field(default_factory=Identity)
     #: The path that it was found by; empty where nobody knows.
     source: str = ""
     #: Modules that the submission may import, and that the grader did not find where its programs run; None

@@ -1,0 +1,119 @@
+"""What a class gets back in another system's form: to whom which result belongs, and who is left out, and why."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal
+from pathlib import Path
+
+from grader.cohort.entries import ClassEntry
+from grader.recording.submission import Person
+from grader.report.escape import line
+from grader.report.exports.graded import Graded, graded
+from grader.report.views import points, signed
+from grader.result import Result
+from grader.result_folder import REPORT_FILE
+
+#: Checks that are named in a comment, and in a mail.
+_MOST_NAMED = 3
+_MOST_LOSSES = 8
+#: What some systems read as markup in a comment, and others show as it is.
+_MARKUP = str.maketrans({"<": "‹", ">": "›", "&": "+"})
+
+
+@dataclass(frozen=True)
+class Share:
+    """A person, and the result of what they handed in, alone or with others."""
+
+    person: Person
+    entry: ClassEntry
+    result: Result
+
+
+@dataclass(frozen=True)
+class ReturnedClass:
+    """A class, or one submission, whose results go back."""
+
+    entries: Sequence[ClassEntry]
+    #: In which the folders of the submissions' results lie.
+    folder: Path
+    #: How the grade book calls the column; empty for a new one, called after the lab.
+    column: str = ""
+    #: From whom mails come; empty to let the mail program say that.
+    sender: str = ""
+
+    @property
+    def shares(self) -> Iterator[Share]:
+        """Each person who has a result."""
+        for entry in self.entries:
+            if entry.result is not None:
+                yield from (Share(person, entry, entry.result) for person in entry.people)
+
+    def report(self, entry: ClassEntry) -> bytes | None:
+        """Return the page of a submission's report, or None if there is none."""
+        path = self.folder / entry.name / REPORT_FILE
+        return path.read_bytes() if entry.report and path.is_file() else None
+
+
+@dataclass
+class Returned:
+    """A file in another system's form."""
+
+    content: bytes = b""
+    #: How many students, or submissions, are in it.
+    count: int = 0
+    #: Why somebody is not in it -> their submissions.
+    left_out: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+
+
+def comment(result: Result) -> str:
+    """Return one line that says to a student what was earned, and where most was lost."""
+    view = graded(result)
+    total = f"{points(result.final)} of {points(result.score.possible)} points."
+    adjusted = result.final - result.score.earned
+    if adjusted:
+        total += f" {signed(adjusted)} by adjustments."
+    if result.still_undecided:
+        total += f" {points(result.still_undecided)} more are undecided; your instructor decides."
+    if view.lossy:
+        lost = "; ".join(f"{check.title} ({points(check.lost)})" for check in view.lossy[:_MOST_NAMED])
+        total += f" Most points were lost at: {lost}."
+    return line(total, 480).translate(_MARKUP)
+
+
+def plain_report(result: Result) -> str:
+    """Return a short report as plain text: the points of each part, and what to fix first."""
+    view = graded(result)
+    lines = [
+        line(result.lab),
+        comment(result),
+        "",
+        *(_points_line(c.title, c.earned, c.possible) for c in view.criteria),
+    ]
+    if view.lossy:
+        lines += ["", "What to fix first:", *_losses(view)]
+    return "\n".join([*lines, ""])
+
+
+def _points_line(title: str, earned: Decimal, possible: Decimal) -> str:
+    return f"  {points(earned):>6} of {points(possible):<6} {line(title)}"
+
+
+def _losses(view: Graded) -> Iterable[str]:
+    for check in view.lossy[:_MOST_LOSSES]:
+        yield f"- {line(check.title)} ({points(check.lost)} points): {line(check.reason, 600)}"
+        if check.hint:
+            yield f"  {line(check.hint, 600)}"
+
+
+def named(names: Sequence[str], most: int = 10) -> str:
+    """Return the first names of a list, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f"{', '.join(names[:most])}{more}"
+
+
+def reasons(left_out: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return a line for each reason why somebody is left out."""
+    return [f"Left out, because {why}: {named(names)}" for why, names in left_out.items()]
