@@ -64,6 +64,12 @@ def _target(text: str, forms: Mapping[str, Export | ClassExport] = FORMS) -> Exp
         raise argparse.ArgumentTypeError(str(problem)) from None
 
 
+def _address(text: str) -> str:
+    if "@" not in text or not text.isprintable():
+        raise argparse.ArgumentTypeError(f"{text!r} is not an address, as in Lab <lab@uni.example>")
+    return text
+
+
 def _parser() -> argparse.ArgumentParser:
     forms: dict[str, Mapping[str, Export | ClassExport]] = {
         "forms of a submission": EXPORTS,
@@ -84,7 +90,7 @@ def _parser() -> argparse.ArgumentParser:
     group = parser.add_argument_group("of a class")
     add_path(group, "--class-list", "who is in the class, as for `grade`, or a grade book's own export", "CSV")
     group.add_argument("--column", default="", metavar="HEADING", help="heading of the grade book's column")
-    group.add_argument("--from", default="", dest="sender", metavar="ADDRESS", help="from whom mails come")
+    group.add_argument("--from", dest="sender", metavar="ADDRESS", type=_address, help="from whom mails come")
     return parser
 
 
@@ -114,10 +120,15 @@ def _export_class(
     if not any(entry.result for entry in entries):
         remedy = "Give the folder of a class's results, e.g. results/, or of one submission's."
         raise RecordingError("there are no results to export", location=str(results), remedy=remedy)
-    given = ReturnedClass(entries, results.resolve().parent if single else results, options.column, options.sender)
+    given = ReturnedClass(
+        entries, results.resolve().parent if single else results, options.column, options.sender or ""
+    )
     ungraded = [entry.name for entry in entries if entry.result is None]
     undecided = [entry.name for entry in entries if entry.result is not None and entry.result.still_undecided]
-    for words, names in (("Not graded, so left out", ungraded), ("Exported as it is now, undecided", undecided)):
+    for words, names in (
+        ("Not graded, so left out", ungraded),
+        ("Points of these are still undecided, and not in what is exported", undecided),
+    ):
         if names:
             print_note(Console(stderr=True), f"{words}: {named(names)}")
     for target in targets:
