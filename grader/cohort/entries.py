@@ -80,7 +80,8 @@ def entry_in(folder: Path) -> ClassEntry:
 def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> list[ClassEntry]:
     """Return the entries with what a list knows of them, and one for each student of it who has none, by name."""
     own = [Student(entry.name, entry.student_id, entry.submitted_at) for entry in entries]
-    found = matches(students, list(zip(own, map(_other_names, entries), strict=True)))
+    others = [(_without_id(entry), *entry.identity.names) for entry in entries]
+    found = matches(students, list(zip(own, others, strict=True)))
     completed = {
         entry.name: replace(
             entry,
@@ -98,7 +99,6 @@ def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> l
     return sorted(completed.values(), key=lambda entry: entry.name)
 
 
-def _other_names(entry: ClassEntry) -> tuple[str, ...]:
-    """Return by what else the student is known: a name that the id stands behind, and what a download told."""
-    without_id = entry.name.removesuffix(f"_{entry.student_id}") if entry.student_id else ""
-    return (without_id, *(text for who in entry.identity.people[:1] for text in (who.name, who.login, who.number)))
+def _without_id(entry: ClassEntry) -> str:
+    """Return the student's name in a name that ends with the id, as of a download; empty if there is none."""
+    return entry.name.removesuffix(f"_{entry.student_id}") if entry.student_id else ""

@@ -6,7 +6,7 @@ regrading needs neither the submission nor ROS.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from grader.recording.record import read_record, write_record
@@ -27,13 +27,20 @@ class Person:
     student_id: str = ""
     login: str = ""
     email: str = ""
-    #: The system's own number of them, which stands in the names of its download.
-    number: str = ""
     section: str = ""
+    #: The systems' own numbers: Moodle's of a participant in one assignment, Canvas' of a user.
+    moodle: str = ""
+    canvas: str = ""
 
     def completed(self, other: Person) -> Person:
         """Return what this one knows, and where it is empty the other."""
-        return Person(**(asdict(other) | {name: text for name, text in asdict(self).items() if text}))
+        return Person(**{fact: text or getattr(other, fact) for fact, text in vars(self).items()})
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All by which something that was handed in can be known to be theirs."""
+        numbers = (f"{system} {n}" for system, n in (("moodle", self.moodle), ("canvas", self.canvas)) if n)
+        return (self.name, self.student_id, self.login, self.email, *numbers)
 
 
 @dataclass(frozen=True)
@@ -47,15 +54,17 @@ class Identity:
     #: Under which paths in an archive that system takes something back for it; see `Delivered.handback`.
     handback: tuple[str, ...] = ()
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the one who handed it in; none of several, of whom no name tells for all."""
+        return self.people[0].names if len(self.people) == 1 else ()
+
     def completed(self, other: Identity) -> Identity:
         """Return what this one knows, and where it knows less what another one of the same submission does."""
-        first = tuple(one.completed(two) for one, two in zip(self.people[:1], other.people[:1], strict=False))
-        others = self.people[1:] or other.people[1:]
-        return Identity(
-            (*(first or self.people[:1] or other.people[:1]), *others),
-            self.system or other.system,
-            self.handback or other.handback,
-        )
+        people = (*self.people, *other.people[len(self.people) :])
+        if self.people and other.people:
+            people = (self.people[0].completed(other.people[0]), *people[1:])
+        return Identity(people, self.system or other.system, self.handback or other.handback)
 
 
 @dataclass

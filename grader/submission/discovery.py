@@ -389,19 +389,11 @@ class _Search:
             source = self._delivered(listing, entries)
             named = student if student == student_id or not student_id else f"{student}_{student_id}"
             described = f"{listing.location}: {displayed(named)}"
-            called = {"name": student if student != student_id else "", system.id_is: student_id}
-            people = next(iter(entries.values())).people or (Person(**called),)
-            self._add(
-                replace(
-                    source,
-                    student=student,
-                    student_id=student_id or None,
-                    identity=replace(source.identity, people=people, system=system.name),
-                    location=described,
-                    origin=listing.origin,
-                ),
-                named,
-            )
+            own = {system.id_is: student_id} if system.id_is else {}
+            people = next(iter(entries.values())).people or (Person(student if student != student_id else "", **own),)
+            identity = replace(source.identity, people=people, system=system.name)
+            source = replace(source, student=student, student_id=student_id or None, identity=identity)
+            self._add(replace(source, location=described, origin=listing.origin), named)
         amount = _submissions(len(students))
         self.understood.append(f"{listing.location}: {system.name}'s download of {amount}")
 
@@ -467,7 +459,7 @@ def with_earlier(source: SubmissionSource, results: Path) -> SubmissionSource:
         earlier = read_submission(results / source.name / RECORDINGS).identity
     except (OSError, ValueError):
         return source
-    identity = source.identity.completed(earlier)
+    identity = Identity(earlier.people).completed(source.identity)
     known = next((person.student_id for person in identity.people[:1]), "")
     return replace(source, identity=identity, student_id=known or source.student_id)
 
@@ -518,7 +510,10 @@ def _with_class_list(
 
     `names` are those without a mark, by where each submission lies.
     """
-    items = [(Student(s.name, s.student_id, s.submitted_at), (s.student, names[_origin(s)])) for s in submissions]
+    items = [
+        (Student(s.name, s.student_id, s.submitted_at), (s.student, names[_origin(s)], *s.identity.names))
+        for s in submissions
+    ]
     found = list(zip(submissions, matches(students, items), strict=True))
     unclear = [
         f"{source.location}: the name alone does not say who of the class list this is"

@@ -4,9 +4,9 @@
     alice,20260017,2026-03-02T23:41:00+01:00
 
 `name` is the submission's name, or the one that a learning-management system wrote. All other columns, and their
-values, may be missing: `student_id`, `login`, `email`, `section`, `number` (the system's own), `team` (those of one
-team hand in together), `submitted_at`; there may be more. A time without offset from UTC is this machine's local time.
-Of several lines of a student with an id, the last time counts.
+values, may be missing: `student_id`, `login`, `email`, `section`, `team` (those of one team hand in together),
+`submitted_at`; there may be more. A time without offset from UTC is this machine's local time. Of several lines of a
+student with an id, the last time counts.
 
 What the grade books of Moodle, Canvas, Blackboard and Brightspace export is such a list too, by the columns that they
 have. Brightspace writes `#` before ids, so that spreadsheets keep zeros; Moodle writes `Participant` before its number;
@@ -35,8 +35,9 @@ _COLUMNS = {
     "student_id": ("student_id", "id_number", "sis_user_id", "orgdefinedid"),
     "login": ("login", "username", "sis_login_id"),
     "email": ("email", "email_address"),
-    "number": ("number", "identifier", "id"),
     "section": ("section",),
+    "moodle": ("identifier",),
+    "canvas": ("id",),
 }
 _FIRST, _LAST = ("first_name", "firstname"), ("last_name", "lastname", "surname")
 #: What stands in the column of names in a line of Canvas' export that is about no student.
@@ -101,7 +102,7 @@ def _once_each(listed: Iterable[Student]) -> list[Student]:
 def _listed(row: Mapping[str, str]) -> Student:
     known = {fact: _value(row, columns) for fact, columns in _COLUMNS.items()}
     name = known["name"] or f"{_value(row, _FIRST)} {_value(row, _LAST)}".strip()
-    person = Person(**(known | {"name": name, "number": known["number"].rpartition(" ")[2]}))
+    person = Person(**(known | {"name": name, "moodle": known["moodle"].rpartition(" ")[2]}))
     time = row.get("submitted_at", "")
     if not (person.name or person.student_id or person.login):
         raise ValueError("neither a name nor a student_id")
@@ -134,15 +135,39 @@ class Match:
 def matches(students: Sequence[Student], items: Sequence[tuple[Student, Sequence[str]]]) -> list[Match]:
     """Find the student of each thing that was handed in, by the id, the name and others that it bears, however written.
 
-    A name that two students have, or that two things bear under different ids, does not tell whose they are. The others
-    of a student's team have a share in it unless another of the team handed in too.
+    A name that two students have, or that two things bear under different ids, does not tell whose they are. All of a
+    student's team, or of the team whose name it bears, have a share in it, unless that team handed in another too.
     """
+    teams: dict[str, list[int]] = defaultdict(list)
+    for index, student in enumerate(students):
+        if student.team:
+            teams[_plain(student.team)].append(index)
+    owners = _owners(students, items)
+    of_team = [
+        _plain(students[sure].team) if sure is not None else next((t for t in map(_plain, names) if t in teams), "")
+        for (sure, _), (item, others) in zip(owners, items, strict=True)
+        for names in [(item.name, *others)]
+    ]
+    found = []
+    for (item, _), (sure, may_be), team in zip(items, owners, of_team, strict=True):
+        known = students[sure] if sure is not None else Student("")
+        members = teams[team] if team and of_team.count(team) == 1 else ()
+        shares = dict.fromkeys([*([] if sure is None else [sure]), *members])
+        student_id, time = known.student_id or item.student_id, known.submitted_at or item.submitted_at
+        people = tuple(person_of(students[index]) for index in shares)
+        found.append(Match(student_id, time, frozenset({*may_be, *shares}), people))
+    return found
+
+
+def _owners(
+    students: Sequence[Student], items: Sequence[tuple[Student, Sequence[str]]]
+) -> list[tuple[int | None, set[int]]]:
+    """Return the place of each thing's student, None if that does not tell, and of all to whom it may belong."""
     called: dict[str, set[int]] = defaultdict(set)
     for index, student in enumerate(students):
-        who = student.person
         # Of a download, folders are called after both.
-        both = [f"{student.name} {one}" for one in (student.student_id, who.number) if student.name and one]
-        for key in _keys(student.student_id, student.name, who.login, who.email, who.number, *both):
+        both = f"{student.name} {student.student_id}" if student.name and student.student_id else ""
+        for key in _keys(student.student_id, student.name, *student.person.names, both):
             called[key].add(index)
     bearing: dict[str, set[str]] = defaultdict(set)
     for item, names in items:
@@ -154,32 +179,6 @@ def matches(students: Sequence[Student], items: Sequence[tuple[Student, Sequence
         telling = [key for key in keys if len(bearing[key]) == 1 or key in _keys(item.student_id)]
         sure = next((min(called[key]) for key in telling if len(called[key]) == 1), None)
         found.append((sure, {index for key in keys for index in called[key]}))
-    owners = [(sure, (item.name, *names)) for (sure, _), (item, names) in zip(found, items, strict=True)]
-    teams = _teams(students, owners)
-    matched = []
-    for (item, _), (sure, may_be), team in zip(items, found, teams, strict=True):
-        known = students[sure] if sure is not None else Student("")
-        student_id, time = known.student_id or item.student_id, known.submitted_at or item.submitted_at
-        people = tuple(person_of(students[index]) for index in team)
-        matched.append(Match(student_id, time, frozenset(may_be | {*team}), people))
-    return matched
-
-
-def _teams(students: Sequence[Student], items: Sequence[tuple[int | None, Sequence[str]]]) -> list[list[int]]:
-    """Return the places of all who have a share in each thing, of which the student or the team's name is known."""
-    members: dict[str, list[int]] = defaultdict(list)
-    for index, student in enumerate(students):
-        if student.team:
-            members[_plain(student.team)].append(index)
-    named = [
-        _plain(students[sure].team) if sure is not None else next((k for n in names if (k := _plain(n)) in members), "")
-        for sure, names in items
-    ]
-    shared = {team for team in named if team and named.count(team) == 1}
-    found = []
-    for (sure, _), team in zip(items, named, strict=True):
-        own = [sure] if sure is not None else []
-        found.append(own + [index for index in members[team] if index != sure] if team in shared else own)
     return found
 
 

@@ -113,7 +113,7 @@ def test_links_ids_times_and_words_of_adjustments_go() -> None:
 def test_no_login_address_or_partner_is_left() -> None:
     """By what else systems know those who handed in is hidden too; what is common to many is not."""
     people = (
-        Person("Müller, Änne", "0012999", "amu47", "aenne.mu@uni.example", "11", "Monday"),
+        Person("Müller, Änne", "0012999", "amu47", "aenne.mu@uni.example", "Monday", "11"),
         Person("Bob O'Brien", login="bobrien3"),
     )
     reason = "amu47 and bobrien3 wrote to aenne.mu@uni.example on Monday: 11 messages of Änne and O'Brien, 0012999."

@@ -692,7 +692,7 @@ def test_pieces_are_what_a_scheduler_can_send(rubric: Rubric, tmp_path: Path) ->
 
 
 def test_what_earlier_results_know_of_a_student_is_not_asked_for_again(rubric: Rubric, tmp_path: Path) -> None:
-    """A class list that was given once counts for the next run; what the new download says goes first."""
+    """A class list that was given once counts for the next run, beside what the new download says."""
     names = ["Ann_11_assignsubmission_file_/joint_publisher.py", "Bob_12_assignsubmission_file_/joint_publisher.py"]
     path = lay_out(tmp_path / "export", names)
     listed = tmp_path / "class.csv"
@@ -704,10 +704,10 @@ def test_what_earlier_results_know_of_a_student_is_not_asked_for_again(rubric: R
         write_submission(results / source.name / "recordings", record)
     first, bob = (with_earlier(source, results) for source in find_submissions([path], rubric).submissions)
     assert [person.student_id for person in first.identity.people] == ["0012", "0014"]
-    assert (first.student_id, first.identity.people[0].number) == ("0012", "11")
+    assert (first.student_id, first.identity.people[0].moodle) == ("0012", "11")
     assert first.identity.people[0].email == "ann@uni.example"
     assert (first.identity.system, first.identity.handback) == ("Moodle", ("Ann_11_assignsubmission_file_/",))
-    assert (bob.student_id, bob.identity.people) == ("12", (Person("Bob", number="12"),))
+    assert (bob.student_id, bob.identity.people) == ("12", (Person("Bob", moodle="12"),))
 
 
 @pytest.mark.parametrize(

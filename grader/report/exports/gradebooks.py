@@ -94,10 +94,9 @@ def _known(fact: str, share: Share, before: str = "") -> str:
     return before + text if text else ""
 
 
-def _number(system: str, share: Share, before: str = "") -> str:
-    """Return the system's own number of a student, unless another system gave it."""
-    number = share.person.number
-    return before + number if number.isdecimal() and share.entry.identity.system in ("", system) else ""
+def _number(fact: str, share: Share, before: str = "") -> str:
+    """Return a system's own number of a student; where students are anonymous, it is none."""
+    return _known(fact, share, before) if _known(fact, share).isdecimal() else ""
 
 
 _POINTS = Column("", lambda share: share.result.final)
@@ -111,7 +110,7 @@ def _comment(share: Share) -> str:
 
 MOODLE = GradeBook(
     (
-        Column("Identifier", partial(_number, "Moodle", before="Participant "), is_key=True),
+        Column("Identifier", partial(_number, "moodle", before="Participant "), is_key=True),
         Column("Full name", _NAME),
         Column("ID number", _ID, is_key=True),
         Column("Username", _LOGIN, is_key=True),
@@ -126,7 +125,7 @@ MOODLE = GradeBook(
 CANVAS = GradeBook(
     (
         Column("Student", _NAME),
-        Column("ID", partial(_number, "Canvas"), is_key=True),
+        Column("ID", partial(_number, "canvas"), is_key=True),
         Column("SIS User ID", _ID, is_key=True),
         Column("SIS Login ID", _LOGIN, is_key=True),
         Column("Section", partial(_known, "section")),

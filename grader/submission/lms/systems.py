@@ -58,8 +58,8 @@ class System:
     match: Callable[[Entries], dict[str, Delivered]]
     #: Entries that it makes for itself.
     own: frozenset[str] = frozenset()
-    #: What its ids are of a `Person`.
-    id_is: str = "number"
+    #: Which fact of a `Person` its ids are, if a grade book knows them.
+    id_is: str = ""
     #: Adds to what is known what it wrote down in files beside the entries.
     details: Callable[[Mapping[str, Delivered], Read], Mapping[str, Delivered]] = lambda known, read: known
 
@@ -289,10 +289,10 @@ def _scalar(text: str) -> str:
 
 
 SYSTEMS = (
-    System("Moodle", _moodle),
-    System("Canvas", _canvas),
+    System("Moodle", _moodle, id_is="moodle"),
+    System("Canvas", _canvas, id_is="canvas"),
     System("Blackboard", _blackboard, id_is="login"),
     System("Brightspace", _brightspace, frozenset({"index.html"})),
     System("Sakai", _sakai, id_is="login", details=_sakai_times),
-    System("Gradescope", _gradescope, frozenset({_METADATA}), "number", _gradescope_people),
+    System("Gradescope", _gradescope, frozenset({_METADATA}), details=_gradescope_people),
 )

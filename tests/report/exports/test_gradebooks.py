@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Iterable
 from decimal import Decimal
 from pathlib import Path
 
@@ -105,10 +106,10 @@ def test_a_number_of_another_system_is_no_participant_of_moodle(tmp_path: Path, 
     assert [len(names) for names in returned.left_out.values()] == [3]
 
 
-def canvas_export() -> str:
+def canvas_export(users: Iterable[User] = USERS) -> str:
     """Give what Canvas' gradebook exports, with its line of possible points and one who has not handed in."""
     lines = ["Student,ID,SIS User ID,SIS Login ID,Section,Lab 9 (4711)", "    Points Possible,,,,,100"]
-    lines += [f'"{u.name}",{u.number},{u.student_id},"{u.login}",A1,' for u in USERS]
+    lines += [f'"{u.name}",{u.number},{u.student_id},"{u.login}",A1,' for u in users]
     return "\n".join([*lines, '"Student, Test",99,,,A1,'])
 
 
@@ -188,6 +189,17 @@ def test_what_a_grade_book_exports_is_a_class_list(
     assert importers.brightspace(returned.content, USERS, Decimal(100)) == {"Lab 1: Nodes": POINTS}
 
 
+def test_numbers_of_two_systems_are_not_taken_for_each_other(tmp_path: Path, rubric: Rubric) -> None:
+    """Canvas' user 12 is somebody else than Moodle's participant 12; names tell, and each gets its own numbers."""
+    others = [User(number, user.name, user.student_id, user.login) for number, user in zip("213", USERS, strict=True)]
+    others = [User(f"1{user.number}", user.name, user.student_id, user.login) for user in others]
+    given = graded("Moodle", tmp_path, rubric, canvas_export(others))
+    (scores,) = importers.canvas(CLASS_EXPORTS["canvas"].render(given).content, others, {}).values()
+    assert scores == {"12": "60.4", "11": "60.8", "13": "61.2"}
+    participants = importers.moodle_worksheet(CLASS_EXPORTS["moodle"].render(given).content, USERS, Decimal(100))
+    assert {number: grade for number, (grade, _) in participants.items()} == POINTS
+
+
 # -- teams -----------------------------------------------------------------------------------------
 
 
@@ -243,7 +255,7 @@ def one(person: Person, name: str = "ann") -> ClassEntry:
 TEXT = st.text(st.sampled_from("=+-@＝\t\r\n\"' ,;|#0a(9)[]<&\u202e\ufeffü"), max_size=12)
 
 
-@given(st.lists(TEXT, min_size=5, max_size=5), st.sampled_from(["moodle", "canvas", "blackboard", "brightspace"]))
+@given(st.lists(TEXT, min_size=7, max_size=7), st.sampled_from(["moodle", "canvas", "blackboard", "brightspace"]))
 def test_no_cell_is_a_formula_and_no_id_another(texts: list[str], form: str) -> None:
     """Whatever a name or id is, the file can be read; by an id that is written, nobody else is found."""
     name, *ids = texts
@@ -252,7 +264,7 @@ def test_no_cell_is_a_formula_and_no_id_another(texts: list[str], form: str) -> 
     rows = list(csv.reader(io.StringIO(returned.content.decode(), newline="")))
     assert not [cell for row in rows for cell in row if cell.startswith(("=", "+", "-", "@", "＝", "\t", "\r"))]
     for row in rows[1:] if form != "canvas" else rows[2:]:
-        known = {value.removeprefix("#") for value in ids} | {f"Participant {ids[3]}"}
+        known = {value.removeprefix("#") for value in ids} | {f"Participant {ids[4]}"}
         keys = dict(zip(rows[0], row, strict=True))
         for heading in {"Identifier", "ID number", "Username", "ID", "SIS User ID", "OrgDefinedId"} & {*keys}:
             assert not keys[heading] or keys[heading] in known | {f"#{value}" for value in ids}
