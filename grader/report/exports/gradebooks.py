@@ -34,7 +34,7 @@ from grader.report.views import points
 
 @dataclass(frozen=True)
 class Column:
-    """A column: its heading, what stands in it, and whether students are found by it."""
+    """A column: its heading (none for that of the points), what stands in it, and whether students are found by it."""
 
     heading: str
     cell: Callable[[Share], str | Decimal]
@@ -52,7 +52,7 @@ class GradeBook:
     second: str = ""
 
     def render(self, given: ReturnedClass) -> Returned:
-        """Return the table."""
+        """Return the table of a class in which somebody has a result."""
         returned, shares = Returned(), list(given.shares)
         found = [self._keys(share) for share in shares]
         times = Counter(key for keys in found for key in keys.items())
@@ -65,28 +65,19 @@ class GradeBook:
                 returned.left_out["the same student stands behind several submissions"].append(share.entry.name)
             else:
                 rows.append([keys.get(c.heading, "") if c.is_key else c.cell(share) for c in self.columns])
-        head = [column.heading or self._heading(given, shares) for column in self.columns]
+        first = shares[0].result
+        heading = given.column or self.heading.format(lab=line(first.lab), points=points(first.score.possible))
+        others = ["" for _ in self.columns[1:-1]]
+        second: list[list[str | Decimal]] = [[self.second, *others, first.score.possible]] if self.second else []
+        head = [column.heading or heading for column in self.columns]
         returned.count = len(rows)
-        text = csv_text([head, *self._second_row(shares), *rows], csv.QUOTE_ALL)
-        returned.content = text.removeprefix(BYTE_ORDER_MARK).encode()
+        returned.content = csv_text([head, *second, *rows], csv.QUOTE_ALL).removeprefix(BYTE_ORDER_MARK).encode()
         return returned
 
     def _keys(self, share: Share) -> dict[str, str]:
         """Return by what the grade book finds a student, as far as that is known and can be written as it is."""
         cells = {column.heading: str(column.cell(share)) for column in self.columns if column.is_key}
         return {heading: cell for heading, cell in cells.items() if cell and csv_cell(cell) == cell}
-
-    def _heading(self, given: ReturnedClass, shares: Sequence[Share]) -> str:
-        if given.column or not shares:
-            return given.column
-        result = shares[0].result
-        return self.heading.format(lab=line(result.lab), points=points(result.score.possible))
-
-    def _second_row(self, shares: Sequence[Share]) -> list[list[str | Decimal]]:
-        if not self.second or not shares:
-            return []
-        others = ["" for _ in self.columns[1:-1]]
-        return [[self.second, *others, shares[0].result.score.possible]]
 
 
 def _known(fact: str, share: Share, before: str = "") -> str:
@@ -104,10 +95,6 @@ _NAME = partial(_known, "name")
 _ID, _LOGIN, _EMAIL = partial(_known, "student_id"), partial(_known, "login"), partial(_known, "email")
 
 
-def _comment(share: Share) -> str:
-    return comment(share.result)
-
-
 MOODLE = GradeBook(
     (
         Column("Identifier", partial(_number, "moodle", before="Participant "), is_key=True),
@@ -118,7 +105,7 @@ MOODLE = GradeBook(
         _POINTS,
         Column("Maximum Grade", lambda share: share.result.score.possible),
         Column("Last modified (grade)", lambda share: ""),
-        Column("Feedback comments", _comment),
+        Column("Feedback comments", lambda share: comment(share.result)),
     ),
     heading="Grade",
 )
@@ -137,7 +124,7 @@ BLACKBOARD = GradeBook(
     (
         Column("Username", _LOGIN, is_key=True),
         _POINTS,
-        Column("Feedback to Learner", _comment),
+        Column("Feedback to Learner", lambda share: comment(share.result)),
         Column("Feedback Format", lambda share: "SMART_TEXT"),
     ),
     heading="{lab} [Total Pts: {points} Score]",

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from decimal import Decimal
 from pathlib import Path
 
 from grader.cohort.entries import ClassEntry
 from grader.recording.submission import Person
 from grader.report.escape import line
-from grader.report.exports.graded import Graded, graded
-from grader.report.views import points, signed
+from grader.report.exports.graded import graded
+from grader.report.views import Loss, adjustments_of, losses_of, points
 from grader.result import Result
 from grader.result_folder import REPORT_FILE
 
@@ -69,43 +68,33 @@ class Returned:
 
 
 def comment(result: Result) -> str:
-    """Return one line that says to a student what was earned, and where most was lost."""
-    view = graded(result)
+    """Return one line that says to a student what was earned, and by what mistakes most was lost."""
     total = f"{points(result.final)} of {points(result.score.possible)} points."
-    adjusted = result.final - result.score.earned
-    if adjusted:
-        total += f" {signed(adjusted)} by adjustments."
+    if result.adjustments:
+        total += f" With adjustments: {', '.join(f'{view.title} {view.points}' for view in adjustments_of(result))}."
     if result.still_undecided:
         total += f" {points(result.still_undecided)} more are undecided; your instructor decides."
-    if view.lossy:
-        lost = "; ".join(f"{check.title} ({points(check.lost)})" for check in view.lossy[:_MOST_NAMED])
-        total += f" Most points were lost at: {lost}."
+    if losses := losses_of(graded(result))[:_MOST_NAMED]:
+        total += f" Fix first: {'; '.join(f'{loss.check.title} ({_gain(loss)})' for loss in losses)}."
     return line(total, 480).translate(_MARKUP)
 
 
 def plain_report(result: Result) -> str:
     """Return a short report as plain text: the points of each part, and what to fix first."""
     view = graded(result)
-    lines = [
-        line(result.lab),
-        comment(result),
-        "",
-        *(_points_line(c.title, c.earned, c.possible) for c in view.criteria),
-    ]
-    if view.lossy:
-        lines += ["", "What to fix first:", *_losses(view)]
+    lines = [line(result.lab), comment(result), "", "The points of each part, as judged:"]
+    for part in view.criteria:
+        undecided = f" ({points(part.undecided)} undecided)" if part.undecided else ""
+        lines.append(f"  {points(part.earned):>6} of {points(part.possible):<6} {line(part.title)}{undecided}")
+    for loss in losses_of(view)[:_MOST_LOSSES]:
+        lines += ["", f"{line(loss.check.title)} ({_gain(loss)}): {line(loss.check.reason, 600)}"]
+        lines += [line(loss.check.hint, 600)] if loss.check.hint else []
     return "\n".join([*lines, ""])
 
 
-def _points_line(title: str, earned: Decimal, possible: Decimal) -> str:
-    return f"  {points(earned):>6} of {points(possible):<6} {line(title)}"
-
-
-def _losses(view: Graded) -> Iterable[str]:
-    for check in view.lossy[:_MOST_LOSSES]:
-        yield f"- {line(check.title)} ({points(check.lost)} points): {line(check.reason, 600)}"
-        if check.hint:
-            yield f"  {line(check.hint, 600)}"
+def _gain(loss: Loss) -> str:
+    """Return the points that can be won, with those of what could not be tested because of it."""
+    return f"{points(loss.check.lost + loss.opens)} points"
 
 
 def named(names: Sequence[str], most: int = 10) -> str:

@@ -17,7 +17,7 @@ from grader.judging import rubrics
 from grader.lab.rubric import Rubric
 from grader.recording.submission import Identity, Person
 from grader.report.exports import CLASS_EXPORTS
-from grader.report.exports.returned import ReturnedClass, comment
+from grader.report.exports.returned import ReturnedClass, comment, plain_report
 from grader.submission.roster import read_class_list
 from tests.cohort.made_up import entry_of, result_of
 from tests.report.exports import importers
@@ -78,7 +78,7 @@ def test_moodles_worksheet_needs_nothing_but_the_download(tmp_path: Path, rubric
     returned = CLASS_EXPORTS["moodle"].render(graded("Moodle", tmp_path, rubric))
     read = importers.moodle_worksheet(returned.content, USERS, Decimal(100))
     assert {number: grade for number, (grade, _) in read.items()} == POINTS
-    assert read["11"][1] == "60.4 of 100 points. Most points were lost at: DOC.README (39.6)."
+    assert read["11"][1] == "60.4 of 100 points. Fix first: DOC.README (39.6 points)."
     assert (returned.count, returned.left_out) == (3, {})
 
 
@@ -298,9 +298,10 @@ def test_the_comment_says_what_is_open_and_reads_as_no_markup() -> None:
     plain["adjustments"] = [{"kind": "late", "what": "x", "points": -5, "reason": "", "who": "", "when": ""}]
     result = entry_of("ann", plain).result
     assert result is not None
+    assert "       0 of 60     Pub (60 undecided)\n      20 of 40     Doc\n" in plain_report(result)
     assert comment(result) == (
-        "15 of 100 points. −5 by adjustments. 60 more are undecided; your instructor decides. "
-        "Most points were lost at: ‹b›|error| + 3 ms (20)."
+        "15 of 100 points. With adjustments: Late −5. 60 more are undecided; your instructor decides. "
+        "Fix first: ‹b›|error| + 3 ms (20 points)."
     )
 
 
