@@ -38,7 +38,7 @@ from grader.errors import GraderError, UsageError
 from grader.recording.submission import SUBMISSION_FILE
 from grader.result_folder import EXPORTED, HISTORY, RECORDINGS
 from grader.submission.file_names import is_packed
-from grader.submission.separation import require_no_links, require_same_source, uncounted_overrides
+from grader.submission.separation import require_no_links, require_same_source, uncounted_overrides, with_earlier
 
 if TYPE_CHECKING:
     from decimal import Decimal
@@ -181,7 +181,7 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
 
 def _found(options: argparse.Namespace, rubric: Rubric) -> Discovery:
     from grader.errors import SubmissionError
-    from grader.submission.discovery import Shape, find_submissions, with_earlier
+    from grader.submission.discovery import Shape, find_submissions
 
     shape = Shape.ONE if options.one else Shape.EACH if options.each else Shape.AUTO
     found = find_submissions(options.submissions, rubric, shape=shape, class_list=options.class_list)

@@ -45,8 +45,8 @@ from grader.errors import SubmissionError
 from grader.lab.kept_lab import KEPT
 from grader.lab.overrides import OVERRIDES_FILE
 from grader.lab.rubric import Rubric
-from grader.recording.submission import Identity, Person, read_submission
-from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, JOURNAL_FILE, RECORDINGS
+from grader.recording.submission import Identity, Person
+from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, JOURNAL_FILE
 from grader.submission.extraction import Piece, SubmissionSource, names_in, text_of, texts_in
 from grader.submission.file_names import TOOL_FOLDERS, displayed, is_litter, is_packed, without_archive_suffix
 from grader.submission.last_commit import last_commit_time
@@ -451,17 +451,6 @@ def _source_of(listing: _Listing) -> SubmissionSource:
 
 
 # -- names -----------------------------------------------------------------------------------------
-
-
-def with_earlier(source: SubmissionSource, results: Path) -> SubmissionSource:
-    """Return a submission with what earlier results of it, in a folder of results, know of who handed it in."""
-    try:
-        earlier = read_submission(results / source.name / RECORDINGS).identity
-    except (OSError, ValueError):
-        return source
-    identity = Identity(earlier.people).completed(source.identity)
-    known = next((person.student_id for person in identity.people[:1]), "")
-    return replace(source, identity=identity, student_id=known or source.student_id)
 
 
 def _safe_name(text: str) -> str:

@@ -27,8 +27,8 @@ from grader.pipeline import Options
 from grader.recording.submission import Identity, Person, read_submission, write_submission
 from grader.result import Result, Score, to_json
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
-from grader.submission.discovery import with_earlier
 from grader.submission.extraction import Piece, SubmissionSource, open_submission
+from grader.submission.separation import with_earlier
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings/wrong_topic"
 NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
@@ -87,7 +87,7 @@ def test_who_handed_in_is_told_to_recordings_that_hold_good(tmp_path: Path) -> N
     """What a class list adds in a later run is kept with the results, and nothing is judged or recorded for it."""
     results = tmp_path / "results"
     shutil.copytree(KEPT, results / "ann" / RECORDINGS)
-    ann = source("ann")
+    ann = replace(source("ann"), origin=read_submission(results / "ann" / RECORDINGS).source)
     listed = replace(ann, student_id="0012", identity=Identity((Person("Ann", "0012", "am12", "ann@uni.example"),)))
     with Journal.open(results) as journal:
         run = ClassRun(read_rubric(None), Options(Path(sys.executable)), journal, Machine(1), RunProgress(Console(), 1))

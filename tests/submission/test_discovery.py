@@ -18,9 +18,8 @@ from hypothesis import strategies as st
 from grader.errors import SubmissionError
 from grader.judging.rubrics import read_rubric
 from grader.lab.rubric import Rubric
-from grader.recording.submission import Person, SubmissionRecord, write_submission
 from grader.submission.artifacts import read_submission
-from grader.submission.discovery import Discovery, Shape, find_submissions, with_earlier
+from grader.submission.discovery import Discovery, Shape, find_submissions
 from grader.submission.extraction import Piece, SubmissionSource, open_submission
 from tests.thorough import examples
 
@@ -686,37 +685,3 @@ def test_pieces_are_what_a_scheduler_can_send(rubric: Rubric, tmp_path: Path) ->
     """What is found names files of this machine and nothing else."""
     (source,) = find_submissions([lay_out(tmp_path / "alice", FIVE)], rubric).submissions
     assert source.pieces == (Piece(tmp_path / "alice"),)
-
-
-# -- who handed it in, for the way back ----------------------------------------------------------------
-
-
-def test_what_earlier_results_know_of_a_student_is_not_asked_for_again(rubric: Rubric, tmp_path: Path) -> None:
-    """A class list that was given once counts for the next run, beside what the new download says."""
-    names = ["Ann_11_assignsubmission_file_/joint_publisher.py", "Bob_12_assignsubmission_file_/joint_publisher.py"]
-    path = lay_out(tmp_path / "export", names)
-    listed = tmp_path / "class.csv"
-    listed.write_text("name,student_id,email,team\nAnn,0012,ann@uni.example,A\nCem,0014,,A\n", encoding="utf-8")
-    results = tmp_path / "results"
-    for source in find_submissions([path], rubric, class_list=listed).submissions:
-        (results / source.name / "recordings").mkdir(parents=True)
-        record = SubmissionRecord(source.name, student_id=source.student_id, identity=source.identity)
-        write_submission(results / source.name / "recordings", record)
-    first, bob = (with_earlier(source, results) for source in find_submissions([path], rubric).submissions)
-    assert [person.student_id for person in first.identity.people] == ["0012", "0014"]
-    assert (first.student_id, first.identity.people[0].moodle) == ("0012", "11")
-    assert first.identity.people[0].email == "ann@uni.example"
-    assert (first.identity.system, first.identity.handback) == ("Moodle", ("Ann_11_assignsubmission_file_/",))
-    assert (bob.student_id, bob.identity.people) == ("12", (Person("Bob", moodle="12"),))
-
-
-@pytest.mark.parametrize(
-    "content", ["", "[]", '{"schema": "ros-lab-grader/submission/v1", "identity": {"people": [1]}}']
-)
-def test_what_is_no_record_tells_nothing_of_anybody(content: str, tmp_path: Path) -> None:
-    """A file that is not there, or is something else, does not keep a submission from being graded."""
-    (tmp_path / "ann/recordings").mkdir(parents=True)
-    (tmp_path / "ann/recordings/submission.json").write_text(content, encoding="utf-8")
-    for name in ("ann", "bob"):
-        source = SubmissionSource(name, (), "7")
-        assert with_earlier(source, tmp_path) == source
