@@ -19,6 +19,8 @@ from grader.report.exports.writing import FORMS, STANDARD_OUTPUT, ExportTarget, 
 from grader.result import load_result
 from grader.result_folder import RESULT_FILE
 
+#: Submissions that a note names.
+_MOST_NAMED = 10
 _EPILOG = """
 example:
   grade export results/ --to canvas --column 'Lab 9 (4711)'
@@ -109,7 +111,7 @@ def _export_class(
 ) -> Decimal:
     """Write forms of a class; returns no points, since there are none of a class."""
     from grader.cohort.entries import NOTHING_SUBMITTED, entries_in, entry_in, with_roster
-    from grader.report.exports.returned import ReturnedClass, named, reasons
+    from grader.report.exports.returned import ReturnedClass
     from grader.submission.roster import read_class_list
 
     single = (results / RESULT_FILE).is_file()
@@ -123,20 +125,21 @@ def _export_class(
     given = ReturnedClass(
         entries, results.resolve().parent if single else results, options.column, options.sender or ""
     )
-    ungraded = [entry.name for entry in entries if entry.result is None]
-    undecided = [entry.name for entry in entries if entry.result is not None and entry.result.still_undecided]
-    for words, names in (
-        ("Not graded, so left out", ungraded),
-        ("Points of these are still undecided, and not in what is exported", undecided),
-    ):
-        if names:
-            print_note(Console(stderr=True), f"{words}: {named(names)}")
+    notes = {
+        "Not graded, so left out": [entry.name for entry in entries if entry.result is None],
+        "Points of these are still undecided, and not in what is exported": [
+            entry.name for entry in entries if entry.result is not None and entry.result.still_undecided
+        ],
+    }
     for target in targets:
         returned = CLASS_EXPORTS[target.name].render(given)
-        for why in reasons(returned.left_out):
-            print_note(Console(stderr=True), f"{target.name}: {why}")
+        notes |= {f"{target.name}: left out, because {why}": names for why, names in returned.left_out.items()}
         for path in write_export(target, results, returned.content):
             console.print(f"{terminal_text(str(path))}: {returned.count}", soft_wrap=True, markup=False)
+    for words, names in notes.items():
+        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
+        if names:
+            print_note(Console(stderr=True), f"{words}: {', '.join(names[:_MOST_NAMED])}{more}")
     return Decimal(0)
 
 

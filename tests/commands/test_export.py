@@ -190,8 +190,8 @@ def test_a_class_goes_into_files_of_its_own(of_class: Path, capsys: pytest.Captu
     counts = {"moodle": 2, "canvas": 1, "blackboard": 1, "brightspace": 1, "feedback": 2, "mail": 0, "eml": 0}
     assert status == 0
     assert out.splitlines() == [f"{of_class / CLASS_EXPORTS[name].file_name}: {n}" for name, n in counts.items()]
-    assert "canvas: Left out, because none of these is known: ID, SIS User ID, SIS Login ID: Bob_12\n" in err
-    assert "mail: Left out, because no address is known that mail can be sent to: Bob_12, Änne_Müller_11\n" in err
+    assert "canvas: left out, because none of these is known: ID, SIS User ID, SIS Login ID: Bob_12\n" in err
+    assert "mail: left out, because no address is known that mail can be sent to: Bob_12, Änne_Müller_11\n" in err
     assert {path: path.read_bytes() for path in before} == before
     assert {path.parent.name for path in of_class.rglob("*") if path.is_file() and path not in before} == {"exports"}
     assert not is_results(of_class.parent, read_rubric(None))

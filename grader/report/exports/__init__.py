@@ -81,19 +81,17 @@ class ClassExport:
 
 
 CLASS_EXPORTS: Mapping[str, ClassExport] = {
-    export.name: ClassExport(export.name, export.description, f"{EXPORTED}/{export.file_name}", export.render)
+    export.name: export
     for export in (
+        ClassExport("moodle", "grades for Moodle", f"{EXPORTED}/moodle.csv", gradebooks.MOODLE.render),
+        ClassExport("canvas", "grades for Canvas", f"{EXPORTED}/canvas.csv", gradebooks.CANVAS.render),
+        ClassExport("blackboard", "grades for Blackboard", f"{EXPORTED}/blackboard.csv", gradebooks.BLACKBOARD.render),
         ClassExport(
-            "moodle", "grades for Moodle's grading worksheet or grade book", "moodle.csv", gradebooks.MOODLE.render
+            "brightspace", "grades for Brightspace", f"{EXPORTED}/brightspace.csv", gradebooks.BRIGHTSPACE.render
         ),
-        ClassExport("canvas", "grades for Canvas' gradebook", "canvas.csv", gradebooks.CANVAS.render),
-        ClassExport(
-            "blackboard", "grades for Blackboard's grade center", "blackboard.csv", gradebooks.BLACKBOARD.render
-        ),
-        ClassExport("brightspace", "grades for Brightspace", "brightspace.csv", gradebooks.BRIGHTSPACE.render),
-        ClassExport("feedback", "reports as Moodle and Canvas take them back", "feedback.zip", feedback.render),
-        ClassExport("mail", "a mailbox with a mail a student", "mail.mbox", mail.mailbox),
-        ClassExport("eml", "the same mails as files", "mail.zip", mail.files),
+        ClassExport("feedback", "reports, as Moodle and Canvas take them", f"{EXPORTED}/feedback.zip", feedback.render),
+        ClassExport("mail", "a mailbox with a mail a student", f"{EXPORTED}/mail.mbox", mail.mailbox),
+        ClassExport("eml", "the same mails as files", f"{EXPORTED}/mail.zip", mail.files),
     )
 }
 

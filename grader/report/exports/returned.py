@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -95,14 +95,3 @@ def plain_report(result: Result) -> str:
 def _gain(loss: Loss) -> str:
     """Return the points that can be won, with those of what could not be tested because of it."""
     return f"{points(loss.check.lost + loss.opens)} points"
-
-
-def named(names: Sequence[str], most: int = 10) -> str:
-    """Return the first names of a list, and how many more there are."""
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return f"{', '.join(names[:most])}{more}"
-
-
-def reasons(left_out: Mapping[str, Sequence[str]]) -> list[str]:
-    """Return a line for each reason why somebody is left out."""
-    return [f"Left out, because {why}: {named(names)}" for why, names in left_out.items()]
