@@ -87,7 +87,7 @@ def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> l
             entry,
             student_id=match.student_id,
             submitted_at=match.submitted_at,
-            identity=Identity(match.people).completed(entry.identity),
+            identity=match.completed(entry.identity),
         )
         for entry, match in zip(entries, found, strict=True)
     }

@@ -135,7 +135,10 @@ def _export_class(
         returned = CLASS_EXPORTS[target.name].render(given)
         notes |= {f"{target.name}: left out, because {why}": names for why, names in returned.left_out.items()}
         for path in write_export(target, results, returned.content):
-            console.print(f"{terminal_text(str(path))}: {returned.count}", soft_wrap=True, markup=False)
+            # The standard output may be a form's.
+            beside = any(other.file == STANDARD_OUTPUT for other in targets)
+            words = f"{terminal_text(str(path))}: {returned.count}"
+            (Console(stderr=True) if beside else console).print(words, soft_wrap=True, markup=False)
     for words, names in notes.items():
         more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
         if names:

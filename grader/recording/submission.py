@@ -61,9 +61,9 @@ class Identity:
 
     def completed(self, other: Identity) -> Identity:
         """Return what this one knows, and where it knows less what another one of the same submission does."""
-        people = (*self.people, *other.people[len(self.people) :])
+        people = self.people or other.people
         if self.people and other.people:
-            people = (self.people[0].completed(other.people[0]), *people[1:])
+            people = (people[0].completed(other.people[0]), *people[1:])
         return Identity(people, self.system or other.system, self.handback or other.handback)
 
 

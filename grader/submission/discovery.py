@@ -518,7 +518,7 @@ def _with_class_list(
             source,
             student_id=match.student_id,
             submitted_at=match.submitted_at,
-            identity=Identity(match.people).completed(source.identity),
+            identity=match.completed(source.identity),
         )
         for source, match in found
     ]

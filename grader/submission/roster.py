@@ -26,7 +26,7 @@ from pathlib import Path
 
 from grader.errors import SubmissionError
 from grader.lab.policy import parse_time
-from grader.recording.submission import Person
+from grader.recording.submission import Identity, Person
 
 _MOST_BYTES = 4 * 1024 * 1024
 #: What is known of a person -> how columns with it are called, in lower case, with underscores for blanks.
@@ -128,8 +128,16 @@ class Match:
     submitted_at: datetime | None
     #: Places in the list of all that it may belong to.
     may_be: frozenset[int]
-    #: Of whom it is, if that is certain: the student, and the others of the team.
+    #: Of whom it is, if that is certain: the student, and the others of the team; or a team of whom nobody is known to
+    #: be the one who handed it in.
     people: tuple[Person, ...] = ()
+    is_of_team: bool = False
+
+    def completed(self, identity: Identity) -> Identity:
+        """Return with what the list knows who handed something in."""
+        if self.is_of_team:
+            return replace(identity, people=self.people)
+        return Identity(self.people).completed(identity)
 
 
 def matches(students: Sequence[Student], items: Sequence[tuple[Student, Sequence[str]]]) -> list[Match]:
@@ -155,7 +163,7 @@ def matches(students: Sequence[Student], items: Sequence[tuple[Student, Sequence
         shares = dict.fromkeys([*([] if sure is None else [sure]), *members])
         student_id, time = known.student_id or item.student_id, known.submitted_at or item.submitted_at
         people = tuple(person_of(students[index]) for index in shares)
-        found.append(Match(student_id, time, frozenset({*may_be, *shares}), people))
+        found.append(Match(student_id, time, frozenset({*may_be, *shares}), people, bool(people) and sure is None))
     return found
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import shutil
 from pathlib import Path
@@ -208,6 +209,13 @@ def test_a_class_list_adds_whom_the_download_did_not_name(
     assert run(capsys, of_class, *arguments) == (0, f"{tmp_path / 'my.csv'}: 2\n", "")
     users = [User("1", "", "0012"), User("2", "", "0013")]
     assert canvas((tmp_path / "my.csv").read_bytes(), users, {"4711": "x"}) == {"4711": {"2": "60.4", "1": "60.8"}}
+
+
+def test_a_table_on_the_standard_output_is_alone_there(of_class: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """So it can be piped, while others go into files and are named beside it."""
+    status, out, err = run(capsys, of_class, "--to=moodle=-", "--to=feedback")
+    assert (status, [*csv.DictReader(out.splitlines())][1]["ID number"]) == (0, "0012")
+    assert f"{of_class / 'exports/feedback.zip'}: 2" in err
 
 
 def test_one_submission_goes_back_as_a_class_of_one(of_class: Path, capsys: pytest.CaptureFixture[str]) -> None:

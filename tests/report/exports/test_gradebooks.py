@@ -227,6 +227,26 @@ Gus,0007,Green
     }
 
 
+def test_a_team_is_not_given_the_number_of_one_of_its_members(tmp_path: Path, rubric: Rubric) -> None:
+    """Canvas names a group's file after the group and one of it, whom nothing tells; each is found by their own ids."""
+    listed = "name,student_id,team\nMüller Änne,0012,Red\nO'Brien Bob,0013,Red\nÇelik Cem,00000000000000000014,Blue\n"
+    sources = taken_in(tmp_path, rubric, ["red_12_890_lab.zip", "blue_13_891_lab.zip"], listed)
+    returned = CLASS_EXPORTS["canvas"].render(given_back(tmp_path, reversed(sources)))
+    (scores,) = importers.canvas(returned.content, USERS, {}).values()
+    assert scores == {"11": "60.4", "12": "60.4", "13": "60.8"}
+
+
+def test_a_list_that_is_given_later_says_who_is_of_a_team_now(tmp_path: Path, rubric: Rubric) -> None:
+    """Who has left it since has no share any more."""
+    names = ["submissions/ann/joint_publisher.py", "submissions/zoe/joint_publisher.py"]
+    sources = taken_in(tmp_path, rubric, names, "name,student_id,team\nann,1,Red\nbob,2,Red\ncem,3,Red\n")
+    given = given_back(tmp_path, sources)
+    (tmp_path / "now.csv").write_text("name,student_id,team\nann,1,Red\nbob,2,Red\ncem,3,\n")
+    first = with_roster(given.entries, read_class_list(tmp_path / "now.csv"))[0]
+    assert [person.name for person in given.entries[0].people] == ["ann", "bob", "cem"]
+    assert [person.name for person in first.people] == ["ann", "bob"]
+
+
 def test_all_who_handed_in_together_on_gradescope_have_a_line(tmp_path: Path, rubric: Rubric) -> None:
     """Its file says who they are, with the ids that the university gave them."""
     folder = tmp_path / "download"
