@@ -129,12 +129,12 @@ class ClassRun:
         """Take over the results that hold good, and judge the recordings whose policy is another now."""
         others = {}
         for task, entry in kept.items():
+            self._state_intake(task)
             result = self._result(task) if entry.policy == task.policy else None
             if result is not None:
                 self._end(Row(task.source, result, reused=True))
             else:
                 others[task.source.name] = task, entry
-                self._state_submission_time(task)
         results = self.journal.results
         measure = self.rubric, self.options.overrides
         found = regrade_all(results, {results / name: measure for name in others}, pages=True)
@@ -155,12 +155,13 @@ class ClassRun:
             return result if whole else None
         return None
 
-    def _state_submission_time(self, task: _Task) -> None:
+    def _state_intake(self, task: _Task) -> None:
+        """Let the recordings say what is known now of who handed them in, and when."""
         recordings = self.journal.results / task.source.name / RECORDINGS
-        record = read_submission(recordings)
-        if record.submitted_at != task.submitted_at:
-            record.submitted_at = task.submitted_at
-            write_submission(recordings, record)
+        record, source = read_submission(recordings), task.source
+        known = replace(record, submitted_at=task.submitted_at, student_id=source.student_id, identity=source.identity)
+        if known != record:
+            write_submission(recordings, known)
 
     # -- what is to be recorded ------------------------------------------------------------------
 
@@ -243,5 +244,6 @@ def entries_of(results: Path, rows: Sequence[Row]) -> list[ClassEntry]:
             # What only the archive tells stands in the record.
             submitted_at=source.submitted_at or entry.submitted_at,
             student_id=source.student_id or entry.student_id,
+            identity=source.identity.completed(entry.identity),
         )
     return sorted(entries.values(), key=lambda entry: entry.name)

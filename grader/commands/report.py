@@ -37,7 +37,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/")
     words = "write index-anonymous.html and grades-anonymous.csv instead: pseudonyms, no links, student ids or times"
     add_flag(parser, "--anonymous", words)
-    listed = "columns name, student_id and submitted_at; who is on it without a result is listed as not graded"
+    listed = "as for `grade`; who is on it without a result is listed as not graded"
     add_path(parser, "--class-list", listed, "CSV")
     add_lab(parser, "default: the one that most were judged by")
     return parser

@@ -33,7 +33,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     """
     source = intake.source
     record = SubmissionRecord(name=source.name, left_out=list(intake.left_out), source=source.origin)
-    record.student_id = source.student_id
+    record.student_id, record.identity = source.student_id, source.identity
     record.submitted_at = source.submitted_at.isoformat() if source.submitted_at is not None else None
     _collect_files(intake.folder, record)
     if not record.files:
