@@ -79,6 +79,7 @@ def report_class(
     counted: bool = False,
 ) -> None:
     """Sum up a class and write its page and its table of grades, or both under pseudonyms and names of their own."""
+    from grader.classroom.similarity import read_similarity
     from grader.cohort.anonymous import anonymous as under_pseudonyms
     from grader.cohort.entries import with_roster
     from grader.cohort.statistics import summarise
@@ -90,7 +91,8 @@ def report_class(
     summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
     page = results / (ANONYMOUS_PAGE if anonymous else CLASS_PAGE)
     grades = results / (ANONYMOUS_GRADES_FILE if anonymous else GRADES_FILE)
-    replace_file(page, class_page.render(summary, anonymous=anonymous))
+    similarity = None if anonymous else read_similarity(results)
+    replace_file(page, class_page.render(summary, similarity, anonymous=anonymous))
     replace_file(grades, grades_csv.render(summary))
     if counted:
         graded = sum(row.result is not None for row in summary.rows)

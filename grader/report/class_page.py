@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import timedelta, timezone
 
+from grader.cohort.similarity import Similarity
 from grader.cohort.statistics import CheckStatistics, ClassSummary, Need, Row
 from grader.report import views
 from grader.report.figures.scores import scores_figure
@@ -41,8 +42,11 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
 }
 
 
-def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
-    """Return the class page as HTML, which says whether names were replaced; equal arguments give equal bytes."""
+def render(summary: ClassSummary, similarity: Similarity | None = None, *, anonymous: bool = False) -> str:
+    """Return the class page as HTML, which says whether names were replaced; equal arguments give equal bytes.
+
+    What the submissions have in common is shown where it was compared; it names students and quotes them.
+    """
     needs = {todo.need: _TASKS[todo.need] for todo in summary.todos}
     rows = range(len(summary.rows))
     return render_page(
@@ -50,6 +54,9 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
         ("report.css", "class.css"),
         "class.js",
         summary=summary,
+        similarity=similarity,
+        reports={row.entry.name: row.entry.report for row in summary.rows},
+        stale=_stale(summary, similarity),
         anonymous=anonymous,
         graded=summary.spread.count if summary.spread else 0,
         chart=scores_figure(summary.spread) if summary.spread else None,
@@ -66,6 +73,13 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
         adjustments_of=views.adjustments_of,
         zone=_zone(summary),
     )
+
+
+def _stale(summary: ClassSummary, similarity: Similarity | None) -> list[str]:
+    """Return whose submissions were compared and have changed, or come, since then."""
+    results = ((row.entry.name, row.result) for row in summary.rows if similarity is not None)
+    now = {name: result.provenance.get("submission_sha256", "") for name, result in results if result is not None}
+    return [name for name, sha256 in now.items() if similarity and similarity.compared.get(name, "") != sha256]
 
 
 def _codes(row: Row, summary: ClassSummary) -> str:
