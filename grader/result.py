@@ -333,6 +333,17 @@ class Result:
         """All checks, in the rubric's order."""
         return tuple(check for criterion in self.criteria for check in criterion.checks)
 
+    def final_of(self, criterion: CriterionResult) -> Decimal:
+        """Return the points earned in a criterion, with what people decided of it and its checks."""
+        of = {criterion.id, *(check.id for check in criterion.checks)}
+        decided = (a.points for a in self.adjustments if a.kind in BY_HAND and a.what in of)
+        return criterion.earned + sum(decided, Decimal(0))
+
+    @property
+    def beside_criteria(self) -> Decimal:
+        """The points that belong to no criterion, such as a bonus, and those lost by lateness."""
+        return self.final - sum(map(self.final_of, self.criteria), Decimal(0))
+
     @property
     def open_checks(self) -> tuple[CheckResult, ...]:
         """Undecided checks that no person has decided since, by themselves or by their criterion."""

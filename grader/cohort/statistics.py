@@ -133,7 +133,7 @@ class CheckStatistics:
 
 @dataclass(frozen=True)
 class Column:
-    """A criterion, and the mean of what was earned in it by those for whom all of it is decided."""
+    """A criterion, and the mean of the points in it, as people decided; what is undecided is not counted."""
 
     id: str
     title: str
@@ -182,9 +182,9 @@ def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
 
 def _column(index: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
     spec = rubric.criteria[index]
-    cells = [row.cells[index] for row in rows]
-    whole = [cell.earned for cell in cells if cell is not None and not cell.undecided]
-    return Column(spec.id, spec.title, spec.points, statistics.mean(whole) if whole else None)
+    cells = [(row.result, row.cells[index]) for row in rows]
+    earned = [result.final_of(cell) for result, cell in cells if result is not None and cell is not None]
+    return Column(spec.id, spec.title, spec.points, statistics.mean(earned) if earned else None)
 
 
 # -- how points spread -------------------------------------------------------------------------

@@ -82,9 +82,9 @@ def _print(console: Console, found: Similarity) -> None:
     for copies in found.copies:
         same = ", ".join(f"{shown(name)}: {shown(path)}" for name, path in copies.found)
         console.print(f"The same file: {same}", soft_wrap=True, markup=False)
-    number, same = len(found.pairs), len(found.copies)
+    pairs, same = len(found.pairs), len(found.copies)
     console.print(
-        f"Of {len(found.compared)} submissions, {number} pair{' shares' if number == 1 else 's share'} code beside the "
+        f"Of {len(found.compared)} submissions, {pairs} pair{' shares' if pairs == 1 else 's share'} code beside the "
         f"common ground, and {same} file{' was' if same == 1 else 's were'} handed in by several.",
         soft_wrap=True,
     )

@@ -71,6 +71,8 @@ def render(summary: ClassSummary, similarity: Similarity | None = None, *, anony
         criteria={check.id: summary.columns[check.column].title for check in summary.checks},
         remarks=[_remark(check, summary.noise) for check in summary.checks],
         adjustments_of=views.adjustments_of,
+        cell_badge=views.cell_badge,
+        beside=any(row.result.beside_criteria for row in summary.rows if row.result),
         zone=_zone(summary),
     )
 
@@ -85,8 +87,9 @@ def _stale(summary: ClassSummary, similarity: Similarity | None) -> list[str]:
 def _codes(row: Row, summary: ClassSummary) -> str:
     """Return a letter for each criterion, then for each check."""
     checks = {check.id: check for check in row.result.checks} if row.result else {}
-    judged = [*row.cells, *(checks.get(check.id) for check in summary.checks)]
-    return "".join(views.badge_of(part.outcome).letter if part else "-" for part in judged)
+    badges = [views.cell_badge(row.result, cell) if row.result and cell else None for cell in row.cells]
+    badges += [views.badge_of(checks[check.id].outcome) if check.id in checks else None for check in summary.checks]
+    return "".join(badge.letter if badge else "-" for badge in badges)
 
 
 def _zone(summary: ClassSummary) -> timezone | None:
