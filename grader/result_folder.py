@@ -5,6 +5,8 @@ from __future__ import annotations
 RECORDINGS = "recordings"
 RUBRIC_COPY = "rubric.yaml"
 RESULT_FILE = "result.json"
+#: Among recordings: the result of the submission before this one.
+EARLIER_FILE = "earlier.json"
 REPORT_FILE = "report.html"
 CLASS_PAGE = "index.html"
 GRADES_FILE = "grades.csv"

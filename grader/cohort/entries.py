@@ -9,10 +9,11 @@ from pathlib import Path
 from urllib.parse import quote
 
 from grader.errors import RecordingError
+from grader.files import text_of
 from grader.lab.overrides import moment_of
 from grader.recording.submission import read_submission
-from grader.result import Result, load_result
-from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
+from grader.result import Result, load_result, result_of_text
+from grader.result_folder import EARLIER_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.submission.roster import Student, matches
 
 NOTHING_SUBMITTED = "There is no result under this name: nothing was handed in, or under another name."
@@ -34,6 +35,8 @@ class ClassEntry:
     submitted_at: datetime | None = None
     #: By which a grade book knows the student.
     student_id: str | None = None
+    #: The result of what was handed in before, or of another run, that this one is compared with.
+    before: Result | None = None
 
 
 def entries_in(results: Path) -> list[ClassEntry]:
@@ -66,7 +69,15 @@ def _entry(folder: Path) -> ClassEntry:
         record = read_submission(folder / RECORDINGS)
     except (OSError, ValueError):
         return ClassEntry(folder.name, result, "", report)
-    return ClassEntry(folder.name, result, "", report, moment_of(record.submitted_at), record.student_id)
+    before = result_of_text(text_of(folder / RECORDINGS / EARLIER_FILE))
+    return ClassEntry(folder.name, result, "", report, moment_of(record.submitted_at), record.student_id, before)
+
+
+def compared_with(entries: Sequence[ClassEntry], earlier: Sequence[ClassEntry]) -> list[ClassEntry]:
+    """Return the entries with the results of another run, which are found by their ids, or else their names."""
+    by_id = {entry.student_id: entry.result for entry in earlier if entry.student_id}
+    by_name = {entry.name: entry.result for entry in earlier}
+    return [replace(e, before=by_id.get(e.student_id or "") or by_name.get(e.name)) for e in entries]
 
 
 def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> list[ClassEntry]:

@@ -80,8 +80,8 @@ def _print(console: Console, found: Similarity) -> None:
     for names in found.clusters:
         console.print(f"Connected: {', '.join(map(shown, names))}", soft_wrap=True, markup=False)
     for copies in found.copies:
-        same = ", ".join(f"{shown(name)}: {shown(path)}" for name, path in copies.found)
-        console.print(f"The same file: {same}", soft_wrap=True, markup=False)
+        where = ", ".join(f"{shown(name)}: {shown(path)}" for name, path in copies.found)
+        console.print(f"The same file: {where}", soft_wrap=True, markup=False)
     pairs, same = len(found.pairs), len(found.copies)
     console.print(
         f"Of {len(found.compared)} submissions, {pairs} pair{' shares' if pairs == 1 else 's share'} code beside the "

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import timedelta, timezone
 
+from grader.cohort.changes import Changes, by_check, changes_between
 from grader.cohort.similarity import Similarity
 from grader.cohort.statistics import CheckStatistics, ClassSummary, Need, Row
 from grader.report import views
@@ -49,6 +50,7 @@ def render(summary: ClassSummary, similarity: Similarity | None = None, *, anony
     """
     needs = {todo.need: _TASKS[todo.need] for todo in summary.todos}
     rows = range(len(summary.rows))
+    compared = {n: changes for n in rows if (changes := _changes(summary.rows[n])) is not None}
     return render_page(
         "class.html.j2",
         ("report.css", "class.css"),
@@ -56,6 +58,8 @@ def render(summary: ClassSummary, similarity: Similarity | None = None, *, anony
         summary=summary,
         similarity=similarity,
         reports={row.entry.name: row.entry.report for row in summary.rows},
+        compared=sorted(compared.items(), key=lambda item: (-abs(item[1].difference), item[0])),
+        by_check=by_check(compared.values()),
         stale=_stale(summary, similarity),
         anonymous=anonymous,
         graded=summary.spread.count if summary.spread else 0,
@@ -75,6 +79,11 @@ def render(summary: ClassSummary, similarity: Similarity | None = None, *, anony
         beside=any(row.result.beside_criteria for row in summary.rows if row.result),
         zone=_zone(summary),
     )
+
+
+def _changes(row: Row) -> Changes | None:
+    before, now = row.entry.before, row.result
+    return changes_between(before, now) if before is not None and now is not None else None
 
 
 def _stale(summary: ClassSummary, similarity: Similarity | None) -> list[str]:

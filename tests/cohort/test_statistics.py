@@ -103,7 +103,7 @@ def test_a_criterion_that_was_not_judged_has_no_cell() -> None:
 
 def test_means_of_criteria_add_up_to_the_mean_of_the_points() -> None:
     """What is undecided counts nowhere; what people decided of a check is in its criterion, a bonus beside all."""
-    points = {"kind": "points", "what": "a.one", "points": 1, "reason": "", "who": "J. Smith", "when": "2026-11-21"}
+    points = {"kind": "points", "what": "a.first", "points": 1, "reason": "", "who": "J. Smith", "when": "2026-11-21"}
     bonus = points | {"kind": "bonus", "what": "score", "points": 2}
     adjusted = entry_of("d", result_of(TWO, [0.5, 1]) | {"adjustments": [points, bonus]})
     summary = summarise([*entries_of(TWO, [1, 1], [0.5, 1], [None, 1]), adjusted], TWO)
