@@ -128,6 +128,8 @@ class Finding:
     counted: tuple[str, ...] = ()
     #: Id of the check whose failure kept this one from being tested.
     blocked_by: str | None = None
+    #: What it reports that nothing measured, in a sentence, for a person to judge.
+    unmeasured: str | None = None
     #: Whether a crash, an end or a limit of the program explains it better, if there was one.
     unexplained: bool = False
     #: Where it fails, and what depends on it was judged all the same: the share that those checks earn of their credit.
@@ -195,6 +197,8 @@ class CheckResult:
     commands: tuple[str, ...] = ()
     #: Id of the check whose failure kept this one from being tested.
     blocked_by: str | None = None
+    #: What it reports that nothing measured, in a sentence, for a person to judge.
+    unmeasured: str | None = None
     retry: Annotated[bool, Field(exclude=True)] = True
 
     @classmethod

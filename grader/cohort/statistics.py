@@ -45,6 +45,7 @@ class Need(str, Enum):
     NOT_GRADED = "not graded"
     VIOLATION = "violation"
     UNDECIDED = "undecided"
+    UNMEASURED = "unmeasured"
     OTHER_RUBRIC = "other rubric"
 
 
@@ -262,6 +263,10 @@ def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
             texts = tuple(dict.fromkeys(c.reason for c in undecided if c.reason))
             titles = tuple(c.title for c in undecided)
             found.append(Todo(n, Need.UNDECIDED, row.result.still_undecided, titles, texts, undecided[0].id))
+        if unmeasured := [check for check in row.result.checks if check.unmeasured]:
+            titles, texts = zip(*((check.title, check.unmeasured or "") for check in unmeasured), strict=True)
+            lost = sum((check.lost for check in unmeasured), Decimal(0))
+            found.append(Todo(n, Need.UNMEASURED, lost, titles, texts, unmeasured[0].id))
         if row.result.rubric_sha256 != rubric.sha256 or row.result.lab_sha256 not in ("", identity):
             found.append(Todo(n, Need.OTHER_RUBRIC, Decimal(0), (), ()))
     return found

@@ -34,6 +34,12 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
         "grade again, or decide by hand.",
         Badge("undecided", "?", "undecided"),
     ),
+    Need.UNMEASURED: (
+        "Numbers that nothing measured",
+        "The recording shows no measurement behind numbers that the program prints. That can have an honest cause, "
+        "such as an example that was left in: a person judges. The points are lost already.",
+        Badge("partial", "#", "numbers not measured"),
+    ),
     Need.OTHER_RUBRIC: (
         "Judged by another rubric",
         "These results come from another version of the rubric, or of the files that it names, than the others, and "

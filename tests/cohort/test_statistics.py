@@ -208,3 +208,12 @@ def test_equal_entries_give_an_equal_summary() -> None:
     """Nothing depends on anything but entries and rubric."""
     entries = entries_of(TWO, [1, 0.5], [0, None], [0.3, 1])
     assert summarise(entries, TWO) == summarise(entries, TWO)
+
+
+def test_numbers_that_nothing_measured_are_to_do() -> None:
+    """They stand there with the check that tells of them, whatever it cost."""
+    plain = result_of(TWO, [0, 1])
+    plain["criteria"][0]["checks"][0]["unmeasured"] = "All counts are constants of its source."
+    (todo,) = summarise([entry_of("a", plain), *entries_of(TWO, [1, 1])], TWO).todos
+    assert (todo.need, todo.row, todo.points, todo.check_id) == (Need.UNMEASURED, 0, 4, "a.first")
+    assert todo.texts == ("All counts are constants of its source.",)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import shutil
 from pathlib import Path
 
@@ -195,7 +196,7 @@ def test_a_resubmission_says_what_was_won_and_lost(results: Path, capsys: pytest
     report = (results / "solution" / result_folder.REPORT_FILE).read_text(encoding="utf-8")
     assert "Since your submission before" in report
     assert "→ 100 points" in report
-    assert 'Won</b> <a href="#check-publisher.topic">' in report
+    assert re.search(r'Won</b> [^\n]*<a href="#check-publisher\.\w+">[^<]+</a> \+\d', report)
     regraded(results / "solution")
     assert (results / "solution" / result_folder.REPORT_FILE).read_text(encoding="utf-8") == report
     assert "Since your" not in (results / "wrong_topic" / result_folder.REPORT_FILE).read_text(encoding="utf-8")
