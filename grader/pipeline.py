@@ -95,8 +95,8 @@ def earlier_results(results: Path) -> tuple[str, ...]:
 def result_before(texts: Sequence[str], sha256: str) -> str | None:
     """Return the first text of a result that is not of the submission with this hash."""
     found = ((text, result_of_text(text)) for text in texts)
-    handed_in = ((text, result.provenance.get("submission_sha256")) for text, result in found if result is not None)
-    return next((text for text, of in handed_in if of not in (None, sha256)), None)
+    submitted = ((text, result.provenance.get("submission_sha256")) for text, result in found if result is not None)
+    return next((text for text, of in submitted if of not in (None, sha256)), None)
 
 
 def require_sessions(names: Sequence[str], rubric: Rubric) -> None:
