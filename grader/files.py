@@ -40,6 +40,14 @@ def uninterrupted() -> Iterator[None]:
             signal.raise_signal(number)
 
 
+def text_of(path: Path) -> str | None:
+    """Return a file's text; None if there is none, or none that can be read as text."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (FileNotFoundError, UnicodeDecodeError):
+        return None
+
+
 def replace_file(path: Path, text: str | bytes) -> None:
     """Write a file in one step, so that nobody reads half of it."""
     replace_files({path: text})

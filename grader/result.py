@@ -128,6 +128,8 @@ class Finding:
     counted: tuple[str, ...] = ()
     #: Id of the check whose failure kept this one from being tested.
     blocked_by: str | None = None
+    #: What it reports that nothing measured, in a sentence, for a person to judge.
+    unmeasured: str | None = None
     #: Whether a crash, an end or a limit of the program explains it better, if there was one.
     unexplained: bool = False
     #: Where it fails, and what depends on it was judged all the same: the share that those checks earn of their credit.
@@ -195,6 +197,8 @@ class CheckResult:
     commands: tuple[str, ...] = ()
     #: Id of the check whose failure kept this one from being tested.
     blocked_by: str | None = None
+    #: What it reports that nothing measured, in a sentence, for a person to judge.
+    unmeasured: str | None = None
     retry: Annotated[bool, Field(exclude=True)] = True
 
     @classmethod
@@ -332,6 +336,17 @@ class Result:
     def checks(self) -> tuple[CheckResult, ...]:
         """All checks, in the rubric's order."""
         return tuple(check for criterion in self.criteria for check in criterion.checks)
+
+    def final_of(self, criterion: CriterionResult) -> Decimal:
+        """Return the points earned in a criterion, with what people decided of it and its checks."""
+        of = {criterion.id, *(check.id for check in criterion.checks)}
+        decided = (a.points for a in self.adjustments if a.kind in BY_HAND and a.what in of)
+        return criterion.earned + sum(decided, Decimal(0))
+
+    @property
+    def beside_criteria(self) -> Decimal:
+        """The points that belong to no criterion, such as a bonus, and those lost by lateness."""
+        return self.final - sum(map(self.final_of, self.criteria), Decimal(0))
 
     @property
     def open_checks(self) -> tuple[CheckResult, ...]:

@@ -19,13 +19,14 @@ from grader.classroom.scheduler import Machine
 from grader.classroom.worker import grade_in_process
 from grader.cohort.entries import ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
+from grader.files import text_of
 from grader.judging.attempts import undecided_sessions
 from grader.lab.rubric import Rubric
 from grader.live.process.waiting import side_by_side
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.scratch import scratch_prefix
 from grader.live.session.runner import Progress, run_to_an_end
-from grader.pipeline import Options, Scope
+from grader.pipeline import Options, Scope, earlier_results
 from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, load_result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
@@ -209,9 +210,9 @@ class ClassRun:
         name, decided_by, seed = task.source.name, self.options.overrides.sha256, self.options.seed
         if seed is None:
             seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
-        options = replace(self.options, seed=seed, scope=scope)
+        options = replace(self.options, seed=seed, scope=scope, earlier=earlier_results(self.journal.results / name))
         job = Job(task.source, self.journal.results / name, self.rubric, options)
-        before, recorded = audit.text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
+        before, recorded = text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
         ending, isolation = await site.grade(job, partial(self.display.phase, name))
         if not isinstance(ending, GraderError):
             audit.note_replaced(self.journal.results, name, before, "grade", overrides_sha256=decided_by)

@@ -66,7 +66,8 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
 
 def _unquoted(check: CheckResult, hide: _Hider) -> CheckResult:
     bare = replace(check, expected="", measured="", where=(), notes=(), counted=())
-    return replace(bare, reason=hide(check.reason), hint=hide(check.hint))
+    unmeasured = hide(check.unmeasured) if check.unmeasured else None
+    return replace(bare, reason=hide(check.reason), hint=hide(check.hint), unmeasured=unmeasured)
 
 
 class _Hider:

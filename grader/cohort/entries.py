@@ -9,10 +9,11 @@ from pathlib import Path
 from urllib.parse import quote
 
 from grader.errors import RecordingError
+from grader.files import text_of
 from grader.lab.overrides import moment_of
 from grader.recording.submission import Identity, Person, read_submission
-from grader.result import Result, load_result
-from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
+from grader.result import Result, load_result, result_of_text
+from grader.result_folder import EARLIER_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.submission.roster import Student, matches, person_of
 
 NOTHING_SUBMITTED = "There is no result under this name: nothing was handed in, or under another name."
@@ -35,6 +36,8 @@ class ClassEntry:
     #: By which a grade book knows the student.
     student_id: str | None = None
     identity: Identity = field(default_factory=Identity)
+    #: The result of what was handed in before, or of another run, that this one is compared with.
+    before: Result | None = None
 
     @property
     def people(self) -> tuple[Person, ...]:
@@ -73,8 +76,15 @@ def entry_in(folder: Path) -> ClassEntry:
         record = read_submission(folder / RECORDINGS)
     except (OSError, ValueError):
         return ClassEntry(folder.name, result, "", report)
-    moment = moment_of(record.submitted_at)
-    return ClassEntry(folder.name, result, "", report, moment, record.student_id, record.identity)
+    moment, before = moment_of(record.submitted_at), result_of_text(text_of(folder / RECORDINGS / EARLIER_FILE))
+    return ClassEntry(folder.name, result, "", report, moment, record.student_id, record.identity, before)
+
+
+def compared_with(entries: Sequence[ClassEntry], earlier: Sequence[ClassEntry]) -> list[ClassEntry]:
+    """Return the entries with the results of another run, which are found by their ids, or else their names."""
+    by_id = {entry.student_id: entry.result for entry in earlier if entry.student_id}
+    by_name = {entry.name: entry.result for entry in earlier}
+    return [replace(e, before=by_id.get(e.student_id or "") or by_name.get(e.name)) for e in entries]
 
 
 def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> list[ClassEntry]:

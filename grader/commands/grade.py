@@ -209,13 +209,14 @@ def _grade_one(
 ) -> Decimal:
     from grader import pipeline, result_folder
     from grader.classroom import audit
+    from grader.files import text_of
     from grader.report.terminal import ProgressDisplay, print_result
     from grader.report.timings import print_timings
     from grader.timings import Stopwatch
 
     output, watch = options.output, Stopwatch()
     results = output / source.name
-    before = audit.text_of(results / result_folder.RESULT_FILE)
+    before = text_of(results / result_folder.RESULT_FILE)
     with ProgressDisplay(console, source.name, live.sessions or list(rubric.sessions)) as display:
 
         def show(p: Progress) -> None:

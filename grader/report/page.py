@@ -10,6 +10,7 @@ import base64
 import functools
 import hashlib
 import re
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -44,6 +45,7 @@ def _template(name: str, styles: tuple[str, ...], script: str) -> Template:
     )
     environment.filters.update(line=line, duration=duration, prose=prose, breakable=breakable, fields=views.fields)
     environment.filters.update(points=views.points, tenths=views.tenths, signed=views.signed)
+    environment.filters.update(tenths_signed=lambda value: views.signed(value.quantize(Decimal("0.1"))))
     environment.globals.update(
         widths=(WIDE, HALF, NARROW), anchor=views.anchor, badge_of=views.badge_of, share_of=views.share_of
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
+from grader.cohort.changes import changes_between
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.report import views
@@ -17,8 +18,12 @@ def render(
     figures: Mapping[str, Sequence[Figure]],
     sessions: Mapping[str, SessionRecord],
     submission: SubmissionRecord,
+    before: Result | None = None,
 ) -> str:
-    """Return the report as a page of HTML, with figures by the criterion's id; equal arguments give equal bytes."""
+    """Return the report as a page of HTML, with figures by the criterion's id; equal arguments give equal bytes.
+
+    `before` is the result of what the student handed in before.
+    """
     anchors = views.anchors_of(sessions)
     losses = views.losses_of(result)
     beside = views.figures_by_loss(losses, [figure for drawn in figures.values() for figure in drawn])
@@ -28,6 +33,8 @@ def render(
         ("report.css",),
         "report.js",
         result=result,
+        changes=changes_between(before, result) if before is not None else None,
+        other_rubric=before is not None and before.rubric_sha256 != result.rubric_sha256,
         score=views.final_share(result),
         most=views.points(result.final + result.still_undecided),
         judged=views.points(result.score.earned),

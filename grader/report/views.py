@@ -220,6 +220,14 @@ def adjustments_of(result: Result) -> list[AdjustmentView]:
     return views
 
 
+def cell_badge(result: Result, criterion: CriterionResult) -> Badge:
+    """Return the badge of a criterion as it stands, with what people decided."""
+    ids = {check.id for check in criterion.checks}
+    undecided = sum((check.undecided for check in result.open_checks if check.id in ids), Decimal(0))
+    earned = max(Decimal(0), min(result.final_of(criterion), criterion.possible - undecided))
+    return badge_of(outcome_of_points(earned, criterion.possible, undecided))
+
+
 def signed(value: Decimal) -> str:
     """Write points with their sign."""
     return f"{'+' if value > 0 else '−'}{points(abs(value))}" if value else "±0"
