@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
+import mujoco
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-mujoco = pytest.importorskip("mujoco", reason="needs the physics engine")
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 
 from arm_model import CHAIN, JOINT_COUNT, MODEL_FILE, ArmModel
@@ -159,7 +159,7 @@ def test_a_swing_without_motors_keeps_its_energy() -> None:
 
 @pytest.mark.parametrize("max_velocity", [0.5, 1.5])
 def test_a_jump_is_followed_at_the_scaled_velocity(max_velocity: float) -> None:
-    """Sent far away at once, each joint goes there at its rated speed times `max_velocity`, but for how it swings in."""
+    """Sent far away at once, each joint goes there at its rated speed times `max_velocity`, and settles."""
     far = [1.5, -0.7, 1.5, 1.2, 1.5, 1.2, 1.5]
     rows = moved(resting(max_velocity=max_velocity), far, 1000)
     speeds = np.abs(np.diff(rows, axis=0)).max(axis=0) / STEP_S
