@@ -92,10 +92,11 @@ class Location:
         file = f"{self.file}:{self.line}" if self.line else self.file
         output = f"output of {self.process}" if self.process else ""
         recording = f"recording '{self.session}'" if self.session else ""
-        return ", ".join(part for part in (file, output, recording, self.topic, self._span) if part)
+        return ", ".join(part for part in (file, output, recording, self.topic, self.span) if part)
 
     @property
-    def _span(self) -> str:
+    def span(self) -> str:
+        """When it is, in words; empty where that is not known."""
         if self.start_s is None or self.end_s is None:
             return "" if self.start_s is None else f"at {self.start_s:.3f} s"
         # A call takes a thousandth of what a window does.

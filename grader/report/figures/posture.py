@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,8 +20,6 @@ _MOST_CHAIN = 64
 #: A page's numbers are whole; so many of them are half the size of what is shown.
 _RADIUS_UNITS = 2000
 _HEIGHT = 430
-#: From where it is seen at first, in degrees: about the vertical axis from x to y, and above the floor.
-_VIEW = (-58.0, 20.0)
 _GRID_LINES = 9
 _THICKEST, _THINNEST = 13.0, 5.0
 
@@ -35,14 +34,18 @@ class Motion:
     times_ms: Integers
     solid: Integers
     ghost: Integers
+    #: From where it is seen at first, in degrees: about the vertical axis from x to y, and above the floor.
+    view: tuple[float, float] = (-58.0, 20.0)
+    #: Of the picture, to whose middle the foot is put.
+    width: int = 640
 
     @property
-    def encoded(self) -> str:
+    def encoded(self) -> Markup:
         """Times and postures, a row a frame."""
         return encoded(np.column_stack((self.times_ms, self.solid.reshape(len(self.solid), -1))))
 
     @property
-    def encoded_ghost(self) -> str:
+    def encoded_ghost(self) -> Markup:
         """The ghost's postures, a row a frame."""
         return encoded(self.ghost.reshape(len(self.ghost), -1))
 
@@ -65,7 +68,7 @@ class Motion:
         return apart
 
 
-def encoded(rows: Integers) -> str:
+def encoded(rows: Integers) -> Markup:
     """Write whole numbers as text, each as its difference from the one above it; what changes little is short.
 
     References
@@ -79,7 +82,7 @@ def encoded(rows: Integers) -> str:
             letters.append(chr((rest & 0x1F | 0x20) + 63))
             rest >>= 5
         letters.append(chr(rest + 63))
-    return "".join(letters)
+    return Markup("".join(letters))
 
 
 class Posture(FigureKind):
@@ -105,7 +108,7 @@ class Posture(FigureKind):
             beside = ghost.values[latest[latest >= 0]]
         motion, unit_m = _whole(recorded.seconds(solid.source_ns[shown]), solid.values[shown], beside)
         key = tuple(zip(("line-0", "line-1"), self.topics, strict=False))
-        return Figure(_caption(motion, unit_m), lambda width: (_HEIGHT, _paint(motion, width)), key, content=motion)
+        return Figure(_caption(motion, unit_m), lambda width: (_HEIGHT, _paint(motion)), key, content=motion)
 
 
 def _in_space(stream: NumericStream) -> bool:
@@ -127,47 +130,53 @@ def _caption(motion: Motion, unit_m: float) -> str:
     if not len(motion.ghost):
         return "Nothing was commanded in this recording."
     at_s, off_m = motion.times_ms[motion.still] / 1000, float(motion.off.max()) * unit_m
-    return f"The picture shows {at_s:.2f} s, when the tip is farthest from where it is commanded to be: {short(off_m)} m."
+    return (
+        f"The picture shows {at_s:.2f} s, when the tip is farthest from where it is commanded to be: {_length(off_m)}."
+    )
 
 
-def projected(points: Integers | Floats, width: float) -> Floats:
+def _length(length_m: float) -> str:
+    return f"{short(length_m)} m" if length_m >= 1 else f"{short(1000 * length_m)} mm"
+
+
+def projected(points: Integers | Floats) -> Floats:
     """Return where points are in the picture as it is seen at first: (..., 2)."""
-    turn, rise = np.radians(_VIEW)
+    turn, rise = np.radians(Motion.view)
     right = np.array([-np.sin(turn), np.cos(turn), 0.0])
     up = np.array([-np.cos(turn) * np.sin(rise), -np.sin(turn) * np.sin(rise), np.cos(rise)])
-    # The foot stands low in the picture, since a robot is above its floor more often than below it.
-    scale = 0.72 * _HEIGHT / _RADIUS_UNITS
-    return np.stack((width / 2 + scale * (points @ right), 0.8 * _HEIGHT - scale * (points @ up)), axis=-1)
+    # The foot stands low in the picture, since a robot is above its floor, and in the middle where seen from above.
+    scale, foot = 0.72 * _HEIGHT / _RADIUS_UNITS, (0.8 - 0.3 * Motion.view[1] / 90) * _HEIGHT
+    return np.stack((Motion.width / 2 + scale * (points @ right), foot - scale * (points @ up)), axis=-1)
 
 
 def _line(points: Floats, class_: str) -> Markup:
     return tag("polyline", points=" ".join(f"{x:.1f},{y:.1f}" for x, y in points), class_=class_)
 
 
-def _paint(motion: Motion, width: int) -> list[Markup]:
+def _paint(motion: Motion) -> list[Markup]:
     """Paint the still in the parts that the player moves: floor, shadow, the tip's ways, ghost, links and joints."""
     frame = motion.still
-    posture = projected(motion.solid[frame], width)
+    posture = projected(motion.solid[frame])
     behind = frame - len(motion.solid) + len(motion.ghost)
-    ghost = projected(motion.ghost[behind], width) if behind >= 0 and len(motion.ghost) else np.empty((0, 2))
+    ghost = projected(motion.ghost[behind]) if behind >= 0 and len(motion.ghost) else np.empty((0, 2))
     parts = [
-        _floor(width),
-        _line(projected(motion.solid[frame] * [1, 1, 0], width), "shadow"),
-        _line(projected(motion.ghost[:, -1], width), "way line-1"),
-        _line(projected(motion.solid[:, -1], width), "way"),
+        _floor(),
+        _line(projected(motion.solid[frame] * [1, 1, 0]), "shadow"),
+        _line(projected(motion.ghost[:, -1]), "way line-1"),
+        _line(projected(motion.solid[:, -1]), "way"),
         _line(ghost, "ghost"),
     ]
     widths = np.linspace(_THICKEST, _THINNEST, max(2, motion.points - 1))
-    for (a, b), thick in zip(zip(posture, posture[1:], strict=False), widths, strict=False):
+    for (a, b), thick in zip(itertools.pairwise(posture), widths, strict=False):
         parts.append(tag("line", x1=a[0], y1=a[1], x2=b[0], y2=b[1], stroke_width=thick, class_="link"))
     parts += [tag("circle", cx=x, cy=y, r=2.2, class_="joint") for x, y in posture]
     return parts
 
 
-def _floor(width: int) -> Markup:
+def _floor() -> Markup:
     """Return a grid on the floor, as one path."""
     reach = np.linspace(-_RADIUS_UNITS, _RADIUS_UNITS, _GRID_LINES)
     along = [[(at, reach[0], 0), (at, reach[-1], 0)] for at in reach]
     across = [[(y, x, z) for x, y, z in line] for line in along]
-    lines = projected(np.array(along + across), width)
+    lines = projected(np.array(along + across))
     return tag("path", d="".join(f"M{a[0]:.0f} {a[1]:.0f}L{b[0]:.0f} {b[1]:.0f}" for a, b in lines), class_="floor")
