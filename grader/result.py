@@ -97,8 +97,10 @@ class Location:
     @property
     def span(self) -> str:
         """When it is, in words; empty where that is not known."""
-        if self.start_s is None or self.end_s is None:
-            return "" if self.start_s is None else f"at {self.start_s:.3f} s"
+        if self.start_s is None:
+            return ""
+        if self.end_s is None or self.end_s == self.start_s:
+            return f"at {self.start_s:.3f} s"
         # A call takes a thousandth of what a window does.
         places = 1 if self.end_s - self.start_s >= 1.0 else 3
         return f"{self.start_s:.{places}f}–{self.end_s:.{places}f} s"

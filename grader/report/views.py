@@ -35,7 +35,7 @@ LONGEST_SOURCE_LINE = 200
 LONGEST_OUTPUT_LINE = 500
 MOST_LOCATIONS = 8
 #: A moment on a line of 1000 is to be seen.
-_NARROWEST = 4.0
+_NARROWEST = 6.0
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,8 @@ _RADIUS_UNITS = 2000
 _HEIGHT = 430
 _GRID_LINES = 9
 _THICKEST, _THINNEST = 13.0, 5.0
+#: So long the tip leaves its way behind.
+_WAY_MS = 2000
 
 
 @dataclass(frozen=True)
@@ -128,7 +130,7 @@ def _whole(times_s: Floats, solid: Floats, ghost: Floats) -> tuple[Motion, float
 
 def _caption(motion: Motion, unit_m: float) -> str:
     if not len(motion.ghost):
-        return "Nothing was commanded in this recording."
+        return "No command reached it in this recording."
     at_s, off_m = motion.times_ms[motion.still] / 1000, float(motion.off.max()) * unit_m
     return (
         f"The picture shows {at_s:.2f} s, when the tip is farthest from where it is commanded to be: {_length(off_m)}."
@@ -155,16 +157,15 @@ def _line(points: Floats, class_: str) -> Markup:
 
 def _paint(motion: Motion) -> list[Markup]:
     """Paint the still in the parts that the player moves: floor, shadow, the tip's ways, ghost, links and joints."""
-    frame = motion.still
-    posture = projected(motion.solid[frame])
-    behind = frame - len(motion.solid) + len(motion.ghost)
-    ghost = projected(motion.ghost[behind]) if behind >= 0 and len(motion.ghost) else np.empty((0, 2))
+    frame, first = motion.still, len(motion.solid) - len(motion.ghost)
+    posture, ghost = projected(motion.solid[frame]), projected(motion.ghost[frame - first : frame - first + 1])
+    recent = (motion.times_ms > motion.times_ms[frame] - _WAY_MS) & (motion.times_ms <= motion.times_ms[frame])
     parts = [
         _floor(),
         _line(projected(motion.solid[frame] * [1, 1, 0]), "shadow"),
-        _line(projected(motion.ghost[:, -1]), "way line-1"),
-        _line(projected(motion.solid[:, -1]), "way"),
-        _line(ghost, "ghost"),
+        _line(projected(motion.ghost[recent[first:], -1]), "ghost-way"),
+        _line(projected(motion.solid[recent, -1]), "way"),
+        _line(ghost.reshape(-1, 2), "ghost"),
     ]
     widths = np.linspace(_THICKEST, _THINNEST, max(2, motion.points - 1))
     for (a, b), thick in zip(itertools.pairwise(posture), widths, strict=False):

@@ -44,16 +44,18 @@
       var points = seen(posture).map(function (place) { return place[0].toFixed(1) + "," + place[1].toFixed(1); });
       find(name).setAttribute("points", points.join(" "));
     }
-    function way(frames) { return [].concat.apply([], frames.map(function (frame) { return frame.slice(-3); })); }
-    // The floor and the ways change with the view only.
+    // The way that the last point took in the two seconds before frame n.
+    function way(name, frames, n) {
+      var points = [], from = times.length - frames.length;
+      for (var k = n - from; k >= 0 && times[k + from] > now - 2000; k--) { points.push(frames[k].slice(-3)); }
+      line(name, [].concat.apply([], points));
+    }
     function look() {
       var reach = [], ends = [];
       for (var n = -4; n <= 4; n++) { reach.push(500 * n); }
       reach.forEach(function (at) { ends.push(at, -2000, 0, at, 2000, 0, -2000, at, 0, 2000, at, 0); });
       var path = seen(ends).map(function (p, n) { return (n % 2 ? "L" : "M") + p[0].toFixed(0) + " " + p[1].toFixed(0); });
       find(".floor").setAttribute("d", path.join(""));
-      line(".way", way(solids));
-      line(".way.line-1", way(ghosts));
       show();
     }
     function show() {
@@ -69,6 +71,8 @@
         joints[i].cx.baseVal.value = places[i][0]; joints[i].cy.baseVal.value = places[i][1];
       }
       line(".shadow", posture.map(function (value, k) { return k % 3 === 2 ? 0 : value; }));
+      way(".way", solids, n);
+      way(".ghost-way", ghosts, n);
       var at = n - first;
       line(".ghost", at >= 0 ? between(ghosts[at], ghosts[at + 1], share) : []);
       slider.value = now;
