@@ -13,10 +13,13 @@ from pydantic import Field
 from grader.evidence.recorded import Floats, Integers, NumericStream, Recorded
 from grader.lab import references as ref
 from grader.report.figures.svg import Figure, FigureKind, short, tag
+from grader.report.figures.timing import FAR_NS
 
 #: So many postures are enough for ten seconds and more, since the page moves evenly from one to the next.
 _MOST_FRAMES = 360
 _MOST_CHAIN = 64
+#: Farther away is nothing that is meant.
+_FAR_M = 1e6
 #: A page's numbers are whole; so many of them are half the size of what is shown.
 _RADIUS_UNITS = 2000
 _HEIGHT = 430
@@ -49,7 +52,7 @@ class Motion:
     @property
     def encoded_ghost(self) -> Markup:
         """The ghost's postures, a row a frame."""
-        return encoded(self.ghost.reshape(len(self.ghost), -1))
+        return encoded(self.ghost.reshape(len(self.ghost), 3 * self.points))
 
     @property
     def points(self) -> int:
@@ -97,9 +100,9 @@ class Posture(FigureKind):
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
         """Draw one posture, and give all of them to the page."""
-        streams = [recorded.numeric(topic, self.field) for topic in self.topics.values()]
+        streams = [_in_space(recorded.numeric(topic, self.field)) for topic in self.topics.values()]
         solid, ghost = (*streams, None)[:2]
-        if solid is None or not _in_space(solid) or len(solid.values) < 2:
+        if solid is None:
             return None
         shown = np.unique(np.linspace(0, len(solid.values) - 1, _MOST_FRAMES).round().astype(int))
         beside = np.empty((0, solid.values.shape[1]))
@@ -113,14 +116,17 @@ class Posture(FigureKind):
         return Figure(_caption(motion, unit_m), lambda width: (_HEIGHT, _paint(motion)), key, content=motion)
 
 
-def _in_space(stream: NumericStream) -> bool:
-    width = stream.values.shape[1]
-    return width % 3 == 0 and 6 <= width <= 3 * _MOST_CHAIN
+def _in_space(stream: NumericStream | None) -> NumericStream | None:
+    """Return the messages that can be drawn; None where they hold no points, or do not move."""
+    if stream is None or stream.values.shape[1] % 3 or not 6 <= stream.values.shape[1] <= 3 * _MOST_CHAIN:
+        return None
+    near = (np.abs(stream.values) < _FAR_M).all(axis=1) & (np.abs(stream.source_ns - stream.received_ns) < FAR_NS)
+    return stream.only(near) if near.sum() > 1 else None
 
 
 def _whole(times_s: Floats, solid: Floats, ghost: Floats) -> tuple[Motion, float]:
     """Return postures in whole numbers, and what their unit is in m; a ghost far out stays near enough to be drawn."""
-    solid, ghost = (rows.reshape(len(rows), -1, 3) for rows in (solid, ghost))
+    solid, ghost = (rows.reshape(len(rows), rows.shape[1] // 3, 3) for rows in (solid, ghost))
     foot = solid[0, 0]
     radius = max(float(np.linalg.norm(solid - foot, axis=2).max()), 1e-6)
     unit_m = radius / _RADIUS_UNITS
