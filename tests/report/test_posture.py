@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from grader.report.figures.posture import Motion, encoded, projected
 from grader.report.figures.svg import Figure
 from tests.report.test_figures import Row, drawn, marks, picture, recorded, shown
 
-TOPICS = {"topics": {"arm": "/is", "commanded": "/wanted"}, "field": "data"}
+TOPICS: dict[str, Any] = {"topics": {"arm": "/is", "commanded": "/wanted"}, "field": "data"}
 #: From one posture to the next, in ns.
 PERIOD = 40_000_000
 

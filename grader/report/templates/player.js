@@ -124,8 +124,13 @@
       turn = views[view][0]; rise = views[view][1];
       look();
     });
-    Array.prototype.forEach.call(player.querySelectorAll(".moment button"), function (button) {
-      button.addEventListener("click", function () { pause(); go(+button.dataset.at); });
+    // Without this script there is nothing to be pressed.
+    Array.prototype.forEach.call(player.querySelectorAll(".at"), function (said) {
+      var button = document.createElement("button");
+      button.type = "button";
+      button.textContent = said.textContent;
+      button.addEventListener("click", function () { pause(); go(+said.dataset.at); });
+      said.replaceWith(button);
     });
     var held = null, stage = find(".chart");
     stage.addEventListener("pointerdown", function (event) {
