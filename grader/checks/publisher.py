@@ -351,7 +351,8 @@ def message_values(context: Context, p: MessageValues) -> Finding:
         reason = f"A value of {farthest:.2f} is beyond ±{p.reach:g}."
         return failed(expected, f"{measured}, up to {farthest:.2f}", reason, where=where)
     if (unsafe := context.findings.get(p.unsafe_by or "")) is not None and unsafe.outcome is Outcome.FAILED:
-        return failed(expected, unsafe.measured or measured, " ".join([*reasons, unsafe.reason]), hint=unsafe.hint)
+        reason = " ".join([*reasons, unsafe.reason])
+        return failed(expected, unsafe.measured or measured, reason, hint=unsafe.hint, where=unsafe.where)
     # One bad message is as clear as many, however often it comes.
     share = 1.0 if good == len(rows) else min(quantise(good / len(rows)), 1 - 1 / CREDIT_LEVELS)
     return graded(share, expected, measured, " ".join(reasons))
