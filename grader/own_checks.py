@@ -31,7 +31,8 @@ parameters stand behind `with`, as those of the built-in checks do:
 - It returns what `passed`, `failed`, `graded` or `inconclusive` give: what was expected, what was measured, and why
   points are lost. `inconclusive` is for what the grading computer may have caused (`Context.delay_s`); it costs none.
 - An exception, or more than 10 s of computing, makes it an error that names file and line; that costs nothing either.
-- Messages and output are what students' programs make of them: expect any.
+- Messages and output are what students' programs make of them: expect any, also of another type. An error that a
+  message brings about costs its author nothing.
 - A file imports installed packages, not its neighbours: it alone is kept with each recording.
 - A parameter called `artifact` names a file; where that was not handed in, the check fails without being called.
 
@@ -64,7 +65,6 @@ from grader.lab.references import (
     EarlierCheckId as EarlierCheckId,
     ExitLabel as ExitLabel,
     FieldPath as FieldPath,
-    FileBeside as FileBeside,
     GetLabel as GetLabel,
     GivenName as GivenName,
     MessageType as MessageType,

@@ -25,6 +25,7 @@ from grader.checks.base import (
     without_delay,
 )
 from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at
+from grader.checks.service import THEN_THESE, asking_delay_s, shown
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import equal_within, value_at
 from grader.lab import references as ref
@@ -85,7 +86,7 @@ class CancelledWanted(OfGoal):
 
 
 class PreemptedWanted(CancelledWanted):
-    """A goal ends soon after a newer one was sent, which is carried out in its place."""
+    """A goal ends soon after a newer one was sent, which is carried out in its place, and succeeds."""
 
     status: tuple[Status, ...] = Field(("aborted", "canceled"), min_length=1)
 
@@ -165,9 +166,7 @@ class _Sent:
 
     def delay_s(self, start_ns: int, end_ns: int) -> float:
         """Return for how long the machine delayed a process meanwhile, that which sends goals included."""
-        span, session = Span(start_ns, end_ns), self.context.session
-        own_s = session.recorder_delay_s(span) + int(self.step.result.get("held_up_ns", 0)) / 1e9
-        return session.longest_delay_s(span) + own_s
+        return asking_delay_s(self.context, Span(start_ns, end_ns), self.step.result)
 
 
 def action_server(context: Context, p: ActionServer) -> Finding:
@@ -180,17 +179,24 @@ def action_server(context: Context, p: ActionServer) -> Finding:
         try:
             found = judge(context, p) if key == "offered" else judge(_sent(context, p, step), wanted)
         except _NotTested as why:
-            reason = f"Not tested, because {why}. {_THEN_THESE}"
+            reason = f"Not tested, because {why}. {THEN_THESE}"
             before = untested[reason].weight if reason in untested else 0.0
             untested[reason] = _Nothing(0.0, reason=reason, hint=why.hint, weight=before + wanted.weight)
         else:
             parts.append(replace(found, weight=wanted.weight, where=_where(context, p, key, step, found)))
     expected = "; ".join(asked)
-    if not parts and any(map(context.charged, context.findings)):
+    if not parts and _is_charged(context):
         return not_reached(next(iter(untested)), expected=expected)
     finding = of_parts(expected, [*parts, *untested.values()])
     nothing_came = any(isinstance(part, _Nothing) for part in (*parts, *untested.values()))
     return unexplained(finding) if nothing_came else finding
+
+
+def _is_charged(context: Context) -> bool:
+    """Whether a check of the same session took points: what may be flaky of that one was asked about there."""
+    session = context.location().session
+    here = (name for name, found in context.findings.items() if any(w.session == session for w in found.where))
+    return any(map(context.charged, here))
 
 
 def _where(context: Context, p: ActionServer, key: str, step: StepRun | None, found: Part) -> tuple[Location, ...]:
@@ -198,9 +204,6 @@ def _where(context: Context, p: ActionServer, key: str, step: StepRun | None, fo
     there = context.location(p.action, Span(step.started_ns, step.ended_ns) if step is not None else None)
     made = found.share < 1 and key in ("offered", "accepted", "rejected")
     return (*(claimed_at(claim_of(context, "action", p.action)) if made else ()), there)
-
-
-_THEN_THESE = "Fix that, and these points can be earned too."
 
 
 #: Characters that are shown of a value.
@@ -216,7 +219,7 @@ def _short(value: Any) -> str:
 
 
 def _shown(values: Mapping[str, Any]) -> str:
-    return _cut(", ".join(f"{name}={value!r}" for name, value in values.items())) or "without fields"
+    return _cut(shown(values)) or "without fields"
 
 
 def _offered(context: Context, p: ActionServer) -> Part:
@@ -237,18 +240,26 @@ def _sent(context: Context, p: ActionServer, step: StepRun | None) -> _Sent:
     """Return the goal that a step sent; raises where there is none, or an earlier one had no answer."""
     if step is None:
         raise _NotTested("the session had ended before")
-    steps = context.session.record.steps
-    for earlier in steps[: steps.index(step)]:
-        if any(goal["accepted"] is None for goal in _goals(earlier)):
-            raise _NotTested(f"an earlier goal ({_shown(_goals(earlier)[0]['goal'])}) got no answer")
+    steps = _steps(context, step)
+    earlier = (goal for before in steps[: steps.index(step)] for goal in _goals(before))
+    silent = next((goal for goal in earlier if goal["accepted"] is None), None)
+    if silent is not None and not any(goal["accepted"] is not None for goal in _goals(step)):
+        raise _NotTested(f"an earlier goal ({_shown(silent['goal'])}) got no answer")
     if not _goals(step):
         problem = step.result.get("problem") or "the node could not be asked"
         raise _NotTested(f"no goal could be sent: {problem}")
     return _Sent(context, p.artifact, step, _goals(step)[0])
 
 
+def _steps(context: Context, step: StepRun) -> list[StepRun]:
+    """Return the steps that send goals to the same action."""
+    action = step.parameters["action"]
+    return [s for s in context.session.record.steps if s.kind == "send_goal" and s.parameters["action"] == action]
+
+
 def _goals(step: StepRun) -> list[dict[str, Any]]:
-    return step.result.get("goals", []) if step.kind == "send_goal" else []
+    goals: list[dict[str, Any]] = step.result.get("goals", [])
+    return goals
 
 
 # -- whether a goal is accepted --------------------------------------------------------------------
@@ -281,9 +292,10 @@ def _rejected(sent: _Sent, wanted: OfGoal) -> Part:
     return Part(0.0, f"{sent.words} accepted", f"{every} is accepted.", hint=hint)
 
 
-def _any_goal(sent: _Sent, *, accepted: bool) -> bool:
-    goals = (goal for step in sent.context.session.record.steps for goal in _goals(step))
-    return any(goal["accepted"] is accepted for goal in goals)
+def _any_goal(sent: _Sent, **known: bool | str) -> bool:
+    """Whether some goal to the same action came out so."""
+    goals = (goal for step in _steps(sent.context, sent.step) for goal in _goals(step))
+    return any(goal[key] == value for goal in goals for key, value in known.items())
 
 
 _SILENT_HINT = "rclpy.spin(node) must be reached, and no callback may wait: meanwhile, the node answers nothing."
@@ -355,7 +367,8 @@ def _reverses(sent: _Sent, field: str, sign: int) -> bool:
     values = [value_at(message["values"], field) for message in sent.record["feedback"]]
     sizes = [len(value) if isinstance(value, list) else value for value in values]
     numbers = [size for size in sizes if isinstance(size, (int, float))]
-    return any(sign * later < sign * earlier for earlier, later in itertools.pairwise(numbers))
+    # What is not a number neither rises nor falls.
+    return not all(sign * later >= sign * earlier for earlier, later in itertools.pairwise(numbers))
 
 
 def _result(sent: _Sent, wanted: ResultWanted) -> Part:
@@ -415,7 +428,7 @@ def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
     _require_accepted(sent)
     cancel = sent.record["cancel"]
     if cancel is None:
-        return _too_early(sent, "cancelled")
+        return _too_early(sent, "cancelled", "cancel_after_s")
     if cancel["accepted"]:
         return _ends_early(sent, wanted, ("canceled",), _CANCELED_HINT, cancel["sent_ns"], "it was cancelled")
     if cancel["answered_ns"] is not None and cancel["code"] != _GOAL_TERMINATED:
@@ -428,7 +441,7 @@ def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
 def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     _require_accepted(sent)
     if len(_goals(sent.step)) < 2:
-        return _too_early(sent, "preempted")
+        return _too_early(sent, "preempted", "newer_after_s")
     newer = replace(sent, record=_goals(sent.step)[1])
     if newer.record["accepted"] is False:
         hint = "Accept it, and abort the goal that is under way."
@@ -440,18 +453,29 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     if not found.share and answered_s > wanted.within_s:
         reason = f"A newer goal was answered only after {apart(answered_s, wanted.within_s, places=2)} s."
         return replace(found, reason=reason, hint=_BLOCKED_HINT)
-    if newer.has_ended:
+    # Who never succeeds loses points for that elsewhere.
+    is_excused = newer.has_ended and not _any_goal(sent, status="succeeded")
+    if is_excused or newer.record["status"] == "succeeded":
         return found
-    reason, share = f"{found.reason} The newer goal did not end.".strip(), wanted.other_status_credit * found.share
-    return replace(found, share=share, best=None, reason=reason, hint=found.hint or _END_HINT)
+    became = f"ended as {newer.status}" if newer.has_ended else "did not end"
+    reason, share = f"{found.reason} The newer goal {became}.".strip(), wanted.other_status_credit * found.share
+    best = wanted.other_status_credit * (found.share if found.best is None else found.best)
+    return replace(found, share=share, best=best, reason=reason, hint=found.hint or _END_HINT)
 
 
-def _too_early(sent: _Sent, what: str) -> Part:
-    """Judge a goal that ended before it could be cancelled or preempted."""
+def _too_early(sent: _Sent, what: str, key: str) -> Part:
+    """Judge a goal that ended before it could be cancelled or preempted; the step has under a key when that was due."""
     if not sent.has_ended:
         raise _NotTested(f"the moment at which the {sent.words} was to be {what} never came")
     ended = f"The {sent.words} had ended as {sent.status} before it could be {what}."
-    return Part(0.0, "ended before", ended, hint="The execute callback must take its time over a goal such as this.")
+    found = Part(0.0, "ended before", ended, hint="The execute callback must take its time over a goal such as this.")
+    after_s, end_ns = sent.step.parameters.get(key), sent.record["ended_ns"]
+    if after_s is None or end_ns is None:
+        return found
+    late_s = (end_ns - sent.record["answered_ns"]) / 1e9 - after_s
+    delay_s = sent.delay_s(sent.record["answered_ns"], end_ns)
+    is_ours = 0 < late_s <= delay_s
+    return replace(found, best=1.0, doubt=cpu_delay_doubt(delay_s, late_s + after_s)) if is_ours else found
 
 
 def _ends_early(

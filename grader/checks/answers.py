@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from grader.checks.base import Context, Part, failed, not_reached, of_parts, unexplained
 from grader.checks.service import (
@@ -49,6 +49,12 @@ class CallValue(Parameters):
     tolerance: float = Field(1e-6, ge=0, description="Of numbers.")
     tolerances: Mapping[str, float] = Field(default_factory=dict, description="Path of a field -> its own tolerance.")
 
+    @model_validator(mode="after")
+    def _asks_for_something(self) -> CallValue:
+        if self.oracle is None and not all(answer.values or answer.patterns for answer in self.each):
+            raise ValueError("each needs values or patterns, where no oracle computes them")
+        return self
+
     def wanted(
         self, context: Context, answer: WantedAnswer, step: StepRun, other: Mapping[str, Any] | None = None
     ) -> dict[str, Any]:
@@ -68,13 +74,13 @@ class CallValue(Parameters):
 
 
 def call_value(context: Context, p: CallValue) -> Finding:
-    """Judge the answers to several calls by their fields; a call without an answer costs more only once."""
+    """Judge the answers to several calls by their fields; where none is answered, that costs more only once."""
     steps = [context.session.step(answer.step) for answer in p.each]
     expected = "; ".join(f"{answer.step}: {_wanted_words(answer, p)}" for answer in p.each)
-    if answer_of(steps[0]) is None:
+    answers = [answer_of(step) for step in steps]
+    if all(answer is None for answer in answers):
         return silence(context, steps[0], expected, problem_of(steps[0]))
     parts = [_judge_answer(context, p, answer, step) for answer, step in zip(p.each, steps, strict=True)]
-    answers = [answer_of(step) for step in steps]
     requests = [step.parameters.get("request") for step in steps if step is not None]
     alike = len(answers) > 1 and answers.count(answers[0]) == len(answers) and requests.count(requests[0]) == 1
     if alike and any(part.share < 1 for part in parts):
@@ -98,9 +104,10 @@ def _judge_answer(context: Context, p: CallValue, answer: WantedAnswer, step: St
         return Part(0.0, reason=f"The request of '{answer.step}' cannot be sent: it is that of '{same.label}'.")
     wanted = p.wanted(context, answer, step)
     right = p.right(got, wanted)
-    right += [path for path, pattern in answer.patterns.items() if search(pattern, str(value_at(got, path)))]
     paths = [*wanted, *answer.patterns]
     values = {path: value_at(got, path) for path in paths}
+    there = {path: str(values[path]) for path in answer.patterns if values[path] is not None}
+    right += [path for path, text in there.items() if search(answer.patterns[path], text)]
     text = f"{answer.step}: {shown(values)[:_MOST_SHOWN]}"
     share = len(right) / max(1, len(paths))
     if share == 1:

@@ -11,6 +11,7 @@ from pydantic import Field, field_validator, model_validator
 
 from grader.checks.base import CREDIT_LEVELS, Context, apart, failed, graded, percent, quantise, ramp, unexplained
 from grader.evidence.cpu_delay import Span
+from grader.evidence.fields import is_number
 from grader.evidence.recorded import Floats, Integers, NumericStream, Recorded, numeric_stream
 from grader.lab import references as ref
 from grader.lab.patterns import compiled, search
@@ -93,10 +94,10 @@ class OfMessages(InWindow):
 
         A node listens when it has answered the first, which may be later than it was asked, but not by long.
         """
-        record, span = context.session.record, self.span(context)
-        ends = [run.interrupted_ns or run.exited_ns or record.ended_ns for run in context.session.students]
+        span = self.span(context)
         if span is None:
-            span = Span(min(first_ns, int(times_ns.min(initial=first_ns)) + _LATE_NS), min([*ends, record.ended_ns]))
+            start_ns = min(first_ns, int(times_ns.min(initial=first_ns)) + LATE_NS)
+            span = Span(start_ns, min(_asked_to_end_ns(context)))
         due: NDArray[np.bool_] = (times_ns >= span.start_ns) & (times_ns <= span.end_ns - round(within_s * 1e9))
         return due
 
@@ -108,7 +109,16 @@ class OfMessages(InWindow):
 
 
 #: So long after the first message that it could answer a node may begin to listen.
-_LATE_NS = 2_000_000_000
+LATE_NS = 2_000_000_000
+
+
+def _asked_to_end_ns(context: Context) -> list[int]:
+    """Return when the student's processes were asked to end, or awaited to; one that ends unasked stops answering."""
+    record = context.session.record
+    awaited = {str(step.parameters.get("process")) for step in record.steps if step.kind == "wait_exit"}
+    asked = [run.interrupted_ns for run in context.session.students]
+    asked += [run.exited_ns for run in context.session.students if run.ended_by == "kill" or run.name in awaited]
+    return [record.ended_ns, *filter(None, asked)]
 
 
 def numbers_in(pattern: str, text: str | None) -> Floats | None:
@@ -124,7 +134,8 @@ def numbers_in(pattern: str, text: str | None) -> Floats | None:
 
 def nothing_came(context: Context, topic: str, expected: str) -> Finding:
     """State that there are no messages to look at."""
-    reason = f"No message arrived on {context.session.used(topic)}."
+    when = " in the time that counts" if len(context.session.stream(topic)) else ""
+    reason = f"No message arrived on {context.session.used(topic)}{when}."
     return unexplained(failed(expected, "no messages", reason, where=(context.location(topic),)))
 
 
@@ -137,8 +148,14 @@ def moment(context: Context, topic: str, t_ns: int) -> tuple[float, Span]:
 Limit = float | tuple[float, ...] | None
 
 
+#: How far a limit is another number as a float32: 0.1 is a little more there. And by which share a change may seem
+#: faster, from one message of a timer to the next, than it was computed.
+_FLOAT32, _UNEVEN = 1e-7, 0.01
+
+
 def _of_limit(limit: Limit, otherwise: float) -> Floats:
-    return np.atleast_1d(np.array(otherwise if limit is None else limit, dtype=np.float64))
+    limits = np.atleast_1d(np.array(otherwise if limit is None else limit, dtype=np.float64))
+    return limits if limit is None else limits + np.copysign(_FLOAT32 * limits, otherwise)
 
 
 class FieldRange(OfMessages, NumbersOf):
@@ -234,7 +251,7 @@ def _too_fast(context: Context, p: FieldRange, chosen: Sequence[int]) -> tuple[F
     rates = np.abs(np.diff(series.values, axis=0)).max(axis=1) / np.maximum(steps_s, usual_s)
     places = {index: n for n, index in enumerate(chosen)}
     rows = [places[int(index)] for index in series.index[1:]]
-    fast[rows] = np.where(rates > p.change_per_s, rates, 0.0)
+    fast[rows] = np.where(rates > p.change_per_s * (1 + _UNEVEN), rates, 0.0)
     delays_s = context.session.delays_s(series.source_ns[:-1] - round(usual_s * 1e9), series.source_ns[1:])
     late[rows] = delays_s > _DELAYED * usual_s
     return fast, late
@@ -316,7 +333,7 @@ def _written(value: object) -> str | None:
         return value[:_MOST_TEXT]
     if isinstance(value, (float, np.floating)):
         return f"{value:g}"
-    return str(int(value)) if isinstance(value, (int, np.number)) else None
+    return str(int(value)) if is_number(value) else None
 
 
 def _mismatch(p: FieldMatches, text: str | None) -> str:

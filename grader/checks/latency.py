@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from grader.checks.base import (
     CREDIT_LEVELS,
@@ -14,15 +14,18 @@ from grader.checks.base import (
     Part,
     apart,
     cpu_delay_doubt,
+    failed,
     graded,
     not_reached,
     percent,
     quantise,
     ramp,
+    unexplained,
 )
 from grader.checks.fields import OfMessages, nothing_came
 from grader.checks.subscriber import lost_share
 from grader.evidence.cpu_delay import Span, shares_around
+from grader.evidence.fields import is_number
 from grader.evidence.recorded import Floats, Integers
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
@@ -67,7 +70,9 @@ class MessageLatency(OfMessages):
     full_from: Share = Field(0.95, description="Share of answered messages that costs nothing.")
 
     @model_validator(mode="after")
-    def _has_fields(self) -> MessageLatency:
+    def _has_fields(self, info: ValidationInfo) -> MessageLatency:
+        if self.match == "stamp":
+            ref.stamped(info, (self.input.topic, self.output.topic))
         if self.match == "field" and None in (self.input.field, self.output.field):
             raise ValueError("to match by field, input and output must name one")
         return self
@@ -77,7 +82,7 @@ class MessageLatency(OfMessages):
         if self.match == "stamp":
             return context.session.stamps_ns(end.topic)
         values = context.session.stream(end.topic).field(end.field or "")
-        return [value if isinstance(value, (str, int, float, np.number)) else None for value in values]
+        return [value if isinstance(value, str) or is_number(value) else None for value in values]
 
 
 def message_latency(context: Context, p: MessageLatency) -> Finding:
@@ -91,7 +96,8 @@ def message_latency(context: Context, p: MessageLatency) -> Finding:
         return not_reached(f"No message was recorded on {p.input.topic} that could be answered.", expected=expected)
     there = answered >= 0
     if not there.any():
-        return nothing_came(context, p.output.topic, expected)
+        reason = f"No message on {context.session.used(p.output.topic)} answers one on {p.input.topic}."
+        return unexplained(failed(expected, f"0 of {len(there)} messages answered", reason))
     lost = lost_share(context, context.session.students, [p.input.topic], asked)
     asked, answered = asked[there], answered[there]
     # What waited while the machine delayed a process is answered for as long after that.

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydantic import Field
 
 from grader.checks.answers import unanswered
-from grader.checks.base import Context, Part, cpu_delay_doubt, of_parts, weighed
+from grader.checks.base import Context, Part, cpu_delay_doubt, of_parts, unexplained, weighed
 from grader.evidence.cpu_delay import Span
 from grader.lab import references as ref
 from grader.lab.references import LifecycleState, Parameters, Share
@@ -54,18 +56,20 @@ def lifecycle(context: Context, p: Lifecycle) -> Finding:
     """Judge the transitions by the node's answers, and what it published by when it was published."""
     expected = ", ".join(f"{w.step} → {w.state}{'' if w.succeeds else ' (refused)'}" for w in p.transitions)
     steps = [context.session.step(wanted.step) for wanted in p.transitions]
-    if (silent := unanswered(context, steps[0], expected)) is not None:
-        return silent
+    silent = [unanswered(context, step, expected) for step in steps]
+    if None not in silent and silent[0] is not None:
+        return silent[0]
     went = [_transition(context, wanted, step) for wanted, step in zip(p.transitions, steps, strict=True)]
     for n, step in enumerate(steps[1:], 1):
         # From another state than it was to reach, a transition proves nothing; that has cost points before.
         if step is not None and went[n].share < 1 and step.result.get("before") != p.transitions[n - 1].state:
             went[n] = Part(0.0, f"{p.transitions[n].step}: not tested")
-    stays = _stays(context)
+    stays = _stays(context, {step.result.get("node") for step in steps if step is not None})
     published = [_published(context, p, of, stays) for of in p.published]
     parts = weighed(went, p.transitions_share if published else 1.0)
     parts += weighed(published, 1 - p.transitions_share) if published else []
-    return of_parts(expected, parts, where=(context.location(),))
+    finding = of_parts(expected, parts, where=(context.location(),))
+    return unexplained(finding) if any(silent) else finding
 
 
 def _transition(context: Context, wanted: WantedTransition, step: StepRun | None) -> Part:
@@ -97,10 +101,11 @@ def _raised(context: Context, step: StepRun) -> bool:
     return any(goal == "errorprocessing" for goal, inside in zip(goals, during, strict=True) if inside)
 
 
-def _stays(context: Context) -> list[_Stay]:
-    """Return the times in each state by the answers to all transitions; where two disagree, it is not known between."""
+def _stays(context: Context, nodes: set[Any]) -> list[_Stay]:
+    """Return a node's times in each state by its answers to all transitions; where two disagree, it is not known."""
     record = context.session.record
-    steps = [step.result for step in record.steps if step.kind == "change_state" and step.outcome == "done"]
+    answered = [step.result for step in record.steps if step.kind == "change_state" and step.outcome == "done"]
+    steps = [result for result in answered if result["node"] in nodes]
     if not steps:
         return []
     begins = [(steps[0]["before"], record.started_ns), *((step["after"], step["answered_ns"]) for step in steps)]
@@ -116,26 +121,28 @@ _UNDER_WAY_NS = 50_000_000
 def _published(context: Context, p: Lifecycle, of: PublishedIn, stays: list[_Stay]) -> Part:
     """Judge on how much was published in each state."""
     source_ns = np.sort(context.session.stream(of.topic).source_ns)
-    counted: dict[str, list[int]] = {}
-    late: list[Span] = []
+    counted: dict[str, int] = {}
+    few, stray = dict[Span, int](), dict[Span, str]()
     for stay in stays:
         wanted = stay.state in of.states
         begin_ns = stay.span.start_ns + (0 if wanted else _UNDER_WAY_NS)
         inside = source_ns[(source_ns > begin_ns) & (source_ns <= stay.span.end_ns)]
-        counted.setdefault(stay.state, []).append(len(inside))
-        late += [Span(stay.span.start_ns, int(inside[-1]))] if len(inside) and not wanted else []
-    text = f"{of.topic}: " + ", ".join(f"{sum(numbers)} messages while {state}" for state, numbers in counted.items())
-    due = [number for state in of.states for number in counted.get(state, [])]
-    if not due:
+        counted[stay.state] = counted.get(stay.state, 0) + len(inside)
+        if wanted and len(inside) < of.at_least:
+            few[stay.span] = len(inside)
+        elif not wanted and len(inside):
+            stray[Span(stay.span.start_ns, int(inside[-1]))] = stay.state
+    text = f"{of.topic}: " + ", ".join(f"{number} messages while {state}" for state, number in counted.items())
+    if not counted.keys() & set(of.states):
         return Part(0.0, text)
-    others = [state for state, numbers in counted.items() if state not in of.states and any(numbers)]
-    if min(due) < of.at_least:
-        reason = f"On {of.topic} {min(due)} messages came while the node was {' or '.join(of.states)}."
-        doubt = _late(context, p, [stay.span for stay in stays if stay.state in of.states])
+    if few:
+        reason = f"On {of.topic} {min(few.values())} messages came while the node was {' or '.join(of.states)}."
+        doubt = _late(context, p, few)
         return Part(0.0, text, reason, hint=_SILENT_HINT, best=1.0 if doubt else None, doubt=doubt)
-    if others:
-        reason = f"{of.topic} carries messages while the node is {', '.join(others)} too: {_EVERYWHERE}"
-        doubt = _late(context, p, late)
+    if stray:
+        others = ", ".join(dict.fromkeys(stray.values()))
+        reason = f"{of.topic} carries messages while the node is {others} too: {_EVERYWHERE}"
+        doubt = _late(context, p, stray)
         best = 1.0 if doubt else None
         return Part(p.everywhere_credit, text, reason, hint=_EVERYWHERE_HINT, best=best, doubt=doubt)
     return Part(1.0, text)
@@ -149,10 +156,11 @@ _SILENT_HINT = (
 )
 
 
-def _late(context: Context, p: Lifecycle, spans: list[Span]) -> str:
-    """Say that the machine delayed the program for most of some times, if it did."""
+def _late(context: Context, p: Lifecycle, spans: Collection[Span]) -> str:
+    """Say that the machine delayed the program for most of each of some times, if it did."""
     run = context.session.process(p.process)
-    if run is None or not spans:
+    if run is None:
         return ""
-    delay_s, length_s = sum(context.session.machine_delay_s(run, s) for s in spans), sum(s.duration_s for s in spans)
-    return cpu_delay_doubt(delay_s, length_s) if delay_s > length_s / 2 else ""
+    delays_s = [context.session.machine_delay_s(run, span) for span in spans]
+    late = all(delay_s > span.duration_s / 2 for delay_s, span in zip(delays_s, spans, strict=True))
+    return cpu_delay_doubt(sum(delays_s), sum(span.duration_s for span in spans)) if late else ""

@@ -22,7 +22,7 @@ from grader.checks.base import (
 )
 from grader.checks.fields import InWindow, NumbersOf, moment, nothing_came
 from grader.evidence.cpu_delay import Span
-from grader.evidence.recorded import Floats, NumericStream
+from grader.evidence.recorded import Floats, Integers, NumericStream
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.result import Finding
@@ -199,10 +199,21 @@ def _most_within(series: NumericStream, off: Floats, hold_s: float) -> Floats:
     """
     times_ns, hold_ns = series.source_ns, round(hold_s * 1e9)
     ends = np.searchsorted(times_ns, times_ns + hold_ns, side="right")
-    held = np.array([off[n:end].max() for n, end in enumerate(ends)])
+    held = greatest(off, ends)
     gap_ns = int(np.median(np.diff(times_ns))) if len(times_ns) > 1 else 0
     held[times_ns + hold_ns > times_ns[-1] + gap_ns] = np.inf
     return held
+
+
+def greatest(values: Floats, ends: Integers) -> Floats:
+    """Return the greatest value from each one on up to its end: of two parts that overlap, each a power of two long."""
+    starts, found = np.arange(len(values)), values.copy()
+    most, width = values, 1
+    while len(most):
+        fit = ends - starts >= width
+        found[fit] = np.maximum(most[starts[fit]], most[ends[fit] - width])
+        most, width = np.maximum(most[:-width], most[width:]), 2 * width
+    return found
 
 
 def _overshoot(values: Floats, target: Floats) -> float:

@@ -7,31 +7,39 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from grader.checks.base import Context, Part, failed, graded, not_reached
-from grader.checks.fields import NumbersOf, OfMessages, moment, nothing_came
+from grader.checks.fields import LATE_NS, NumbersOf, OfMessages, moment, nothing_came
 from grader.checks.motion import DISTANCES, Distance
 from grader.checks.subscriber import Alternative, lost_share
-from grader.evidence.recorded import Floats, Integers, NumericStream
+from grader.evidence.recorded import Booleans, Floats, Integers, NumericStream
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.references import Share
 from grader.result import Finding
 
 
+class OracleStream(NumbersOf):
+    """Numbers that an oracle gets."""
+
+    finite: bool = Field(
+        True, description="Whether it gets messages of finite numbers only; else all, as of a laser's infinite ranges."
+    )
+
+
 class TopicEqualsOracle(OfMessages, NumbersOf):
-    """Published numbers equal those of an oracle.
+    """Published numbers equal those of an oracle, also where these are infinite or not-a-numbers.
 
     The oracle gets the streams by role, the parameters and the session's seed. With `for_each` it returns a row of
-    numbers for each message of that role, of not-a-numbers where there is nothing to publish. Without, it returns
+    numbers for each message of that role, all not-a-numbers where there is nothing to publish. Without, it returns
     `{"times_ns": [...], "values": [...]}`, a row for each time.
     """
 
     example: ClassVar = {"match": "nearest"}
 
     stamp: ref.StampField = Field("header.stamp", description="Field with the stamp in both messages.")
-    streams: Mapping[str, NumbersOf] = Field(min_length=1, description="Role that the oracle knows -> topic and field.")
+    streams: Mapping[str, OracleStream] = Field(min_length=1, description="Role that the oracle knows -> topic and field.")
     oracle: ref.Loadable = Field(description="file.py:function beside the rubric.")
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
     for_each: str | None = Field(None, description="Role of which each message has its answer.")
@@ -50,16 +58,18 @@ class TopicEqualsOracle(OfMessages, NumbersOf):
     alternatives: tuple[Alternative, ...] = Field((), description="Known mistakes, by other parameters of the oracle.")
 
     @model_validator(mode="after")
-    def _fits(self) -> TopicEqualsOracle:
+    def _fits(self, info: ValidationInfo) -> TopicEqualsOracle:
         if self.for_each is not None:
             ref.one_of(self.for_each, "role", self.streams)
+            if self.match == "stamp":
+                ref.stamped(info, (self.topic, self.streams[self.for_each].topic), self.stamp)
         elif self.match == "stamp":
             raise ValueError("to match by stamp, for_each must say the messages of which role have the stamps")
         return self
 
     def wanted(self, context: Context, other: Mapping[str, Any] | None = None) -> _Wanted | None:
         """Return what is right, with other parameters; None where a stream was not recorded."""
-        streams = {role: numbers.series(context.session) for role, numbers in self.streams.items()}
+        streams = {role: each.series(context.session, finite=each.finite) for role, each in self.streams.items()}
         if any(stream is None for stream in streams.values()):
             return None
         parameters = {**self.parameters, **(other or {})}
@@ -83,6 +93,12 @@ def _rows(values: Any) -> Floats:
     return rows[:, None] if rows.ndim == 1 else rows
 
 
+def _asked(rows: Floats) -> Booleans:
+    """Return which rows say something: not those that are all not-a-numbers."""
+    asked: Booleans = ~np.isnan(rows).all(axis=1)
+    return asked
+
+
 @dataclass(frozen=True)
 class _Wanted:
     """What is right: a row a time, and the stamps of the messages that it answers."""
@@ -90,6 +106,11 @@ class _Wanted:
     times_ns: Integers
     values: Floats
     stamps_ns: Integers | None = None
+
+    @property
+    def asked(self) -> Booleans:
+        """Whether there is something to publish, for each row."""
+        return _asked(self.values)
 
 
 @dataclass(frozen=True)
@@ -115,7 +136,7 @@ def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
     if published is None:
         return nothing_came(context, p.topic, expected)
     wanted = p.wanted(context)
-    if wanted is None or not np.isfinite(wanted.values).all(axis=1).any():
+    if wanted is None or not wanted.asked.any():
         return not_reached("Nothing was recorded from which the right values follow.", expected=expected)
     width, own = wanted.values.shape[1], published.values.shape[1]
     if width != own:
@@ -128,8 +149,10 @@ def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
     where = part.where or (context.location(p.topic, p.span(context)),)
     for other in p.alternatives if part.share < 1 else ():
         another = p.wanted(context, other.parameters)
-        alike = another is not None and _compared(context, p, published, another)
-        if alike and len(alike.excess) and (alike.excess <= 0).mean() >= p.full_from - 1e-9:
+        if another is None or not another.asked.any():
+            continue
+        alike = _compared(context, p, published, another)
+        if len(alike.excess) and (alike.excess <= 0).mean() >= p.full_from - 1e-9:
             wrong = failed(expected, part.text, part.reason, where=where)
             return other.explains(context, wrong, part.share)
     return graded(part.share, expected, part.text, part.reason, where=where, best=part.best, doubt=part.doubt)
@@ -138,7 +161,7 @@ def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
 def _judged(context: Context, p: TopicEqualsOracle, found: _Compared, odd: int) -> Part:
     """Judge how many messages are right, beside odd ones, and how many the machine may have kept from being so."""
     wrong, of = found.excess > 0, len(found.excess) + found.missing + odd
-    extra, right = int(np.isnan(found.right).any(axis=1).sum()), int((~wrong).sum())
+    extra, right = int((~_asked(found.right)).sum()), int((~wrong).sum())
     text = f"{right} of {of} messages right" + f", {found.missing} missing" * (found.missing > 0)
     text += f", {extra} superfluous" * (extra > 0) + f", {odd} with another number of values" * (odd > 0)
     if right == of:
@@ -153,7 +176,7 @@ def _judged(context: Context, p: TopicEqualsOracle, found: _Compared, odd: int) 
     first = int(np.argmax(wrong))
     at_s, span = moment(context, p.topic, int(found.published.source_ns[first]))
     shown, meant = (" ".join(f"{n:.5g}" for n in row) for row in (found.published.values[first], found.right[first]))
-    nothing = np.isnan(found.right[first]).any()
+    nothing = np.isnan(found.right[first]).all()
     reason = f"At {at_s:.2f} s it publishes {shown}{', where nothing was asked' if nothing else f'; right is {meant}'}."
     return Part(p.credit(right / of), text, reason, best, doubt, where=(context.location(p.topic, span),))
 
@@ -185,8 +208,7 @@ def _compared(context: Context, p: TopicEqualsOracle, published: NumericStream, 
         assert wanted.stamps_ns is not None
         places = {int(stamp): n for n, stamp in enumerate(wanted.stamps_ns.tolist()) if stamp >= 0}
         stamps = p.stamps(context, p.topic, published.index).tolist()
-        # A second answer to the same message is superfluous.
-        return _by_place(context, p, published, wanted, np.array([places.pop(stamp, -1) for stamp in stamps]))
+        return _by_place(context, p, published, wanted, np.array([places.get(stamp, -1) for stamp in stamps]))
     if p.match == "order":
         return _in_order(context, p, published, wanted)
     return _by_time(p, published, wanted)
@@ -195,10 +217,12 @@ def _compared(context: Context, p: TopicEqualsOracle, published: NumericStream, 
 def _by_place(
     context: Context, p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted, places: Integers
 ) -> _Compared:
-    """Compare each message with the row at a place, -1 where there is none."""
+    """Compare each message with the row at a place, -1 where there is none; what answers it again is superfluous."""
+    again = np.ones(len(places), dtype=bool)
+    again[np.unique(places, return_index=True)[1]] = False
+    places = np.where(again, -1, places)
     right = np.where(places[:, None] >= 0, wanted.values[places], np.nan)
-    used = places[places >= 0]
-    due = np.isfinite(wanted.values).all(axis=1)
+    used, due = places[places >= 0], wanted.asked
     first_ns = int(wanted.times_ns[used].min(initial=published.source_ns[0]))
     due &= p.due(context, wanted.times_ns, first_ns, p.within_s)
     missing = int(due.sum() - due[used].sum())
@@ -207,17 +231,19 @@ def _by_place(
 
 def _in_order(context: Context, p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted) -> _Compared:
     """Compare the n-th message with the n-th row, or one some places after that: a node may begin late."""
-    asked = np.flatnonzero(np.isfinite(wanted.values).all(axis=1))
-    counted = published.sequence - published.sequence.min()
+    asked, stream = np.flatnonzero(wanted.asked), context.session.stream(p.topic)
+    counted = published.sequence - stream.sequence.min()
+    begun_ns = min(int(stream.source_ns.min()), int(wanted.times_ns[asked].min()) + LATE_NS)
+    missed = int((wanted.times_ns[asked] <= begun_ns).sum())
     tried = []
-    for start in range(_MOST_LATE + 1):
+    for start in range(min(max(missed, 1), _MOST_MISSED)):
         places = np.where(counted + start < len(asked), asked[np.minimum(counted + start, len(asked) - 1)], -1)
         tried.append(_by_place(context, p, published, wanted, places))
     return max(tried, key=lambda found: int((found.excess <= 0).sum()))
 
 
-#: So many messages a node may miss before it listens.
-_MOST_LATE = 50
+#: So many messages a node may miss before it listens, at most.
+_MOST_MISSED = 500
 
 
 def _by_time(p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted) -> _Compared:
@@ -233,7 +259,7 @@ def _by_time(p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted) ->
     rows = np.arange(len(best))
     right = np.array([right for _, right in tried])[best, rows]
     excess = np.array([excess for excess, _ in tried])[best, rows]
-    known = np.isfinite(right).all(axis=1)  # Where the oracle says nothing, nothing is compared.
+    known = _asked(right)  # Where the oracle says nothing, nothing is compared.
     return _Compared(published.only(known), excess[known], right[known], int(known.sum()), 0)
 
 
@@ -254,8 +280,10 @@ def _at(p: TopicEqualsOracle, times: Integers, values: Floats, at_ns: Integers) 
 
 
 def _excess(p: TopicEqualsOracle, values: Floats, right: Floats) -> Floats:
-    """Return by how much each message is farther off than it may be; infinite where it is no number or not asked."""
+    """Return by how much each message is farther off than it may be; infinite where that is not known, or not asked."""
+    asked, same = _asked(right), (values == right) | (np.isnan(values) & np.isnan(right))
+    values, right = (np.where(same & ~np.isfinite(values), 0.0, each) for each in (values, right))
     size = np.linalg.norm(right, axis=1) if p.distance == "straight" else np.zeros(len(right))
     off: Floats = DISTANCES[p.distance](values, right) - p.tolerance - p.relative * size
-    off[np.isnan(off)] = np.inf
+    off[np.isnan(off) | ~asked] = np.inf
     return off

@@ -32,8 +32,9 @@ from grader.recording.bag import Stream
 from grader.recording.session import Endpoint, ProcessRun
 from grader.result import Finding, Location, Outcome
 
-#: What one call of a lab's own check may compute; judging all of a submission has 30 s.
-_MOST_CPU_S = 10.0
+#: What one call of a lab's own check may compute, and how soon it is ended again if it goes on; judging all of a
+#: submission has 30 s.
+_MOST_CPU_S, _AGAIN_S = 10.0, 0.1
 #: What is kept of a text that a lab's own check gives: it may quote what a student's program wrote.
 _MOST_TEXT = 1000
 
@@ -209,6 +210,10 @@ class Context(Submission):
         return self._inner.location(topic, self._session.window(window) if window is not None else None)
 
 
+#: Outcomes of a finding that are without credit.
+_WITHOUT = (Outcome.FAILED, Outcome.INCONCLUSIVE)
+
+
 class _TooLong(BaseException):
     """Not caught by a check that catches exceptions."""
 
@@ -220,7 +225,7 @@ def find_own(check: str, context: base.Context, p: Any) -> Finding:
             function = load_own(context.lab_folder, check)
             seen = Context(context) if context.recorded is not None else Submission(context)
             return _checked(function(seen, *built(function, p)))
-    except (Exception, _TooLong) as problem:
+    except (Exception, SystemExit, _TooLong) as problem:
         reason = f"The lab's own check failed: {describe_failure(problem, check)}"
         return Finding(Outcome.ERROR, Decimal(0), reason=reason[:_MOST_TEXT], retry=False)
 
@@ -251,15 +256,36 @@ def built(function: Callable[..., Any], p: OwnParameters) -> list[Any]:
 
 
 def _checked(finding: Any) -> Finding:
-    """Return a finding with texts that are some, and of a length that can be shown."""
+    """Return a finding as its makers give it: credit that fits its outcome, plain numbers, and texts that can be shown.
+
+    Whoever makes one by hand could give more points than there are, or what no result can be written of.
+    """
     if not isinstance(finding, Finding) or not all(isinstance(location, Location) for location in finding.where):
         raise TypeError("a Finding is expected, as passed() and failed() give it, and where they lie by location()")
+    credit = finding.credit
+    fits = {Outcome.PASSED: credit == 1, Outcome.PARTIAL: 0 < credit < 1}
+    if not isinstance(credit, Decimal) or not fits.get(finding.outcome, credit == 0 and finding.outcome in _WITHOUT):
+        raise ValueError("its credit does not fit its outcome; use passed(), failed(), graded() or inconclusive()")
     texts: dict[str, Any] = {
         name: str(getattr(finding, name))[:_MOST_TEXT] for name in ("expected", "measured", "reason", "hint")
     }
-    return replace(
-        finding, **texts, where=tuple(finding.where), notes=tuple(str(n)[:_MOST_TEXT] for n in finding.notes)
+    return Finding(
+        finding.outcome,
+        credit,
+        **texts,
+        where=tuple(map(_plain, finding.where)),
+        notes=tuple(str(note)[:_MOST_TEXT] for note in finding.notes),
+        retry=bool(finding.retry),
+        settled=_checked(finding.settled) if finding.settled is not None else None,
+        unexplained=bool(finding.unexplained),
     )
+
+
+def _plain(location: Location) -> Location:
+    """Return a location without numbers of numpy's, of which no JSON is made."""
+    kinds = {"line": int, "start_s": float, "end_s": float}
+    given = {name: getattr(location, name) for name in kinds}
+    return replace(location, **{name: kinds[name](value) for name, value in given.items() if value is not None})
 
 
 @contextmanager
@@ -273,7 +299,8 @@ def _bounded() -> Iterator[None]:
         yield
         return
     before = signal.signal(signal.SIGVTALRM, stop)
-    signal.setitimer(signal.ITIMER_VIRTUAL, _MOST_CPU_S)
+    # Again: the first may come within an `except` for all that there is.
+    signal.setitimer(signal.ITIMER_VIRTUAL, _MOST_CPU_S, _AGAIN_S)
     try:
         yield
     finally:

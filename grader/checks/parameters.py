@@ -11,7 +11,17 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from grader.checks.answers import unanswered
-from grader.checks.base import Context, Part, cpu_delay_doubt, failed, graded, of_parts, passed, unexplained
+from grader.checks.base import (
+    Context,
+    Part,
+    cpu_delay_doubt,
+    failed,
+    graded,
+    of_parts,
+    passed,
+    unexplained,
+    without_delay,
+)
 from grader.checks.publisher import TopicRate, topic_rate
 from grader.checks.service import answer_of
 from grader.evidence.fields import equal_within, value_at
@@ -103,15 +113,36 @@ def parameter_effect(context: Context, p: ParameterEffect) -> Finding:
     where = (context.location(p.topic, context.session.window(p.after) if p.topic else None),)
     if after is None:
         return _nothing(context, p, expected, measured)
+    if p.is_rate:
+        finding = replace(_rate(context, p), expected=expected, measured=measured)
+    elif p.fits(after, p.new):
+        finding = passed(expected, measured, where=where)
+    else:
+        finding = failed(expected, measured, f"It is {_shown(after)} when the parameter is set.", where=where)
+    if finding.outcome is Outcome.INCONCLUSIVE:
+        return finding
     credit, reason, hint = _mistake(p, before, after, restarted)
-    finding = _rate(context, p) if p.is_rate else None
-    if reason and (finding is None or finding.outcome is not Outcome.INCONCLUSIVE):
-        return graded(credit, expected, measured, reason, hint=hint, where=where)
-    if finding is not None:
-        return replace(finding, expected=expected, measured=measured)
-    if p.fits(after, p.new):
-        return passed(expected, measured, where=where)
-    return failed(expected, measured, f"It is {_shown(after)} when the parameter is set.", where=where)
+    worth = [
+        known if mistake else float(finding.credit)
+        for old in _possible(context, p, p.before, before, after)
+        for new in _possible(context, p, p.restarted, restarted, p.new)
+        for known, mistake, _ in (_mistake(p, old, after, new),)
+    ]
+    if min(worth) == max(worth):
+        return graded(credit, expected, measured, reason, hint=hint, where=where) if reason else finding
+    return graded(min(worth), expected, measured, reason, best=max(worth), doubt=_BUSY, where=where)
+
+
+_BUSY = "Not your fault: the grading computer was too busy to measure the rate that this one is compared with."
+
+
+def _possible(context: Context, p: ParameterEffect, label: str | None, value: Any, other: Any) -> list[Any]:
+    """Return what a step shows; of a rate the most that it may have been without delays, and the nearest to another."""
+    span = context.session.window(label) if label is not None else None
+    if not p.is_rate or span is None or value is None:
+        return [value]
+    most = without_delay(value, context.session.longest_delay_s(span), span.duration_s)
+    return [value, most, min(max(value, float(other)), most)]
 
 
 def _mistake(p: ParameterEffect, before: Any, after: Any, restarted: Any) -> tuple[float, str, str]:

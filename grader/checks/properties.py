@@ -94,11 +94,14 @@ def signal_property(context: Context, p: SignalProperty) -> Finding:
     if absent := next((name for name, found in series.items() if found is None), None):
         return nothing_came(context, p.signals[absent].topic, expected)
     streams = {name: found for name, found in series.items() if found is not None}
-    record = context.session.record
-    start_ns = max(span.start_ns if span else record.started_ns, *(int(s.source_ns[0]) for s in streams.values()))
-    end_ns = min(span.end_ns if span else record.ended_ns, max(int(s.source_ns[-1]) for s in streams.values()))
+    counts = span or Span(context.session.record.started_ns, context.session.record.ended_ns)
+    start_ns = max(counts.start_ns, *(int(s.source_ns[0]) for s in streams.values()))
+    end_ns = min(counts.end_ns, max(int(s.source_ns[-1]) for s in streams.values()))
+    if end_ns < start_ns:
+        latest = max(streams, key=lambda name: int(streams[name].source_ns[0]))
+        return nothing_came(context, p.signals[latest].topic, expected)
     step_ns = round(max(p.step_s * 1e9, (end_ns - start_ns) / _MOST_STEPS))
-    times_ns = np.arange(start_ns, max(end_ns, start_ns) + 1, step_ns, dtype=np.int64)
+    times_ns = np.arange(start_ns, end_ns + 1, step_ns, dtype=np.int64)
     signals = {name: p.signals[name].at(stream, times_ns) for name, stream in streams.items()}
     try:
         found = p.read().robustness(signals, step_ns / 1e9)

@@ -374,7 +374,8 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     if few and quick == len(calls) < p.enough:
         return unclear(expected, measured, f"{few} Those were answered in time.")
     # How long the machine delayed a process in a call, that which makes it included, may be why it took so long.
-    delays = [_delay_s(context, call) for call in calls]
+    spans = [Span(int(call["started_ns"]), int(call["ended_ns"])) for call in calls]
+    delays = [asking_delay_s(context, *each) for each in zip(spans, calls, strict=True)]
     best = sum(_latency_s(call) - delay <= p.within_s for call, delay in zip(calls, delays, strict=True)) / len(calls)
     share, notes = quick / len(calls), [few] if few else []
     doubt = f"Not your fault: the grading computer was too busy to time the calls (up to {max(delays):.2f} s)."
@@ -383,8 +384,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     return graded(share, expected, measured, reason, where=where, notes=notes, best=max(share, best), doubt=doubt)
 
 
-def _delay_s(context: Context, call: Mapping[str, Any]) -> float:
-    """Return for how long the machine delayed a process during a call, that which makes it included."""
-    span = Span(int(call["started_ns"]), int(call["ended_ns"]))
-    own_s = context.session.recorder_delay_s(span) + int(call.get("held_up_ns", 0)) / 1e9
+def asking_delay_s(context: Context, span: Span, asked: Mapping[str, Any]) -> float:
+    """Return for how long the machine delayed a process within a span, that which asked included, by its record."""
+    own_s = context.session.recorder_delay_s(span) + int(asked.get("held_up_ns", 0)) / 1e9
     return context.session.longest_delay_s(span) + own_s

@@ -92,8 +92,8 @@ def silent_until(context: Context, p: SilentUntil) -> Finding:
     span = Span(begins_ns, begins_ns + round(p.begins_within_s * 1e9))
     delay_s = context.session.longest_delay_s(span)
     reason = f"It publishes nothing in the {p.begins_within_s:g} s after that either, so its silence proves nothing."
-    came_s = (int(times.min()) - span.end_ns) / 1e9 if len(times) else float("inf")
-    best = float(came_s <= delay_s)
+    came_ns = int(times.min(initial=context.session.record.ended_ns))  # What is not seen may come after the end.
+    best = float((came_ns - span.end_ns) / 1e9 <= delay_s)
     return unexplained(
         graded(0.0, expected, "nothing then either", reason, best=best, doubt=cpu_delay_doubt(delay_s, span.duration_s))
     )

@@ -111,21 +111,24 @@ class TransformTree(Parameters):
     known_credit: Share = Field(0.5, description="Credit of a part with a mistake that is known by name.")
     weights: Weights = Weights()
 
+    @model_validator(mode="after")
+    def _has_a_window(self) -> TransformTree:
+        if self.window is None and any(pose.at_s for pose in self.poses):
+            raise ValueError("at_s needs a window")
+        return self
+
 
 def transform_tree(context: Context, p: TransformTree) -> Finding:
     """Judge all that was broadcast, each part by its weight."""
     expected = ", ".join(f"{f.child} in {f.parent}{' (static)' if f.static else ''}" for f in p.frames)
     seen = _Seen(context.session, p, context)
-    if not seen.edges:
-        reason = f"No transform was sent on {p.topic} or {p.static_topic}."
-        for topic in (p.topic, p.static_topic):
-            if (kind := context.session.stream(topic).topic_type) not in ("", TF_MESSAGE):
-                reason = f"{topic} carries {kind}, not {TF_MESSAGE}."
-        return unexplained(failed(expected, "no transforms", reason))
+    if not any(seen.edge(wanted) for wanted in p.frames):
+        # Then the tree and the numbers of others are no achievement.
+        return unexplained(failed(expected, "none of these frames", _nothing(seen)))
     groups = {
         "frames": [_frame(seen, wanted) for wanted in p.frames],
         "tree": _tree(seen),
-        "values": [_values(seen, edge) for edge in seen.put_right[-_MOST_JUDGED:]],
+        "values": [_values(seen, edge) for wanted in p.frames if (edge := seen.edge(wanted)) is not None],
         "stamps": [_stamps(seen, wanted) for wanted in p.frames if not wanted.static],
         "static": [_static(seen, wanted) for wanted in p.frames],
         "rates": [_rate(seen, wanted, wanted.rate_hz) for wanted in p.frames if wanted.rate_hz is not None],
@@ -137,6 +140,16 @@ def transform_tree(context: Context, p: TransformTree) -> Finding:
     ]
     where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.location(p.topic, seen.span))
     return of_parts(expected, parts, where=where)
+
+
+def _nothing(seen: _Seen) -> str:
+    """Say what was sent in place of the wanted frames."""
+    for topic in (seen.p.topic, seen.p.static_topic):
+        if (kind := seen.session.stream(topic).topic_type) not in ("", TF_MESSAGE):
+            return f"{topic} carries {kind}, not {TF_MESSAGE}."
+    if not seen.edges:
+        return f"No transform was sent on {seen.p.topic} or {seen.p.static_topic}."
+    return f"None of the frames was sent, but {', '.join(sorted(seen.parents)[:_MOST_NAMED])}."
 
 
 @dataclass(frozen=True)
@@ -259,8 +272,8 @@ def _tree(seen: _Seen) -> list[Part]:
     return [*(Part(0.0, reason=reason) for reason in found), *[sound] * (3 - len(found))]
 
 
-#: Broadcasts of which the numbers are judged, and frames that are named.
-_MOST_JUDGED, _MOST_NAMED = 50, 5
+#: Frames that are named.
+_MOST_NAMED = 5
 
 
 def _values(seen: _Seen, edge: Broadcast) -> Part:
@@ -373,16 +386,16 @@ def _pose(seen: _Seen, p: WantedPose) -> Part:
     # What should be static, and was sent as if it moved, has cost its part.
     tree = FrameTree(replace(edge, static=edge.static or edge.child in seen.static) for edge in seen.put_right)
     times_ns = tree.times_ns(p.frame, p.within)
-    if p.at_s and seen.span is not None:
-        start_ns = np.array([seen.span.start_ns + round(s * 1e9) for s in p.at_s], dtype=np.int64)
-        times_ns = seen.clock(start_ns)
+    if p.at_s:
+        start_ns = [seen.span.start_ns + round(s * 1e9) for s in p.at_s] if seen.span is not None else []
+        times_ns = seen.clock(np.array(start_ns, dtype=np.int64))
     poses = tree.pose(p.frame, p.within, times_ns)
     if poses is None or not len(times_ns) or (p.at_s and not np.isfinite(poses).any()):
         then = " at the time that is looked at" if p.at_s else ""
         return Part(0.0, reason=f"Where {p.frame} lies in {p.within} was not tested: nothing connects them{then}.")
     expected = _expected(seen, p, times_ns, {})
     if expected is None:
-        return Part(0.0, best=1.0, doubt="What the expected poses are computed from was not recorded.")
+        return Part(0.0, reason=f"Where {p.frame} lies was not tested: nothing was recorded from which it follows.")
     fits, off = _fit(p, poses, expected)
     share = quantise(float(fits.mean()))
     best = max(share, _undisturbed(seen, times_ns, fits) if p.oracle is not None and share < 1 else 0.0)
@@ -399,10 +412,13 @@ def _pose(seen: _Seen, p: WantedPose) -> Part:
 
 
 def _undisturbed(seen: _Seen, times_ns: Integers, fits: NDArray[np.bool_]) -> float:
-    """Return the share of right poses among those about which the machine did not delay the program; 1 with too few."""
+    """Return the share of right poses among those about which the machine did not delay the program.
+
+    With too few of these, all others may have been right.
+    """
     near = ((int(t) - _NEAR_NS, int(t) + _NEAR_NS) for t in times_ns)
     calm = np.array([seen.p.simulated or seen.delay_s(*span) < _HARMLESS_S for span in near])
-    return quantise(float(fits[calm].mean())) if calm.sum() >= _FEWEST_CALM else 1.0
+    return quantise(float((fits[calm] if calm.sum() >= _FEWEST_CALM else fits | ~calm).mean()))
 
 
 #: So near to a pose, a delay of the program may have changed it, if it is longer than that of any timer; and how many
@@ -465,7 +481,10 @@ _WXYZ_HINT = "ROS has x, y, z, w; transforms3d and others give w first: set each
 
 
 def _suspects(tree: FrameTree, p: WantedPose) -> Iterator[list[Broadcast]]:
-    """Give what may have been sent with another order of numbers: all between the frames, or one."""
+    """Give what may have been sent with another order of numbers: all between the frames, or one of not too many."""
     edges = [edge for way in tree.between(p.frame, p.within) or () for edge in way]
     yield edges
-    yield from ([edge] for edge in edges)
+    yield from ([edge] for edge in edges[:_MOST_SUSPECTED])
+
+
+_MOST_SUSPECTED = 10

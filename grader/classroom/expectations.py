@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -20,8 +21,11 @@ EXPECTED_FILE = "expected.yaml"
 
 
 def _rising(value: Any) -> Any:
-    if isinstance(value, (list, tuple)) and len(value) == 2 and value[0] <= value[1]:
-        return tuple(Decimal(str(number)) for number in value)
+    if isinstance(value, (list, tuple)) and len(value) == 2:
+        with suppress(ArithmeticError):  # of what is no number
+            least, most = (Decimal(str(number)) for number in value)
+            if least <= most:
+                return least, most
     raise ValueError("the least and the most points are expected, such as [1, 5]")
 
 
@@ -136,16 +140,30 @@ def load_fixture(folder: Path, rubric: Rubric | None = None) -> Fixture:
     """
     path, what = folder / EXPECTED_FILE, f"what {folder.name} expects"
     plain, mistakes = parse_yaml(path, read_text(path, what, "Each fixture has one."), what)
+    layers: list[Path] = []
     try:
         expectation = Expectation.model_validate(plain)
-        for loc, words in expectation.unfit(rubric) if rubric is not None else ():
+        base, own = expectation.with_files_of, folder / "submission"
+        layers += [folder.resolve().parent.parent / base] if base is not None else []
+        layers += [own] if own.is_dir() else []
+        unfit = expectation.unfit(rubric) if rubric is not None else []
+        for loc, words in (*unfit, *_absent(expectation, layers)):
             mistakes.add(loc, words)
     except ValidationError as error:
         mistakes.add_validation((), error)
     mistakes.raise_any("docs/fixtures.md describes its format.")
-    base, own = expectation.with_files_of, folder / "submission"
-    layers = [folder.resolve().parent.parent / base] if base is not None else []
-    return Fixture(folder.name, (*layers, *([own] if own.is_dir() else [])), expectation)
+    return Fixture(folder.name, tuple(layers), expectation)
+
+
+def _absent(expectation: Expectation, layers: Sequence[Path]) -> Iterator[tuple[Loc, str]]:
+    """Say which of the files are not there that a fixture is laid out from."""
+    if not layers:
+        yield (), "it has no files: neither a folder 'submission' nor with_files_of"
+    elif not layers[0].is_dir():
+        yield ("with_files_of",), f"there is no folder {expectation.with_files_of!r}"
+    else:
+        gone = [(n, name) for n, name in enumerate(expectation.without) if not (layers[0] / name).is_file()]
+        yield from ((("without", n), f"there is no file {name!r} in {layers[0].name}") for n, name in gone)
 
 
 def fixtures_in(folder: Path) -> list[Fixture]:

@@ -24,7 +24,7 @@ from grader.evidence.recorded import Recorded
 from grader.judging.judge import Recordings, judge, open_recordings
 from grader.judging.judgement import JUDGING_BOUND, judge_recordings
 from grader.lab.kept_lab import functions_of
-from grader.lab.lab_code import OwnParameters, is_own
+from grader.lab.lab_code import OwnParameters
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
 from grader.lab.yaml_with_lines import Loc, parse_yaml
@@ -96,16 +96,16 @@ def _code_mistakes(rubric: Rubric) -> list[tuple[Loc, str]]:
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         # The lab's own interfaces are built where its nodes run, and not here.
         ours = {package.name for package in rubric.interface_packages}
-        found = [(words, loc) for loc, work, named in _works(rubric) if (words := _failure(work, named, ours))]
+        found = [(words, loc) for loc, work, named in _works(rubric) if (words := _failure(loc, work, named, ours))]
     # What is wrong with a file is said where it is named first.
     return [(loc, words) for words, loc in dict(reversed(found)).items()]
 
 
-def _failure(work: Callable[[], object], named: str, built_later: Collection[str]) -> str:
+def _failure(loc: Loc, work: Callable[[], object], named: str, built_later: Collection[str]) -> str:
     try:
         work()
-    except SystemExit:
-        return ""
+    except SystemExit as end:  # A program may end; a file of checks would end the judging.
+        return describe_failure(end, named) if loc[0] == "criteria" else ""
     except Exception as problem:
         module = (getattr(problem, "name", None) or "") if isinstance(problem, ModuleNotFoundError) else ""
         return "" if module.partition(".")[0] in built_later else describe_failure(problem, named)
@@ -135,11 +135,14 @@ def _settle(folder: Path, settings: str, values: dict[str, Any]) -> None:
 
 
 def _call(folder: Path, function: str, part: Any) -> None:
-    """Load a function and see whether it can be called as it will be; an oracle is, with streams, parameters, seed."""
-    if isinstance(part.parameters, OwnParameters) and is_own(function):
-        built(load_own(folder, function), part.parameters)
-    else:
+    """Load a function and see whether it can be called as it will be; an oracle is, with streams, parameters, seed.
+
+    What else a check of the lab's own names is for itself to call.
+    """
+    if not isinstance(part.parameters, OwnParameters):
         inspect.signature(load_oracle(folder, function)).bind({}, {}, 0)
+    elif function == part.check:
+        built(load_own(folder, function), part.parameters)
 
 
 # -- the solution's recording ----------------------------------------------------------------------
@@ -170,7 +173,12 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
     for check in free:
         words = f"{check.id} earns {points(check.earned)} points also where nothing happens"
         yield Remark("!", f"{words}: let it require a check that fails then, or ask for more.")
-    if not lost and not free:
+    broken = [check for check in idle if check.outcome is Outcome.ERROR]
+    for check in broken:
+        yield Remark(
+            "!", f"{check.id} fails with an error where nothing happens, so that it costs nobody: {check.reason}"
+        )
+    if not (lost or free or broken):
         yield Remark("✓", "On the solution's recording every check passes, and where nothing happens none does.")
 
 

@@ -21,6 +21,7 @@ from grader.evidence.cpu_delay import Backlog, Delay, Span, backlog
 from grader.evidence.crash.tracebacks import without_colours
 from grader.evidence.fields import numbers_of, time_ns
 from grader.recording.bag import Bag, Stream
+from grader.recording.definitions import field_steps
 from grader.recording.session import (
     PARTICIPANT_DIGITS,
     UNKNOWN_NODE,
@@ -53,6 +54,7 @@ _OWN_DOING = 0.5
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -166,11 +168,10 @@ class Recorded:
         Where the type is not the one that the field belongs to, the first field that holds an array of
         numbers stands in, since a wrong type is charged elsewhere.
         """
-        stream = self.stream(name)
-        rows = [numbers_of(value) for value in stream.field(field)]
-        if rows and all(row is None for row in rows):
-            rows = [_first_numbers(message) for message in stream.messages]
-        return tuple(rows)
+        stream, own = self.stream(name), field_steps(field)[0]
+        if any(hasattr(message, str(own)) for message in stream.messages):
+            return tuple(numbers_of(value) for value in stream.field(field))
+        return tuple(_first_numbers(message) for message in stream.messages)
 
     @functools.cache  # noqa: B019
     def numeric(self, name: str, field: str, *, finite: bool = True) -> NumericStream | None:
@@ -185,7 +186,7 @@ class Recorded:
     @functools.cache  # noqa: B019
     def stamps_ns(self, name: str, field: str = "header.stamp") -> tuple[int | None, ...]:
         """Return the time stamp in a field of each message, in ns; None where a message has none."""
-        return tuple(time_ns(value) if hasattr(value, "nanosec") else None for value in self.stream(name).field(field))
+        return tuple(time_ns(value) for value in self.stream(name).field(field))
 
     def streams(self, roles: Mapping[str, str], field: str) -> dict[str, NumericStream]:
         """Return the numeric streams for an oracle, by role; roles without numbers are left out."""

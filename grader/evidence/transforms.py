@@ -10,6 +10,7 @@ tf2's `BufferCore` interpolates positions linearly and quaternions along the gre
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -76,16 +77,26 @@ def broadcasts(stream: Stream, *, static: bool) -> tuple[Broadcast, ...]:
     rows: dict[tuple[str, str], list[tuple[int, int, Floats]]] = {}
     slashed: set[tuple[str, str]] = set()
     for source_ns, each in _sent(stream):
-        try:
-            names = (each.header.frame_id[:_LONGEST_NAME], each.child_frame_id[:_LONGEST_NAME])
-            stamp_ns, pose = time_ns(each.header.stamp), numbers_of(each.transform)
-        except (AttributeError, TypeError):  # The student's workspace may define the type anew.
+        if (read := _read(each)) is None:
             continue
+        names, stamp_ns, pose = read
         edge = (names[0].removeprefix("/"), names[1].removeprefix("/"))
-        if pose is not None and len(pose) == 7 and (edge in rows or len(rows) < _MOST_EDGES):
+        if edge in rows or len(rows) < _MOST_EDGES:
             rows.setdefault(edge, []).append((stamp_ns, source_ns, pose))
             slashed |= {edge} if edge != names else set()
     return tuple(_broadcast(edge, static, edge in slashed, listed) for edge, listed in rows.items())
+
+
+def _read(transform: Any) -> tuple[tuple[str, str], int, Floats] | None:
+    """Return the names in a transform, its stamp in ns and its pose; None for what is none.
+
+    The student's workspace may define the type anew, with whatever fields.
+    """
+    with suppress(Exception):
+        names = (str(transform.header.frame_id)[:_LONGEST_NAME], str(transform.child_frame_id)[:_LONGEST_NAME])
+        stamp_ns, pose = int(np.int64(time_ns(transform.header.stamp))), numbers_of(transform.transform)
+        return (names, stamp_ns, pose) if pose is not None and len(pose) == 7 else None
+    return None
 
 
 def _sent(stream: Stream) -> Iterator[tuple[int, Any]]:
@@ -93,7 +104,7 @@ def _sent(stream: Stream) -> Iterator[tuple[int, Any]]:
     listed = stream.field("transforms") if stream.topic_type == TF_MESSAGE else []
     left = _MOST_TRANSFORMS
     for source_ns, transforms in zip(stream.source_ns.tolist(), listed, strict=False):
-        for each in (transforms or [])[:left]:
+        for each in transforms[:left] if isinstance(transforms, list) else ():
             yield source_ns, each
             left -= 1
 

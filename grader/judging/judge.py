@@ -201,7 +201,7 @@ def _found(spec: CheckSpec, context: Context) -> Finding:
         # Students may publish the largest numbers that there are.
         with patterns_bounded() as budget, np.errstate(over="ignore", invalid="ignore"):
             finding = check_named(spec.check).judge(context, spec.parameters)
-    except Exception as problem:
+    except (Exception, SystemExit) as problem:  # A lab's file may end the program that loads it.
         return Finding(
             Outcome.ERROR, Decimal(0), reason=f"The check failed with an error: {type(problem).__name__}: {problem}"
         )

@@ -25,7 +25,7 @@ LAB_TYPES = (
     *("Artifact", "Process", "ReferenceNode", "SessionId", "EarlierCheckId"),
     *("AnyStep", "CallLabel", "ExitLabel", "GetLabel", "PlanLabel", "SetLabel", "Window"),
     *("GivenName", "RosName", "Topic", "MessageType", "ServiceType", "FieldPath", "StampField", "TextField"),
-    *("FileBeside", "Pattern", "Patterns", "Share"),
+    *("Pattern", "Patterns", "Share"),
 )
 _KNOWN: dict[str, Any] = {
     **{"float": float, "int": int, "bool": bool, "str": str, "Literal": Literal},

@@ -408,11 +408,21 @@ def _field(kind: str, fits: Callable[[str], bool], example: str) -> Reference:
     def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
         several = info.data.get("streams") or info.data.get("topics") or {"": info.data.get("topic")}
         for topic in several.values():
-            found = [_type_at(name, value) for name in sorted(scope.types.get(topic, ()))]
-            if found and not any(spelled is None or fits(spelled) for spelled in found):
-                raise ValueError(f"{value!r} of {topic} is a {found[0]}; it must hold {kind}")
+            _look_up_field(scope, topic, value, kind, fits)
 
     return Reference(f"Path of a field that holds {kind}, such as pose.position.x or data[0].", look_up, example)
+
+
+def _look_up_field(scope: Scope, topic: str, path: str, kind: str, fits: Callable[[str], bool]) -> None:
+    found = [_type_at(name, path) for name in sorted(scope.types.get(topic, ()))]
+    if found and not any(spelled is None or fits(spelled) for spelled in found):
+        raise ValueError(f"{path!r} of {topic} is a {found[0]}; it must hold {kind}")
+
+
+def stamped(info: ValidationInfo, topics: Iterable[str], path: str = "header.stamp") -> None:
+    """Look for a time stamp in the messages of topics that are matched by it; raises ValueError if one has none."""
+    for topic in topics if isinstance(info.context, Scope) else ():
+        _look_up_field(info.context, topic, path, *_STAMP)
 
 
 def _by_pattern(scope: Scope, value: str, info: ValidationInfo) -> None:
@@ -424,9 +434,8 @@ _NUMBERS = _field("numbers (one, an array, or a message of numbers)", _holds_num
 _TEXT_FIELD = _field("a text", lambda spelled: spelled in ("string", "wstring"), "data")
 FieldPath = Annotated[str, _NUMBERS]
 TextField = Annotated[str, _TEXT_FIELD]
-StampField = Annotated[
-    str, _field("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time", "header.stamp")
-]
+_STAMP = ("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time")
+StampField = Annotated[str, _field(*_STAMP, "header.stamp")]
 #: A text where the key `pattern` stands before it, which finds the numbers in it; else numbers.
 NumbersField = Annotated[
     str,

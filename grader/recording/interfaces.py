@@ -12,11 +12,11 @@ from typing import Any
 #: Folder of definitions -> names that their parts add to theirs.
 PARTS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
 #: Of one package, far more than people write.
-_MOST_FILES, _MOST_CHARACTERS = 200, 200_000
+_MOST_FILES, _MOST_CHARACTERS, _LONGEST_NAME = 200, 200_000, 100
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 _FILE = re.compile(r"(msg|srv|action)/[A-Z][A-Za-z0-9]*\.\1")
 #: The package of a field's type, which stands first in its line.
-_TYPE = re.compile(r"^[ \t]*([a-z][a-z0-9_]*)/[A-Z]", re.MULTILINE)
+_TYPE = re.compile(r"[ \t]*([a-z][a-z0-9_]*)/[A-Z]")
 _SEPARATOR = re.compile(r"^---[ \t]*$", re.MULTILINE)
 
 
@@ -30,8 +30,8 @@ class InterfacePackage:
     @property
     def problem(self) -> str:
         """Why it is not built: its names are none that ROS takes, or it is too large; empty if there is no reason."""
-        if not _NAME.fullmatch(self.name):
-            return f"{self.name!r} is no name for a package of interfaces"
+        if not _NAME.fullmatch(self.name) or len(self.name) > _LONGEST_NAME:
+            return f"{self.name[:_LONGEST_NAME]!r} is no name for a package of interfaces"
         wrong = next((name for name in self.files if not _FILE.fullmatch(name)), None)
         if wrong is not None:
             return f"{wrong} is no name for an interface; it has to be such as msg/Num.msg"
@@ -39,10 +39,12 @@ class InterfacePackage:
             return f"it has more than {_MOST_FILES} interfaces, or more than {_MOST_CHARACTERS} characters of them"
         return ""
 
-    @property
-    def used(self) -> set[str]:
+    @cached_property
+    def used(self) -> frozenset[str]:
         """Names of the other packages whose messages it has in its own."""
-        return {name for text in self.files.values() for name in _TYPE.findall(text)} - {self.name}
+        # A form feed and the like end a line too: rosidl splits texts so.
+        lines = (line for text in self.files.values() for line in text.splitlines())
+        return frozenset(found[1] for line in lines if (found := _TYPE.match(line))) - {self.name}
 
     @cached_property
     def types(self) -> frozenset[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -12,9 +13,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from grader.checks.action import ActionServer
+from grader.checks.base import failed
 from grader.evidence.flakiness import inconclusive_reason
 from grader.recording.session import GraphSnapshot, OutputLine, ServiceEndpoint
-from grader.result import Finding, Outcome
+from grader.result import Finding, Location, Outcome
 from tests.synthetic import Session, at, judged
 
 NAME, KIND = "/fibonacci", "test_msgs/action/Fibonacci"
@@ -141,7 +143,7 @@ def test_who_accepts_or_rejects_everything_is_told_so(tmp_path: Path) -> None:
 
 def test_a_silent_server_is_charged_once(tmp_path: Path) -> None:
     """The first part says that no answer came, the others that they were not tested; so do later goals and checks."""
-    session = sent(sent(offering(tmp_path), "it", SILENT, outcome="timeout"), "later", GOOD)
+    session = sent(sent(offering(tmp_path), "it", SILENT, outcome="timeout"), "later", SILENT, outcome="timeout")
     wanted = {
         **ABOUT,
         "accepted": {"step": "it"},
@@ -160,6 +162,32 @@ def test_a_silent_server_is_charged_once(tmp_path: Path) -> None:
     assert judged("action_server", alone, recorded).outcome is Outcome.FAILED
     after = judged("action_server", alone, recorded, findings={"first": found})
     assert after.outcome is Outcome.NOT_REACHED
+
+
+def test_what_lost_points_in_another_session_keeps_nothing_from_being_looked_at_again(tmp_path: Path) -> None:
+    """Only a check of the same session was asked whether its loss may be chance."""
+    session = sent(offering(tmp_path), "it", outcome="timeout", problem="the action server is not up").recorded()
+    elsewhere = failed("", "", "no README", where=[Location(session="other")])
+    found = judged("action_server", {**ABOUT, "accepted": {"step": "it"}}, session, findings={"first": elsewhere})
+    assert found.outcome is Outcome.FAILED
+
+
+def test_a_goal_that_is_answered_is_judged_whatever_became_of_earlier_ones(tmp_path: Path) -> None:
+    """One that got no answer costs where it is asked about, and nothing besides."""
+    session = sent(sent(offering(tmp_path), "first", SILENT, outcome="timeout"), "it", GOOD)
+    assert judged("action_server", {**ABOUT, "accepted": {"step": "it"}}, session).outcome is Outcome.PASSED
+
+
+def test_goals_to_another_action_prove_nothing(tmp_path: Path) -> None:
+    """That one answers is not this one's doing; that it does not is not its fault."""
+    other = sent(sent(offering(tmp_path), "other", GOOD), "silent", SILENT)
+    for step in other.record.steps:
+        step.parameters["action"] = "/other"
+    recorded = sent(sent(other, "no", REJECTED), "later", SILENT).recorded()
+    assert "proves nothing" in judged("action_server", {**ABOUT, "rejected": {"step": "no"}}, recorded).reason
+    assert "Every goal" in judged("action_server", {**ABOUT, "accepted": {"step": "no"}}, recorded).reason
+    later = judged("action_server", {**ABOUT, "accepted": {"step": "later"}}, recorded)
+    assert "neither accepted nor rejected" in later.reason
 
 
 def test_a_rejected_goal_keeps_the_rest_from_being_tested(tmp_path: Path) -> None:
@@ -197,7 +225,9 @@ def test_feedback_is_judged_by_number_rate_and_order(
 
 
 def test_a_number_that_falls_once_does_not_rise(tmp_path: Path) -> None:
-    """One message that goes back is enough."""
+    """One message that goes back is enough, and what is not a number does not rise."""
+    unknown = [{"t_ns": at(1.0 + n), "values": {"share": math.nan}} for n in range(4)]
+    assert finding(tmp_path / "1", "feedback", {"rising": "share"}, {**GOOD, "feedback": unknown}).credit < 1
     feedback = [{"t_ns": at(1.0 + n), "values": {"share": share}} for n, share in enumerate((0.1, 0.5, 0.4, 1.0))]
     found = finding(
         tmp_path, "feedback", {"rising": "share", "other_order_credit": "20%"}, {**GOOD, "feedback": feedback}
@@ -312,6 +342,7 @@ NEWER = {**GOOD, "sent_ns": at(1.5), "answered_ns": at(1.51), "ended_ns": at(2.0
         ({"ended_ns": at(1.505), "status": "aborted"}, {}, "1", ""),
         ({"ended_ns": at(2.6), "status": "aborted"}, {}, "0.5", "1.10 s after a newer one was sent"),
         ({"ended_ns": at(1.6), "status": "aborted"}, {"ended_ns": None, "status": "executing"}, "0.5", "did not end"),
+        ({"ended_ns": at(1.6), "status": "aborted"}, {"status": "aborted"}, "0.5", "The newer goal ended as ABORTED."),
         ({"ended_ns": at(4.0)}, {}, "0", "ended as SUCCEEDED, not as ABORTED or CANCELED"),
         ({"ended_ns": at(4.0)}, {"accepted": False}, "0", "A newer goal is rejected while one is under way."),
         ({"ended_ns": at(4.0)}, {"accepted": None}, "0", "A newer goal was not answered."),
@@ -321,10 +352,16 @@ NEWER = {**GOOD, "sent_ns": at(1.5), "answered_ns": at(1.51), "ended_ns": at(2.0
 def test_preempting_is_judged_by_both_goals(
     tmp_path: Path, first: dict[str, Any], newer: dict[str, Any], credit: str, words: str
 ) -> None:
-    """The first has to leave soon, and the newer one to be carried out; its status is judged elsewhere."""
+    """The first has to leave soon, and the newer one to be carried out."""
     found = finding(tmp_path, "preempted", {}, {**GOOD, **first}, {**NEWER, **newer})
     assert found.credit == Decimal(credit)
     assert words in found.reason
+
+
+def test_who_never_succeeds_is_not_charged_for_the_newer_goal(tmp_path: Path) -> None:
+    """That costs where the status of a goal is asked for."""
+    session = sent(offering(tmp_path), "it", {**GOOD, "status": "aborted"}, {**NEWER, "status": "aborted"})
+    assert judged("action_server", {**ABOUT, "preempted": {"step": "it"}}, session).outcome is Outcome.PASSED
 
 
 def test_a_goal_that_ended_before_the_newer_one_could_be_sent_is_told_so(tmp_path: Path) -> None:
@@ -352,6 +389,15 @@ def test_what_the_machine_may_have_delayed_is_undecided(
         found = judged("action_server", {**ABOUT, part: {"step": "it", **wanted}}, session)
         assert found.outcome is outcome
         assert ("Not your fault" in found.reason) == bool(delays)
+
+
+@pytest.mark.parametrize("part", ["cancelled", "preempted"])
+def test_a_goal_that_the_grader_asked_to_end_too_late_is_undecided(tmp_path: Path, part: str) -> None:
+    """It was under way when that was due, and the machine delayed who was to ask; without a delay it costs."""
+    for delays, outcome in (((), Outcome.FAILED), (((1.05, 0.45),), Outcome.INCONCLUSIVE)):
+        session = sent(offering(tmp_path / outcome.value), "it", GOOD).disturbed("it", *delays)
+        session.record.steps[-1].parameters |= {"cancel_after_s": 0.2, "newer_after_s": 0.2}
+        assert judged("action_server", {**ABOUT, part: {"step": "it"}}, session).outcome is outcome
 
 
 @pytest.mark.parametrize(("kind", "sent_goals"), [("wait_for", {}), ("send_goal", {"goals": []})])

@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
+from grader.checks.answers import CallValue
 from grader.checks.base import failed
 from grader.result import Outcome
 from tests.synthetic import Session, at, judged
@@ -48,16 +50,31 @@ def calls(folder: Path, **answers: Mapping[str, Any] | None) -> Session:
         (answer(1.5), answer(4.0, "close"), "0.5", "pose.position.x is 4.0, not 40.0 and message is 'close'."),
         (answer(0.0, "no", ()), answer(0.0, "no", ()), "0", "All 2 calls get the same answer, whatever they ask for."),
         (answer(1.5), None, "0.5", "far: No answer came within 0.1 s."),
+        (None, answer(40.0), "0.5", "near: No answer came within 0.1 s."),
         ({"other": "type"}, answer(40.0), "0.5", "pose.position.x is None"),
     ],
 )
 def test_each_answer_is_judged_by_its_fields(
-    tmp_path: Path, near: dict[str, Any], far: dict[str, Any] | None, credit: str, words: str
+    tmp_path: Path, near: dict[str, Any] | None, far: dict[str, Any] | None, credit: str, words: str
 ) -> None:
     """Each call is a part, and each field a part of that."""
     finding = judged("call_value", VALUE, calls(tmp_path, near=near, far=far))
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
+
+
+def test_a_field_that_is_not_there_is_like_no_pattern(tmp_path: Path) -> None:
+    """Neither is its absence a text, which any pattern could be like."""
+    each = [{"step": "near", "patterns": {"note": "N"}}]
+    finding = judged("call_value", {**VALUE, "each": each}, calls(tmp_path, near=answer(1.5)))
+    assert finding.outcome is Outcome.FAILED
+    assert "note is None" in finding.reason
+
+
+def test_something_is_asked_of_each_answer() -> None:
+    """What is asked nothing could never be right."""
+    with pytest.raises(ValidationError, match="each needs values or patterns"):
+        CallValue.model_validate({**VALUE, "each": [*EACH, {"step": "other"}]})
 
 
 def test_silence_costs_once(tmp_path: Path) -> None:

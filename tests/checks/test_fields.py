@@ -190,3 +190,20 @@ def test_texts_of_another_type_do_not_match(tmp_path: Path) -> None:
     session = Session(tmp_path).typed("/state", TWIST, [{}], [1.0])
     assert judged("field_matches", CALLED, session).outcome is Outcome.FAILED
     assert TEXT != TWIST
+
+
+@pytest.mark.parametrize("limit", [0.1, 0.7])
+def test_a_limit_as_a_float32_is_that_limit(tmp_path: Path, limit: float) -> None:
+    """Who holds a speed to 0.1 publishes 0.10000000149."""
+    session = Session(tmp_path).typed("/v", "std_msgs/msg/Float32", [{"data": limit}], [1.0])
+    assert judged("field_range", {"topic": "/v", "field": "data", "low": limit, "high": limit}, session).credit == 1
+
+
+@pytest.mark.parametrize(("per_s", "credit"), [(1.0, "1"), (1.03, "0")])
+def test_who_changes_as_fast_as_allowed_is_not_too_fast(tmp_path: Path, per_s: float, credit: str) -> None:
+    """A timer is a tenth of a millisecond off, so that half of the steps seem a little too fast."""
+    times = [1.0 + n / 100 + 0.0001 * (n % 3 == 0) for n in range(60)]
+    rows = [{"data": per_s * n / 100} for n in range(60)]
+    session = Session(tmp_path).process().typed("/v", "std_msgs/msg/Float64", rows, times)
+    parameters = {"topic": "/v", "field": "data", "change_per_s": 1.0, "none_below": 0.9}
+    assert judged("field_range", parameters, session).credit == Decimal(credit)

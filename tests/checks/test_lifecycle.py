@@ -25,11 +25,18 @@ ASKED = {"configure": 2.0, "activate": 4.0, "deactivate": 8.0, "cleanup": 10.0}
 
 
 def asked(
-    session: Session, label: str, before: str, after: str, *, success: bool = True, outcome: str = "done"
+    session: Session,
+    label: str,
+    before: str,
+    after: str,
+    *,
+    success: bool = True,
+    outcome: str = "done",
+    node: str = "/talker",
 ) -> Session:
     """Add a step that asked for a transition."""
     called_s = ASKED[label]
-    result = {"node": "/talker", "before": before, "after": after, "success": success}
+    result = {"node": node, "before": before, "after": after, "success": success}
     times = {"called_ns": at(called_s), "answered_ns": at(called_s + 0.1)}
     session.step("change_state", label, outcome, **({**result, **times} if outcome == "done" else {"problem": "x"}))
     step = session.record.steps[-1]
@@ -88,6 +95,25 @@ def test_silence_that_the_machine_caused_is_undecided(tmp_path: Path) -> None:
     assert judged("lifecycle", PUBLISHED, late).outcome is Outcome.INCONCLUSIVE
 
 
+def test_each_time_in_a_state_is_judged_by_its_own_delays(tmp_path: Path) -> None:
+    """A short one that the machine delayed is undecided, however calm a long one was."""
+    session = whole(tmp_path, *ACTIVE)
+    asked(session, "activate", "unconfigured", "active")
+    again = session.record.steps[-1]
+    again.label, again.result["called_ns"], again.result["answered_ns"] = "again", at(12.0), at(12.1)
+    session.record.ended_ns = at(13.0)
+    assert judged("lifecycle", PUBLISHED, session.disturbed("it", (12.1, 0.8))).outcome is Outcome.INCONCLUSIVE
+
+
+def test_another_lifecycle_node_does_not_count(tmp_path: Path) -> None:
+    """Its states are not those of the node that is judged."""
+    session = asked(whole(tmp_path, *ACTIVE), "configure", "unconfigured", "inactive", node="/other")
+    other = session.record.steps.pop()
+    other.label, other.result["called_ns"], other.result["answered_ns"] = "other", at(6.0), at(6.1)
+    session.record.steps.insert(2, other)
+    assert judged("lifecycle", PUBLISHED, session).outcome is Outcome.PASSED
+
+
 def test_a_callback_that_raises_is_named(tmp_path: Path) -> None:
     """The event of error processing says so, and what follows is not charged again."""
     session = Session(tmp_path).process("it")
@@ -133,6 +159,20 @@ def test_a_node_that_is_none_is_charged_once(tmp_path: Path) -> None:
     later = judged("lifecycle", {**LIFECYCLE, "transitions": WANTED[1:2]}, recorded)
     assert later.outcome is Outcome.NOT_REACHED
     assert '"configure" got no answer' in later.reason
+
+
+def test_one_transition_without_an_answer_costs_that_one(tmp_path: Path) -> None:
+    """Where the node answers others, these count; and where it crashed, that is said."""
+    session = asked(Session(tmp_path / "slow").process("it"), "configure", "", "", outcome="timeout")
+    asked(session, "activate", "inactive", "active")
+    finding = judged("lifecycle", {**LIFECYCLE, "transitions": WANTED[:2]}, session)
+    assert (finding.credit, finding.reason) == (Decimal("0.5"), "The node did not answer 'configure'.")
+    error = ["ZeroDivisionError: division by zero"]
+    session = Session(tmp_path / "ended").process("it", error, interrupted_ns=None, ended_by="itself", exit_status=1)
+    asked(session, "configure", "unconfigured", "inactive")
+    asked(session, "activate", "", "", outcome="cancelled")
+    finding = judged("lifecycle", {**LIFECYCLE, "transitions": WANTED[:2]}, session)
+    assert (finding.credit, "already ended" in finding.reason) == (Decimal("0.5"), True)
 
 
 def test_a_state_that_was_never_reached_is_charged_with_its_transition(tmp_path: Path) -> None:

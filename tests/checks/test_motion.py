@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.checks.motion import rotated, turned
+from grader.checks.motion import greatest, rotated, turned
 from grader.result import Finding, Outcome
 from tests.synthetic import Session, judged
 
@@ -161,3 +162,21 @@ def test_a_rotation_is_the_angle_between_two_orientations(yaw: float) -> None:
     straight = np.array([[0.0, 0.0, 0.0, 1.0]])
     for sign in (1.0, -2.0):
         assert rotated(sign * quaternion, straight)[0] == pytest.approx(abs(yaw), abs=1e-6)
+
+
+@given(st.lists(st.tuples(st.floats(-9, 9), st.integers(1, 20)), min_size=1, max_size=40))
+def test_the_greatest_of_each_part_is_found(parts: list[tuple[float, int]]) -> None:
+    """As if each were looked through."""
+    values = np.array([value for value, _ in parts])
+    ends = np.array([min(n + length, len(parts)) for n, (_, length) in enumerate(parts)])
+    assert greatest(values, ends).tolist() == [values[n:end].max() for n, end in enumerate(ends)]
+
+
+def test_a_flood_is_judged_in_no_more_time_than_its_length(tmp_path: Path) -> None:
+    """To stay for half of the time costs as much as to stay for a hundredth of it."""
+    values, took_s = np.zeros(300_000), []
+    for length in (3_000, 150_000):
+        began_s = time.process_time()
+        greatest(values, np.minimum(np.arange(len(values)) + length, len(values)))
+        took_s.append(time.process_time() - began_s)
+    assert took_s[1] < 10 * took_s[0]

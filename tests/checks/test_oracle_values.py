@@ -198,3 +198,57 @@ def test_between_sparse_times_of_an_oracle_lies_a_line_or_nothing(tmp_path: Path
     for match, measured in (("interpolated", "2 of 2 messages right"), ("nearest", "1 of 1 messages right")):
         finding = judged("topic_equals_oracle", {**BY_TIME, "match": match, "tolerance": 0.02}, session.recorded())
         assert finding.measured == measured
+
+
+def test_in_order_a_second_publisher_is_superfluous(tmp_path: Path) -> None:
+    """Wrong numbers beside the right ones do not make up for themselves."""
+    times = [1.001 + n / 20 for n in range(COUNT)]
+    session = plain(tmp_path, [2.0 * n for n in range(COUNT)], times)
+    session.typed("/out", FLOAT, [{"data": -5.0}] * COUNT, [t + 0.001 for t in times])
+    finding = judged("topic_equals_oracle", IN_ORDER, session)
+    assert (finding.measured, finding.credit) == ("100 of 200 messages right, 100 superfluous", Decimal("0.5"))
+
+
+def test_in_order_a_window_may_begin_in_the_middle(tmp_path: Path) -> None:
+    """The order is that of all messages, of which some count."""
+    session = plain(tmp_path, [2.0 * n for n in range(COUNT)], [1.001 + n / 20 for n in range(COUNT)]).window(4.0, 5.5)
+    finding = judged("topic_equals_oracle", {**IN_ORDER, "window": "window"}, session)
+    assert finding.outcome is Outcome.PASSED
+    assert finding.measured == "30 of 30 messages right"
+
+
+@pytest.mark.parametrize(("missed", "outcome"), [(100, Outcome.PASSED), (350, Outcome.FAILED)])
+def test_in_order_it_may_begin_a_second_late_at_any_rate(tmp_path: Path, missed: int, outcome: Outcome) -> None:
+    """At 100 Hz that is a hundred messages."""
+    times = [1.0 + n / 100 for n in range(500)]
+    session = Session(tmp_path).process(interrupted_ns=at(6.2))
+    session.typed("/in", FLOAT, [{"data": float(n)} for n in range(500)], times)
+    answers = [{"data": 2.0 * n} for n in range(missed, 500)]
+    session.typed("/out", FLOAT, answers, [t + 0.001 for t in times[missed:]])
+    assert judged("topic_equals_oracle", {**IN_ORDER, "none_below": 0.5}, session).outcome is outcome
+
+
+@pytest.mark.parametrize(("ended_by", "credit"), [("itself", "0.1"), ("interrupt", "1")])
+def test_who_ends_by_itself_leaves_the_rest_unanswered(tmp_path: Path, ended_by: str, credit: str) -> None:
+    """Only the grader's own end is an excuse."""
+    session = answered(tmp_path, lambda n: 2.0 * n if n < 12 else None)
+    (run,) = session.record.processes
+    run.exited_ns, run.ended_by = at(1.61), ended_by
+    run.interrupted_ns = at(1.6) if ended_by == "interrupt" else None
+    assert judged("topic_equals_oracle", BY_STAMP, session).credit == Decimal(credit)
+
+
+def scanned(folder: Path, second: float) -> Finding:
+    """Judge a node that doubles a laser's ranges, of which the second is infinite."""
+    scan, times = "sensor_msgs/msg/LaserScan", [1.0 + n / 20 for n in range(20)]
+    session = Session(folder).process(interrupted_ns=at(2.1))
+    session.typed("/in", scan, [{"ranges": [1.0, math.inf, float(n)]} for n in range(20)], times)
+    session.typed("/out", scan, [{"ranges": [2.0, second, 2.0 * n]} for n in range(20)], [t + 0.001 for t in times])
+    streams = {"input": {"topic": "/in", "field": "ranges", "finite": False}}
+    return judged("topic_equals_oracle", {**IN_ORDER, "field": "ranges", "streams": streams, "relative": 0.1}, session)
+
+
+@pytest.mark.parametrize(("second", "credit"), [(math.inf, "1"), (9.0, "0"), (-math.inf, "0"), (math.nan, "0")])
+def test_infinite_ranges_are_compared_too(tmp_path: Path, second: float, credit: str) -> None:
+    """Infinite is right where the oracle says so, and nothing else is."""
+    assert scanned(tmp_path, second).credit == Decimal(credit)

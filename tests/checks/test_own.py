@@ -10,14 +10,17 @@ from typing import Any
 
 import pytest
 
+from grader import own_checks
 from grader.checks import own
 from grader.cli import main
 from grader.errors import RubricError
 from grader.judging.judge import Recordings, judge
 from grader.judging.rubrics import read_rubric, recorded_rubric, rubric_files
+from grader.lab import references
 from grader.lab.kept_lab import KEPT, named_files
+from grader.lab.lab_code import LAB_TYPES
 from grader.recording.submission import write_submission
-from grader.result import CheckResult, Outcome
+from grader.result import CheckResult, Outcome, to_json
 from grader.result_folder import RECORDINGS
 from tests.synthetic import FLOATS, Session, evenly, submission
 
@@ -146,6 +149,10 @@ WRONG = [
     ("return passed('a', 'b', where=['here'])", "TypeError: a Finding is expected"),
     ("return helper()", "checks/mine.py, line 28: ZeroDivisionError: division by zero"),
     ("import nowhere", "checks/mine.py, line 25: ModuleNotFoundError: No module named 'nowhere'"),
+    ("raise SystemExit(1)", "checks/mine.py, line 25: SystemExit: 1"),
+    ("return Finding(passed('', '').outcome, passed('', '').credit * 5)", "its credit does not fit its outcome"),
+    ("return Finding(passed('', '').outcome, failed('', '', '').credit)", "its credit does not fit its outcome"),
+    ("return Finding(graded(0.5, '', '', '').outcome, 0.5)", "its credit does not fit its outcome"),
 ]
 
 
@@ -161,16 +168,19 @@ def test_what_goes_wrong_in_it_costs_nothing(tmp_path: Path, statement: str, wor
     assert (float(found.undecided), found.retry) == (3.0, False)
 
 
-def test_without_an_end_it_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Also where it catches every exception."""
+@pytest.mark.parametrize("caught", ["except Exception", "except"])
+def test_without_an_end_it_is_ended(caught: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where it catches every exception, or all that there is once."""
     monkeypatch.setattr(own, "_MOST_CPU_S", 0.1)
-    body = """\
+    body = f"""\
 def rises(context: Context, p: Parameters) -> Finding:
-    while True:
-        try:
+    try:
+        while True:
             sum(range(1000))
-        except Exception:
-            pass
+    {caught}:
+        pass
+    while True:
+        sum(range(1000))
 """
     found = judged(lab(tmp_path, body), session(tmp_path))
     assert found.outcome is Outcome.ERROR
@@ -259,6 +269,13 @@ def test_values_that_only_its_class_refuses_are_an_error(tmp_path: Path) -> None
     assert (found.outcome, "odd" in found.reason) == (Outcome.ERROR, True)
 
 
+def test_types_of_its_parameters_are_given_under_their_names() -> None:
+    """But for that of a file beside the rubric: which is not kept with recordings, so that they could not be judged."""
+    named = {name for name in vars(references) if hasattr(own_checks, name) and not name.startswith("_")}
+    assert named == set(LAB_TYPES)
+    assert "FileBeside" not in LAB_TYPES
+
+
 def result(results: Path) -> Any:
     """Read a result."""
     return json.loads((results / "result.json").read_text(encoding="utf-8"))
@@ -288,3 +305,19 @@ def test_what_it_says_is_of_a_length_that_can_be_shown(tmp_path: Path) -> None:
     text = RUBRIC.replace("        with: {topic: /commands, window: window, least: 5}\n", "")
     found = judged(lab(tmp_path, body, text), session(tmp_path))
     assert max(map(len, (found.expected, found.measured, found.reason))) == 1000
+
+
+def test_numbers_of_numpy_can_be_written(tmp_path: Path) -> None:
+    """Where a location is made by hand, of the numbers that messages give."""
+    body = """\
+import numpy as np
+from grader.own_checks import Location
+
+def rises(context: Context) -> Finding:
+    return passed("", "", where=[Location(file="it.py", line=np.int64(2)), Location(start_s=np.float32(0.5), end_s=1)])
+"""
+    text = RUBRIC.replace("        with: {topic: /commands, window: window, least: 5}\n", "")
+    rubric, recorded = read_rubric(lab(tmp_path, body, text)), session(tmp_path).recorded()
+    plain = json.loads(to_json(judge(Recordings(submission(), {"experiment": recorded}), rubric)))
+    where = plain["criteria"][0]["checks"][0]["where"]
+    assert (where[0]["line"], where[1]["start_s"]) == (2, 0.5)

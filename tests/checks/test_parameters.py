@@ -82,6 +82,24 @@ def test_a_rate_that_the_machine_lowered_is_undecided(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("hz", "more", "delay"),
+    [
+        ((10.0, 10.0, 10.0), {"old": 20.0, "new": 10.0}, (1.0, 1.5)),
+        ((10.0, 10.0, 15.0), RESTARTED, (9.0, 1.0)),
+        ((8.0, 10.0, 20.0), RESTARTED, (1.0, 0.6)),
+    ],
+)
+def test_a_rate_to_compare_with_that_the_machine_lowered_leaves_it_undecided(
+    tmp_path: Path, hz: tuple[float, float, float], more: dict[str, Any], delay: tuple[float, float]
+) -> None:
+    """That before, or after a restart, may have been another; without a delay it costs."""
+    calm = rates(windows(tmp_path / "calm"), *hz)
+    assert judged("parameter_effect", {**RATE, **more}, calm).outcome is Outcome.FAILED
+    busy = rates(windows(tmp_path / "busy"), *hz).disturbed("it", delay)
+    assert judged("parameter_effect", {**RATE, **more}, busy).outcome is Outcome.INCONCLUSIVE
+
+
+@pytest.mark.parametrize(
     ("after", "more", "credit", "words"),
     [
         (2.5, {}, "1", ""),

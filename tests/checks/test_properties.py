@@ -103,3 +103,13 @@ def test_a_mistake_in_a_property_is_told_when_the_rubric_loads(tmp_path: Path) -
     """With the place in it."""
     with pytest.raises(ValidationError, match=r"there is no signal 'w' \(at character 8"):
         judged("signal_property", {"signals": SIGNALS, "property": "always(w < 1)"}, Session(tmp_path))
+
+
+@pytest.mark.parametrize("window", [(0.2, 0.8), (4.0, 8.0)])
+def test_a_signal_outside_the_window_shows_nothing(tmp_path: Path, window: tuple[float, float]) -> None:
+    """What a node published before it ended, or after the window, is not how it behaved in it."""
+    session = Session(tmp_path).process().typed("/v", "std_msgs/msg/Float64", [{}, {}], [1.0, 2.0]).window(*window)
+    parameters = {"signals": {"v": {"topic": "/v", "field": "data"}}, "property": "always(v < 1)", "window": "window"}
+    finding = judged("signal_property", parameters, session)
+    assert finding.outcome is Outcome.FAILED
+    assert finding.reason == "No message arrived on /v in the time that counts."

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from grader.result import Outcome
-from tests.synthetic import Session, judged
+from tests.synthetic import Session, at, judged
 
 FLOAT = "std_msgs/msg/Float64"
 
@@ -93,3 +93,11 @@ def test_a_message_that_the_machine_made_late_is_in_doubt(tmp_path: Path) -> Non
     """0.3 s late, with a delay of as much."""
     session = spoken(tmp_path, 1.5, 2.8).disturbed("it", (2.2, 0.4))
     assert judged("stops_publishing", STOPS, session).outcome is Outcome.INCONCLUSIVE
+
+
+@pytest.mark.parametrize(("ended_s", "outcome"), [(8.0, Outcome.INCONCLUSIVE), (20.0, Outcome.FAILED)])
+def test_what_may_come_after_the_end_is_in_doubt(tmp_path: Path, ended_s: float, outcome: Outcome) -> None:
+    """A node that was delayed for four seconds need not have begun a moment after its five."""
+    session = Session(tmp_path).process().step("publish", "go").disturbed("it", (1.5, 4.0))
+    session.record.ended_ns = at(ended_s)
+    assert judged("silent_until", {"topic": "/out", "step": "go"}, session).outcome is outcome

@@ -6,11 +6,15 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
+from grader.checks.transforms import TransformTree
+from grader.evidence.transforms import Broadcast, FrameTree
 from grader.result import Finding, Outcome
 from tests.synthetic import RELIABLE, Session, at, evenly, judged
 
@@ -369,9 +373,58 @@ def test_poses_that_the_machine_delayed_are_undecided(tmp_path: Path) -> None:
 
 
 def test_frames_that_nothing_connects_are_said(tmp_path: Path) -> None:
-    """A pose between two trees is not tested, nor is one whose oracle rests on what was not recorded."""
+    """A pose between two trees is not tested, nor is one whose oracle rests on what the student never sent."""
     finding = only("poses", session(tmp_path, [], [laser()]), poses=[ORACLE])
     assert "nothing connects them" in finding.reason
     streams = {"pose": {"topic": "/pose", "field": "pose.position"}}
     made = session(tmp_path / "again")
-    assert only("poses", made, poses=[{**ORACLE, "streams": streams}]).outcome is Outcome.INCONCLUSIVE
+    finding = only("poses", made, poses=[{**ORACLE, "streams": streams}])
+    assert finding.outcome is Outcome.FAILED
+    assert "nothing was recorded from which it follows" in finding.reason
+
+
+@pytest.mark.parametrize("number", [1, 4])
+def test_few_wrong_poses_are_wrong(tmp_path: Path, number: int) -> None:
+    """Where the machine delayed nothing, not many are needed to see it; where it delayed all of them, they may be."""
+    sent = [(t, transform("odom", "base", t)) for t in TIMES[:number]]
+    assert only("poses", session(tmp_path, sent), poses=[ORACLE]).outcome is Outcome.FAILED
+    made = session(tmp_path / "delayed", sent).disturbed("it", (1.0, 0.3))
+    assert only("poses", made, poses=[ORACLE]).outcome is Outcome.INCONCLUSIVE
+
+
+def test_other_frames_than_the_wanted_earn_nothing(tmp_path: Path) -> None:
+    """A sound tree of good numbers is no achievement where none of the frames is asked for."""
+    made = session(tmp_path, [(t, base(t, parent="map", child="robot")) for t in TIMES], [])
+    finding = judged("transform_tree", TREE, made)
+    assert (finding.outcome, finding.reason) == (Outcome.FAILED, "None of the frames was sent, but robot.")
+
+
+def test_numbers_of_other_frames_do_not_count(tmp_path: Path) -> None:
+    """However many good ones are sent, a bad one among the wanted costs as much."""
+    more = [transform("base", f"frame_{n}", 1.0) for n in range(60)]
+    finding = only("values", session(tmp_path, None, [laser(xyzw=[0, 0, 0, 0]), *more]))
+    assert finding.credit == Decimal("0.5")
+
+
+def test_a_long_way_between_frames_is_judged_soon(tmp_path: Path) -> None:
+    """What may have been sent in another order of numbers is not sought link by link in a flood of frames."""
+    names = ["base", *(f"link_{n}" for n in range(30)), "laser"]
+    made = session(tmp_path, None, [transform(a, b, 0.9, (0, 0, 1)) for a, b in pairwise(names)])
+    rolled: list[int] = []
+    tree = FrameTree.rolled
+
+    def counted(self: FrameTree, edges: Sequence[Broadcast]) -> FrameTree:
+        rolled.append(len(edges))
+        return tree(self, edges)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(FrameTree, "rolled", counted)
+        assert only("poses", made, poses=[LASER]).outcome is Outcome.FAILED
+    assert len(rolled) <= 11
+
+
+def test_times_in_a_window_need_one() -> None:
+    """Without it, they would be overlooked."""
+    wanted = {**TREE, "window": None, "poses": [{**LASER, "at_s": [1.0]}]}
+    with pytest.raises(ValidationError, match="at_s needs a window"):
+        TransformTree.model_validate(wanted)

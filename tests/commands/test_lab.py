@@ -146,6 +146,20 @@ MISTAKES = [
     ("reference/robot.py", "def play(", "stop = 1 / 0\ndef play(", "reference/robot.py, line 16: ZeroDivisionError"),
     ("checks/mine.py", "@dataclass\n", "undefined\n@dataclass\n", "checks/mine.py, line 6: NameError"),
     ("checks/mine.py", "def always", "API_VERSION = 9\ndef always", "written for version 9"),
+    ("checks/mine.py", "def always", "raise SystemExit\ndef always", "checks/mine.py, line 16: SystemExit"),
+    (
+        "fixtures/too_slow/expected.yaml",
+        "outcome: failed,",
+        "outcome: failed, earned: [1, x],",
+        "the least and the most",
+    ),
+    (
+        "fixtures/too_slow/expected.yaml",
+        "about:",
+        "without: [gone.py]\nabout:",
+        "there is no file 'gone.py'",
+    ),
+    ("fixtures/too_slow/expected.yaml", "about:", "with_files_of: gone\nabout:", "there is no folder 'gone'"),
     (
         "fixtures/too_slow/expected.yaml",
         "talker.rate:",
@@ -175,6 +189,15 @@ def test_what_only_the_files_tell_is_found(
         f"rubric.yaml:{line}: " if file == "rubric.yaml" else "expected.yaml:" if "fixtures" in file else "rubric.yaml:"
     )
     assert place in found[0]
+
+
+def test_what_a_check_of_its_own_names_is_for_itself_to_call(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Another function in its parameters is none that the grader calls."""
+    pytest.importorskip("rclpy")
+    with_code(new)
+    edit(new, "    least: int = 1\n", "    least: int = 1\n    helper: str = ''\n", "checks/mine.py")
+    edit(new, "least: 3}", 'least: 3, helper: "checks/mine.py:expected"}')
+    assert run(capsys, "check", new)[0] == 0
 
 
 def test_interfaces_of_its_own_are_no_mistake(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -225,6 +248,9 @@ def test_checks_that_nobody_can_fail_or_pass_are_named(arm_lab: Path, capsys: py
     assert "! publisher.rate does not pass on the solution's recording: " in output
     assert "! free.always earns 2 points also where nothing happens: let it require a check that fails then" in output
     assert output.count("!") == 2
+    edit(arm_lab, "return passed(", "context.messages(p.topic).sent_s[0]\n    return passed(", "checks/mine.py")
+    output = run(capsys, "check", arm_lab)[1]
+    assert "! free.always fails with an error where nothing happens, so that it costs nobody: The lab's own" in output
     edit(arm_lab, "observe: {duration_s: 6", "observe: {duration_s: 7")
     output = run(capsys, "check", arm_lab)[1]
     assert "The sessions have changed since the solution was recorded" in output
@@ -260,12 +286,18 @@ def with_check(lab: Path, source: str, words: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("numbers", "outcome"), [(range(1, 21), "passed"), (range(1, 11), "passed"), ([1, 2, 2, *range(3, 20)], "failed")]
+    ("numbers", "outcome"),
+    [
+        (range(1, 21), "passed"),
+        (range(1, 11), "passed"),
+        ([1, 2, 2, *range(3, 20)], "failed"),
+        ([" ", "x", "\u0661\u00b2", "9" * 5000], "failed"),
+    ],
 )
 def test_the_check_in_its_readme_works(
-    new: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], numbers: Iterable[int], outcome: str
+    new: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], numbers: Iterable[object], outcome: str
 ) -> None:
-    """As it is written there: right, just enough, and wrong."""
+    """As it is written there: right, just enough, wrong, and what no number stands in."""
     text = (new / "README.md").read_text(encoding="utf-8")
     source = textwrap.dedent(text.partition("  ```python\n")[2].partition("  ```\n")[0])
     with_check(new, source, "check: checks/mine.py:counts_up, with: {topic: /chatter}")

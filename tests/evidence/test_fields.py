@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +12,7 @@ import pytest
 
 from grader.evidence.fields import equal_within, value_at
 from grader.evidence.recorded import Recorded
+from grader.recording.definitions import SEPARATOR
 from tests.synthetic import Session, at, evenly
 
 TIMES = evenly(10, 0.5)
@@ -53,7 +56,7 @@ def test_numbers_are_found_in_any_field(
         ("geometry_msgs/msg/PoseStamped", {"header": {"frame_id": "map"}}, "header"),
         ("geometry_msgs/msg/PoseStamped", {}, "pose.position[0]"),
         ("geometry_msgs/msg/PoseStamped", {}, "pose.posture.x"),
-        ("geometry_msgs/msg/Polygon", {"points": [{}] * 400}, "points"),
+        ("geometry_msgs/msg/Polygon", {"points": [{}] * 4000}, "points"),
         ("std_msgs/msg/String", {"data": "1.5"}, "data"),
     ],
 )
@@ -115,3 +118,27 @@ def test_values_are_compared_within_a_tolerance(wanted: dict[str, Any], toleranc
     """Numbers may differ, texts and lengths may not, and what is not asked for does not count."""
     assert equal_within(RESULT, wanted, tolerance) is equal
     assert not equal_within({"x": float("nan")}, {"x": 1.0}, 1e9)
+
+
+@pytest.mark.parametrize(("got", "right"), [(math.inf, True), (-math.inf, False), (1.0, False), (math.nan, False)])
+def test_an_infinite_number_equals_itself(got: float, right: bool) -> None:
+    """A laser's range is infinite where nothing is, and the difference of two such is no number."""
+    assert equal_within(got, math.inf, 0.1) is right
+
+
+def test_an_element_that_is_true_or_false_is_a_number(tmp_path: Path) -> None:
+    """As a field that is true or false."""
+    session = Session(tmp_path).raw("/it", "own/msg/Flags", "bool[] data\n", [b"\0\1\0\0\2\0\0\0\0\1"], [1.0]).recorded()
+    assert [row.tolist() for row in session.rows("/it", "data[1]") if row is not None] == [[1.0]]
+
+
+def test_an_element_that_is_not_there_is_not_another_field(tmp_path: Path) -> None:
+    """What stands in for a field of another type does not for the seventh joint of two."""
+    assert recorded(tmp_path, "sensor_msgs/msg/JointState", {"position": [1.0, 2.0]}).numeric("/it", "position[6]") is None
+
+
+def test_a_type_of_the_students_own_has_no_stamp_that_breaks_a_check(tmp_path: Path) -> None:
+    """Whatever it calls its fields, they are no time."""
+    definition = f"H header\n{SEPARATOR}\nMSG: own/H\nT stamp\n{SEPARATOR}\nMSG: own/T\nint32 sec\nstring nanosec\n"
+    message = b"\0\1\0\0" + struct.pack("<iI", 1, 2) + b"x\0"
+    assert Session(tmp_path).raw("/it", "own/msg/It", definition, [message], [1.0]).recorded().stamps_ns("/it") == (None,)

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from grader.evidence.cpu_delay import Span
 from grader.evidence.transforms import (
@@ -26,6 +27,7 @@ from grader.evidence.transforms import (
     poses_apart,
     unit,
 )
+from grader.recording.definitions import SEPARATOR
 from tests.synthetic import START_NS, Session, at
 
 Floats = NDArray[np.float64]
@@ -162,3 +164,47 @@ def test_other_types_and_floods_give_nothing_and_end(tmp_path: Path, monkeypatch
     recorded = session.recorded()
     assert len(broadcasts(recorded.stream("/tf"), static=False)) == 3
     assert broadcasts(recorded.stream("/other"), static=False) == ()
+
+
+ANEW = """Sent[] transforms
+{line}
+MSG: tf2_msgs/Sent
+Head header
+{name} child_frame_id
+float64[7] transform
+{line}
+MSG: tf2_msgs/Head
+{name} frame_id
+When stamp
+{line}
+MSG: tf2_msgs/When
+int64 sec
+float64 nanosec
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "sec", "nanosec"),
+    [("string", "base", 2**62, 0.0), ("string", "base", 1, np.inf), ("uint8[]", np.zeros(3, np.uint8), 1, np.nan)],
+)
+def test_a_type_that_is_defined_anew_breaks_nothing(
+    tmp_path: Path, name: str, value: Any, sec: int, nanosec: float
+) -> None:
+    """A student's workspace may have one of the same name: what does not fit is no transform."""
+    definition = ANEW.format(line=SEPARATOR, name=name)
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(definition, TF_MESSAGE))
+    of = {kind: store.types[f"tf2_msgs/msg/{kind}"] for kind in ("Sent", "Head", "When")}
+    sent = of["Sent"](of["Head"](value, of["When"](sec, nanosec)), value, np.ones(7))
+    data = bytes(store.serialize_cdr(store.types[TF_MESSAGE]([sent]), TF_MESSAGE))
+    stream = Session(tmp_path).raw("/tf", TF_MESSAGE, definition, [data], [1.0]).recorded().stream("/tf")
+    assert stream.field("transforms")[0]
+    assert broadcasts(stream, static=False) == ()
+
+
+def test_transforms_that_are_no_list_are_none(tmp_path: Path) -> None:
+    """As in such a type."""
+    data = b"\0\1\0\0" + b"\2\0\0\0" + b"\1\1"
+    stream = Session(tmp_path).raw("/tf", TF_MESSAGE, "uint8[] transforms", [data], [1.0]).recorded().stream("/tf")
+    assert len(stream.field("transforms")[0]) == 2
+    assert broadcasts(stream, static=False) == ()

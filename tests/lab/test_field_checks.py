@@ -127,6 +127,8 @@ def test_a_rubric_of_fields_loads(tmp_path: Path) -> None:
         ("oracles.py:speed", "oracles.py:sped", "did you mean 'speed'?"),
         ("match: nearest", "match: closest", "known are interpolated, nearest, order, stamp"),
         ("match: nearest", "match: stamp", "for_each must say"),
+        ("match: nearest", "for_each: pose\n          match: stamp", "has no field 'header'"),
+        ("match: next", "match: stamp", "has no field 'header'"),
         ("match: nearest", "match: order\n          for_each: poes", "did you mean 'pose'?"),
         ("output: {topic: /cmd_vel}", "output: {topic: /cmd_val}", "did you mean '/cmd_vel'?"),
         ("match: next", "match: field", "must name one"),

@@ -31,6 +31,7 @@ def test_a_package_is_named_by_its_manifest_or_its_folder() -> None:
     [
         ("My-Package", {"msg/Num.msg": ""}),
         ("a__b", {"msg/Num.msg": ""}),
+        ("a" * 240, {"msg/Num.msg": ""}),
         ("a", {"msg/../../x.msg": ""}),
         ("a", {"../x.msg": ""}),
         ("a", {"msg/num.msg": ""}),
@@ -80,3 +81,9 @@ def test_packages_stand_after_those_that_they_use() -> None:
     circle = InterfacePackage("c", {"msg/C.msg": "a/A a\n"})
     assert {p.name for p in in_order([a, b, circle])} == {"a", "b", "c"}
     assert a.used == {"b"}, "what stands in a comment is not used"
+
+
+def test_what_is_used_stands_in_lines_as_rosidl_has_them() -> None:
+    """What is not seen to be used does not tell kept builds apart: they would be taken with other definitions of it."""
+    for end in ("\n", "\r", "\x0b", "\x0c", "\x1c", "\u2028"):
+        assert InterfacePackage("a", {"msg/A.msg": f"int8 x{end}\tb/B b\n"}).used == {"b"}, repr(end)

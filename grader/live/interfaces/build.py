@@ -100,6 +100,8 @@ class _NotBuilt(Exception):
 def _prefix_of(package: InterfacePackage, built: Built, folder: Path, isolation: Isolation) -> Path:
     if package.problem:
         raise _NotBuilt(package.problem)
+    if (_SUBSETS / package.name).is_dir():
+        raise _NotBuilt(f"{package.name} is a package of ROS, which counts")
     for used in sorted(package.used):
         if used in built.invalid or used in built.missing:
             raise _NotBuilt(f"it uses {used}, which was not built", invalid=used in built.invalid)
@@ -144,6 +146,7 @@ def _build(
             path = sources / package.name / file
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(text, encoding="utf-8", errors="surrogateescape")
+        _open_to_all(sources)
         for prefix in others:
             shutil.copytree(prefix, room.tools[INTERFACES] / prefix.name)
         answer = _run(isolation, room.with_tools({"/sources": sources, "/building": _INSIDE}), package, others, left_s)
@@ -243,10 +246,9 @@ def _alone(folder: Path) -> Iterator[None]:
 
 def _keep(prefix: Path, cached: Path) -> None:
     """Keep a prefix for the next time; without a home nothing is kept."""
-    with suppress(OSError):
-        with tempfile.TemporaryDirectory(dir=cached.parent, prefix=".new-") as new:
-            shutil.copytree(prefix, Path(new) / "prefix")
-            (Path(new) / "prefix").rename(cached)
+    with suppress(OSError), tempfile.TemporaryDirectory(dir=cached.parent, prefix=".new-") as new:
+        shutil.copytree(prefix, Path(new) / "prefix")
+        (Path(new) / "prefix").rename(cached)
         entries = sorted(cached.parent.glob("[!.]*"), key=lambda path: path.stat().st_mtime)
         for old in entries[:-_MOST_CACHED]:
-            remove_tree(old)
+            old.rename(Path(new) / old.name)  # At once: who copies it at the time has all of it, or fails.

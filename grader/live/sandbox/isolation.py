@@ -198,6 +198,7 @@ class Room:
         scratch.chmod(0o711)
         for ours in (PARAMETERS, INTERFACES):
             self.tools[ours].mkdir()
+            self.tools[ours].chmod(0o755)  # whatever the umask is
         for folder in self.areas.values():
             folder.mkdir()
             if mount is not None:

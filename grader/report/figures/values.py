@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,7 @@ from pydantic import Field
 
 from grader.checks.fields import NumbersOf
 from grader.evidence.oracle import load_oracle
-from grader.evidence.recorded import Floats, Recorded
+from grader.evidence.recorded import Floats, NumericStream, Recorded
 from grader.evidence.text.printed import reports
 from grader.lab import references as ref
 from grader.lab.references import Patterns
@@ -51,6 +51,16 @@ class _Line:
         return bool(self.values.max() > self.values.min())
 
 
+def _lines(recorded: Recorded, role: str, stream: NumericStream, indices: Sequence[int]) -> Iterator[_Line]:
+    """Give the lines of some elements, as far as they can be drawn to scale."""
+    near = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
+    for index in indices[:MOST_ELEMENTS]:
+        shown = near & (np.abs(stream.values[:, index]) < _FAR)
+        if shown.any():
+            times = recorded.seconds(stream.source_ns[shown])
+            yield _Line(role, index, *_thinned(times, stream.values[shown, index]))
+
+
 class Series(FigureKind):
     """Elements of an array in the messages of some topics."""
 
@@ -70,12 +80,7 @@ class Series(FigureKind):
             length = stream.values.shape[1]
             wanted = range(length) if self.indices is None else [i for i in self.indices if i < length]
             left_out = max(left_out, len(wanted) - MOST_ELEMENTS)
-            near = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
-            for index in wanted[:MOST_ELEMENTS]:
-                shown = near & (np.abs(stream.values[:, index]) < _FAR)
-                if shown.any():
-                    times = recorded.seconds(stream.source_ns[shown])
-                    lines.append(_Line(role, index, *_thinned(times, stream.values[shown, index])))
+            lines += _lines(recorded, role, stream, wanted)
         if not lines:
             return None
         roles = list(dict.fromkeys(line.role for line in lines))
@@ -132,14 +137,8 @@ class FieldOverTime(FigureKind):
         drawn: list[_Line] = []
         for name, numbers in self.lines.items():
             series = numbers.series(recorded)
-            if series is None:
-                continue
-            for index in range(min(series.values.shape[1], MOST_ELEMENTS)):
-                shown = np.abs(series.source_ns - series.received_ns) < FAR_NS
-                shown &= np.abs(series.values[:, index]) < _FAR
-                if shown.any():
-                    times = recorded.seconds(series.source_ns[shown])
-                    drawn.append(_Line(name, index, *_thinned(times, series.values[shown, index])))
+            if series is not None:
+                drawn += _lines(recorded, name, series, range(series.values.shape[1]))
         if not drawn:
             return None
         names = list(self.lines)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import posixpath
+import re
 from collections.abc import Iterator, Mapping
 
 from grader.recording.interfaces import PARTS, InterfacePackage
@@ -52,7 +53,7 @@ def _listed(package: PackageFact, texts: Mapping[str, str]) -> list[str] | None:
     """Return the files of which interfaces are generated, with words that hold variables; None if none are."""
     script = texts.get(f"{package.path}/CMakeLists.txt" if package.path else "CMakeLists.txt", "")
     calls = [words for name, words in commands_of(script, package.name) if name == "rosidl_generate_interfaces"]
-    # The first word is the target's name.
-    words = [word for call in calls for word in call[1:]]
+    # The first word is the target's name; one may be a list, or a file behind the folder that it is relative to.
+    words = [part for call in calls for word in call[1:] for part in re.split("[;:]", word)]
     named = [posixpath.normpath(word) for word in words if word.endswith(_SUFFIXES) or "$" in word]
     return named if calls else None

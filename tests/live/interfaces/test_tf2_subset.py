@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import math
 import sys
+import time
 import types
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +16,9 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.time import Time
 
 import grader
+from grader.live.interfaces.build import provide
+from grader.live.sandbox.isolation import Isolation, Level
+from grader.recording.interfaces import InterfacePackage
 
 SUBSETS = Path(grader.__file__).parent / "live/interfaces/subsets"
 
@@ -90,6 +94,17 @@ def test_what_is_not_known_raises_what_the_real_one_raises(
     assert not buffer.can_transform(target, source, Time(seconds=at_s))
 
 
+def test_a_frame_that_had_another_parent_is_not_connected_then(tf2_ros: Any) -> None:
+    """A node that catches what the real one raises goes on."""
+    buffer = tf2_ros.Buffer()
+    buffer.set_transform_static(stamped("hand", "finger", 0.0, 0.0, 0.0), "test")
+    for at_s, parent in enumerate(["shelf", "shelf", "finger"]):
+        buffer.set_transform(stamped(parent, "cup", 0.0, 0.0, 10 + at_s), "test")
+    with pytest.raises(tf2_ros.ConnectivityException):
+        buffer.lookup_transform("hand", "cup", Time(seconds=11))
+    assert buffer.lookup_transform("hand", "cup", Time(seconds=12)).child_frame_id == "cup"
+
+
 def test_the_buffer_forgets_what_is_older_than_ten_seconds(tf2_ros: Any) -> None:
     """And takes no transform that is none."""
     buffer = driving(tf2_ros)
@@ -108,3 +123,27 @@ def test_what_it_lacks_is_missing_as_a_package_is(tf2_ros: Any) -> None:
         _ = tf2_ros.BufferClient
     with pytest.raises(ModuleNotFoundError, match=r"tf2_ros\.Buffer\.transform_full"):
         driving(tf2_ros).transform_full()
+
+
+def test_a_package_of_its_name_does_not_take_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The lab's nodes import it too, and would not start."""
+    monkeypatch.setenv("PATH", str(tmp_path))  # no compiler
+    built = provide([InterfacePackage("tf2_ros", {"msg/A.msg": "int8 x\n"})], tmp_path, Isolation(Level.NONE))
+    assert "counts" in built.missing["tf2_ros"]
+
+
+def test_what_it_keeps_does_not_slow_it_down(tf2_ros: Any) -> None:
+    """A thousand times as many transforms take about the same time each."""
+
+    def took_s(count: int) -> float:
+        buffer = tf2_ros.Buffer()
+        for n in range(count):
+            buffer.set_transform(stamped("odom", "base", 0.0, 0.0, 10 + 9 * n / count), "test")
+        began_s = time.process_time()
+        for n in range(20):
+            buffer.set_transform(stamped("odom", "base", 0.0, 0.0, 19 + n / 1000), "test")
+            buffer.lookup_transform("odom", "base", Time(seconds=15))
+        return time.process_time() - began_s
+
+    few_s = min(took_s(20) for _ in range(3))
+    assert took_s(20_000) < 5 * few_s

@@ -32,6 +32,8 @@ def made(script: str) -> tuple[set[str], list[str]]:
         (CALL, {"msg/Num.msg", "srv/Add.srv"}),
         (BY_VARIABLE, {"msg/Num.msg"}),
         (BY_GLOB, {"msg/Num.msg", "msg/Left.msg", "srv/Add.srv"}),
+        (CALL.replace('"msg/Num.msg"', '"${CMAKE_CURRENT_SOURCE_DIR}:msg/Num.msg"'), {"msg/Num.msg", "srv/Add.srv"}),
+        (BY_VARIABLE.replace('Num.msg"', 'Num.msg;msg/Left.msg"'), {"msg/Num.msg", "msg/Left.msg"}),
         ("find_package(ament_cmake)\n", set()),
     ],
 )

@@ -96,26 +96,25 @@ class _Frame:
 
     def __init__(self, is_static):
         self.is_static = is_static
-        self.samples = []  # (time in ns, parent, transform), in order of time
+        self.times, self.samples = [], []  # in ns, in order; and at each of them (parent, transform)
 
-    def add(self, sample, cache_ns):
+    def add(self, time_ns, sample, cache_ns):
         if self.is_static:
-            self.samples = [sample]
+            self.times, self.samples = [time_ns], [sample]
             return
-        times = [time_ns for time_ns, _, _ in self.samples]
-        if times and sample[0] < times[-1] - cache_ns:
+        if self.times and time_ns < self.times[-1] - cache_ns:
             return
-        place = bisect.bisect_left(times, sample[0])
-        self.samples[place : place + (sample[0] in times)] = [sample]
-        oldest_ns = self.samples[-1][0] - cache_ns
-        while self.samples[0][0] < oldest_ns:
-            del self.samples[0]
+        place = bisect.bisect_left(self.times, time_ns)
+        end = place + (self.times[place : place + 1] == [time_ns])
+        self.times[place:end], self.samples[place:end] = [time_ns], [sample]
+        old = bisect.bisect_left(self.times, self.times[-1] - cache_ns)
+        del self.times[:old], self.samples[:old]
 
     def at(self, time_ns, name):
         """Return the parent and the transform at a time, 0 for the latest."""
-        times = [sample[0] for sample in self.samples]
+        times = self.times
         if self.is_static or time_ns == 0 or time_ns == times[-1]:
-            return self.samples[-1][1:]
+            return self.samples[-1]
         if not times[0] <= time_ns <= times[-1]:
             way = "past" if time_ns < times[0] else "future"
             raise ExtrapolationException(
@@ -124,7 +123,8 @@ class _Frame:
                 f"{times[0 if way == 'past' else -1] / 1e9:.6f}, when looking up transform of frame [{name}]"
             )
         place = bisect.bisect_right(times, time_ns)
-        (before_ns, parent, before), (after_ns, later_parent, after) = self.samples[place - 1 : place + 1]
+        (before_ns, after_ns) = times[place - 1 : place + 1]
+        (parent, before), (later_parent, after) = self.samples[place - 1 : place + 1]
         if parent != later_parent:
             return parent, before
         return parent, _between(before, after, (time_ns - before_ns) / (after_ns - before_ns))
@@ -136,7 +136,7 @@ class Buffer:
     def __init__(self, cache_time=None, node=None):
         # The real one offers a service on the node, which tools ask for a picture of the tree.
         self._cache_ns = _CACHE_NS if cache_time is None else cache_time.nanoseconds
-        self._frames = {}
+        self._frames, self._known = {}, set()  # those with a parent, and these with their parents
         self._lock = threading.RLock()
 
     def __getattr__(self, name):
@@ -158,6 +158,7 @@ class Buffer:
         """Forget all transforms."""
         with self._lock:
             self._frames.clear()
+            self._known.clear()
 
     def _set(self, stamped, is_static):
         child, parent = stamped.child_frame_id.lstrip("/"), stamped.header.frame_id.lstrip("/")
@@ -175,7 +176,8 @@ class Buffer:
             frame = self._frames.get(child)
             if frame is None or frame.is_static != is_static:
                 frame = self._frames[child] = _Frame(is_static)
-            frame.add((_ns(stamped.header.stamp), parent, value), self._cache_ns)
+            frame.add(_ns(stamped.header.stamp), (parent, value), self._cache_ns)
+            self._known |= {child, parent}
 
     # -- asking -------------------------------------------------------------------------------
 
@@ -218,9 +220,8 @@ class Buffer:
         return answer
 
     def _found(self, target, source, time_ns):
-        known = {*self._frames, *(sample[1] for frame in self._frames.values() for sample in frame.samples)}
         for name in (target, source):
-            if name not in known:
+            if name not in self._known:
                 raise LookupException(f'"{name}" passed to lookupTransform argument does not exist. ')
         of_target, of_source = self._way_up(target), self._way_up(source)
         common = next((name for name in of_source if name in of_target), None)
@@ -236,21 +237,26 @@ class Buffer:
         """Return a frame and those above it, by the latest parents."""
         way = [name]
         while name in self._frames and len(way) < _MOST_FRAMES:
-            name = self._frames[name].samples[-1][1]
+            name = self._frames[name].samples[-1][0]
             way.append(name)
         return way
 
     def _to(self, above, name, time_ns):
         """Return the transform from a frame to one above it."""
-        whole = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
-        while name != above:
-            parent, transform = self._frames[name].at(time_ns, name)
-            whole, name = _composed(transform, whole), parent
-        return whole
+        whole, at = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), name
+        for _ in range(_MOST_FRAMES):
+            if at == above:
+                return whole
+            if at not in self._frames:
+                break
+            parent, transform = self._frames[at].at(time_ns, at)
+            whole, at = _composed(transform, whole), parent
+        # Its parents were others at that time.
+        raise ConnectivityException(f"Could not find a connection between '{above}' and '{name}' at that time.")
 
     def _latest_common_ns(self, target, source):
         """Return the latest time of which all on the way between two frames is known; 0 if all of it is static."""
         of_target, of_source = self._way_up(target), self._way_up(source)
         ways = {*of_target} ^ {*of_source}
         moving = [self._frames[name] for name in ways if name in self._frames and not self._frames[name].is_static]
-        return min((frame.samples[-1][0] for frame in moving), default=0)
+        return min((frame.times[-1] for frame in moving), default=0)
