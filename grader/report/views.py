@@ -325,6 +325,7 @@ class Moment:
 def moments_of(result: Result, figure: Figure) -> list[Moment]:
     """Return when, in the motion that a figure shows, each check lost points, by the first place of its proof there."""
     first_ms, last_ms = (int(figure.content.times_ms[n]) for n in (0, -1))
+    whole_ms = max(1, last_ms - first_ms)
     found = []
     for check in result.checks:
         spans = [w for w in check.where if w.session == figure.session and w.start_s is not None] if check.lost else []
@@ -332,7 +333,7 @@ def moments_of(result: Result, figure: Figure) -> list[Moment]:
             assert where.start_s is not None
             ends_s = (where.start_s, where.start_s if where.end_s is None else where.end_s)
             start, end = (min(max(round(end_s * 1000), first_ms), last_ms) for end_s in ends_s)
-            left, width = (1000 * (t - first_ms) / (last_ms - first_ms) for t in (start, first_ms + end - start))
+            left, width = 1000 * (start - first_ms) / whole_ms, 1000 * (end - start) / whole_ms
             found.append(Moment(check, where.span, left, max(width, _NARROWEST), start))
     return found
 
