@@ -92,12 +92,15 @@ class Location:
         file = f"{self.file}:{self.line}" if self.line else self.file
         output = f"output of {self.process}" if self.process else ""
         recording = f"recording '{self.session}'" if self.session else ""
-        return ", ".join(part for part in (file, output, recording, self.topic, self._span) if part)
+        return ", ".join(part for part in (file, output, recording, self.topic, self.span) if part)
 
     @property
-    def _span(self) -> str:
-        if self.start_s is None or self.end_s is None:
-            return "" if self.start_s is None else f"at {self.start_s:.3f} s"
+    def span(self) -> str:
+        """When it is, in words; empty where that is not known."""
+        if self.start_s is None:
+            return ""
+        if self.end_s is None or self.end_s == self.start_s:
+            return f"at {self.start_s:.3f} s"
         # A call takes a thousandth of what a window does.
         places = 1 if self.end_s - self.start_s >= 1.0 else 3
         return f"{self.start_s:.{places}f}–{self.end_s:.{places}f} s"

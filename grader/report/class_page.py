@@ -60,7 +60,7 @@ def render(summary: ClassSummary, similarity: Similarity | None = None, *, anony
     return render_page(
         "class.html.j2",
         ("report.css", "class.css"),
-        "class.js",
+        ("class.js",),
         summary=summary,
         similarity=similarity,
         reports={row.entry.name: row.entry.report for row in summary.rows},

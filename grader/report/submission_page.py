@@ -8,6 +8,7 @@ from grader.cohort.changes import changes_between
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.report import views
+from grader.report.figures.posture import Motion
 from grader.report.figures.svg import Figure
 from grader.report.page import render_page
 from grader.result import Outcome, Result
@@ -26,12 +27,14 @@ def render(
     """
     anchors = views.anchors_of(sessions)
     losses = views.losses_of(result)
-    beside = views.figures_by_loss(losses, [figure for drawn in figures.values() for figure in drawn])
-    placed = [id(figure) for drawn in beside.values() for figure in drawn]
+    every = [figure for drawn in figures.values() for figure in drawn]
+    players = [figure for figure in every if isinstance(figure.content, Motion)]
+    beside = views.figures_by_loss(losses, [figure for figure in every if figure not in players])
+    placed = [id(figure) for drawn in (players, *beside.values()) for figure in drawn]
     return render_page(
         "report.html.j2",
-        ("report.css",),
-        "report.js",
+        ("report.css", "player.css"),
+        ("report.js", "player.js"),
         result=result,
         changes=changes_between(before, result) if before is not None else None,
         other_rubric=before is not None and before.rubric_sha256 != result.rubric_sha256,
@@ -44,6 +47,7 @@ def render(
         unreached=[c for c in result.checks if c.outcome is Outcome.NOT_REACHED and c.lost > 0],
         undecided=[c for c in result.checks if not c.outcome.decided],
         beside=beside,
+        players=[(figure, views.moments_of(result, figure)) for figure in players],
         figures={of: [figure for figure in drawn if id(figure) not in placed] for of, drawn in figures.items()},
         sessions=sessions,
         isolations=views.isolations_of(sessions),

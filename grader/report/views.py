@@ -34,6 +34,8 @@ CONTEXT_LINES = 2
 LONGEST_SOURCE_LINE = 200
 LONGEST_OUTPUT_LINE = 500
 MOST_LOCATIONS = 8
+#: A moment on a line of 1000 is to be seen.
+_NARROWEST = 6.0
 
 
 @dataclass(frozen=True)
@@ -312,6 +314,36 @@ def locations_of(
     """Return the first places where the proof of a check lies, each once."""
     locations = (location_of(where, texts, anchors) for where in list(dict.fromkeys(check.where))[:MOST_LOCATIONS])
     return [location for location in locations if location.text]
+
+
+# -- moments -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Moment:
+    """When in a motion a check lost points: in words, where it is on a line of 1000, and where to look first."""
+
+    check: CheckResult
+    text: str
+    left: float
+    width: float
+    at_ms: int
+
+
+def moments_of(result: Result, figure: Figure) -> list[Moment]:
+    """Return when, in the motion that a figure shows, each check lost points, by the first place of its proof there."""
+    first_ms, last_ms = (int(figure.content.times_ms[n]) for n in (0, -1))
+    whole_ms = max(1, last_ms - first_ms)
+    found = []
+    for check in result.checks:
+        spans = [w for w in check.where if w.session == figure.session and w.start_s is not None] if check.lost else []
+        for where in spans[:1]:
+            assert where.start_s is not None
+            ends_s = (where.start_s, where.start_s if where.end_s is None else where.end_s)
+            start, end = (min(max(round(end_s * 1000), first_ms), last_ms) for end_s in ends_s)
+            left, width = 1000 * (start - first_ms) / whole_ms, 1000 * (end - start) / whole_ms
+            found.append(Moment(check, where.span, left, max(width, _NARROWEST), start))
+    return found
 
 
 # -- sessions ----------------------------------------------------------------------------------
