@@ -73,5 +73,4 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
             there = [s for s in criterion.figures if s.session in recordings.sessions]
             drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
             figures[criterion.id] = [figure for figure in drawn if figure is not None]
-    records = {name: recorded.record for name, recorded in recordings.sessions.items()}
-    return render(result, figures, records, recordings.submission)
+    return render(result, figures, recordings.sessions, recordings.submission)

@@ -422,6 +422,10 @@ class Bag:
         """Bytes of all messages together."""
         return sum(end - start for _, rows in self._contents.values() for *_, start, end in rows)
 
+    def received_ns(self, topic: str, topic_type: str) -> Int64s:
+        """When the messages of one type on a topic were received, in order."""
+        return _column(sorted(self._contents.get((topic, topic_type), (None, []))[1], key=lambda row: row[0]), 0)
+
     def stream(self, topic: str, topic_type: str | None = None) -> Stream:
         """Messages of a topic (fully qualified), of its type with the most where none is given; none if it has none."""
         if topic_type is None:

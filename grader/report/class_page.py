@@ -48,7 +48,7 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
     return render_page(
         "class.html.j2",
         ("report.css", "class.css"),
-        "class.js",
+        ("class.js",),
         summary=summary,
         anonymous=anonymous,
         graded=summary.spread.count if summary.spread else 0,

@@ -19,19 +19,20 @@ from markupsafe import Markup
 from grader.report import views
 from grader.report.escape import line, shown
 from grader.report.figures.svg import HALF, NARROW, WIDE, duration
+from grader.report.timeline.picture import key_of, mark_sample, picture
 
 _FOLDER = Path(__file__).parent / "templates"
 
 
-def render_page(name: str, styles: tuple[str, ...], script: str, **values: Any) -> str:
+def render_page(name: str, styles: tuple[str, ...], scripts: tuple[str, ...], **values: Any) -> str:
     """Return a page, made of files in the folder of templates; equal arguments give equal bytes."""
-    page = _template(name, styles, script).render(**values)
+    page = _template(name, styles, scripts).render(**values)
     # A lone surrogate cannot be written; all that is shown was cleaned of them, so this changes nothing.
     return page.encode("utf-8", "replace").decode("utf-8")
 
 
 @functools.lru_cache(maxsize=4)
-def _template(name: str, styles: tuple[str, ...], script: str) -> Template:
+def _template(name: str, styles: tuple[str, ...], scripts: tuple[str, ...]) -> Template:
     environment = Environment(
         loader=FileSystemLoader(_FOLDER),
         autoescape=True,
@@ -44,10 +45,15 @@ def _template(name: str, styles: tuple[str, ...], script: str) -> Template:
     )
     environment.filters.update(line=line, duration=duration, prose=prose, breakable=breakable, fields=views.fields)
     environment.filters.update(points=views.points, tenths=views.tenths, signed=views.signed)
+    environment.filters.update(picture=picture, mark_sample=mark_sample)
     environment.globals.update(
-        widths=(WIDE, HALF, NARROW), anchor=views.anchor, badge_of=views.badge_of, share_of=views.share_of
+        widths=(WIDE, HALF, NARROW),
+        anchor=views.anchor,
+        badge_of=views.badge_of,
+        share_of=views.share_of,
+        key_of=key_of,
     )
-    css, js = "".join(map(_read, styles)), _read(script)
+    css, js = ("".join(map(_read, names)) for names in (styles, scripts))
     environment.globals.update(
         css=Markup(css),
         js=Markup(js),

@@ -4,29 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from grader.recording.session import SessionRecord
+from grader.evidence.recorded import Recorded
 from grader.recording.submission import SubmissionRecord
 from grader.report import views
 from grader.report.figures.svg import Figure
 from grader.report.page import render_page
+from grader.report.timeline.moments import timeline_of
 from grader.result import Outcome, Result
 
 
 def render(
     result: Result,
     figures: Mapping[str, Sequence[Figure]],
-    sessions: Mapping[str, SessionRecord],
+    recordings: Mapping[str, Recorded],
     submission: SubmissionRecord,
 ) -> str:
     """Return the report as a page of HTML, with figures by the criterion's id; equal arguments give equal bytes."""
+    sessions = {name: recorded.record for name, recorded in recordings.items()}
     anchors = views.anchors_of(sessions)
     losses = views.losses_of(result)
     beside = views.figures_by_loss(losses, [figure for drawn in figures.values() for figure in drawn])
     placed = [id(figure) for drawn in beside.values() for figure in drawn]
     return render_page(
         "report.html.j2",
-        ("report.css",),
-        "report.js",
+        ("report.css", "timeline.css"),
+        ("report.js", "timeline.js"),
         result=result,
         score=views.final_share(result),
         most=views.points(result.final + result.still_undecided),
@@ -39,6 +41,7 @@ def render(
         beside=beside,
         figures={of: [figure for figure in drawn if id(figure) not in placed] for of, drawn in figures.items()},
         sessions=sessions,
+        timelines={name: timeline_of(recorded, result) for name, recorded in recordings.items()},
         isolations=views.isolations_of(sessions),
         versions=views.versions_of(result),
         submission=submission,
