@@ -332,14 +332,17 @@ def anchors_of(sessions: Mapping[str, SessionRecord]) -> dict[tuple[str, str], s
     return links
 
 
+def heading_of(record: SessionRecord, number: int) -> str:
+    """Return what a process is called on the page: its name, and which start it is where there are several."""
+    name = record.processes[number].name
+    starts = [n for n, other in enumerate(record.processes) if other.name == name]
+    return line(name, 120) + (f", start {starts.index(number) + 1}" if len(starts) > 1 else "")
+
+
 def processes_of(record: SessionRecord) -> list[tuple[int, str, ProcessRun]]:
     """Return the processes to show, the submission's first: place in the record, heading, and process."""
-    shown = []
-    for number, run in enumerate(record.processes):
-        starts = [n for n, other in enumerate(record.processes) if other.name == run.name]
-        heading = line(run.name, 120) + (f", start {starts.index(number) + 1}" if len(starts) > 1 else "")
-        if run.role != "grader" or run.output:
-            shown.append((number, heading, run))
+    runs = enumerate(record.processes)
+    shown = [(n, heading_of(record, n), run) for n, run in runs if run.role != "grader" or run.output]
     order = {"student": 0, "reference": 1, "grader": 2}
     return sorted(shown, key=lambda one: order.get(one[2].role, 3))
 

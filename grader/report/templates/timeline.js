@@ -1,7 +1,7 @@
 "use strict";
 // The timelines of sessions: a click or an arrow key leads to a moment, its line of the log and its time in the bag.
 (function () {
-  var SVG = "http://www.w3.org/2000/svg", MOST = 64;
+  var MOST = 64;
   function each(from, selector, act) { Array.prototype.forEach.call(from.querySelectorAll(selector), act); }
   function add(parent, name, text) {
     var made = document.createElement(name);
@@ -18,7 +18,7 @@
     timeline.querySelector(".tl-tools").hidden = false;
 
     function ruler(name) {
-      var made = picture.appendChild(document.createElementNS(SVG, "line"));
+      var made = picture.appendChild(document.createElementNS(picture.namespaceURI, "line"));
       made.setAttribute("class", name);
       made.setAttribute("y1", "18");
       made.setAttribute("y2", "100%");
@@ -38,12 +38,12 @@
       var digits = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
       each(picture, ".tl-when", function (old) { old.remove(); });
       for (var n = 0; n * step <= length * (1 + 1e-9); n += 1) {
-        var line = picture.insertBefore(document.createElementNS(SVG, "line"), picture.firstChild);
+        var line = picture.insertBefore(document.createElementNS(picture.namespaceURI, "line"), picture.firstChild);
         line.setAttribute("class", "tl-grid tl-when");
         line.setAttribute("y1", "22");
         line.setAttribute("y2", "100%");
         put(line, n * step);
-        var text = picture.appendChild(document.createElementNS(SVG, "text"));
+        var text = picture.appendChild(document.createElementNS(picture.namespaceURI, "text"));
         text.setAttribute("class", "tl-when");
         text.setAttribute("x", 100 * n * step / length + "%");
         text.setAttribute("y", "12");
@@ -115,7 +115,7 @@
     }
     rows.forEach(function (row) {
       var words = Array.prototype.map.call(row.cells, function (cell) { return cell.textContent; });
-      var title = document.createElementNS(SVG, "title");
+      var title = document.createElementNS(picture.namespaceURI, "title");
       title.textContent = words[0] + " s: " + [words[2], words[3]].filter(Boolean).join(". ");
       picture.querySelector('a[href="#' + row.id + '"]').prepend(title);
     });

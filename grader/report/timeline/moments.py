@@ -9,22 +9,22 @@ import bisect
 import functools
 import itertools
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from grader.evidence.cpu_delay import Delay
+from grader.evidence.cpu_delay import Delay, Span
 from grader.evidence.crash.tracebacks import HEAD_LINES, plain_lines, tracebacks
-from grader.evidence.recorded import Recorded, Sighting
+from grader.evidence.recorded import Recorded
 from grader.lab.steps import STEPS
 from grader.recording.bag import TopicInfo
 from grader.recording.session import ProcessRun, StepRun
 from grader.report.figures.graph import Call
 from grader.report.figures.svg import duration, short
-from grader.report.views import anchor, end_of, fields, points
-from grader.result import CheckResult, Result
+from grader.report.views import anchor, end_of, fields, heading_of, points
+from grader.result import Result
 
 #: Of a lane so many moments are shown, and so many lanes of a kind.
 _MOST_MOMENTS, _MOST_LANES = 60, 12
@@ -108,7 +108,7 @@ def timeline_of(recorded: Recorded, result: Result) -> Timeline:
         *(graph.t_ns for graph in record.graph),
     )
     lanes = (
-        _losses(record.session, result),
+        *_stacked("points", "lost or open", _losses(record.session, result)),
         Lane("steps", "the lab", tuple(_of_steps(recorded))),
         *(_of_process(recorded, n) for n in _shown_processes(recorded)),
         *_of_actions(recorded),
@@ -137,8 +137,8 @@ def _bounded(lane: Lane, length_s: float, log: Sequence[_Written]) -> tuple[Mome
     for _, group in itertools.groupby(lane.moments, key=lambda m: (m.style, m.text, m.note, m.href)):
         first, *others = list(group)
         if others:
-            end_s = others[-1].end_s or others[-1].start_s
-            first = replace(first, note=f"{first.note} {len(others) + 1} times".strip(), end_s=end_s)
+            last_s = others[-1].end_s or others[-1].start_s
+            first = replace(first, note=f"{first.note} {len(others) + 1} times".strip(), end_s=last_s)
         start_s = min(max(first.start_s, 0.0), length_s)
         end_s = None if first.end_s is None else min(max(first.end_s, start_s), length_s)
         found.append(replace(first, start_s=start_s, end_s=end_s, line=first.line or _line_at(log, start_s)))
@@ -156,22 +156,33 @@ def _line_at(log: Sequence[_Written], at_s: float) -> tuple[int, int] | None:
     return log[after][1:] if after < len(log) and log[after][0] - at_s <= _SOON_S else None
 
 
+def _stacked(name: str, kind: str, moments: Iterable[Moment]) -> Iterator[Lane]:
+    """Return lanes of one name, as many as it takes that no bar lies on another."""
+    lanes: list[list[Moment]] = []
+    for moment in sorted(moments, key=lambda moment: moment.start_s):
+        free = (lane for lane in lanes if all((m.end_s or m.start_s) <= moment.start_s for m in lane))
+        lane = next(free, None)
+        if lane is None:
+            lanes.append(lane := [])
+        lane.append(moment)
+    yield from (Lane(name, kind, tuple(lane)) for lane in lanes[:_MOST_LANES])
+
+
 # -- points ------------------------------------------------------------------------------------
 
 
-def _losses(session: str, result: Result) -> Lane:
+def _losses(session: str, result: Result) -> Iterator[Moment]:
     """Return where in the recording the proof of lost or undecided points lies."""
-    checks = [check for check in result.checks if check.lost > 0 or not check.outcome.decided]
-    return Lane("points", "lost or open", tuple(filter(None, (_loss(session, check) for check in checks))))
-
-
-def _loss(session: str, check: CheckResult) -> Moment | None:
-    place = next((w for w in check.where if w.session == session and w.start_s is not None), None)
-    if place is None or place.start_s is None:
-        return None
-    style, what = ("lost", f"−{points(check.lost)}") if check.lost > 0 else ("open", f"{points(check.undecided)} open")
-    text, href = f"{what}: {check.title}", "#" + anchor("check", check.id)
-    return Moment(style, place.start_s, text, check.reason, place.end_s, href=href, trouble=True)
+    for check in result.checks:
+        place = next((w for w in check.where if w.session == session and w.start_s is not None), None)
+        if place is None or place.start_s is None or not (check.lost > 0 or not check.outcome.decided):
+            continue
+        style, what = (
+            ("lost", f"−{points(check.lost)}") if check.lost > 0 else ("open", f"{points(check.undecided)} open")
+        )
+        href = "#" + anchor("check", check.id)
+        end_s = place.start_s if place.end_s is None else place.end_s
+        yield Moment(style, place.start_s, f"{what}: {check.title}", check.reason, end_s, href=href, trouble=True)
 
 
 # -- steps -------------------------------------------------------------------------------------
@@ -200,7 +211,7 @@ def _of_step(recorded: Recorded, step: StepRun) -> Moment:
     opened_ns, closed_ns = step.result.get("opened_ns"), step.result.get("closed_ns")
     style = "window" if opened_ns else "wait" if step.kind.startswith("wait") else "step"
     outcome = {"done": "", "timeout": "not in time"}.get(step.outcome, step.outcome)
-    made = _MADE_OF.get(step.kind, lambda result: "")(step.result)
+    made = _MADE_OF[step.kind](step.result) if step.kind in _MADE_OF else ""
     note = "; ".join(part for part in (outcome, str(step.result.get("problem", "")), _alias(step), made) if part)
     start_ns, end_ns = opened_ns or step.started_ns, closed_ns or step.ended_ns
     end_s = recorded.since_start_s(end_ns or recorded.record.ended_ns)
@@ -264,22 +275,25 @@ def _of_process(recorded: Recorded, place: int) -> Lane:
     if run.exited_ns is not None:
         moments.append(Moment("bad-exit" if odd else "exit", at(run.exited_ns), end_of(run), trouble=odd))
     moments += _delays(recorded, run)
-    return Lane(run.name, "the lab's" if run.role == "reference" else "", tuple(moments))
+    return Lane(heading_of(recorded.record, place), "the lab's" if run.role == "reference" else "", tuple(moments))
 
 
 def _found(recorded: Recorded, run: ProcessRun) -> Iterator[Moment]:
     """Return when the nodes of a process were first in the graph, as far as is known which these are."""
     prefixes = tuple(t.gid_prefix for t in recorded.record.trusted if t.process == run.name)
     nodes = {claim.node for claim in recorded.record.claims if claim.process == run.name}
-    first: dict[str, Sighting] = {}
+    alive = Span(run.started_ns, run.exited_ns or recorded.record.ended_ns)
+    first: dict[str, int] = {}
     for sighting in recorded.sightings:
-        endpoint = sighting.endpoint
-        if endpoint.node in nodes or (prefixes and endpoint.gid.startswith(prefixes)):
-            first.setdefault(endpoint.node, sighting)
-    for node, sighting in first.items():
-        at_s = recorded.since_start_s(sighting.start_ns)
-        waited = duration(at_s - recorded.since_start_s(run.started_ns))
-        yield Moment("found", at_s, f"node {node} is in the graph", f"{waited} after the start")
+        endpoint, seen_ns = sighting.endpoint, sighting.start_ns
+        own = endpoint.node in nodes or endpoint.gid.startswith(prefixes)
+        if own and alive.start_ns <= seen_ns <= alive.end_ns:
+            first.setdefault(endpoint.node, seen_ns)
+    for node, seen_ns in first.items():
+        waited = duration((seen_ns - run.started_ns) / 1e9)
+        yield Moment(
+            "found", recorded.since_start_s(seen_ns), f"node {node} is in the graph", f"{waited} after the start"
+        )
 
 
 def _of_output(recorded: Recorded, place: int) -> Iterator[Moment]:
@@ -328,37 +342,42 @@ def _stalls(recorded: Recorded) -> Iterator[Moment]:
 
 
 def _of_actions(recorded: Recorded) -> Iterator[Lane]:
-    """Return a lane for each action; of each goal how it went, its feedback, and when it was asked to be cancelled."""
-    goals: dict[str, list[Moment]] = {}
+    """Return lanes for each action: how each goal went, and below, its feedback and when it was to be cancelled."""
+    sent: dict[str, list[tuple[StepRun, Mapping[str, Any]]]] = {}
     for step in recorded.record.steps:
-        for number, goal in enumerate(step.result.get("goals", ()), 1):
-            which = f"goal {number} of {step.label or step.kind}"
-            goals.setdefault(str(step.parameters.get("action", "")), []).extend(_of_goal(recorded, step, which, goal))
-    for action, moments in list(goals.items())[:_MOST_LANES]:
-        yield Lane(action, "goals", tuple(sorted(moments, key=lambda moment: moment.start_s)))
+        for goal in step.result.get("goals", ()):
+            sent.setdefault(str(step.parameters.get("action", "")), []).append((step, goal))
+    for action, goals in list(sent.items())[:_MOST_LANES]:
+        yield from _stacked(action, "goals", [_goal(recorded, step, goal) for step, goal in goals])
+        yield Lane(action, "feedback", tuple(m for step, goal in goals for m in _beside_goal(recorded, step, goal)))
 
 
-def _of_goal(recorded: Recorded, step: StepRun, which: str, goal: Mapping[str, Any]) -> Iterator[Moment]:
-    at, status = recorded.since_start_s, str(goal.get("status") or "no result")
-    accepted = {True: "accepted", False: "rejected", None: "not answered"}[goal.get("accepted")]
-    answer = fields(goal["result"]) if goal.get("result") is not None else ""
-    note = ", ".join(part for part in (accepted, status if goal.get("accepted") else "", answer) if part)
-    end_ns = goal.get("ended_ns") or (step.ended_ns if goal.get("accepted") else goal.get("answered_ns"))
-    trouble = goal.get("accepted") is None or (goal["accepted"] and not goal.get("ended_ns"))
-    text = f"{which}: {fields(goal.get('goal', {}))}"
-    style = f"goal-{status}" if goal.get("ended_ns") else "goal"
-    yield Moment(style, at(goal["sent_ns"]), text, note, at(end_ns or step.ended_ns), trouble=bool(trouble))
-    count, first_ns, last_ns = (
-        goal.get("feedback_count", 0),
-        goal.get("first_feedback_ns"),
-        goal.get("last_feedback_ns"),
+def _goal(recorded: Recorded, step: StepRun, goal: Mapping[str, Any]) -> Moment:
+    """Return how a goal went, from when it was sent to its result."""
+    accepted, ended_ns = goal.get("accepted"), goal.get("ended_ns")
+    status = goal.get("status") if ended_ns else "no result"
+    said = f"accepted, {status}" if accepted else "not answered" if accepted is None else "rejected"
+    made = (said, fields(goal["result"]) if goal.get("result") is not None else "")
+    silent = accepted is not False and not ended_ns
+    return Moment(
+        "goal-silent" if silent else "goal",
+        recorded.since_start_s(goal["sent_ns"]),
+        f"{step.label or 'goal'}: {fields(goal.get('goal', {}))}",
+        ": ".join(filter(None, made)),
+        recorded.since_start_s(ended_ns or (step.ended_ns if silent else goal["answered_ns"])),
+        trouble=silent,
     )
-    if first_ns:
-        yield Moment("feedback", at(first_ns), f"feedback on {which}", f"{count} messages", at(last_ns))
-    cancel = goal.get("cancel")
+
+
+def _beside_goal(recorded: Recorded, step: StepRun, goal: Mapping[str, Any]) -> Iterator[Moment]:
+    at, cancel, count = recorded.since_start_s, goal.get("cancel"), goal.get("feedback_count", 0)
+    if count:
+        first_s, last_s = at(goal["first_feedback_ns"]), at(goal["last_feedback_ns"])
+        yield Moment("feedback", first_s, f"feedback on {step.label or 'the goal'}", f"{count} messages", last_s)
     if cancel:
-        agreed = {True: "accepted", False: "refused", None: "no answer"}[cancel["accepted"]]
-        yield Moment("cancel", at(cancel["sent_ns"]), f"{which} is asked to be cancelled", agreed)
+        agreed = {True: "accepted", False: "refused"}.get(cancel["accepted"], "no answer")
+        text = f"{step.label or 'the goal'} is to be cancelled"
+        yield Moment("cancel", at(cancel["sent_ns"]), text, agreed)
 
 
 def _of_states(recorded: Recorded) -> Iterator[Lane]:
@@ -387,7 +406,7 @@ def _of_states(recorded: Recorded) -> Iterator[Lane]:
 
 
 def _of_topics(recorded: Recorded) -> Iterator[Lane]:
-    """Return a lane for each topic, those first that the steps wait for; hidden ones and those of every node are not."""
+    """Return a lane for each topic that is not hidden or every node's, those first that the steps wait for."""
     infos = {info.topic: info for info in sorted(recorded.bag.topics, key=lambda info: info.count)}
     names = dict.fromkeys([*infos, *(s.endpoint.topic for s in recorded.sightings)])
     plain = [name for name in names if name not in _STANDARD and "/_" not in name]

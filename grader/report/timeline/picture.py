@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from markupsafe import Markup
 
@@ -25,8 +25,6 @@ _BARS = {
     "feedback": (4, 0),
     "traffic": (8, 0),
     "step": (10, 0),
-    "lost": (14, 0),
-    "open": (14, 0),
 }
 _BAR = (16, 0)
 #: Style of a mark -> its path, around the moment.
@@ -57,6 +55,8 @@ MEANINGS = {
     "call-accepted": "call answered",
     "call-refused": "call answered: false",
     "call-silent": "call without an answer",
+    "goal": "a goal, until its result",
+    "goal-silent": "a goal without a result",
     "feedback": "feedback on a goal",
     "cancel": "cancelling",
     "warning": "warning",
@@ -129,17 +129,21 @@ def _linked(name: str, moment: Moment, scale: Scale, middle: float) -> Markup:
 
 
 def _mark(moment: Moment, scale: Scale, middle: float) -> Markup:
+    """Return a mark at the beginning of a moment, with a thin bar for as long as it lasts."""
     shape = tag("path", d=_PATHS[moment.style], class_=f"tl-{moment.style}")
-    return tag("svg", shape, x=scale.at(moment.start_s), y=middle, overflow="visible")
+    mark = tag("svg", shape, x=scale.at(moment.start_s), y=middle, overflow="visible")
+    if moment.end_s is None or moment.end_s - moment.start_s < _SHORTEST / 100 * scale.length_s:
+        return mark
+    return _bar(replace(moment, style="wait"), scale, middle) + mark
 
 
 def _bar(moment: Moment, scale: Scale, middle: float) -> Markup:
     high, below = _BARS.get(moment.style, _BAR)
     end_s = moment.start_s if moment.end_s is None else moment.end_s
     share = (end_s - moment.start_s) / scale.length_s
-    at, style = scale.at(moment.start_s), moment.style.partition("-")[0]
+    at = scale.at(moment.start_s)
     drawn = tag("rect", "", x=at, y=middle + below - high / 2, width=scale.width(moment.start_s, end_s), height=high,
-                rx=2, class_=f"tl-{style}")  # fmt: skip
+                rx=2, class_=f"tl-{moment.style}")  # fmt: skip
     if high < _BAR[0] or share < _WRITTEN_FROM or moment.style == "run":
         return drawn
     width = scale.width(moment.start_s, end_s)
