@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from grader.lab.overrides import Overrides, moment_of
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import Rubric
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
+from grader.report.foxglove import layout_of
 from grader.result import Result, to_json
 
 #: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
@@ -24,13 +26,15 @@ JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, m
 class Judgement:
     """What recordings were judged to be: by the rubric alone, and with what people and the rubric's policy make of it.
 
-    `page` is the report, empty where none was wanted, and `text` is `result.json`.
+    `page` is the report, empty where none was wanted, `text` is `result.json`, and `layouts` are the layouts for Foxglove
+    by session, where there is a page.
     """
 
     by_rubric: Result
     result: Result
     page: str
     text: str
+    layouts: Mapping[str, str] = field(default_factory=dict)
 
 
 def judge_recordings(folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True) -> Judgement:
@@ -39,7 +43,10 @@ def judge_recordings(folder: Path, rubric: Rubric, overrides: Overrides, *, page
     by_rubric, submission = judge(recordings, rubric), recordings.submission
     moment = moment_of(submission.submitted_at)
     result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, moment)
-    return Judgement(by_rubric, result, report_page(result, recordings, rubric) if page else "", to_json(result))
+    if not page:
+        return Judgement(by_rubric, result, "", to_json(result))
+    layouts = {name: layout_of(recorded) for name, recorded in recordings.sessions.items()}
+    return Judgement(by_rubric, result, report_page(result, recordings, rubric), to_json(result), layouts)
 
 
 def judge_bounded(folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True) -> Judgement:
