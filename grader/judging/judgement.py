@@ -26,8 +26,8 @@ JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, m
 class Judgement:
     """What recordings were judged to be: by the rubric alone, and with what people and the rubric's policy make of it.
 
-    `page` is the report, empty where none was wanted, `text` is `result.json`, and `layouts` are the layouts for Foxglove
-    by session, where there is a page.
+    `text` is `result.json`. `page` is the report, and `layouts` has a layout for Foxglove for each session; both are
+    empty where no page was wanted.
     """
 
     by_rubric: Result

@@ -97,13 +97,11 @@
       each(timeline, ".on", function (e) { e.classList.remove("on"); });
       row.classList.add("on");
       each(picture, 'a[href="#' + row.id + '"]', function (e) { e.classList.add("on"); });
-      choose(at, row.cells[2].textContent, link && document.getElementById(link.hash.slice(1)));
+      choose(at, [row.cells[2].textContent, row.cells[3].textContent].filter(Boolean).join(": "), link && document.getElementById(link.hash.slice(1)));
       var box = row.closest(".scroll");
       if (!inList) { box.scrollTop = row.offsetTop - box.clientHeight / 3; }
       var x = at / length * wide.clientWidth;
       if (x < scroll.scrollLeft || x > scroll.scrollLeft + scroll.clientWidth) { scroll.scrollLeft = x - scroll.clientWidth / 2; }
-      scroll.setAttribute("aria-valuenow", at.toFixed(3));
-      scroll.setAttribute("aria-valuetext", at.toFixed(3) + " s: " + row.cells[2].textContent + " " + row.cells[3].textContent);
     }
     function scale(factor, at) {
       var before = at === undefined ? scroll.scrollLeft + scroll.clientWidth / 2 : at / length * wide.clientWidth;
@@ -121,11 +119,8 @@
     });
     new ResizeObserver(ticks).observe(scroll);
     scroll.tabIndex = 0;
-    scroll.setAttribute("role", "slider");
+    scroll.setAttribute("role", "group");
     scroll.setAttribute("aria-label", "Timeline of " + session + ": arrow keys go from moment to moment, plus and minus zoom");
-    scroll.setAttribute("aria-valuemin", "0");
-    scroll.setAttribute("aria-valuemax", length.toFixed(3));
-    scroll.setAttribute("aria-valuenow", "0");
     scroll.addEventListener("keydown", function (event) {
       var step = {ArrowRight: 1, ArrowLeft: -1, Home: -rows.length, End: rows.length}[event.key];
       if (step) { moment(Math.min(rows.length - 1, Math.max(0, chosen + step))); }
