@@ -19,7 +19,6 @@ from markupsafe import Markup
 from grader.report import views
 from grader.report.escape import line, shown
 from grader.report.figures.svg import HALF, NARROW, WIDE, duration
-from grader.report.timeline.picture import key_of, mark_sample, picture
 
 _FOLDER = Path(__file__).parent / "templates"
 
@@ -45,13 +44,11 @@ def _template(name: str, styles: tuple[str, ...], scripts: tuple[str, ...]) -> T
     )
     environment.filters.update(line=line, duration=duration, prose=prose, breakable=breakable, fields=views.fields)
     environment.filters.update(points=views.points, tenths=views.tenths, signed=views.signed)
-    environment.filters.update(picture=picture, mark_sample=mark_sample)
     environment.globals.update(
         widths=(WIDE, HALF, NARROW),
         anchor=views.anchor,
         badge_of=views.badge_of,
         share_of=views.share_of,
-        key_of=key_of,
     )
     css, js = ("".join(map(_read, names)) for names in (styles, scripts))
     environment.globals.update(

@@ -9,7 +9,7 @@ from grader.recording.submission import SubmissionRecord
 from grader.report import views
 from grader.report.figures.svg import Figure
 from grader.report.page import render_page
-from grader.report.timeline.moments import timeline_of
+from grader.report.timeline import timeline_of
 from grader.result import Outcome, Result
 
 
