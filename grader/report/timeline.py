@@ -90,7 +90,7 @@ class Timeline:
     def _shown(self, lane: Lane, log: Sequence[tuple[float, int, int]]) -> list[Moment]:
         """Return its moments within the session, the first of equal ones, each with what was written soon after."""
         shown = []
-        for _, alike in itertools.groupby(lane.moments, key=lambda m: (m.style, m.text, m.note)):
+        for _, alike in itertools.groupby(lane.moments, key=lambda m: (m.style, m.text, m.note, m.end_s)):
             first, *others = alike
             often = f"{len(others) + 1} times" if others else ""
             start_s, end_s = (
@@ -262,7 +262,7 @@ def _logged(recorded: Recorded, place: int) -> Iterator[Moment]:
     numbers = {(line.t_ns, line.text.partition(":")[0].strip()): number for number, line in enumerate(lines)}
     for raised in tracebacks(run.output):
         number = numbers.get((raised.t_ns, raised.type), len(lines) - 1)
-        text = f"{raised.name}: {raised.message}"
+        text = f"{raised.name}: {raised.message}".partition("\n")[0]
         yield Moment("raised", recorded.since_start_s(raised.t_ns), text, trouble=True, line=(place, number))
 
 
