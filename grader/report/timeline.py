@@ -257,7 +257,7 @@ def _logged(recorded: Recorded, place: int) -> Iterator[Moment]:
     lines = recorded.lines_of(run)
     for number, line in enumerate(lines):
         if (warns := _WARNS.match(line.text)) is not None:
-            style, said = "logged-error" if warns[1] else "warning", line.text.rpartition("]: ")[2]
+            style, said = "logged-error" if warns[1] else "warning", line.text.partition("]: ")[2] or line.text
             yield Moment(style, recorded.since_start_s(line.t_ns), said, trouble=True, line=(place, number))
     numbers = {(line.t_ns, line.text.partition(":")[0].strip()): number for number, line in enumerate(lines)}
     for raised in tracebacks(run.output):

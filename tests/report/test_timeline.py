@@ -107,7 +107,7 @@ def test_warnings_errors_and_exceptions_lead_to_their_lines(tmp_path: Path) -> N
     timeline = drawn(Session(tmp_path).process("it", lines))
     told = [(m.style, m.start_s, m.text, m.line) for m in lane(timeline, "it") if m.trouble]
     assert told == [
-        ("warning", pytest.approx(2.5), "very", (0, 1)),
+        ("warning", pytest.approx(2.5), "slow [3]: very", (0, 1)),
         ("warning", pytest.approx(2.6), "it.py:3: DeprecationWarning: old", (0, 2)),
         ("logged-error", pytest.approx(3.0), "bad", (0, 3)),
         ("raised", pytest.approx(4.0), "AttributeError: no x", (0, 7)),
