@@ -20,6 +20,8 @@ _CLOCK = "/clock"
 _CLOCK_HZ = 40
 #: What is waited for at the beginning and at the end, at most: for somebody to subscribe, and for all to arrive.
 _DISCOVERY_S, _ACKNOWLEDGED_S = 2.0, 1.0
+#: How long it takes until the other side knows of a subscription that is matched on ours, and others come too.
+_KNOWN_S = 0.5
 _LOOK_S = 0.05
 #: Nothing that was just published is lost for want of room.
 _DEPTH = 1000
@@ -62,6 +64,7 @@ class Player:
         deadline_s = time.monotonic() + _DISCOVERY_S
         while time.monotonic() < deadline_s and not any(p.get_subscription_count() for p in self._publishers.values()):
             time.sleep(_LOOK_S)
+        time.sleep(_KNOWN_S)
 
     def play(self, start_ns: int, rate: float = 1.0) -> int:
         """Publish all that was received from a time on, and return how many messages that were."""
