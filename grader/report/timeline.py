@@ -80,15 +80,15 @@ class Timeline:
             if run.role == "student"
             for number, line in enumerate(run.output)
         )
-        self.lanes = [replace(lane, moments=self._shown(lane, log)) for lane in lanes if lane.moments]
+        self.lanes = [self._shown(lane, log) for lane in lanes if lane.moments]
         ordered = sorted(
             ((place, moment) for place, lane in enumerate(self.lanes) for moment in lane.moments),
             key=lambda row: row[1].start_s,
         )
         self.rows = [(f"{anchor('moment', self.session)}-{n}", *row) for n, row in enumerate(ordered)]
 
-    def _shown(self, lane: Lane, log: Sequence[tuple[float, int, int]]) -> list[Moment]:
-        """Return its moments within the session, the first of equal ones, each with what was written soon after."""
+    def _shown(self, lane: Lane, log: Sequence[tuple[float, int, int]]) -> Lane:
+        """Return it within the session, of equal moments with the first, each with what was written soon after."""
         shown = []
         for _, alike in itertools.groupby(lane.moments, key=lambda m: (m.style, m.text, m.note, m.end_s)):
             first, *others = alike
@@ -101,7 +101,8 @@ class Timeline:
             line = first.line or (log[after][1:] if soon else None)
             note = f"{first.note} {often}".strip()
             shown.append(replace(first, start_s=start_s or 0.0, end_s=end_s, note=note, line=line))
-        return shown[:_MOST_MOMENTS]
+        kind = lane.kind if len(shown) <= _MOST_MOMENTS else f"{_MOST_MOMENTS} of {len(shown)} moments"
+        return Lane(lane.name, kind, shown[:_MOST_MOMENTS])
 
     def at(self, time_s: float) -> str:
         """Return where a time, or how wide a span of it, lies in the picture: so many percent of its width."""
@@ -226,12 +227,12 @@ def _of_process(recorded: Recorded, place: int) -> Lane:
     moments = [
         Moment("run", at(run.started_ns), f"{run.name} runs", end, at(end_ns)),
         *_found(recorded, run, end_ns),
-        *_logged(recorded, place),
     ]
     if run.interrupted_ns is not None:
         moments.append(Moment("interrupt", at(run.interrupted_ns), "Ctrl-C (SIGINT)"))
     if run.exited_ns is not None:
         moments.append(Moment("bad-exit" if odd else "exit", at(run.exited_ns), end, trouble=odd))
+    moments += _logged(recorded, place)
     delays = [delay for delay in recorded.delays(run) if delay.delay_ns >= _SHOWN_DELAY_NS]
     moments += _delays(recorded, f"the grading computer was busy: {run.name} waited for a core,", delays, "delay")
     return Lane(heading_of(recorded.record, place), "the lab's" if run.role == "reference" else "", moments)
@@ -252,18 +253,18 @@ def _found(recorded: Recorded, run: ProcessRun, end_ns: int) -> Iterator[Moment]
 
 
 def _logged(recorded: Recorded, place: int) -> Iterator[Moment]:
-    """Return the warnings and errors that a process logged, and its exceptions where their tracebacks end."""
+    """Return a process's exceptions, where their tracebacks end, and the warnings and errors that it logged."""
     run = recorded.record.processes[place]
     lines = recorded.lines_of(run)
-    for number, line in enumerate(lines):
-        if (warns := _WARNS.match(line.text)) is not None:
-            style, said = "logged-error" if warns[1] else "warning", line.text.partition("]: ")[2] or line.text
-            yield Moment(style, recorded.since_start_s(line.t_ns), said, trouble=True, line=(place, number))
     numbers = {(line.t_ns, line.text.partition(":")[0].strip()): number for number, line in enumerate(lines)}
     for raised in tracebacks(run.output):
         number = numbers.get((raised.t_ns, raised.type), len(lines) - 1)
         text = f"{raised.name}: {raised.message}".partition("\n")[0]
         yield Moment("raised", recorded.since_start_s(raised.t_ns), text, trouble=True, line=(place, number))
+    for number, line in enumerate(lines):
+        if (warns := _WARNS.match(line.text)) is not None:
+            style, said = "logged-error" if warns[1] else "warning", line.text.partition("]: ")[2] or line.text
+            yield Moment(style, recorded.since_start_s(line.t_ns), said, trouble=True, line=(place, number))
 
 
 def _delays(recorded: Recorded, what: str, delays: Iterable[Delay], style: str) -> Iterator[Moment]:

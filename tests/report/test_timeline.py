@@ -111,7 +111,7 @@ def test_warnings_errors_and_exceptions_lead_to_their_lines(tmp_path: Path) -> N
     ]
     timeline = drawn(Session(tmp_path).process("it", lines))
     told = [(m.style, m.start_s, m.text, m.line) for m in lane(timeline, "it") if m.trouble]
-    assert told == [
+    assert sorted(told, key=lambda one: one[1]) == [
         ("warning", about(2.5), "slow [3]: very", (0, 1)),
         ("warning", about(2.6), "it.py:3: DeprecationWarning: old", (0, 2)),
         ("logged-error", about(3.0), "bad", (0, 3)),
@@ -122,12 +122,15 @@ def test_warnings_errors_and_exceptions_lead_to_their_lines(tmp_path: Path) -> N
 
 
 def test_a_flood_of_warnings_is_bounded(tmp_path: Path) -> None:
-    """Equal ones are one, with their number; of different ones some are shown."""
+    """Equal ones are one, with their number; of different ones some are shown, and it is told; how it ended stays."""
     same = [(2.0 + n / 1e4, "[WARN] [1.0] [it]: again") for n in range(5000)]
     (warning,) = [m for m in lane(drawn(Session(tmp_path / "a").process("it", same)), "it") if m.style == "warning"]
     assert warning.note == "5000 times"
     other = [(2.0 + n / 1e4, f"[WARN] [1.0] [it]: number {n}") for n in range(5000)]
-    assert len(lane(drawn(Session(tmp_path / "b").process("it", other)), "it")) == 60
+    other += [(3.0, text) for text in TRACEBACK]
+    moments = lane(drawn(Session(tmp_path / "b").process("it", other)), "it", "60 of 5004 moments")
+    assert len(moments) == 60
+    assert {"run", "interrupt", "exit", "raised"} < {moment.style for moment in moments}
 
 
 def test_steps_say_what_came_of_them(tmp_path: Path) -> None:
