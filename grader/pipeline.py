@@ -26,7 +26,7 @@ from grader.lab.rubric import Rubric
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.report.exports.writing import ExportTarget
 from grader.result import CheckResult, Result, result_of_text
-from grader.result_folder import EARLIER_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
+from grader.result_folder import EARLIER_FILE, LAYOUT_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
 from grader.submission.artifacts import read_submission
 from grader.submission.extraction import Intake, SubmissionSource, in_bounds, open_submission
 from grader.submission.separation import made_from
@@ -299,7 +299,13 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
 def files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:
     """Return the texts of a submission's results, by their places; None for what is not to be there."""
     page, text = judgement.page, judgement.text
-    return {**rubric_files_of_result(results, rubric), results / REPORT_FILE: page, results / RESULT_FILE: text}
+    layouts = {results / RECORDINGS / name / LAYOUT_FILE: layout for name, layout in judgement.layouts.items()}
+    return {
+        **rubric_files_of_result(results, rubric),
+        **layouts,
+        results / REPORT_FILE: page,
+        results / RESULT_FILE: text,
+    }
 
 
 def judge_so_far(results: Path) -> Result:

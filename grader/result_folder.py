@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 RECORDINGS = "recordings"
+#: In a recording.
+LAYOUT_FILE = "foxglove.json"
 RUBRIC_COPY = "rubric.yaml"
 RESULT_FILE = "result.json"
 #: Among recordings: the result of the submission before this one.

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from grader.lab.overrides import Overrides, moment_of
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import Rubric
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
+from grader.report.foxglove import layout_of
 from grader.result import Result, result_of_text, to_json
 from grader.result_folder import EARLIER_FILE
 
@@ -26,13 +28,15 @@ JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, m
 class Judgement:
     """What recordings were judged to be: by the rubric alone, and with what people and the rubric's policy make of it.
 
-    `page` is the report, empty where none was wanted, and `text` is `result.json`.
+    `text` is `result.json`. `page` is the report, and `layouts` has a layout for Foxglove for each session; both are
+    empty where no page was wanted.
     """
 
     by_rubric: Result
     result: Result
     page: str
     text: str
+    layouts: Mapping[str, str] = field(default_factory=dict)
 
 
 def judge_recordings(folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True) -> Judgement:
@@ -41,9 +45,11 @@ def judge_recordings(folder: Path, rubric: Rubric, overrides: Overrides, *, page
     by_rubric, submission = judge(recordings, rubric), recordings.submission
     moment = moment_of(submission.submitted_at)
     result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, moment)
-    before = result_of_text(text_of(folder / EARLIER_FILE)) if page else None
-    shown = report_page(result, recordings, rubric, before) if page else ""
-    return Judgement(by_rubric, result, shown, to_json(result))
+    if not page:
+        return Judgement(by_rubric, result, "", to_json(result))
+    layouts = {name: layout_of(recorded) for name, recorded in recordings.sessions.items()}
+    shown = report_page(result, recordings, rubric, result_of_text(text_of(folder / EARLIER_FILE)))
+    return Judgement(by_rubric, result, shown, to_json(result), layouts)
 
 
 def judge_bounded(folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True) -> Judgement:
@@ -77,5 +83,4 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric, before: 
             there = [s for s in criterion.figures if s.session in recordings.sessions]
             drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
             figures[criterion.id] = [figure for figure in drawn if figure is not None]
-    records = {name: recorded.record for name, recorded in recordings.sessions.items()}
-    return render(result, figures, records, recordings.submission, before)
+    return render(result, figures, recordings.sessions, recordings.submission, before)
