@@ -30,7 +30,7 @@ def render_page(name: str, styles: tuple[str, ...], script: str, **values: Any) 
     return page.encode("utf-8", "replace").decode("utf-8")
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=8)
 def _template(name: str, styles: tuple[str, ...], script: str) -> Template:
     environment = Environment(
         loader=FileSystemLoader(_FOLDER),
@@ -47,7 +47,7 @@ def _template(name: str, styles: tuple[str, ...], script: str) -> Template:
     environment.globals.update(
         widths=(WIDE, HALF, NARROW), anchor=views.anchor, badge_of=views.badge_of, share_of=views.share_of
     )
-    css, js = "".join(map(_read, styles)), _read(script)
+    css, js = "".join(map(_read, styles)), _read(script) if script else ""
     environment.globals.update(
         css=Markup(css),
         js=Markup(js),
