@@ -55,7 +55,7 @@ _Dumper.add_representer(list, lambda dumper, names: dumper.represent_sequence(_S
 
 
 def with_entry(text: str, entry: Mapping[str, Any]) -> str:
-    """Return the text with an entry at its end; raises RubricError if its entries do not stand in lines of their own."""
+    """Return the text with an entry at its end; raises RubricError if its list is in one line."""
     listed = _entries(text)
     new = yaml.dump(dict(entry), Dumper=_Dumper, allow_unicode=True, sort_keys=False, width=_ONE_LINE)
     if listed is None:

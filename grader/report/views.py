@@ -225,9 +225,7 @@ def _adjustment_view(each: Adjustment, titles: Mapping[str, tuple[str, str]]) ->
     href = "#" + anchor(kind, each.what) if kind else ""
     by = ", ".join(part for part in (each.who, each.when) if part)
     is_appeal = each.kind is AdjustmentKind.APPEAL
-    return AdjustmentView(
-        signed(each.points), style, words[each.kind], href, each.reason, by, each.comment, is_appeal
-    )
+    return AdjustmentView(signed(each.points), style, words[each.kind], href, each.reason, by, each.comment, is_appeal)
 
 
 def said_of(result: Result) -> dict[str, list[AdjustmentView]]:
