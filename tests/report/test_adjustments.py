@@ -104,7 +104,7 @@ def test_adjustments_link_to_what_they_concern(adjusted: Result) -> None:
     """A check and a criterion are a click away, and the links lead somewhere."""
     page = page_of(adjusted)
     hrefs = [view.href for view in adjustments_of(adjusted) if view.href]
-    assert hrefs == ["#check-publisher.rate", "#criterion-documentation"]
+    assert hrefs == ["#check-publisher.rate", "#criterion-documentation", "#check-publisher.rate"]
     assert all(f'id="{href[1:]}"' in page for href in [*hrefs, "#adjustments"])
 
 
