@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from pydantic import Field, model_validator
 
@@ -39,6 +39,7 @@ class WantedAnswer(Parameters):
 class CallValue(Parameters):
     """Calls are answered with the right numbers and texts, in nested fields too; each call is a part."""
 
+    example: ClassVar = {"each": [{"step": "call", "values": {"success": True}}]}
     artifact: ref.Artifact
     each: tuple[WantedAnswer, ...] = Field(min_length=1)
     oracle: ref.Loadable | None = Field(
