@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from grader.own_checks import Context, Finding, Topic, Window, failed, graded
 
 API_VERSION = 1
@@ -90,3 +92,53 @@ def state_fits(context: Context, p: States) -> Finding:
         where=[context.location(p.topic, p.window)],
         levels=4,
     )
+
+
+def median(row):
+    out = row.copy()
+    if len(row) > 2:
+        out[1:-1] = np.median(np.stack([row[:-2], row[1:-1], row[2:]]), axis=0)
+    return out
+
+
+@dataclass
+class Filtered:
+    topic: Topic
+    source: Topic
+    window: Window
+    least_m: float = 0.125
+    most_m: float = 8.0
+    tolerance_m: float = 0.001
+
+
+def filters(context: Context, p: Filtered) -> Finding:
+    """Each filtered scan is the scan of its stamp, clamped, and each ray the median of three."""
+    given, got = context.messages(p.source), context.messages(p.topic, p.window)
+    scans = dict(zip(stamps(given), given.numbers("ranges")))
+    meanings = {
+        "clamped, but the outliers are still there": lambda row: np.clip(row, p.least_m, p.most_m),
+        "without outliers, but not clamped": median,
+        "as they came": lambda row: row,
+    }
+    pairs = [(scans[stamp], row) for stamp, row in zip(stamps(got), got.numbers("ranges")) if stamp in scans]
+    expected = "all rays clamped, and the median of three"
+    where = [context.location(p.topic, p.window)]
+    if not pairs:
+        return failed(expected, "no message with a scan's stamp", "No message could be compared.", where=where)
+
+    def right(wanted):
+        return sum(
+            row is not None and scan is not None and len(row) == len(scan)
+            and bool(np.allclose(row, wanted(scan), atol=p.tolerance_m, rtol=0))
+            for scan, row in pairs
+        ) / len(pairs)
+
+    share = right(lambda row: median(np.clip(row, p.least_m, p.most_m)))
+    measured = f"{100 * share:.0f}% of {len(pairs)} messages are right"
+    if share >= 0.97:
+        return graded(1.0, expected, measured, "", where=where)
+    for meaning, wanted in meanings.items():
+        if right(wanted) >= 0.9:
+            credit = 0.0 if meaning == "as they came" else 0.5
+            return graded(credit, expected, measured, f"The ranges are {meaning}.", where=where)
+    return graded(share, expected, measured, "Some ranges are not as told.", where=where, levels=4)

@@ -6,7 +6,7 @@ import sys
 import time
 from dataclasses import dataclass
 
-from rclpy.qos import qos_profile_sensor_data
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import LaserScan
 
 from grader.reference_node import reference_node, run, sleep_until
@@ -45,9 +45,8 @@ def ranges_of(count, settings, chance):
 
 def play(configuration, settings, stop):
     with reference_node("scanner") as reference:
-        publisher = reference.open_publisher(
-            LaserScan, configuration.name(settings.topic), qos_profile_sensor_data
-        )
+        # Offers more than the scanner of the handout, so that a reliable subscription, which a check charges, hears it.
+        publisher = reference.open_publisher(LaserScan, configuration.name(settings.topic), QoSProfile(depth=5))
         print("ready", flush=True)
         reference.wait_until_recorded(stop, timeout_s=5)
         chance = random.Random(configuration.seed)
