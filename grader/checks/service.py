@@ -246,10 +246,9 @@ class CallGated(Parameters):
 
 
 def call_gated(context: Context, p: CallGated) -> Finding:
-    """Judge refusal (half) and recovery (half); refusing only with the parameter given at start earns less."""
-    expected = (
-        f"{_shown(p.refused)} while the parameter is off (half), {_shown(p.recovered)} when it is on again (half)"
-    )
+    """Judge refusal, and recovery after it; recovery alone earns nothing, a refusal only from the start little."""
+    refused, recovered = _shown(p.refused), _shown(p.recovered)
+    expected = f"{refused} while the parameter is off, and after such a refusal {recovered} when it is on again"
     steps = {name: context.session.step(name) for name in (p.refused_step, p.recovered_step, p.from_start_step)}
     off, on, started_off = (_answer(step) for step in steps.values())
     refuses, recovers, refuses_at_start = _fits(off, p.refused), _fits(on, p.recovered), _fits(started_off, p.refused)
