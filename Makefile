@@ -9,7 +9,7 @@ STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 NOT_INSTALLED = { echo "The packages could not be installed, see above; the first time, this needs a network."; exit 1; }
 
-.PHONY: alice test thorough fixtures attacks bench system system-dev lint types layers house clean
+.PHONY: alice test thorough fixtures attacks bench docs system system-dev lint types layers house clean
 
 alice: $(STAMP) system
 	$(BIN)/grade submissions/alice/
@@ -36,6 +36,10 @@ attacks: $(DEV_STAMP) system
 bench: $(STAMP) system
 	$(BIN)/python -m bench.stability
 	$(BIN)/python -m bench
+
+# The documentation as a site; a link that leads nowhere ends it. Open site/index.html.
+docs: $(DEV_STAMP)
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 
 lint: $(DEV_STAMP)
 	$(BIN)/ruff check
@@ -69,4 +73,4 @@ $(DEV_STAMP): $(STAMP)
 	touch $@
 
 clean:
-	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache
+	rm -rf $(VENV) site .pytest_cache .mypy_cache .ruff_cache .import_linter_cache

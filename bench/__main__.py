@@ -1,4 +1,4 @@
-"""Measures everything in one run, and writes the table for the README."""
+"""Measures everything in one run, and writes the tables for docs/measurements.md."""
 
 from __future__ import annotations
 

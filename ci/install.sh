@@ -10,7 +10,7 @@ as_root() { if [[ $(id -u) == 0 ]]; then "$@"; else sudo -- "$@"; fi; }
 
 as_root apt-get update -qq
 as_root env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends \
-  bubblewrap util-linux python3 python3-venv >/dev/null
+  bubblewrap util-linux python3 python3-venv gcc g++ libc6-dev python3-dev >/dev/null
 as_root python3 -m venv /opt/grade
 as_root /opt/grade/bin/python -m pip install --quiet --disable-pip-version-check --no-cache-dir \
   --constraint "$source/constraints.txt" "$source"

@@ -175,6 +175,8 @@ def record(
 ) -> Judgement:
     """Run the live half, and sessions again whose checks are undecided; returns the judgement of what is kept."""
     from grader.evidence.environment_gap import modules_to_look_for
+    from grader.live.interfaces.build import parts_in
+    from grader.live.interfaces.needs import needed_interfaces, provide_interfaces
     from grader.live.sandbox.environment import absent_modules, find_native_launch, versions
     from grader.live.sandbox.isolation import Level
     from grader.live.sandbox.machine import wait_for_calm
@@ -193,7 +195,10 @@ def record(
             yield
 
     # It begins to import while the isolation is tried.
-    with ForkServer(given_in_steps(rubric, "type")) as forks:
+    with (
+        ForkServer(given_in_steps(rubric, "type")) as forks,
+        tempfile.TemporaryDirectory(prefix=scratch_prefix()) as interfaces,
+    ):
         with watch.stage("testing the sandbox"):
             isolation = scheduler.isolation if scheduler is not None else probe_isolation(options.interpreter)
         require(isolation, Level.of(options.least_isolation))
@@ -204,6 +209,9 @@ def record(
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
         wanted = in_bounds(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
         submission.absent_modules = absent_modules(options.interpreter, wanted)
+        needed = in_bounds(partial(needed_interfaces, rubric, submission), submission.source, _READING_BOUND)
+        with work("building interfaces") if needed.packages else nullcontext():
+            lacking = provide_interfaces(needed, rubric, submission, Path(interfaces), isolation, options.interpreter)
         if options.scope is not Scope.UNDECIDED:
             _start_afresh(recordings, submission, rubric)
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
@@ -219,10 +227,12 @@ def record(
                 isolation,
                 options.interpreter,
                 options.seed if options.seed is not None else random.SystemRandom().randrange(2**31),
-                versions() | {"launch": "native" if native is not None else "stand-in"},
+                versions() | {"launch": "native" if native is not None else "stand-in"} | parts_in(Path(interfaces)),
                 forks,
                 native,
                 scheduler=scheduler,
+                interfaces=Path(interfaces),
+                lacking=lacking,
             )
             on_progress = watch.follow(on_progress)
             preparing = threading.Timer(_PREPARED_AFTER_S, prepare, [rubric])
@@ -247,7 +257,8 @@ def record(
                     preparing.join()
                     return judge_bounded(recordings, rubric, options.overrides)
 
-            return judged() if options.scope is Scope.ONCE else retry_undecided(recordings, chosen, retry, judged)
+            once = options.scope is Scope.ONCE or lacking
+            return judged() if once else retry_undecided(recordings, chosen, retry, judged)
 
 
 def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:
@@ -258,6 +269,7 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
     files = kept_lab.files_of(rubric)
     kept_lab.trust(files)
     submission.lab_folder, submission.lab_files = str(rubric.folder), kept_lab.sha256s(files)
+    submission.lab_id, submission.lab_sha256 = rubric.lab.id, kept_lab.identity_of(rubric)
     write_submission(recordings, submission)
     replace_files(rubric_files(recordings, rubric))
 

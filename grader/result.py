@@ -293,6 +293,8 @@ class Provenance(TypedDict, total=False):
     grader: str
     lab: str
     rubric_sha256: str
+    #: Of the rubric and all files that it names.
+    lab_sha256: str
     submission_sha256: str
     versions: dict[str, str]
     handout_ros: str
@@ -347,6 +349,11 @@ class Result:
     def rubric_sha256(self) -> str:
         """Hash of the rubric that it was judged by; empty if that is not known."""
         return self.provenance.get("rubric_sha256", "")
+
+    @property
+    def lab_sha256(self) -> str:
+        """Hash of that rubric and all files that it names; empty if that is not known."""
+        return self.provenance.get("lab_sha256", "")
 
 
 # -- result.json -------------------------------------------------------------------------------

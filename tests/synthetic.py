@@ -11,6 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from rosbags.typesys import Stores, get_typestore
+
 from grader.checks.base import Context
 from grader.checks.registry import REGISTRY
 from grader.evidence.recorded import Recorded
@@ -68,6 +71,25 @@ def text(value: str) -> bytes:
     return struct.pack("<BBHI", 0, 1, 0, len(data)) + data
 
 
+_ZERO = {"string": "", "wstring": "", "bool": False, "float32": 0.0, "float64": 0.0}
+
+
+def _message(store: Any, described: Any, value: Any = None) -> Any:
+    """Make a message, or a part of one, of its type as `rosbags` describes it."""
+    kind, what = described
+    if kind == 1:
+        return _ZERO.get(what[0] if isinstance(what, tuple) else what, 0) if value is None else value
+    if kind == 2:
+        fields, given = store.fielddefs[what][1], value or {}
+        return store.types[what](**{name: _message(store, part, given.get(name)) for name, part in fields})
+    element, length = what
+    listed = [
+        _message(store, element, each) for each in (value if value is not None else [None] * length * (kind == 3))
+    ]
+    primitive = element[1][0] if element[0] == 1 else "string"
+    return listed if primitive in ("string", "wstring") else np.array(listed, dtype=primitive)
+
+
 class Session:
     """One session in the making.
 
@@ -122,6 +144,22 @@ class Session:
         channel = self._writer.add_channel(topic, kind, "", MessageDefinition("ros2msg", definition), [RELIABLE])
         for number, (data, time_s) in enumerate(zip(messages, times_s, strict=True), 1):
             self._writer.write(channel, data, received_ns=at(time_s), source_ns=at(time_s), sequence=number)
+        return self
+
+    def typed(
+        self, topic: str, kind: str, messages: Sequence[Mapping[str, Any]], times_s: Iterable[float], lag_s: float = 0.0
+    ) -> Session:
+        """Record messages of any type of ROS by their fields, received so long after they were published.
+
+        What is not given is 0, empty or false; numbers of an array are a list.
+        """
+        store = get_typestore(Stores.ROS2_JAZZY)
+        definition = MessageDefinition("ros2msg", store.generate_msgdef(kind, ros_version=2)[0])
+        channel = self._writer.add_channel(topic, kind, "", definition, [RELIABLE])
+        for number, (fields, time_s) in enumerate(zip(messages, times_s, strict=True), 1):
+            data = bytes(store.serialize_cdr(_message(store, (2, kind), fields), kind))
+            received_ns = at(time_s + lag_s)
+            self._writer.write(channel, data, received_ns=received_ns, source_ns=at(time_s), sequence=number)
         return self
 
     def endpoint(

@@ -132,7 +132,7 @@ def graded(
 
 @dataclass(frozen=True)
 class Part:
-    """One of several things that count the same: what it earns, what it is, and why it earns no more."""
+    """One of several things: what it earns, what it is, and why it earns no more; all count the same by default."""
 
     share: float
     text: str = ""
@@ -144,6 +144,13 @@ class Part:
     hint: str = ""
     where: tuple[Location, ...] = ()
     notes: tuple[str, ...] = ()
+    #: What it counts beside the others.
+    weight: float = 1.0
+
+
+def weighed(parts: Sequence[Part], weight: float) -> list[Part]:
+    """Return parts that count so much together."""
+    return [replace(part, weight=weight / len(parts)) for part in parts]
 
 
 def of_parts(
@@ -155,19 +162,19 @@ def of_parts(
     where: Sequence[Location] = (),
     doubt: str = "",
 ) -> Finding:
-    """State what parts earn together, of which each counts the same, less what costs a share of the whole."""
-    lost, count = sum(share for share, _ in costs), max(1, len(parts))
-    best = sum(part.share if part.best is None else max(part.share, part.best) for part in parts)
+    """State what parts earn together, each by its weight, less what costs a share of the whole."""
+    lost, whole = sum(share for share, _ in costs), sum(part.weight for part in parts) or 1.0
+    best = sum(part.weight * (part.share if part.best is None else max(part.share, part.best)) for part in parts)
     return graded(
-        max(0.0, sum(part.share for part in parts) / count - lost),
+        max(0.0, sum(part.weight * part.share for part in parts) / whole - lost),
         expected,
         measured or "; ".join(part.text for part in parts if part.text),
-        " ".join([*(reason for _, reason in costs), *(part.reason for part in parts if part.reason)]),
+        " ".join(dict.fromkeys([*(reason for _, reason in costs), *(part.reason for part in parts if part.reason)])),
         hint=next((part.hint for part in parts if part.hint), ""),
         where=[*(location for part in parts for location in part.where), *where],
         notes=[note for part in parts for note in part.notes],
-        best=max(0.0, best / count - lost),
-        doubt=" ".join(part.doubt for part in parts if part.doubt) or doubt,
+        best=max(0.0, best / whole - lost),
+        doubt=" ".join(dict.fromkeys(part.doubt for part in parts if part.doubt)) or doubt,
     )
 
 

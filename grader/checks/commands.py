@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from typing import Any
 
-from grader.lab.rubric import CheckSpec, Rubric
+from grader.lab.rubric import CheckSpec, Rubric, StepSpec
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Outcome
 
@@ -29,6 +29,13 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "topic_jitter": ("ros2 topic hz {topic}",),
     "message_values": ("ros2 topic echo --once {topic}",),
     "sinusoids": ("ros2 topic echo {topic}",),
+    "field_range": ("ros2 topic echo {topic}",),
+    "field_matches": ("ros2 topic echo {topic}",),
+    "reaches": ("ros2 topic echo {topic}",),
+    "topic_equals_oracle": ("ros2 topic echo {topic}",),
+    "silent_until": ("ros2 topic echo {topic}",),
+    "stops_publishing": ("ros2 topic echo {topic}",),
+    "requested_qos": ("ros2 topic info -v {topic}",),
     "offered_qos": ("ros2 topic info -v {topic}",),
     "topics_subscribed": ("ros2 node info {node}",),
     "reported_series": _REPLAY,
@@ -39,6 +46,12 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "call_gated": ("{set_step}", "{refused_step}"),
     "parameters_declared": ("{step}",),
     "calls_in_time": ("{step}",),
+    "action_server": ("ros2 action info -t {action}", "{step}"),
+    "call_value": ("{step}",),
+    "parameter_effect": ("{set_step}",),
+    "parameter_rejected": ("{step}",),
+    "lifecycle": ("ros2 lifecycle nodes",),
+    "transform_tree": ("ros2 topic echo {topic}", "ros2 run tf2_tools view_frames"),
     "launch_loads": ("{step}",),
     "launch_arguments": ("{step} --show-args",),
     "launch_nodes": ("{step} --print",),
@@ -89,14 +102,20 @@ class _Scope:
         """
         value = self._own.get(name)
         if (step := self._steps.get(value) if isinstance(value, str) else None) is not None:
-            inner = copy(self)
-            inner._own = {k: json.dumps(v) if isinstance(v, Mapping) else v for k, v in step.parameters.items()}
-            return [line for template in step.step.commands() for line in inner.filled(template)]
+            return self._lines(step)
         if value is not None:
             return [shlex.quote(self._paths.get(value, value)) if name in _FILES else self._quoted(value)]
         all_of_them = list(dict.fromkeys(_within(self._own, name)))
+        if steps := [self._steps[label] for label in all_of_them if label in self._steps]:
+            return [line for step in steps for line in self._lines(step)]
         named = [v for v in all_of_them if v in self._reason or self._used.get(v, v) in self._reason]
         return [self._quoted(v) for v in named or all_of_them]
+
+    def _lines(self, step: StepSpec) -> list[str]:
+        """Return what does the same as a step in a terminal."""
+        inner = copy(self)
+        inner._own = {k: json.dumps(v) if isinstance(v, Mapping) else v for k, v in step.parameters.items()}
+        return [line for template in step.step.commands() for line in inner.filled(template)]
 
     def _quoted(self, value: Any) -> str:
         """Write a value as a word of a command, those of a mapping or a list as several."""

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 
 from pydantic import Field
 
-from grader.checks.base import Context
+from grader.checks.base import Context, failed, graded
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.recording.session import Claim, Endpoint, Qos
-from grader.result import Location
+from grader.result import Finding, Location
 
 
 class OfferedProfile(Parameters):
@@ -85,3 +85,40 @@ def claim_of(context: Context, kind: str, name: str) -> Claim | None:
 def claimed_at(claim: Claim | None) -> tuple[Location, ...]:
     """Return the source line of a call, if it is the student's."""
     return (Location(file=claim.file, line=claim.line),) if claim is not None and not claim.file.startswith("/") else ()
+
+
+class QosWanted(Parameters):
+    """The QoS profile of an endpoint; what discovery does not carry is taken from the source, as advice only."""
+
+    topic: ref.Topic
+    reliability: ref.Reliability | None = None
+    durability: ref.Durability | None = None
+    history: ref.History | None = None
+    depth: int | None = None
+
+
+def qos_as_wanted(context: Context, p: QosWanted, kind: str, verb: str) -> Finding:
+    """Judge reliability and durability of a topic's endpoints of a kind, which they offer or request, as the verb says.
+
+    They count the same. History and depth only advise.
+    """
+    wanted = {k: v for k, v in (("reliability", p.reliability), ("durability", p.durability)) if v is not None}
+    expected = f"{verb} " + ", ".join(v.upper() for v in wanted.values())
+    endpoints = student_endpoints(context, p.topic, kind)
+    if not endpoints:
+        return failed(expected, f"no {kind}", f"There is no {kind}.")
+    # Which of several publishers sent what is not known; one that fits does not make up for another.
+    unfit = [e.qos for e in endpoints if any(getattr(e.qos, name) != value for name, value in wanted.items())]
+    qos = unfit[0] if unfit else endpoints[0].qos
+    wrong = [(name, getattr(qos, name)) for name, value in wanted.items() if getattr(qos, name) != value]
+    claim = claim_of(context, kind, p.topic)
+    asked = claim.qos if claim is not None else None
+    notes = []
+    if asked is not None and p.depth is not None and asked.depth != p.depth:
+        depth = "left to the middleware" if asked.history == "system_default" else asked.depth
+        notes.append(f"The depth is {depth}; the lab asks for {p.depth}.")
+    reason = " ".join(f"The {kind} {verb} {value.upper()} {name}, not {wanted[name].upper()}." for name, value in wrong)
+    measured = f"{verb} {qos.reliability.upper()}, {qos.durability.upper()}"
+    measured += f", depth {asked.depth} in the source" if asked is not None else ""
+    where = (*claimed_at(claim), context.location(p.topic))
+    return graded(1 - len(wrong) / max(1, len(wanted)), expected, measured, reason, where=where, notes=notes)

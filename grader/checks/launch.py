@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from grader.checks.base import (
     Context,
@@ -25,10 +25,11 @@ from grader.checks.base import (
     quantise,
     without_delay,
 )
+from grader.checks.fields import NumbersOf
 from grader.checks.preconditions import environment_gap_of
 from grader.evidence.cpu_delay import Span
 from grader.evidence.environment_gap import absent_module, is_newer_python
-from grader.evidence.recorded import clock_step_s
+from grader.evidence.recorded import Floats, clock_step_s
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
@@ -176,7 +177,7 @@ def _capitalised(message: str) -> str:
 class WantedArgument(Parameters):
     """A launch argument with its default."""
 
-    name: str
+    name: ref.GivenName
     default: str
 
 
@@ -229,7 +230,7 @@ class WantedNode(Parameters):
 
     node: ref.RosName
     artifact: ref.Artifact
-    executable: str
+    executable: ref.GivenName
     charged_by: ref.EarlierCheckId
     types_charged_by: ref.EarlierCheckId | None = Field(
         None, description="Check that charges parameters declared with a wrong type."
@@ -392,12 +393,14 @@ class WantedNodeParameter(Parameters):
     """A parameter of a launched node, with the value for the default arguments and for others."""
 
     node: ref.RosName
-    executable: str
+    executable: ref.GivenName
     step: ref.GetLabel
-    name: str
+    name: ref.GivenName
     value: Any
     other: Any = None
-    argument: str | None = Field(None, description="Launch argument that it follows; its default is judged elsewhere.")
+    argument: ref.GivenName | None = Field(
+        None, description="Launch argument that it follows; its default is judged elsewhere."
+    )
 
 
 class LaunchParameters(Parameters):
@@ -472,50 +475,149 @@ class _Doer(Parameters):
 class TogetherCommands(_Doer):
     """Commands arrive as they do alone."""
 
+    expected: ClassVar[str] = "commands at the rate the publisher has alone"
+
     topic: ref.Topic
     alone_session: ref.SessionId
     window: ref.Window
     least_share: Share = 0.8
     rate_step: ref.GetLabel | None = Field(None, description="Step that read the parameter below in the running node.")
-    rate_parameter: str | None = Field(
+    rate_parameter: ref.GivenName | None = Field(
         None, description="Parameter that sets the rate; which value it is given is judged elsewhere."
     )
 
+    def judged(self, context: Context, span: Span | None, delay_s: float, *, late: bool) -> Part | None:
+        """Compare the rate with the one alone."""
+        timing = timing_of(context.session.stream(self.topic), span)
+        if timing is None:
+            reason = "No commands arrived while all ran together; do the nodes follow the simulation's clock?"
+            return Part(0.0, "no commands", reason)
+        wanted_hz, alone = (
+            context.parameter(self.rate_step, self.rate_parameter),
+            context.sessions.get(self.alone_session),
+        )
+        alone_span = alone.window(self.window) if alone is not None else None
+        by_itself = timing_of(alone.stream(self.topic), alone_span) if alone is not None else None
+        clock_set = alone is not None and alone_span is not None and clock_step_s(alone.record, alone_span) > 0
+        alone_hz = by_itself.rate_hz if by_itself is not None and not clock_set else None
+        as_set = (
+            isinstance(wanted_hz, (int, float)) and 0 < wanted_hz * self.least_share <= timing.rate_hz <= 2 * wanted_hz
+        )
+        if alone_hz is None or as_set:
+            return Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
+        most_hz = without_delay(timing.rate_hz, delay_s, span.duration_s) if span is not None else timing.rate_hz
+        share, best = (quantise(min(1.0, hz / alone_hz / self.least_share), 2) for hz in (timing.rate_hz, most_hz))
+        both = (timing.rate_hz, alone_hz)
+        shown, alone_shown = (apart(hz, *(both if share < 1 else ()), places=1) for hz in both)
+        reason = f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
+        return Part(share, f"commands at {shown} Hz ({alone_shown} Hz alone)", reason, best)
+
 
 class TogetherFollows(_Doer):
-    """The arm moves as it is commanded."""
+    """What a reference node simulates moves as it is commanded."""
 
     topic: ref.Topic
-    command: ref.Topic
     field: ref.FieldPath
-    index: int
+    command: ref.Topic | None = Field(None, description="Topic of the commands, in the same field.")
+    commanded: NumbersOf | None = Field(None, description="Topic and field of the commands, where that is another.")
+    index: int | None = Field(None, description="Element that is compared; else all.")
+    subject: str = Field("the robot", description="What follows, in words.")
+    unit: str = Field("", description="Unit of the field.")
+    off_share: Share = Field(0.5, description="By how much of the command's size it may be off; one that rests is 1.")
+    off: float = Field(0.05, ge=0, description="By how much it may be off besides.")
+
+    @model_validator(mode="after")
+    def _has_one_command(self) -> TogetherFollows:
+        if (self.command is None) == (self.commanded is None):
+            raise ValueError("exactly one of command, commanded is needed")
+        return self
+
+    @property
+    def follows(self) -> NumbersOf:
+        """Topic and field of the commands."""
+        return self.commanded or NumbersOf.model_construct(topic=self.command or "", field=self.field)
+
+    @property
+    def expected(self) -> str:
+        """What it is to do, in words."""
+        return f"{self.subject} follows"
+
+    def judged(self, context: Context, span: Span | None, delay_s: float, *, late: bool) -> Part | None:
+        """Compare the second half of the motion with the commands."""
+        command, state = self.follows.series(context.session), context.session.numeric(self.topic, self.field)
+        if command is None or state is None:
+            return None
+        widths = {command.values.shape[1], state.values.shape[1]}
+        topic, index = self.follows.topic, slice(None) if self.index is None else slice(self.index, self.index + 1)
+        own = (e for e in context.session.endpoints_on(topic, "subscription") if e.node in context.reference_nodes)
+        asked = {endpoint.type for endpoint in own}
+        heard = not asked or context.session.stream(topic).topic_type in asked
+        commands, states = command.values[:, index], state.values[:, index]
+        # It takes no commands of another type or length, and cannot follow what does not move.
+        if not heard or len(widths) > 1 or not commands.size or float(np.ptp(commands, axis=0).max()) < 1e-3:
+            return None
+        measured = np.array([np.interp(command.source_ns, state.source_ns, column) for column in states.T]).T
+        half = len(measured) // 2
+        off, size = (_root_mean_square(rows[half:]) for rows in (measured - commands, commands))
+        text = f"{self.subject} is off by {off:.3f} {self.unit}".rstrip()
+        # What rests is off by the whole size of the command.
+        if off < self.off_share * size + self.off:
+            return Part(1.0, text)
+        return Part(0.0, text, f"{self.subject.capitalize()} does not follow the commands.", float(late))
+
+
+def _root_mean_square(rows: Floats) -> float:
+    """Return the root of the mean over all rows of a row's squared length."""
+    return float(np.sqrt(np.mean((rows**2).sum(axis=1))))
 
 
 class TogetherAnswers(_Doer):
     """The service answers."""
 
+    expected: ClassVar[str] = "a service that answers"
+
     step: ref.CallLabel
+
+    def judged(self, context: Context, span: Span | None, delay_s: float, *, late: bool) -> Part | None:
+        """See whether its first call was answered."""
+        step = context.session.step(self.step)
+        calls: Sequence[Mapping[str, Any]] = step.result.get("calls", []) if step is not None else []
+        if calls and calls[0]["response"] is not None:
+            return Part(1.0, "the service answers")
+        return Part(0.0, "no answer from the service", "The service does not answer while all run together.")
 
 
 class LaunchTogether(Parameters):
-    """The launched nodes and the arm work together; each of the three parts counts the same."""
+    """The launched nodes and the reference nodes work together; each part that is asked for counts the same."""
 
-    commands: TogetherCommands
-    follows: TogetherFollows
-    answers: TogetherAnswers
+    example: ClassVar = {"answers": {"step": "call", "charged_by": "talker.publishes"}}
+
+    commands: TogetherCommands | None = None
+    follows: TogetherFollows | None = None
+    answers: TogetherAnswers | None = None
+
+    @property
+    def doers(self) -> tuple[TogetherCommands | TogetherFollows | TogetherAnswers, ...]:
+        """The parts that are asked for."""
+        return tuple(part for part in (self.commands, self.follows, self.answers) if part is not None)
+
+    @model_validator(mode="after")
+    def _asks_for_something(self) -> LaunchTogether:
+        if not self.doers:
+            raise ValueError("at least one of commands, follows, answers is needed")
+        return self
 
 
 def launch_together(context: Context, p: LaunchTogether) -> Finding:
     """Judge what happened while all ran; a part whose node is at fault by itself is left out."""
-    expected = "commands at the rate the publisher has alone, an arm that follows, a service that answers"
-    span = context.session.window(p.commands.window)
-    delay_s, length_s = (context.session.longest_delay_s(span), span.duration_s) if span is not None else (0.0, 0.0)
-    parts = [
-        _commands_come(context, p.commands, span, delay_s),
-        _arm_follows(context, p.follows, late=delay_s > _MANY_DELAYS * length_s),
-        _service_answers(context, p.answers),
-    ]
-    doers: tuple[_Doer, ...] = (p.commands, p.follows, p.answers)
+    expected = ", ".join(doer.expected for doer in p.doers)
+    record = context.session.record
+    span = context.session.window(p.commands.window) if p.commands is not None else None
+    whole = span if p.commands is not None else Span(record.started_ns, record.ended_ns)
+    delay_s, length_s = (context.session.longest_delay_s(whole), whole.duration_s) if whole is not None else (0.0, 0.0)
+    late = delay_s > _MANY_DELAYS * length_s
+    doers = p.doers
+    parts = [doer.judged(context, span, delay_s, late=late) for doer in doers]
     # The nodes under whatever names, and the processes of the launch file that run them.
     names = [context.session.used(doer.node) if doer.node is not None else None for doer in doers]
     plan = _read_plan(context.session.record.plan)
@@ -535,60 +637,9 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
             # One process holds them all, and its fault costs its points once.
             return passed(expected, "nothing", notes=(reason,))
         return not_reached(reason, expected=expected)
-    return of_parts(
-        expected, judged, where=(context.location(p.commands.topic),), doubt=cpu_delay_doubt(delay_s, length_s)
-    )
-
-
-def _commands_come(context: Context, p: TogetherCommands, span: Span | None, delay_s: float) -> Part | None:
-    timing = timing_of(context.session.stream(p.topic), span)
-    if timing is None:
-        reason = "No commands arrived while all ran together; do the nodes follow the simulation's clock?"
-        return Part(0.0, "no commands", reason)
-    wanted_hz, alone = context.parameter(p.rate_step, p.rate_parameter), context.sessions.get(p.alone_session)
-    alone_span = alone.window(p.window) if alone is not None else None
-    by_itself = timing_of(alone.stream(p.topic), alone_span) if alone is not None else None
-    clock_set = alone is not None and alone_span is not None and clock_step_s(alone.record, alone_span) > 0
-    alone_hz = by_itself.rate_hz if by_itself is not None and not clock_set else None
-    as_set = isinstance(wanted_hz, (int, float)) and 0 < wanted_hz * p.least_share <= timing.rate_hz <= 2 * wanted_hz
-    if alone_hz is None or as_set:
-        return Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
-    most_hz = without_delay(timing.rate_hz, delay_s, span.duration_s) if span is not None else timing.rate_hz
-    share, best = (quantise(min(1.0, hz / alone_hz / p.least_share), 2) for hz in (timing.rate_hz, most_hz))
-    both = (timing.rate_hz, alone_hz)
-    shown, alone_shown = (apart(hz, *(both if share < 1 else ()), places=1) for hz in both)
-    reason = f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
-    return Part(share, f"commands at {shown} Hz ({alone_shown} Hz alone)", reason, best)
+    topic = next((doer.topic for doer in (p.commands, p.follows) if doer is not None), None)
+    return of_parts(expected, judged, where=(context.location(topic),), doubt=cpu_delay_doubt(delay_s, length_s))
 
 
 #: Share of a window for which a process was delayed, from which what others do may depend on that.
 _MANY_DELAYS = 0.25
-
-
-def _arm_follows(context: Context, p: TogetherFollows, *, late: bool) -> Part | None:
-    command, state = (context.session.numeric(t, p.field) for t in (p.command, p.topic))
-    if command is None or state is None or max(command.values.shape[1], state.values.shape[1]) <= p.index:
-        return None
-    own = (e for e in context.session.endpoints_on(p.command, "subscription") if e.node in context.reference_nodes)
-    asked = {endpoint.type for endpoint in own}
-    heard = not asked or context.session.stream(p.command).topic_type in asked
-    alike = heard and command.values.shape[1] == state.values.shape[1]
-    if not alike or float(np.ptp(command.values[:, p.index])) < 1e-3:
-        return None  # The arm takes no commands of another type or length, and cannot follow what does not move.
-    measured = np.interp(command.source_ns, state.source_ns, state.values[:, p.index])
-    half = len(measured) // 2
-    error = float(np.sqrt(np.mean((measured[half:] - command.values[half:, p.index]) ** 2)))
-    size = float(np.sqrt(np.mean(command.values[half:, p.index] ** 2)))
-    text = f"the arm is off by {error:.3f} rad"
-    # An arm that stands still is off by the whole size of the command.
-    if error < 0.5 * size + 0.05:
-        return Part(1.0, text)
-    return Part(0.0, text, "The arm does not follow the commands.", float(late))
-
-
-def _service_answers(context: Context, p: TogetherAnswers) -> Part | None:
-    step = context.session.step(p.step)
-    calls: Sequence[Mapping[str, Any]] = step.result.get("calls", []) if step is not None else []
-    if calls and calls[0]["response"] is not None:
-        return Part(1.0, "the service answers")
-    return Part(0.0, "no answer from the service", "The service does not answer while all run together.")

@@ -123,7 +123,7 @@ def unseen(context: Context, p: Any, finding: Finding, kinds: Sequence[str]) -> 
 
 
 #: What names an endpoint of a kind in a check's parameters.
-_NAMED_BY = {"publisher": "topic", "subscription": "topic", "service": "service", "node": "node"}
+_NAMED_BY = {"publisher": "topic", "subscription": "topic", "service": "service", "action": "action", "node": "node"}
 
 
 def _wanted(p: Any) -> list[dict[str, Any]]:
@@ -136,8 +136,9 @@ def _is_in_graph(context: Context, kind: str, name: str) -> bool:
     session = context.session
     if kind == "node":
         return name in session.nodes
-    if kind == "service":
-        return any(offer.name == name for graph in session.record.graph for offer in graph.services)
+    if kind in ("service", "action"):
+        offers = (graph.services if kind == "service" else graph.actions for graph in session.record.graph)
+        return any(offer.name == name for listed in offers for offer in listed)
     return bool(session.endpoints_on(name, kind, context.reference_nodes))
 
 

@@ -24,7 +24,7 @@ from grader.checks.base import (
     unexplained,
     without_delay,
 )
-from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at, student_endpoints
+from grader.checks.endpoints import OfEndpoint, QosWanted, claim_of, claimed_at, qos_as_wanted, student_endpoints
 from grader.evidence.cpu_delay import Calm, Span, calm_intervals, shares_around
 from grader.evidence.recorded import Floats, NumericStream
 from grader.evidence.sinusoid import Sinusoid, fit_sinusoid
@@ -544,37 +544,10 @@ def _badness(fit: Sinusoid, c: Component) -> float:
     return max(*off, abs(fit.offset) / c.amplitude, fit.residual / c.amplitude)
 
 
-class OfferedQos(Parameters):
+class OfferedQos(QosWanted):
     """A publisher offers a QoS profile; what discovery does not carry is taken from the source, as advice only."""
-
-    topic: ref.Topic
-    reliability: ref.Reliability | None = None
-    durability: ref.Durability | None = None
-    history: ref.History | None = None
-    depth: int | None = None
 
 
 def offered_qos(context: Context, p: OfferedQos) -> Finding:
     """Judge reliability and durability from discovery; history and depth only advise."""
-    wanted = {k: v for k, v in (("reliability", p.reliability), ("durability", p.durability)) if v is not None}
-    expected = "offers " + ", ".join(v.upper() for v in wanted.values())
-    endpoints = student_endpoints(context, p.topic, "publisher")
-    if not endpoints:
-        return failed(expected, "no publisher", "There is no publisher.")
-    # Which of several publishers sent what is not known; one that fits does not make up for another.
-    unfit = [e.qos for e in endpoints if any(getattr(e.qos, name) != value for name, value in wanted.items())]
-    qos = unfit[0] if unfit else endpoints[0].qos
-    wrong = [(name, getattr(qos, name)) for name, value in wanted.items() if getattr(qos, name) != value]
-    claim = claim_of(context, "publisher", p.topic)
-    asked = claim.qos if claim is not None else None
-    notes = []
-    if asked is not None and p.depth is not None and asked.depth != p.depth:
-        depth = "left to the middleware" if asked.history == "system_default" else asked.depth
-        notes.append(f"The depth is {depth}; the lab asks for {p.depth}.")
-    reason = " ".join(
-        f"The publisher offers {value.upper()} {name}, not {wanted[name].upper()}." for name, value in wrong
-    )
-    measured = f"offers {qos.reliability.upper()}, {qos.durability.upper()}"
-    measured += f", depth {asked.depth} in the source" if asked is not None else ""
-    where = (*claimed_at(claim), context.location(p.topic))
-    return graded(1 - len(wrong) / max(1, len(wanted)), expected, measured, reason, where=where, notes=notes)
+    return qos_as_wanted(context, p, "publisher", "offers")

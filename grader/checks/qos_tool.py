@@ -262,7 +262,10 @@ class ReportedTraffic(Parameters):
 
     artifact: ref.Artifact
     rows: tuple[Row, ...] = Field(min_length=1)
-    pattern: Pattern = Field(description="Regular expression with groups count, mean_ms and max_ms.")
+    pattern: Pattern = Field(
+        description="Regular expression with groups count, mean_ms and max_ms.",
+        examples=[r"(?P<count>\d+) messages, mean (?P<mean_ms>[0-9.]+) ms, most (?P<max_ms>[0-9.]+) ms"],
+    )
     count_tolerance: Share = 0.02
     latency_factor: float = Field(
         4, description="The reported mean may be above the recorded one, or below its least, by this factor."

@@ -8,13 +8,34 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, get_type_hints
 
 from pydantic import BaseModel
 
-from grader.checks import documentation, launch, publisher, qos_tool, service, subscriber
+from grader.checks import (
+    action,
+    answers,
+    documentation,
+    fields,
+    latency,
+    launch,
+    lifecycle,
+    motion,
+    oracle_values,
+    parameters,
+    properties,
+    publisher,
+    qos_tool,
+    service,
+    silence,
+    subscriber,
+    transforms,
+)
 from grader.checks.base import Context, undecided
+from grader.checks.own import find_own
 from grader.checks.preconditions import clock_set, explained, missing_artifact, not_assessable_here, proof, unseen
+from grader.lab.lab_code import is_own
 from grader.lab.references import Parameters
 from grader.result import Finding, Outcome
 
@@ -75,6 +96,7 @@ _CHECKS = (
     Check(publisher.offered_qos, by_endpoints=True),
     # A node that listens.
     Check(subscriber.topics_subscribed, by_endpoints=True, seeks=("subscription",)),
+    Check(subscriber.requested_qos, by_endpoints=True),
     Check(subscriber.reported_series, by_clock=True),
     Check(subscriber.reported_statistics, by_clock=True),
     Check(subscriber.survives, by_endpoints=True, by_clock=True),
@@ -84,6 +106,15 @@ _CHECKS = (
     Check(service.call_gated),
     Check(service.parameters_declared, by_endpoints=True),
     Check(service.calls_in_time, by_clock=True),
+    # A node that serves an action.
+    Check(action.action_server, by_endpoints=True, by_clock=True, seeks=("action",)),
+    Check(answers.call_value),
+    # A node whose parameters or state are changed while it runs.
+    Check(parameters.parameter_effect, by_clock=True),
+    Check(parameters.parameter_rejected),
+    Check(lifecycle.lifecycle, by_clock=True),
+    # Nodes that broadcast transforms.
+    Check(transforms.transform_tree, by_clock=True),
     # A launch file.
     Check(launch.launch_loads, by_endpoints=True),
     Check(launch.launch_arguments, by_endpoints=True),
@@ -95,10 +126,30 @@ _CHECKS = (
     Check(qos_tool.topics_carry_traffic, by_endpoints=True, by_clock=True),
     Check(qos_tool.qos_profiles, by_endpoints=True, seeks=("publisher", "subscription")),
     Check(qos_tool.reported_traffic, by_clock=True),
+    # What messages hold, and how it moves.
+    Check(fields.field_range, by_clock=True),
+    Check(fields.field_matches),
+    Check(motion.reaches, by_clock=True),
+    Check(oracle_values.topic_equals_oracle, by_clock=True),
+    Check(properties.signal_property, by_clock=True),
+    # When something is published, and when nothing is.
+    Check(latency.message_latency, by_clock=True),
+    Check(silence.silent_until, by_clock=True),
+    Check(silence.stops_publishing, by_clock=True),
     # What is written.
     Check(documentation.readme),
     Check(documentation.code_explained),
     Check(documentation.concepts_explained),
 )
+
+
+def check_named(name: str) -> Check:
+    """Return a check by its name in a rubric, which may be one of the lab's own."""
+    if not is_own(name):
+        return REGISTRY[name]
+    # What its author did not think of must not cost points: it never counts where the clock was set.
+    return Check(partial(find_own, name), by_clock=True)
+
+
 #: By the names under which a rubric knows them, which are those of their functions.
 REGISTRY = {check.find.__name__: check for check in _CHECKS}

@@ -54,7 +54,7 @@ class Given(Parameters):
     """A parameter with the value under which an answer is asked for; its own default is judged elsewhere."""
 
     step: ref.GetLabel = Field(description="The step that read the parameter.")
-    name: str
+    name: ref.GivenName
     value: Any
     instead: ref.CallLabel = Field(description="The call that counts where the node began with another value.")
 
@@ -85,7 +85,7 @@ def _calls(step: StepRun | None) -> list[Mapping[str, Any]]:
     return step.result.get("calls", []) if step is not None else []
 
 
-def _answer(step: StepRun | None) -> Mapping[str, Any] | None:
+def answer_of(step: StepRun | None) -> Mapping[str, Any] | None:
     """Return the response to the first call of a step, None without one."""
     calls = _calls(step)
     return calls[0]["response"] if calls else None
@@ -95,7 +95,7 @@ def _latency_s(call: Mapping[str, Any]) -> float:
     return float(call["ended_ns"] - call["started_ns"]) / 1e9
 
 
-def _problem(step: StepRun | None) -> str:
+def problem_of(step: StepRun | None) -> str:
     """Say what went wrong in place of an answer."""
     if calls := _calls(step):
         return f"No answer came within {_latency_s(calls[0]):.1f} s."
@@ -103,14 +103,16 @@ def _problem(step: StepRun | None) -> str:
     return f"The call could not be made{': ' + problem if problem else ''}."
 
 
-def _location(context: Context, step: StepRun | None) -> Location:
+def call_location(context: Context, step: StepRun | None) -> Location:
+    """Point at the calls of a step."""
     if step is None:
         return context.location()
     service = step.result.get("service") or step.parameters.get("service")
     return context.location(service, Span(step.started_ns, step.ended_ns or step.started_ns))
 
 
-def _shown(response: Mapping[str, Any] | None) -> str:
+def shown(response: Mapping[str, Any] | None) -> str:
+    """Return an answer, or a request, in words."""
     return "no answer" if response is None else ", ".join(f"{k}={v!r}" for k, v in response.items())
 
 
@@ -118,18 +120,18 @@ def _silent(step: StepRun) -> bool:
     return step.kind == "call" and all(c["response"] is None for c in _calls(step))
 
 
-def _earlier_silence(context: Context, step: StepRun | None, expected: str) -> Finding | None:
+def earlier_silence(context: Context, step: StepRun | None, expected: str) -> Finding | None:
     """State that a call could not be judged since an earlier one had no answer either; that is one mistake."""
     steps = context.session.record.steps
     before = steps[: steps.index(step)] if step is not None else steps
     silent = next((earlier for earlier in before if _silent(earlier)), None)
     if silent is None:
         return None
-    reason = f'Not tested, because the call "{silent.label}" got no answer. {_THEN_THESE}'
+    reason = f'Not tested, because the call "{silent.label}" got no answer. {THEN_THESE}'
     return not_reached(reason, expected=expected)
 
 
-_THEN_THESE = "Fix that, and these points can be earned too."
+THEN_THESE = "Fix that, and these points can be earned too."
 _STUCK = "The node does not answer parameter requests either: it does not spin, or a callback never returns."
 _UNANSWERED_HINT = "End the service callback with `return response`, and do not wait in it."
 _STUCK_HINT = (
@@ -138,14 +140,14 @@ _STUCK_HINT = (
 )
 
 
-def _silence(context: Context, step: StepRun | None, expected: str, problem: str) -> Finding:
+def silence(context: Context, step: StepRun | None, expected: str, problem: str) -> Finding:
     """State that a call had no answer, which is charged once: with the first of them."""
     steps = context.session.record.steps
     stuck = bool(_calls(step)) and any(s.kind == "get_parameters" and s.outcome == "timeout" for s in steps)
     hint = _STUCK_HINT if stuck else _UNANSWERED_HINT if _calls(step) else ""
     reason = f"{problem} {_STUCK}" if stuck else problem
-    fails = failed(expected, "no answer", reason, hint=hint, where=(_location(context, step),))
-    return _earlier_silence(context, step, expected) or unexplained(fails)
+    fails = failed(expected, "no answer", reason, hint=hint, where=(call_location(context, step),))
+    return earlier_silence(context, step, expected) or unexplained(fails)
 
 
 def call_answered(context: Context, p: CallAnswered) -> Finding:
@@ -156,26 +158,26 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         otherwise = isinstance(value, type(p.given.value)) and value != p.given.value
         step = context.session.step(p.given.instead) if otherwise else step
     request = step.parameters.get("request", {}) if step is not None else {}
-    expected = f"{_shown(request)} → {_shown(p.response)}"
-    response = _answer(step)
-    where = (_location(context, step),)
+    expected = f"{shown(request)} → {shown(p.response)}"
+    response = answer_of(step)
+    where = (call_location(context, step),)
     if response is None:
-        return _silence(context, step, expected, _problem(step))
-    if (same := _same_request(context, step)) is not None:
+        return silence(context, step, expected, problem_of(step))
+    if (same := same_request(context, step)) is not None:
         reason = f"A request of this type has no field {' or '.join(request)}, so nobody can ask for this: "
         return failed(expected, "the same request", f"{reason}it is the same as that of '{same.label}'.", where=where)
-    measured = f"{_shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
+    measured = f"{shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
     wrong = [f"{k} is {response.get(k)!r}, not {v!r}" for k, v in p.response.items() if response.get(k) != v]
     if wrong:
         return failed(expected, measured, f"In the answer, {' and '.join(wrong)}.", where=where)
     later = [] if context.charged(p.again_charged_by) else _later_answers(context, p)
     contrary = next((answer for answer in (response, *later) if _contradicts(p, answer)), None)
     if contrary is not None and not context.charged(p.again_charged_by):
-        reason = f"It answers this request with {_shown(contrary)}, which means the opposite."
+        reason = f"It answers this request with {shown(contrary)}, which means the opposite."
         hint = "Set the state to request.data instead of toggling it, and report the new state, not the previous one."
         return failed(expected, measured, reason, hint=hint, where=where)
     if (changed := next((answer for answer in later if not _fits(answer, p.response)), None)) is not None:
-        reason = f"To the same request it answers {_shown(changed)} later."
+        reason = f"To the same request it answers {shown(changed)} later."
         hint = "Answer each request by its own content, whatever the previous state was."
         return graded(p.changed_credit, expected, measured, reason, hint=hint, where=where)
     text = str(response.get(p.message_field, ""))
@@ -196,7 +198,7 @@ def _was_sent(step: StepRun | None) -> bool:
     return step is not None and step.result.get("request", asked) == asked
 
 
-def _same_request(context: Context, step: StepRun | None) -> StepRun | None:
+def same_request(context: Context, step: StepRun | None) -> StepRun | None:
     """Return an earlier call that should have been another one, but for lack of a field was the same."""
     if step is None or _was_sent(step):
         return None
@@ -247,13 +249,13 @@ class CallGated(Parameters):
 
 def call_gated(context: Context, p: CallGated) -> Finding:
     """Judge refusal, and recovery after it; recovery alone earns nothing, a refusal only from the start little."""
-    refused, recovered = _shown(p.refused), _shown(p.recovered)
+    refused, recovered = shown(p.refused), shown(p.recovered)
     expected = f"{refused} while the parameter is off, and after such a refusal {recovered} when it is on again"
     steps = {name: context.session.step(name) for name in (p.refused_step, p.recovered_step, p.from_start_step)}
-    off, on, started_off = (_answer(step) for step in steps.values())
+    off, on, started_off = (answer_of(step) for step in steps.values())
     refuses, recovers, refuses_at_start = _fits(off, p.refused), _fits(on, p.recovered), _fits(started_off, p.refused)
-    measured = f"off: {_shown(off)}; on again: {_shown(on)}; off from the start: {_shown(started_off)}"
-    where = tuple(_location(context, step) for step in steps.values())
+    measured = f"off: {shown(off)}; on again: {shown(on)}; off from the start: {shown(started_off)}"
+    where = tuple(call_location(context, step) for step in steps.values())
     enabling = context.findings.get(p.enables) if p.enables is not None else None
     fails = enabling is not None and enabling.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
     turned = fails and _fits(off, p.recovered) and _fits(on, p.refused)
@@ -261,21 +263,21 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
         return not_reached(reason, expected=expected)
     if off is None and not turned:
-        if _earlier_silence(context, steps[p.refused_step], expected) is None:
+        if earlier_silence(context, steps[p.refused_step], expected) is None:
             problem = "No answer came while the parameter was false."
-            return _silence(context, steps[p.refused_step], expected, problem)
+            return silence(context, steps[p.refused_step], expected, problem)
         reason = "Not tested, because the node had already stopped answering."
-        return graded(p.half_credit * refuses_at_start, expected, measured, reason, hint=_THEN_THESE, where=where)
+        return graded(p.half_credit * refuses_at_start, expected, measured, reason, hint=THEN_THESE, where=where)
     unset = _not_set(context.session.step(p.set_step))
     words = str(off.get(p.message_field, "")) if off is not None else ""
     allowed_step = context.session.step(p.allowed_step) if p.allowed_step is not None else None
-    allowed = _answer(allowed_step) if _was_sent(allowed_step) else None
+    allowed = answer_of(allowed_step) if _was_sent(allowed_step) else None
     is_charged = context.charged(p.allowed_charged_by)
     disallows = refuses and allowed is not None and not is_charged and not _fits(allowed, p.allowed)
     only_message = recovers and p.refusal is not None and search(p.refusal, words)
     rows: tuple[tuple[object, float, str, str], ...] = (
         (turned, p.half_credit, _REVERSED, "Invert the condition."),
-        (disallows, p.disallowed_credit, f"{_DISALLOWS} {_shown(allowed)}.", _DISALLOWS_HINT),
+        (disallows, p.disallowed_credit, f"{_DISALLOWS} {shown(allowed)}.", _DISALLOWS_HINT),
         (refuses and recovers, 1.0, "", ""),
         (refuses, p.half_credit, "It refuses, but does not recover when the parameter is true again.", ""),
         (only_message, p.half_credit, _ONLY_MESSAGE, "Set the success field to False too, not only the message."),
@@ -309,7 +311,7 @@ _SET_HINT = (
 class WantedParameter(Parameters):
     """A parameter with its type and default."""
 
-    name: str
+    name: ref.GivenName
     type: ref.ParameterType
     value: Any
 
@@ -329,7 +331,7 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
     read = step is not None and step.outcome == "done"
     if step is not None and not read and any(map(_silent, context.session.record.steps)):
         ended = "the node had ended before it could be asked" if step.outcome == "cancelled" else "it answers no call"
-        return not_reached(f"Not tested: {ended}. {_THEN_THESE}", expected=expected)
+        return not_reached(f"Not tested: {ended}. {THEN_THESE}", expected=expected)
     if step is None or not read:
         problem = str(step.result.get("problem", "")) if step is not None else ""
         reason = f"The node's parameters could not be read{': ' + problem if problem else ''}."
@@ -362,9 +364,9 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     step = context.session.step(p.step)
     wanted = int(step.parameters.get("repeat", 1)) if step is not None else 1
     expected = f"{wanted} calls, each answered within {p.within_s:g} s"
-    calls, where = _calls(step), (_location(context, step),)
+    calls, where = _calls(step), (call_location(context, step),)
     if step is None or _silent(step):
-        return _silence(context, step, expected, _problem(step))
+        return silence(context, step, expected, problem_of(step))
     latencies = [_latency_s(call) for call in calls if call["response"] is not None]
     quick = sum(latency <= p.within_s for latency in latencies)
     slowest = f", slowest {apart(max(latencies) * 1e3, p.within_s * 1e3, places=1)} ms" if latencies else ""
@@ -373,7 +375,8 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     if few and quick == len(calls) < p.enough:
         return unclear(expected, measured, f"{few} Those were answered in time.")
     # How long the machine delayed a process in a call, that which makes it included, may be why it took so long.
-    delays = [_delay_s(context, call) for call in calls]
+    spans = [Span(int(call["started_ns"]), int(call["ended_ns"])) for call in calls]
+    delays = [asking_delay_s(context, *each) for each in zip(spans, calls, strict=True)]
     best = sum(_latency_s(call) - delay <= p.within_s for call, delay in zip(calls, delays, strict=True)) / len(calls)
     share, notes = quick / len(calls), [few] if few else []
     doubt = f"Not your fault: the grading computer was too busy to time the calls (up to {max(delays):.2f} s)."
@@ -382,8 +385,7 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     return graded(share, expected, measured, reason, where=where, notes=notes, best=max(share, best), doubt=doubt)
 
 
-def _delay_s(context: Context, call: Mapping[str, Any]) -> float:
-    """Return for how long the machine delayed a process during a call, that which makes it included."""
-    span = Span(int(call["started_ns"]), int(call["ended_ns"]))
-    own_s = context.session.recorder_delay_s(span) + int(call.get("held_up_ns", 0)) / 1e9
+def asking_delay_s(context: Context, span: Span, asked: Mapping[str, Any]) -> float:
+    """Return for how long the machine delayed a process within a span, that which asked included, by its record."""
+    own_s = context.session.recorder_delay_s(span) + int(asked.get("held_up_ns", 0)) / 1e9
     return context.session.longest_delay_s(span) + own_s

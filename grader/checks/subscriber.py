@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -24,10 +24,19 @@ from grader.checks.base import (
     unclear,
     unexplained,
 )
-from grader.checks.endpoints import OfEndpoint, OfferedProfile, claim_of, claimed_at, clash, student_endpoints
+from grader.checks.endpoints import (
+    OfEndpoint,
+    OfferedProfile,
+    QosWanted,
+    claim_of,
+    claimed_at,
+    clash,
+    qos_as_wanted,
+    student_endpoints,
+)
 from grader.evidence.cpu_delay import Span
 from grader.evidence.flakiness import flaky_end
-from grader.evidence.recorded import NumericStream
+from grader.evidence.recorded import Integers, NumericStream
 from grader.evidence.text.printed import PrintedVector, Report, printed_vector, reports
 from grader.lab import references as ref
 from grader.lab.patterns import search
@@ -93,6 +102,15 @@ def _judge_subscription(
     )
 
 
+class RequestedQos(QosWanted):
+    """A subscription requests a QoS profile; what discovery does not carry is taken from the source, as advice only."""
+
+
+def requested_qos(context: Context, p: RequestedQos) -> Finding:
+    """Judge reliability and durability from discovery; history and depth only advise."""
+    return qos_as_wanted(context, p, "subscription", "requests")
+
+
 class Streams(Parameters):
     """Base of checks that compare an artifact's reports with an oracle over recorded topics."""
 
@@ -127,13 +145,17 @@ class Alternative(Parameters):
         (), description="Where one of these checks took points, none are lost here."
     )
 
+    def left(self, context: Context) -> float:
+        """Return the credit that it leaves: all where another check has charged it."""
+        return 1.0 if any(map(context.charged, self.charged_by)) else self.credit
+
     def explains(self, context: Context, finding: Finding, least: float = 0.0) -> Finding:
         """State what numbers are worth that fit it; where another check has charged the mistake, that says it.
 
         Numbers of which a share is right all the same are worth at least that.
         """
         charged, meant = any(map(context.charged, self.charged_by)), f"Your numbers match {self.meaning}."
-        share, reason = 1.0 if charged else max(self.credit, least), f"{finding.reason} {meant}".strip()
+        share, reason = max(self.left(context), least), f"{finding.reason} {meant}".strip()
         notes = finding.notes if charged or self.credit < 1 else (*finding.notes, meant)
         return graded(share, finding.expected, finding.measured, reason, where=finding.where, notes=notes)
 
@@ -293,11 +315,22 @@ def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
         return 0.0, ""
     most = max((s.source_ns for s in context.session.streams(p.streams, p.field).values()), key=len)
     span = Span(int(most[0]), int(most[-1]))
+    late_s = context.session.machine_delay_s(run, span)
+    lost = lost_share(context, [run], p.streams.values(), most)
+    return lost, cpu_delay_doubt(late_s, max(span.duration_s, 1e-9))
+
+
+def lost_share(context: Context, runs: Iterable[ProcessRun], topics: Iterable[str], times_ns: Integers) -> float:
+    """Return which share of the messages that came at these times one of some processes may not have got, at most.
+
+    While the queues of its subscriptions to these topics have room, nothing is lost.
+    """
+    span = Span(int(times_ns.min()), int(times_ns.max()))
     length_s = max(span.duration_s, 1e-9)
-    claims = [claim_of(context, "subscription", topic) for topic in p.streams.values()]
+    claims = [claim_of(context, "subscription", topic) for topic in topics]
     room = min(c.qos.depth if c is not None and c.qos is not None else 1 for c in claims) - 1
-    lost_s = context.session.backlog(run, span, max(0, room) * length_s / len(most)).lost_s
-    return lost_s / length_s, cpu_delay_doubt(context.session.machine_delay_s(run, span), length_s)
+    room_s = max(0, room) * length_s / len(times_ns)
+    return max((context.session.backlog(run, span, room_s).lost_s / length_s for run in runs), default=0.0)
 
 
 class Shorter(Parameters):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -13,15 +14,18 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.errors import SubmissionError
 from grader.lab.rubric import Rubric
-from grader.lab.yaml_with_lines import Strict, parse_yaml, read_text
+from grader.lab.yaml_with_lines import Loc, Strict, parse_yaml, read_text, suggestion
 from grader.result import CheckResult, CriterionResult, Outcome, Result
 
 EXPECTED_FILE = "expected.yaml"
 
 
 def _rising(value: Any) -> Any:
-    if isinstance(value, (list, tuple)) and len(value) == 2 and value[0] <= value[1]:
-        return tuple(Decimal(str(number)) for number in value)
+    if isinstance(value, (list, tuple)) and len(value) == 2:
+        with suppress(ArithmeticError):  # of what is no number
+            least, most = (Decimal(str(number)) for number in value)
+            if least <= most:
+                return least, most
     raise ValueError("the least and the most points are expected, such as [1, 5]")
 
 
@@ -92,17 +96,22 @@ class Expectation(Strict):
         expected = self.criteria.get(criterion)
         return expected is not None and any(check.outcome != "passed" for check in expected.checks.values())
 
-    def unfit(self, rubric: Rubric) -> list[str]:
-        """Say what is named here and is not in a rubric."""
-        checks = {criterion.id: {check.id for check in criterion.checks} for criterion in rubric.criteria}
-        found = [f"the rubric has no session {name!r}" for name in self.sessions if name not in rubric.sessions]
-        for name in dict.fromkeys([*self.criteria, *self.teacher]):
+    def unfit(self, rubric: Rubric) -> list[tuple[Loc, str]]:
+        """Say what is named here, and where, that is not in a rubric."""
+        return list(self._unfit(rubric))
+
+    def _unfit(self, rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+        for n, name in enumerate(self.sessions):
+            if name not in rubric.sessions:
+                yield ("sessions", n), f"the rubric has no session {name!r}{suggestion(name, rubric.sessions)}"
+        checks = {criterion.id: [check.id for check in criterion.checks] for criterion in rubric.criteria}
+        for part, name in [*(("criteria", name) for name in self.criteria), *(("teacher", n) for n in self.teacher)]:
             if name not in checks:
-                found.append(f"the rubric has no criterion {name!r}")
-            elif name in self.criteria:
-                unknown = [check for check in self.criteria[name].checks if check not in checks[name]]
-                found += [f"the rubric's criterion {name!r} has no check {check!r}" for check in unknown]
-        return found
+                yield (part, name), f"the rubric has no criterion {name!r}{suggestion(name, checks)}"
+            for check in self.criteria[name].checks if part == "criteria" else ():
+                if check not in checks.get(name, [check]):
+                    words = f"the rubric's criterion {name!r} has no check {check!r}"
+                    yield (part, name, "checks", check), words + suggestion(check, checks[name])
 
 
 @dataclass(frozen=True)
@@ -124,18 +133,37 @@ class Fixture:
         return submission
 
 
-def load_fixture(folder: Path) -> Fixture:
-    """Read a fixture; raises RubricError with every mistake in its `expected.yaml`, each with its line."""
+def load_fixture(folder: Path, rubric: Rubric | None = None) -> Fixture:
+    """Read a fixture; raises RubricError with every mistake in its `expected.yaml`, each with its line.
+
+    A rubric that is given must have what it names.
+    """
     path, what = folder / EXPECTED_FILE, f"what {folder.name} expects"
     plain, mistakes = parse_yaml(path, read_text(path, what, "Each fixture has one."), what)
+    layers: list[Path] = []
     try:
         expectation = Expectation.model_validate(plain)
+        base, own = expectation.with_files_of, folder / "submission"
+        layers += [folder.resolve().parent.parent / base] if base is not None else []
+        layers += [own] if own.is_dir() else []
+        unfit = expectation.unfit(rubric) if rubric is not None else []
+        for loc, words in (*unfit, *_absent(expectation, layers)):
+            mistakes.add(loc, words)
     except ValidationError as error:
         mistakes.add_validation((), error)
-    mistakes.raise_any("fixtures/README.md describes its format.")
-    base, own = expectation.with_files_of, folder / "submission"
-    layers = [folder.resolve().parent.parent / base] if base is not None else []
-    return Fixture(folder.name, (*layers, *([own] if own.is_dir() else [])), expectation)
+    mistakes.raise_any("docs/fixtures.md describes its format.")
+    return Fixture(folder.name, tuple(layers), expectation)
+
+
+def _absent(expectation: Expectation, layers: Sequence[Path]) -> Iterator[tuple[Loc, str]]:
+    """Say which of the files are not there that a fixture is laid out from."""
+    if not layers:
+        yield (), "it has no files: neither a folder 'submission' nor with_files_of"
+    elif not layers[0].is_dir():
+        yield ("with_files_of",), f"there is no folder {expectation.with_files_of!r}"
+    else:
+        gone = [(n, name) for n, name in enumerate(expectation.without) if not (layers[0] / name).is_file()]
+        yield from ((("without", n), f"there is no file {name!r} in {layers[0].name}") for n, name in gone)
 
 
 def fixtures_in(folder: Path) -> list[Fixture]:

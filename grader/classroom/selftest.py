@@ -59,7 +59,7 @@ async def run_fixtures(
     """
 
     async def one(fixture: Fixture) -> FixtureRun:
-        unfit = tuple(fixture.expectation.unfit(rubric))
+        unfit = tuple(words for _, words in fixture.expectation.unfit(rubric))
         found = FixtureRun(fixture.name, "✗", unfit)
         if not unfit:
             found = await _graded(fixture, rubric, options, here, folder, display)

@@ -59,7 +59,7 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
         adjustments=tuple(
             Adjustment(each.kind, each.what if each.kind in BY_HAND else "", each.points) for each in result.adjustments
         ),
-        provenance={"rubric_sha256": result.rubric_sha256},
+        provenance={"rubric_sha256": result.rubric_sha256, "lab_sha256": result.lab_sha256},
     )
     return ClassEntry(pseudonym, hidden)
 

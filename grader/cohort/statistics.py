@@ -15,6 +15,7 @@ from enum import Enum
 
 from grader.cohort.entries import ClassEntry
 from grader.cohort.mistakes import Mistake, mistakes_of
+from grader.lab.kept_lab import identity_of
 from grader.lab.rubric import Rubric
 from grader.result import CriterionResult, Outcome, Result
 
@@ -247,6 +248,7 @@ def discrimination(pairs: Sequence[tuple[float, float]]) -> float | Silent:
 
 def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
     found = []
+    identity = identity_of(rubric)
     for n, row in enumerate(rows):
         if row.result is None:
             found.append(Todo(n, Need.NOT_GRADED, rubric.lab.points, (), (row.entry.problem,)))
@@ -260,6 +262,6 @@ def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
             texts = tuple(dict.fromkeys(c.reason for c in undecided if c.reason))
             titles = tuple(c.title for c in undecided)
             found.append(Todo(n, Need.UNDECIDED, row.result.still_undecided, titles, texts, undecided[0].id))
-        if row.result.rubric_sha256 != rubric.sha256:
+        if row.result.rubric_sha256 != rubric.sha256 or row.result.lab_sha256 not in ("", identity):
             found.append(Todo(n, Need.OTHER_RUBRIC, Decimal(0), (), ()))
     return found

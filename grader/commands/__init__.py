@@ -8,5 +8,8 @@ COMMANDS = {
     "selftest": "grade submissions whose verdict is known, and compare",
     "doctor": "examine this machine: can it grade, how well does it confine, how quiet is it",
     "checks": "list the checks that a rubric can use",
+    "steps": "list the steps that a session can have",
+    "figures": "list the pictures that a report can show",
+    "lab": "make a lab of one's own, examine it, grade its solution and fixtures",
     "rubric": "check a rubric, or print its JSON Schema for an editor",
 }

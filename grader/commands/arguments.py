@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.text import Text
 
 from grader.errors import GraderError, PlatformError, RubricError
+from grader.lab.kept_lab import RUBRIC_FILE
 from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
@@ -36,6 +37,18 @@ def parser_of(command: str, description: str, epilog: str = "") -> argparse.Argu
 def add_path(parser: _ActionsContainer, option: str, words: str, metavar: str = "FILE") -> None:
     """Add an option that names a file or a folder."""
     parser.add_argument(option, type=Path, metavar=metavar, help=words)
+
+
+def add_lab(parser: _ActionsContainer, words: str) -> None:
+    """Add `--lab`, which `--rubric` is another name of: a lab's folder, or a rubric."""
+    words = f"folder of a lab, or its rubric.yaml ({words})"
+    parser.add_argument("--lab", "--rubric", dest="rubric", type=rubric_path, metavar="LAB", help=words)
+
+
+def rubric_path(text: str) -> Path:
+    """Return the rubric that is meant by it, or by the folder that it lies in."""
+    path = Path(text)
+    return path / RUBRIC_FILE if path.is_dir() else path
 
 
 def add_flag(parser: _ActionsContainer, option: str, words: str) -> None:

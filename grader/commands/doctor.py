@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from rich.console import Console
 from rich.text import Text
 
-from grader.commands.arguments import add_flag, add_path, interpreter_of, parser_of
+from grader.commands.arguments import add_flag, add_lab, add_path, interpreter_of, parser_of
 from grader.report.escape import terminal_text
 
 #: Exit status when something keeps this machine from grading.
@@ -25,7 +25,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     parser = parser_of("grade doctor", words, "Exit status 1 if it cannot grade.")
     add_path(parser, "--python", "interpreter for students' code")
     add_flag(parser, "--calibrate", "also grade the lab's own solution: what can be decided here?")
-    add_path(parser, "--rubric", "rubric whose solution is graded")
+    add_lab(parser, "its solution is graded; default: that which travels with grade")
     options = parser.parse_args(arguments)
     interpreter = interpreter_of(options.python)
     statuses = examine(interpreter)

@@ -24,6 +24,7 @@ from grader.commands.arguments import (
     add_flag,
     add_isolation,
     add_jobs,
+    add_lab,
     add_path,
     each,
     interpreter_of,
@@ -70,7 +71,7 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "-o", "--output", type=Path, default="results", metavar="DIR", help="where results go (default: results)"
     )
-    add_path(parser, "--rubric", "rubric (default: that of the lab which travels with grade)")
+    add_lab(parser, "default: the lab which travels with grade")
     overrides = "decisions of people, see `grade regrade --help` (default: overrides.yaml where results go)"
     add_path(parser, "--overrides", overrides)
     parser.add_argument("--sessions", type=_names, metavar="A,B", help="run only these sessions of the rubric")

@@ -17,6 +17,7 @@ from grader.commands.arguments import (
     add_fail_under,
     add_flag,
     add_jobs,
+    add_lab,
     add_path,
     each,
     parser_of,
@@ -64,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade regrade", _DESCRIPTION, _EPILOG)
     results = "results of a submission, e.g. results/alice, or of a class, e.g. results/"
     parser.add_argument("results", nargs="+", type=Path, metavar="RESULTS_DIR", help=results)
-    add_path(parser, "--rubric", "rubric (default: the one it was judged by last)")
+    add_lab(parser, "default: the one that it was judged by last")
     add_path(parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)")
     add_flag(
         parser,

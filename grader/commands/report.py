@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from grader.commands.arguments import add_flag, add_path, parser_of
+from grader.commands.arguments import add_flag, add_lab, add_path, parser_of
 from grader.files import replace_file
 from grader.result_folder import (
     ANONYMOUS_GRADES_FILE,
@@ -39,7 +39,7 @@ def _parser() -> argparse.ArgumentParser:
     add_flag(parser, "--anonymous", words)
     listed = "columns name, student_id and submitted_at; who is on it without a result is listed as not graded"
     add_path(parser, "--class-list", listed, "CSV")
-    add_path(parser, "--rubric", "rubric (default: the one that most were judged by)")
+    add_lab(parser, "default: the one that most were judged by")
     return parser
 
 

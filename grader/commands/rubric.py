@@ -5,9 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Sequence
-from pathlib import Path
 
 from rich.console import Console
+
+from grader.commands.arguments import rubric_path
 
 
 def run(arguments: Sequence[str], console: Console) -> int:
@@ -16,7 +17,13 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.lab.rubric import json_schema
 
     parser = argparse.ArgumentParser(prog="grade rubric", description=__doc__.split(": ", 1)[1] if __doc__ else "")
-    parser.add_argument("rubric", nargs="?", type=Path, help="by default that of the lab which travels with the grader")
+    parser.add_argument(
+        "rubric",
+        nargs="?",
+        type=rubric_path,
+        metavar="LAB",
+        help="its folder or rubric; by default that of the lab which travels with the grader",
+    )
     parser.add_argument("--schema", action="store_true", help="print the JSON Schema of rubrics")
     chosen = parser.parse_args(arguments)
     if chosen.schema:
@@ -24,5 +31,5 @@ def run(arguments: Sequence[str], console: Console) -> int:
         return 0
     rubric = read_rubric(chosen.rubric)
     checks, sessions = len(list(rubric.checks())), len(rubric.sessions)
-    console.print(f"The rubric is in order: {rubric.lab.points} points, {checks} checks, {sessions} sessions.")
+    console.print(f"The rubric is in order. Points: {rubric.lab.points}, checks: {checks}, sessions: {sessions}.")
     return 0

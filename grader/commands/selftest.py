@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.text import Text
 
-from grader.commands.arguments import BELOW, add_flag, add_jobs, add_path, parser_of, print_note
+from grader.commands.arguments import BELOW, add_flag, add_jobs, add_lab, add_path, parser_of, print_note
 from grader.errors import SubmissionError
 from grader.report.escape import terminal_text
 
@@ -39,7 +39,7 @@ exit status:
 def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade selftest", _DESCRIPTION, _EPILOG)
     parser.add_argument("names", nargs="*", metavar="NAME", help="only these fixtures; 'solution' is the lab's own")
-    add_path(parser, "--rubric", "rubric (default: that of the lab)")
+    add_lab(parser, "default: the lab which travels with grade")
     add_path(parser, "--fixtures", "folder of fixtures (default: fixtures/ beside the rubric)", "DIR")
     add_flag(parser, "--quick", "only a few, in about a minute")
     add_jobs(parser, "sessions side by side (default: as cores allow)")

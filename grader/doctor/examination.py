@@ -22,6 +22,7 @@ from grader.evidence.recorded import Recorded
 from grader.evidence.timing import timing_of
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
+from grader.live.interfaces.build import lacking_toolchain
 from grader.live.process.priority import WATCHING
 from grader.live.sandbox.environment import ask_interpreter, require_platform
 from grader.live.sandbox.isolation import Isolation, Level
@@ -77,6 +78,7 @@ def examine(interpreter: Path) -> Iterator[Status]:
     yield _real_time()
     yield _noise()
     yield _space()
+    yield _toolchain()
     if platform_status.verdict is Verdict.PASS:
         yield from _traffic(interpreter)
 
@@ -152,6 +154,15 @@ def _space() -> Status:
     if disk < _LEAST_BYTES:
         remedy = "Make room, or set TMPDIR to a larger disk."
     return _status(min(disk, memory) >= _LEAST_BYTES, "space", found, remedy)
+
+
+def _toolchain() -> Status:
+    lacks = lacking_toolchain()
+    remedy = (
+        "sudo apt-get install gcc g++ libc6-dev python3-dev; without them, what needs such interfaces is undecided."
+    )
+    found = f"not here: {lacks}" if lacks else "a compiler and rosidl are here, for labs and students with .msg files"
+    return _status(not lacks, "interfaces of one's own", found, remedy)
 
 
 def _traffic(interpreter: Path) -> Iterator[Status]:

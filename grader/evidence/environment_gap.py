@@ -45,6 +45,12 @@ def environment_gap(found: Diagnosis | None, submission: SubmissionRecord, progr
         return None
     if found.kind in _IMPORT_KINDS and found.exception_type == "ModuleNotFoundError":
         return absent_module(found.subject, found.file, found.line, submission)
+    if found.kind == "missing-name":
+        # Its folder of definitions was taken for a module, in which nothing is.
+        lines = _imports(submission.texts.get(found.file, ""))
+        names = {name for first, last, name in lines if first <= (found.line or 0) <= last}
+        not_built = sorted(names & (submission.not_built or {}).keys())
+        return absent_module(not_built[0], found.file, found.line, submission) if not_built else None
     if found.kind != "syntax-error" or not is_newer_python(submission.texts.get(found.file, "")):
         return None
     at = f" (line {found.line})" if found.line else ""
@@ -58,16 +64,23 @@ def absent_module(module: str, file: str, line: int | None, submission: Submissi
     or one of the submission's own that has to be built.
     """
     name = module.split(".")[0]
-    imports = _imports(submission.texts.get(file, ""))
-    imported = any(first <= (line or 0) <= last and name == found for first, last, found in imports)
-    if not imported or name in _own_modules(submission):
+    text = submission.texts.get(file, "")
+    imports = [(first, last) for first, last, found in _imports(text) if found == name]
+    imported = any(first <= (line or 0) <= last for first, last in imports)
+    # Of a package that is there in part, what lacks shows where it is used.
+    used = "." in module and module.rsplit(".", 1)[1] in "".join(text.splitlines()[(line or 0) - 1 : line])
+    if not (imported or (imports and used)) or name in _own_modules(submission):
         return None
     if submission.absent_modules is not None and name not in submission.absent_modules:
         return None
     if name in known_packages():
-        return f"It needs {name}, which the grading computer lacks. {_WHO_DECIDES}"
-    if name in interface_packages(submission):
-        return f"It needs the interfaces of its own package {name}, which were not built. {_WHO_DECIDES}"
+        return f"It needs {module}, which the grading computer lacks. {_WHO_DECIDES}"
+    not_built = submission.not_built
+    if not_built is None:
+        not_built = dict.fromkeys(interface_packages(submission), "")
+    if name in not_built:
+        why = f": {not_built[name]}" if not_built[name] else ""
+        return f"It needs the interfaces of the package {name}, which were not built{why}. {_WHO_DECIDES}"
     return None
 
 

@@ -21,7 +21,7 @@ _FLAKY_RECORDINGS = 2
 _STALLED = 0.5
 #: Shorter delays are those of any start.
 _LEAST_STALL_S = 0.6
-_WAITED_FOR = ("node", "publisher", "subscription", "service")
+_WAITED_FOR = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: What pybind11 says when a signal's exception strikes while it converts an argument.
 _HIT_IN_A_CALL = "RuntimeError: Unable to convert call argument"
 #: Within these a program waits, and has to expect Ctrl-C.
@@ -95,11 +95,13 @@ def _came_late(recorded: Recorded) -> str | None:
     """Return what the session waited for, or called, in vain, although it came into the graph after that."""
     came_ns: dict[str, int] = {}
     for graph in reversed(recorded.record.graph):
-        names = [*graph.nodes, *(e.topic for e in graph.endpoints), *(s.name for s in graph.services)]
+        servers = [s.name for s in (*graph.services, *graph.actions, *graph.action_clients)]
+        names = [*graph.nodes, *(e.topic for e in graph.endpoints), *servers]
         came_ns |= dict.fromkeys(names, graph.t_ns)
     for step in recorded.record.steps:
-        # A call that was sent, and got no answer, came to a service that was up.
-        if step.outcome == "timeout" and step.kind in ("wait_for", "call") and not step.result.get("calls"):
+        # What was sent, and got no answer, came to a service or an action's server that was up.
+        sent = step.result.get("calls") or step.result.get("goals")
+        if step.outcome == "timeout" and step.kind in ("wait_for", "call", "send_goal") and not sent:
             wanted = next((step.parameters[kind] for kind in _WAITED_FOR if step.parameters.get(kind)), "")
             if came_ns.get(recorded.used(wanted), 0) > step.ended_ns:
                 return str(wanted)

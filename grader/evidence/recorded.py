@@ -12,7 +12,6 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,9 @@ from numpy.typing import NDArray
 from grader.evidence.authorship import Authorship, authorship
 from grader.evidence.cpu_delay import Backlog, Delay, Span, backlog
 from grader.evidence.crash.tracebacks import without_colours
+from grader.evidence.fields import numbers_of, time_ns
 from grader.recording.bag import Bag, Stream
+from grader.recording.definitions import field_steps
 from grader.recording.session import (
     PARTICIPANT_DIGITS,
     UNKNOWN_NODE,
@@ -53,6 +54,7 @@ _OWN_DOING = 0.5
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -63,10 +65,12 @@ class NumericStream:
     received_ns: Integers
     sequence: Integers
     values: Floats  # (n, m)
+    #: Which messages of the topic's stream these are.
+    index: Integers
 
     def only(self, rows: NDArray[np.bool_]) -> NumericStream:
         """Return some of the messages."""
-        return NumericStream(self.source_ns[rows], self.received_ns[rows], self.sequence[rows], self.values[rows])
+        return NumericStream(*(column[rows] for column in vars(self).values()))
 
 
 @dataclass
@@ -159,32 +163,30 @@ class Recorded:
 
     @functools.cache  # noqa: B019
     def rows(self, name: str, field: str) -> tuple[Floats | None, ...]:
-        """Return the numbers in a field of each message; None where a message has none.
+        """Return the numbers in a field of each message, as `numbers_of` finds them; None where a message has none.
 
-        Where the type is not the one that the field belongs to, the first field that holds a sequence of
+        Where the type is not the one that the field belongs to, the first field that holds an array of
         numbers stands in, since a wrong type is charged elsewhere.
         """
-        stream = self.stream(name)
-        rows = [_numbers(value) for value in stream.field(field)]
-        if rows and all(row is None for row in rows):
-            rows = [_first_numbers(message) for message in stream.messages]
-        return tuple(rows)
+        stream, own = self.stream(name), field_steps(field)[0]
+        if any(hasattr(message, str(own)) for message in stream.messages):
+            return tuple(numbers_of(value) for value in stream.field(field))
+        return tuple(_first_numbers(message) for message in stream.messages)
 
     @functools.cache  # noqa: B019
     def numeric(self, name: str, field: str, *, finite: bool = True) -> NumericStream | None:
         """Return the messages whose field holds (finite) numbers of the most frequent length, by source time."""
-        stream, all_rows = self.stream(name), self.rows(name, field)
-        rows = {i: row for i, row in enumerate(all_rows) if row is not None and len(row)}
-        if finite:
-            rows = {i: row for i, row in rows.items() if np.isfinite(row).all()}
-        lengths = Counter(map(len, rows.values()))
-        if not lengths:
-            return None
-        length = max(lengths, key=lambda n: (lengths[n], n))
-        kept = [i for i, row in rows.items() if len(row) == length]
-        order = sorted(kept, key=lambda i: (int(stream.source_ns[i]), int(stream.sequence[i])))
-        values = np.array([rows[i] for i in order], dtype=np.float64)
-        return NumericStream(stream.source_ns[order], stream.received_ns[order], stream.sequence[order], values)
+        return numeric_stream(self.stream(name), self.rows(name, field), finite=finite)
+
+    @functools.cache  # noqa: B019
+    def texts(self, name: str, field: str) -> tuple[str | None, ...]:
+        """Return the text in a field of each message on a topic of the rubric's; None where a message has none."""
+        return tuple(value if isinstance(value, str) else None for value in self.stream(name).field(field))
+
+    @functools.cache  # noqa: B019
+    def stamps_ns(self, name: str, field: str = "header.stamp") -> tuple[int | None, ...]:
+        """Return the time stamp in a field of each message, in ns; None where a message has none."""
+        return tuple(time_ns(value) for value in self.stream(name).field(field))
 
     def streams(self, roles: Mapping[str, str], field: str) -> dict[str, NumericStream]:
         """Return the numeric streams for an oracle, by role; roles without numbers are left out."""
@@ -259,6 +261,11 @@ class Recorded:
     def process(self, name: str) -> ProcessRun | None:
         """Return the last process of this name."""
         return next((p for p in reversed(self.record.processes) if p.name == name), None)
+
+    @property
+    def students(self) -> tuple[ProcessRun, ...]:
+        """The student's processes, in order of their start."""
+        return tuple(run for run in self.record.processes if run.role == "student")
 
     @functools.cache  # noqa: B019 - see `stream`
     def delays(self, run: ProcessRun) -> tuple[Delay, ...]:
@@ -347,6 +354,20 @@ class Recorded:
         """Return the CPU time that a process took within a span, in s, interpolated between samples."""
         return _grown_s([(usage.t_ns, usage.cpu_ns) for usage in run.usage], span)
 
+    def delays_s(self, starts_ns: Integers, ends_ns: Integers) -> Floats:
+        """Return for how long the machine delayed that process which it delayed most, in each of many spans, in s.
+
+        Each is what `longest_delay_s` gives for its span; where a delay reaches over an end, its part.
+        """
+        most: Floats = np.zeros(len(starts_ns))
+        for run in (run for run in self.record.processes if run.role in ("student", "reference")):
+            delays = self.delays(run)
+            if delays:
+                edges = np.array([edge for d in delays for edge in ((d.start_ns, 0), (d.end_ns, d.delay_ns))]).T
+                before, after = (np.interp(t, edges[0], np.cumsum(edges[1])) for t in (starts_ns, ends_ns))
+                most = np.maximum(most, (after - before) / 1e9)
+        return most
+
     def longest_delay_s(self, span: Span) -> float:
         """Return for how long within a span the machine delayed that process which it delayed most, in s.
 
@@ -379,8 +400,11 @@ class Recorded:
     def output_of(self, artifact: str) -> list[OutputLine]:
         """Return the output of the last process that ran an artifact, without colours."""
         processes = self.processes_of(artifact)
-        output = processes[-1].output if processes else []
-        return [replace(o, text=without_colours(o.text)) if "\x1b" in o.text else o for o in output]
+        return self.lines_of(processes[-1]) if processes else []
+
+    def lines_of(self, run: ProcessRun) -> list[OutputLine]:
+        """Return the output of a process, without colours."""
+        return [replace(o, text=without_colours(o.text)) if "\x1b" in o.text else o for o in run.output]
 
 
 def clock_step_s(record: SessionRecord, span: Span) -> float:
@@ -423,19 +447,25 @@ def _run_delay_s(run: ProcessRun, span: Span) -> float:
     return total / 1e9
 
 
-def _numbers(value: Any) -> Floats | None:
-    if not isinstance(value, (list, tuple, np.ndarray)):
+def numeric_stream(stream: Stream, all_rows: Sequence[Floats | None], *, finite: bool = True) -> NumericStream | None:
+    """Return the messages of a stream whose rows hold (finite) numbers of the most frequent length, by source time."""
+    rows = {i: row for i, row in enumerate(all_rows) if row is not None and len(row)}
+    if finite:
+        rows = {i: row for i, row in rows.items() if np.isfinite(row).all()}
+    lengths = Counter(map(len, rows.values()))
+    if not lengths:
         return None
-    try:
-        row = np.asarray(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        return None
-    return row if row.ndim == 1 else None
+    length = max(lengths, key=lambda n: (lengths[n], n))
+    kept = [i for i, row in rows.items() if len(row) == length]
+    order = sorted(kept, key=lambda i: (int(stream.source_ns[i]), int(stream.sequence[i])))
+    values = np.array([rows[i] for i in order], dtype=np.float64)
+    times = (stream.source_ns[order], stream.received_ns[order], stream.sequence[order])
+    return NumericStream(*times, values, np.array(order, dtype=np.int64))
 
 
 def _first_numbers(message: object | None) -> Floats | None:
-    for name, value in vars(message).items() if hasattr(message, "__dict__") else ():
-        row = None if name.startswith("__") else _numbers(value)
+    for value in vars(message).values() if hasattr(message, "__dict__") else ():
+        row = numbers_of(value) if isinstance(value, np.ndarray) else None
         if row is not None and len(row):
             return row
     return None

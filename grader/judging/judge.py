@@ -18,7 +18,7 @@ from grader.checks.base import Context, inconclusive, not_reached, undecided
 from grader.checks.commands import commands_of
 from grader.checks.invalidated import is_timed, named, not_measurable, with_checks, without_rest
 from grader.checks.preconditions import missing_artifact
-from grader.checks.registry import REGISTRY
+from grader.checks.registry import LOST, check_named
 from grader.errors import RecordingError
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.flakiness import inconclusive_reason, may_be_flaky
@@ -26,6 +26,7 @@ from grader.evidence.gaps import describe_gap, dropped, gaps_by_student, limits_
 from grader.evidence.integrity import tampering_in
 from grader.evidence.recorded import Recorded
 from grader.judging.score import score_criteria, total
+from grader.lab.kept_lab import identity_of
 from grader.lab.patterns import NOTE, patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
 from grader.recording.session import SESSION_FILE
@@ -97,7 +98,7 @@ def judge_checks(recordings: Recordings, rubric: Rubric, violations: Sequence[Vi
         if chosen is None or spec.session is None or spec.session in chosen:
             recorded = recordings.sessions.get(spec.session or "")
             finding = _judge(spec, dataclasses.replace(context, recorded=recorded), rubric, violations)
-            findings[spec.id] = _of_the_rest(spec, finding, findings, rubric)
+            findings[spec.id] = _excused(spec, _of_the_rest(spec, finding, findings, rubric), context, rubric)
     return findings
 
 
@@ -110,6 +111,17 @@ def _of_the_rest(spec: CheckSpec, finding: Finding, findings: Mapping[str, Findi
     said = f"It was judged on a repaired copy, where it earns {float(repaired.rest or 1):.0%}. {finding.reason}".strip()
     hint = finding.hint or repaired.hint
     return dataclasses.replace(finding, outcome=Outcome.PARTIAL, credit=credit, reason=said, hint=hint)
+
+
+def _excused(spec: CheckSpec, finding: Finding, context: Context, rubric: Rubric) -> Finding:
+    """Return a finding without its loss, where an earlier check took points for the same mistake."""
+    earlier = next(filter(context.charged, spec.excused_by), None)
+    if earlier is None or finding.outcome not in LOST:
+        return finding
+    title = next(check.title for check in rubric.checks() if check.id == earlier)
+    note = f"'{spec.title}': {finding.reason} This costs nothing here, since '{title}' took points already."
+    notes = (*finding.notes, note)
+    return dataclasses.replace(finding, outcome=Outcome.PASSED, credit=Decimal(1), reason="", hint="", notes=notes)
 
 
 def _all_required(spec: CheckSpec, rubric: Rubric) -> list[str]:
@@ -188,8 +200,8 @@ def _found(spec: CheckSpec, context: Context) -> Finding:
     try:
         # Students may publish the largest numbers that there are.
         with patterns_bounded() as budget, np.errstate(over="ignore", invalid="ignore"):
-            finding = REGISTRY[spec.check].judge(context, spec.parameters)
-    except Exception as problem:
+            finding = check_named(spec.check).judge(context, spec.parameters)
+    except (Exception, SystemExit) as problem:  # A lab's file may end the program that loads it.
         return Finding(
             Outcome.ERROR, Decimal(0), reason=f"The check failed with an error: {type(problem).__name__}: {problem}"
         )
@@ -220,7 +232,7 @@ def _faults(recorded: Recorded) -> list[str]:
 
 def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
     """Return what is found of a check that rests on a topic whose messages are not all recorded."""
-    check, names = REGISTRY[spec.check], named(spec, recorded)
+    check, names = check_named(spec.check), named(spec, recorded)
     if (loss := next((text for topic, text in dropped(recorded).items() if topic in names), None)) is not None:
         return undecided(finding, loss)
     gap = next((u for u in gaps_by_student(recorded) if u.topic in names), None)
@@ -294,6 +306,7 @@ def _provenance(recordings: Recordings, rubric: Rubric) -> Provenance:
         "grader": __version__,
         "lab": rubric.lab.id,
         "rubric_sha256": rubric.sha256,
+        "lab_sha256": identity_of(rubric),
         "submission_sha256": recordings.submission.sha256,
         "versions": versions,
         **({"handout_ros": rubric.lab.ros} if rubric.lab.ros else {}),

@@ -9,30 +9,36 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import json
 import os
 import re
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import yaml
+from pydantic import BaseModel
 
 import grader
 from grader.errors import RecordingError
 from grader.lab.rubric import Rubric
+from grader.recording.interfaces import read_folder
 from grader.recording.submission import read_submission
 
+#: The rubric in a lab's folder.
+RUBRIC_FILE = "rubric.yaml"
 #: Folder beside the copy of a rubric, in which the files that it names lie as they do beside the rubric itself.
 KEPT = "rubric.files"
 #: `file.py:name`, as a whole value in JSON.
-_FUNCTION = re.compile(r'"([^"\\]+\.py):\w+"')
+_FUNCTION = re.compile(r'"([^"\\]+\.py:\w+)"')
 
 
 def lab_folder() -> Path:
     """Return the folder of the lab that travels with the grader: the checkout's root, or inside the package."""
     package = Path(grader.__file__).parent
     inside = package / "shipped_lab"
-    return inside if (inside / "rubric.yaml").is_file() else package.parent
+    return inside if (inside / RUBRIC_FILE).is_file() else package.parent
 
 
 def lab_id(rubric: Path) -> str:
@@ -53,20 +59,33 @@ def _id_in(text: str) -> str:
 
 def is_shipped(rubric: Path) -> bool:
     """Whether a rubric is of the lab that travels with the grader."""
-    return lab_id(rubric) == lab_id(lab_folder() / "rubric.yaml")
+    return lab_id(rubric) == lab_id(lab_folder() / RUBRIC_FILE)
 
 
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
-    """Return the files beside a rubric that it names: reference programs and oracles, also those of figures."""
-    models = [*rubric.reference.values(), *(check.parameters for check in rubric.checks())]
-    models += [figure for criterion in rubric.criteria for figure in criterion.figures if figures]
-    functions = (file for model in models for file in _FUNCTION.findall(model.model_dump_json()))
-    return list(dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions]))
+    """Return the files beside a rubric that it names: programs, oracles and checks of its own, interfaces."""
+    parts: list[Any] = [*rubric.reference.values(), *rubric.checks()]
+    parts += [figure for criterion in rubric.criteria for figure in criterion.figures if figures]
+    functions = (function.partition(":")[0] for part in parts for function in functions_of(part))
+    defined = read_folder(rubric.folder / rubric.interfaces) if rubric.interfaces is not None else {}
+    interfaces = (f"{rubric.interfaces}/{name}" for name in defined)
+    return list(dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions, *interfaces]))
+
+
+def functions_of(part: BaseModel) -> list[str]:
+    """Return the functions and classes, "file.py:name", that a reference node, a check or a figure names."""
+    return _FUNCTION.findall(part.model_dump_json(exclude={"title", "hint"}))
 
 
 def files_of(rubric: Rubric) -> dict[str, str]:
     """Return the texts of the files that a rubric names, where they are there."""
     return _texts(rubric.folder, named_files(rubric))
+
+
+def identity_of(rubric: Rubric) -> str:
+    """Return the hash of a rubric and of all files that it names: what is judged by another is of another lab."""
+    stated = {RUBRIC_FILE: rubric.sha256, **sha256s(files_of(rubric))}
+    return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
 
 
 def kept_files(copy: Path) -> dict[str, str]:
@@ -126,7 +145,7 @@ def remarks(recordings: Path, rubric: Rubric) -> list[str]:
     made_with = submission.lab_files
     if other := _differing(made_with, sha256s(files_of(rubric))):
         return [f"judged by another {other} than it was recorded with"]
-    shipped = [lab_folder()] if rubric.lab.id == lab_id(lab_folder() / "rubric.yaml") else []
+    shipped = [lab_folder()] if rubric.lab.id == lab_id(lab_folder() / RUBRIC_FILE) else []
     lab = next((lab for lab in (Path(submission.lab_folder), *shipped) if lab.is_absolute() and lab.is_dir()), None)
     if lab is None or not (changed := _differing(made_with, sha256s(_texts(lab, made_with)))):
         return []

@@ -9,10 +9,10 @@ from __future__ import annotations
 import ast
 import difflib
 import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache, reduce
-from operator import or_
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
@@ -25,7 +25,6 @@ from pydantic import (
     StringConstraints,
     ValidationInfo,
     WithJsonSchema,
-    create_model,
     field_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
@@ -33,7 +32,15 @@ from pydantic_core import CoreSchema
 
 from grader.lab.patterns import compiled
 from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, suggestion
-from grader.recording.definitions import fields_of, packages_with, types_in
+from grader.recording.definitions import (
+    also_defined,
+    field_steps,
+    fields_of,
+    installed_types,
+    packages_with,
+    types_in,
+)
+from grader.recording.interfaces import PARTS, InterfacePackage, packages_of, read_folder
 
 #: Topics that every ROS system has.
 _STANDARD_TOPICS = {
@@ -41,13 +48,15 @@ _STANDARD_TOPICS = {
     "/rosout": "rcl_interfaces/msg/Log",
     "/parameter_events": "rcl_interfaces/msg/ParameterEvent",
 }
-_ENDPOINTS = ("topic", "publisher", "subscription", "service")
+_ENDPOINTS = ("topic", "publisher", "subscription", "service", "action", "action_client")
 
 
 class Parameters(Strict):
     """Base of what stands behind a `with`, and of all that has a session: values are of their types as they stand."""
 
     model_config = ConfigDict(strict=True)
+    #: What the example of it in `grade checks` has beside what is required.
+    example: ClassVar[Mapping[str, Any]] = {}
     #: Whether it says something of a session's recording, so that it cannot be without one.
     of_session: ClassVar[bool] = True
 
@@ -105,6 +114,10 @@ class Scope:
         criteria = (_mapping(criterion) for criterion in _list(self.plain.get("criteria")))
         return [str(_mapping(check).get("id")) for criterion in criteria for check in _list(criterion.get("checks"))]
 
+    def settings_of(self, reference: str) -> str:
+        """Return how the rubric names the class of a reference node's settings."""
+        return str(_mapping(_mapping(self.plain.get("reference")).get(reference)).get("settings"))
+
     @property
     def steps(self) -> list[StepText] | None:
         """Return the steps of the present session; None where it is not defined."""
@@ -115,8 +128,13 @@ class Scope:
         return None if session is None else found
 
     @cached_property
+    def written(self) -> Counter[str]:
+        """Return all names and other words of one piece that stand in the rubric, and how often each does."""
+        return Counter(re.findall(r"[\w~/.-]+", "\n".join(_texts(self.plain))))
+
+    @cached_property
     def types(self) -> dict[str, set[str]]:
-        """Return the types of all topics and services that are waited for, typed, or the new name of others."""
+        """Return the types of topics, services and actions that are waited for, typed, or the new name of others."""
         found = {topic: {name} for topic, name in _STANDARD_TOPICS.items()}
         for part in _parts(self.plain):
             renamed = [*_mapping(part.get("remappings")).values(), *_mapping(part.get("composed")).values()]
@@ -124,6 +142,8 @@ class Scope:
             typed = [part.get(key) for key in _ENDPOINTS] if isinstance(part.get("type"), str) else []
             for name in (n for n in (*renamed, *awaited, *typed) if isinstance(n, str)):
                 found.setdefault(name, set()).update({part["type"]} if name in typed else ())
+            if isinstance(part.get("action"), str) and typed:
+                found[f"{part['action']}/_action/feedback"] = {f"{part['type']}_FeedbackMessage"}
         return found
 
 
@@ -133,6 +153,14 @@ def _mapping(value: Any) -> Mapping[str, Any]:
 
 def _list(value: Any) -> Sequence[Any]:
     return value if isinstance(value, list) else ()
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Give all keys and texts in a value that are of one piece."""
+    inner = [*value, *value.values()] if isinstance(value, Mapping) else _list(value)
+    yield from (value,) if isinstance(value, str) and " " not in value else ()
+    for part in inner:
+        yield from _texts(part)
 
 
 def _parts(value: Any) -> Iterator[Mapping[str, Any]]:
@@ -150,6 +178,8 @@ class Reference:
     what: str
     #: Raises ValueError if there is no such thing.
     look_up: Callable[[Scope, Any, ValidationInfo], object]
+    #: What may stand there, for the examples of `grade checks`; None where that is any text.
+    example: str | None = None
 
     def _check(self, value: Any, info: ValidationInfo) -> Any:
         if isinstance(info.context, Scope):
@@ -160,7 +190,8 @@ class Reference:
         return AfterValidator(self._check).__get_pydantic_core_schema__(source, handler)
 
     def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        return {**handler(schema), "description": self.what}
+        examples = {} if self.example is None else {"examples": [self.example]}
+        return {**handler(schema), "description": self.what, **examples}
 
 
 def one_of(value: str, what: str, known: Iterable[str], location: str = "") -> str:
@@ -174,8 +205,11 @@ def one_of(value: str, what: str, known: Iterable[str], location: str = "") -> s
 # -- what is defined in the rubric -----------------------------------------------------------------
 
 
-def _defined(part: str, what: str) -> Reference:
-    return Reference(f"Name of the {what}.", lambda scope, value, info: one_of(value, what, scope.names(part)))
+def _defined(part: str, what: str, example: str) -> Reference:
+    def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
+        one_of(value, what, scope.names(part))
+
+    return Reference(f"Name of the {what}.", look_up, example)
 
 
 def _before(scope: Scope, value: str, info: ValidationInfo) -> None:
@@ -194,7 +228,8 @@ def step_label(*kinds: str) -> Reference:
             if kinds and labelled[value] not in kinds:
                 raise ValueError(f"{value!r} labels a step of kind {labelled[value]}; {' or '.join(kinds)} is needed")
 
-    return Reference(f"Label of the step{f', of kind {kinds[0]}' if kinds else ''}.", look_up)
+    example = "window" if kinds == ("observe",) else "".join(kinds[:1]) or "step"
+    return Reference(f"Label of the step{f', of kind {kinds[0]}' if kinds else ''}.", look_up, example)
 
 
 def _process(*more: str) -> Reference:
@@ -205,20 +240,22 @@ def _process(*more: str) -> Reference:
             names = [str(s.get("name") or s.get("student") or s.get("reference")) for s in starts]
             one_of(value, "process", [*names, *more], f" in session '{scope.session}'")
 
-    return Reference("Name of a process that the session starts.", look_up)
+    return Reference("Name of a process that the session starts.", look_up, "talker")
 
 
-Artifact = Annotated[str, _defined("artifacts", "artifact")]
-ReferenceNode = Annotated[str, _defined("reference", "reference node")]
-SessionId = Annotated[str, _defined("sessions", "session")]
+Artifact = Annotated[str, _defined("artifacts", "artifact", "talker")]
+ReferenceNode = Annotated[str, _defined("reference", "reference node", "robot")]
+SessionId = Annotated[str, _defined("sessions", "session", "talking")]
 CheckId = Annotated[str, Reference("Id of a check.", lambda scope, value, _: one_of(value, "check", scope.check_ids))]
 #: While a check is judged, the findings of those before it are known.
-EarlierCheckId = Annotated[str, Reference("Id of an earlier check.", _before)]
+EarlierCheckId = Annotated[str, Reference("Id of an earlier check.", _before, "talker.publishes")]
 AnyStep = Annotated[str, step_label()]
 CallLabel = Annotated[str, step_label("call")]
+GoalLabel = Annotated[str, step_label("send_goal")]
 PlanLabel = Annotated[str, step_label("plan")]
 GetLabel = Annotated[str, step_label("get_parameters")]
 SetLabel = Annotated[str, step_label("set_parameters")]
+TransitionLabel = Annotated[str, step_label("change_state")]
 ExitLabel = Annotated[str, step_label("wait_exit")]
 Window = Annotated[str, step_label("observe")]
 Process = Annotated[str, _process()]
@@ -236,12 +273,58 @@ def _known_topic(scope: Scope, value: str, info: ValidationInfo) -> None:
         raise ValueError(f"{value!r} is not known: {words}{suggestion(value, near)}")
 
 
-#: A topic, service or node that may be named here for the first time: "/a/b", "a", "~/a".
-RosName = Annotated[str, StringConstraints(pattern=r"^(~/|/)?[A-Za-z_{][A-Za-z0-9_{}]*(/[A-Za-z_{][A-Za-z0-9_{}]*)*$")]
-#: One that is used besides; where a step waits for it or its type stands somewhere, fields are looked up in that.
-Topic = Annotated[str, Reference("A topic or service.", _known_topic)]
+#: Shorter names, or parts of them with fewer letters beside the one that differs, are too often alike.
+_LEAST_LETTERS, _LEAST_AROUND = 5, 2
 
-_EXAMPLES = {"msg": "std_msgs/msg/String", "srv": "std_srvs/srv/SetBool"}
+
+def _not_misspelt(scope: Scope, value: str, info: ValidationInfo) -> None:
+    """Refuse a name that stands here alone where one that differs by a letter stands before it, or more often."""
+    if len(value) < _LEAST_LETTERS or scope.written[value] != 1:
+        return
+    names = list(scope.written)
+    others = [name for n, name in enumerate(names) if scope.written[name] > 1 or n < names.index(value)]
+    if near := [name for name in others if _one_letter_apart(value, name)]:
+        raise ValueError(f"{value!r} stands here alone; did you mean '{near[0]}', as elsewhere?")
+
+
+def _one_letter_apart(a: str, b: str) -> bool:
+    """Whether one letter is missing, too much, another, or swapped with its neighbour.
+
+    Digits, a plural, parts of one or two letters and a leading slash are meant: joint1 and joint2, goal and goals,
+    gain_x and gain_y, vx_max and vy_max.
+    """
+    start = _alike(a, b)
+    end = _alike(a[start:][::-1], b[start:][::-1])
+    left, right = a[start : len(a) - end], b[start : len(b) - end]
+    rest = a[len(a) - end :]
+    around = re.split(r"[_/.]", a[:start])[-1] + re.split(r"[_/.]", rest)[0]
+    more, ends = left + right, re.fullmatch(r"|[_/.].*", rest)
+    meant = len(around) < _LEAST_AROUND or (more == "s" and ends) or (more == "/" and not start)
+    different = max(len(left), len(right)) == 1 or (len(left) == 2 and left == right[::-1])
+    return different and not meant and re.search(r"\d", more) is None
+
+
+def _alike(a: str, b: str) -> int:
+    """Return with how many letters two texts begin alike."""
+    return next((n for n, (one, other) in enumerate(zip(a, b, strict=False)) if one != other), min(len(a), len(b)))
+
+
+#: A name that students' programs are to use, such as that of a ROS parameter.
+GivenName = Annotated[str, Reference("A name, as students are to give it.", _not_misspelt)]
+#: A topic, service or node that may be named here for the first time: "/a/b", "a", "~/a".
+RosName = Annotated[
+    str,
+    StringConstraints(pattern=r"^(~/|/)?[A-Za-z_{][A-Za-z0-9_{}]*(/[A-Za-z_{][A-Za-z0-9_{}]*)*$"),
+    Reference("Name of a topic, a service or a node.", _not_misspelt),
+]
+#: One that is used besides; where a step waits for it or its type stands somewhere, fields are looked up in that.
+Topic = Annotated[str, Reference("A topic or service.", _known_topic, "/chatter")]
+
+_EXAMPLES = {
+    "msg": "std_msgs/msg/String",
+    "srv": "std_srvs/srv/SetBool",
+    "action": "example_interfaces/action/Fibonacci",
+}
 
 
 def _interface(value: str, folder: str) -> None:
@@ -256,26 +339,37 @@ def _interface(value: str, folder: str) -> None:
         raise ValueError(f"there is no type {value!r}{suggestion(package, near)}")
 
 
-MessageType = Annotated[str, Reference("A message type.", lambda scope, value, info: _interface(value, "msg"))]
-ServiceType = Annotated[str, Reference("A service type.", lambda scope, value, info: _interface(value, "srv"))]
-#: A service's where the key `service` stands before it.
-AnyType = Annotated[
-    str,
-    Reference(
-        "A message or service type.",
-        lambda scope, value, info: _interface(value, "srv" if info.data.get("service") else "msg"),
-    ),
-]
+def _type_in(folder: str, what: str) -> Reference:
+    def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
+        _interface(value, folder)
+
+    return Reference(what, look_up, _EXAMPLES[folder])
+
+
+MessageType = Annotated[str, _type_in("msg", "A message type.")]
+ServiceType = Annotated[str, _type_in("srv", "A service type.")]
+ActionType = Annotated[str, _type_in("action", "An action type.")]
+
+
+def _of_endpoint(scope: Scope, value: str, info: ValidationInfo) -> None:
+    folders = {"service": "srv", "action": "action", "action_client": "action"}
+    _interface(value, next((folder for key, folder in folders.items() if info.data.get(key)), "msg"))
+
+
+#: A service's or an action's where such a key stands before it.
+AnyType = Annotated[str, Reference("A message, service or action type.", _of_endpoint, _EXAMPLES["msg"])]
 
 
 def _type_at(name: str, path: str) -> str | None:
-    """Return the type of a field ("layout.dim.0.size" is one of an element); None where the type is not known here."""
+    """Return the type of a field; None where the type is not known here."""
     spelled = name
-    for step in path.split("."):
-        if step.isdecimal() and spelled.endswith("]"):
+    for step in field_steps(path):
+        if isinstance(step, int):
+            if not spelled.endswith("]"):
+                raise ValueError(f"a {spelled} has no elements, so that [{step}] says nothing")
             spelled = spelled[: spelled.rindex("[")]
             continue
-        fields = fields_of(spelled) if spelled.count("/") == 2 and not spelled.endswith("]") else {}
+        fields = _fields_in(spelled)
         if fields is None:
             return None
         if step not in fields:
@@ -284,19 +378,77 @@ def _type_at(name: str, path: str) -> str | None:
     return spelled
 
 
-_NUMBERS = re.compile(r"(float|u?int|byte|char)\d*\[")
+def _fields_in(spelled: str) -> Mapping[str, str] | None:
+    """Return the fields of a type, of which an array and a primitive have none; None where it is not known here."""
+    return fields_of(spelled) if spelled.count("/") == 2 and not spelled.endswith("]") else {}
 
 
-def _numbers_at(scope: Scope, value: str, info: ValidationInfo) -> None:
-    """Look a field up in the types of the topics that stand before it."""
-    several = info.data.get("streams") or info.data.get("topics") or {"": info.data.get("topic")}
-    for topic in several.values():
-        found = [_type_at(name, value) for name in sorted(scope.types.get(topic, ()))]
-        if found and not any(spelled is None or _NUMBERS.match(spelled) for spelled in found):
-            raise ValueError(f"{value!r} of {topic} is a {found[0]}; an array of numbers is needed")
+_PRIMITIVE_NUMBER = re.compile(r"float\d+|u?int\d+|bool|boolean|byte|octet|char|double|float")
 
 
-FieldPath = Annotated[str, Reference("A field that is an array of numbers.", _numbers_at)]
+def _is_number(spelled: str) -> bool:
+    return _PRIMITIVE_NUMBER.fullmatch(spelled) is not None
+
+
+def _holds_numbers(spelled: str) -> bool:
+    """Whether a type is made of numbers only: a number, a vector or quaternion, a time, or an array of these."""
+    element = spelled.partition("[")[0]
+    fields = _fields_in(element)
+    if not fields:
+        return fields is None or _is_number(element)
+    return all(map(_holds_numbers, fields.values()))
+
+
+def _field(kind: str, fits: Callable[[str], bool], example: str) -> Reference:
+    """Return the type of a field's path, which is looked up in the types of the topics that stand before it.
+
+    The kind says in words what the field holds; whether one does, a type says as `.msg` files spell it.
+    """
+
+    def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
+        several = info.data.get("streams") or info.data.get("topics") or {"": info.data.get("topic")}
+        for topic in several.values():
+            _look_up_field(scope, topic, value, kind, fits)
+
+    return Reference(f"Path of a field that holds {kind}, such as pose.position.x or data[0].", look_up, example)
+
+
+def _look_up_field(scope: Scope, topic: str, path: str, kind: str, fits: Callable[[str], bool]) -> None:
+    found = [_type_at(name, path) for name in sorted(scope.types.get(topic, ()))]
+    if found and not any(spelled is None or fits(spelled) for spelled in found):
+        raise ValueError(f"{path!r} of {topic} is a {found[0]}; it must hold {kind}")
+
+
+def stamped(info: ValidationInfo, topics: Iterable[str], path: str = "header.stamp") -> None:
+    """Look for a time stamp in the messages of topics that are matched by it; raises ValueError if one has none."""
+    if isinstance(info.context, Scope):
+        for topic in topics:
+            _look_up_field(info.context, topic, path, *_STAMP)
+
+
+def _by_pattern(scope: Scope, value: str, info: ValidationInfo) -> None:
+    if "pattern" in info.data:  # Else that has a mistake of its own.
+        (_TEXT_FIELD if info.data["pattern"] else _NUMBERS).look_up(scope, value, info)
+
+
+_NUMBERS = _field("numbers (one, an array, or a message of numbers)", _holds_numbers, "data")
+_TEXT_FIELD = _field("a text", lambda spelled: spelled in ("string", "wstring"), "data")
+FieldPath = Annotated[str, _NUMBERS]
+TextField = Annotated[str, _TEXT_FIELD]
+_STAMP = ("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time")
+StampField = Annotated[str, _field(*_STAMP, "header.stamp")]
+#: A text where the key `pattern` stands before it, which finds the numbers in it; else numbers.
+NumbersField = Annotated[
+    str,
+    Reference(
+        "Path of a field that holds numbers; or a text, with a pattern that finds them in it.", _by_pattern, "data"
+    ),
+]
+#: What a pattern can be compared with.
+WordField = Annotated[
+    str,
+    _field("a text or one number", lambda spelled: spelled in ("string", "wstring") or _is_number(spelled), "data"),
+]
 
 
 def _wrong_fields(name: str, values: Mapping[str, Any], loc: Loc = ()) -> Iterator[tuple[Loc, str]]:
@@ -313,15 +465,15 @@ def _wrong_fields(name: str, values: Mapping[str, Any], loc: Loc = ()) -> Iterat
 def fields_of_type(part: str = "", label: str | None = None) -> Reference:
     """Return the type of values by the name of their field, or of one such name.
 
-    They are of a message, or of the "_Request" or "_Response" `part` of a service. Of which, the key `type` before it
-    says, or else the call that the key `label` before it names.
+    They are of a message, or of a `part` of a service ("_Request", "_Response") or of an action ("_Goal", "_Result",
+    "_Feedback"). Of which, the key `type` before it says, or else the step that the key `label` before it names.
     """
 
     def look_up(scope: Scope, value: str | Mapping[str, Any], info: ValidationInfo) -> None:
         name = info.data.get("type")
         if label is not None:
-            calls = (s.parameters.get("type") for s in scope.steps or () if s.label == info.data.get(label))
-            name = next(calls, None)
+            types = (s.parameters.get("type") for s in scope.steps or () if s.label == info.data.get(label))
+            name = next(types, None)
         if isinstance(name, str) and name.count("/") == 2:
             wrong = list(_wrong_fields(name + part, {value: None} if isinstance(value, str) else value))
             if wrong:
@@ -345,15 +497,23 @@ def _file(scope: Scope, value: str, info: ValidationInfo) -> None:
     one_of(value, "file", _beside(scope, value), " beside the rubric")
 
 
-def _definition(scope: Scope, value: str) -> ast.FunctionDef | ast.ClassDef:
-    """Return a function or class of a Python file beside the rubric; it is not run, for it may do anything."""
+@dataclass(frozen=True)
+class Definition:
+    """A function or class of a Python file beside the rubric, and all others of the file, by their names."""
+
+    node: ast.FunctionDef | ast.ClassDef
+    beside: Mapping[str, ast.FunctionDef | ast.ClassDef]
+
+
+def definition_at(scope: Scope, value: str) -> Definition:
+    """Look up "file.py:name"; the file is not run, for it may do anything. Raises ValueError if there is none."""
     file, _, name = value.partition(":")
     one_of(file, "Python file", _beside(scope, file), " beside the rubric")
     try:
         found = _definitions((scope.folder / file).read_bytes())
     except (SyntaxError, ValueError) as problem:
         raise ValueError(f"{file} is not valid Python: {problem}") from problem
-    return found[one_of(name, "function or class", found, f" in {file}")]
+    return Definition(found[one_of(name, "function or class", found, f" in {file}")], found)
 
 
 @lru_cache(maxsize=8)
@@ -361,34 +521,62 @@ def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
     return {node.name: node for node in ast.parse(source).body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
 
 
-FileBeside = Annotated[str, Reference("File beside the rubric.", _file)]
-Loadable = Annotated[
-    str, Reference("file.py:name, beside the rubric.", lambda scope, value, info: _definition(scope, value))
-]
-
-#: Types of settings that are looked at; others are left to the reference node.
-_PLAIN_TYPES: dict[str, Any] = {"float": float, "int": int, "bool": bool, "str": str, "None": type(None)}
+def interfaces_in(folder: Path, name: object) -> list[InterfacePackage]:
+    """Return the packages in the folder of that name beside a rubric; none where there is no such folder."""
+    inside = isinstance(name, str) and (folder / name).resolve().is_relative_to(folder.resolve())
+    return list(packages_of(read_folder(folder / str(name)))) if inside else []
 
 
-def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> None:
-    """Look settings up in the class that the rubric names for those of the reference node before them."""
-    entry = _mapping(_mapping(scope.plain.get("reference")).get(info.data.get("reference") or ""))
+def readable_interfaces(folder: Path, name: object) -> list[InterfacePackage]:
+    """Return those of the packages that are written as ROS asks for."""
+    return [package for package in interfaces_in(folder, name) if not package.problem and _is_readable(package)]
+
+
+def _is_readable(package: InterfacePackage) -> bool:
     try:
-        made = _definition(scope, str(entry.get("settings")))
+        return bool(package.fields)
     except ValueError:
-        return  # None is named, or it is a mistake where it stands.
-    if not isinstance(made, ast.ClassDef):
-        return
-    typed: dict[str, Any] = {}
-    for node in made.body:
-        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            words = ast.unparse(node.annotation).split(" | ")
-            known = all(word in _PLAIN_TYPES for word in words)
-            typed[node.target.id] = (reduce(or_, (_PLAIN_TYPES[word] for word in words)) if known else Any, None)
-    create_model(made.name, __base__=Parameters, **typed).model_validate(value)
+        return False
 
 
-Settings = Annotated[dict[str, Any], Reference("Settings of the reference node.", _settings)]
+def _interfaces(scope: Scope, value: str, info: ValidationInfo) -> None:
+    packages = interfaces_in(scope.folder, value)
+    if not packages:
+        raise ValueError(f"there is no folder {value!r} beside the rubric with msg/, srv/ or action/ files in it")
+    with also_defined(readable_interfaces(scope.folder, value)):
+        wrong = [f"{package.name}: {words}" for package in packages if (words := _wrong_in(package))]
+    if wrong:
+        raise ValueError("; ".join(wrong))
+
+
+def _wrong_in(package: InterfacePackage) -> str:
+    """Say what is wrong with a package of the lab's, as far as that is known without building it."""
+    if package.problem:
+        return package.problem
+    if any(installed_types(package.name, kind) for kind in PARTS):
+        return "ROS has a package of this name, which counts"
+    try:
+        messages = package.fields
+    except ValueError as problem:
+        return str(problem)
+    spelled = {name: fields_of(name) or {} for name in messages}
+    used = {kind.partition("[")[0] for fields in spelled.values() for kind in fields.values()}
+    unknown = sorted(name for name in used if "/" in name and fields_of(name) is None)
+    return f"there is no type {unknown[0].replace('/msg/', '/')}" if unknown else ""
+
+
+InterfaceFolder = Annotated[
+    str, Reference("Folder beside the rubric: packages of .msg, .srv and .action files.", _interfaces, "interfaces")
+]
+FileBeside = Annotated[str, Reference("File beside the rubric.", _file, "reference/robot.py")]
+Loadable = Annotated[
+    str,
+    Reference(
+        "file.py:name, beside the rubric.",
+        lambda scope, value, info: definition_at(scope, value),
+        "oracles.py:expected",
+    ),
+]
 
 
 # -- values ----------------------------------------------------------------------------------------
@@ -435,5 +623,8 @@ Patterns = Annotated[
 Reliability = Literal["reliable", "best_effort"]
 Durability = Literal["volatile", "transient_local"]
 History = Literal["keep_last", "keep_all"]
+#: As `lifecycle_msgs` labels them.
+LifecycleState = Literal["unconfigured", "inactive", "active", "finalized"]
+LifecycleTransition = Literal["configure", "activate", "deactivate", "cleanup", "shutdown"]
 _Single = Literal["bool", "integer", "double", "string"]
 ParameterType = Literal[_Single, "byte_array", "bool_array", "integer_array", "double_array", "string_array"]

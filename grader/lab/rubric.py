@@ -29,22 +29,30 @@ from pydantic import (
 )
 from pydantic.json_schema import models_json_schema
 
+from grader.lab.lab_code import is_own, own_parameters, require_own
 from grader.lab.policy import Policy
 from grader.lab.references import (
     CheckId,
     EarlierCheckId,
     FileBeside,
+    InterfaceFolder,
     Kinds,
     Loadable,
     Parameters,
     RosName,
     Scope,
     SessionId,
+    interfaces_in,
     one_of,
+    readable_interfaces,
 )
 from grader.lab.steps import STEPS, Step
 from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, parse_yaml, read_text, suggestion
+from grader.recording.definitions import also_defined
+from grader.recording.interfaces import InterfacePackage
 
+#: `file.py:function`, beside the rubric.
+_OWN_PATTERN = r"\.py:\w+$"
 _REMEDY = "`grade checks` lists every check with its parameters."
 
 
@@ -181,7 +189,16 @@ class _OfKind(Parameters):
     @field_validator("check", "kind", check_fields=False)
     @classmethod
     def _is_known(cls, value: str, info: ValidationInfo) -> str:
-        return value if info.context is None else one_of(value, cls.key, getattr(info.context.kinds, cls.models))
+        if info.context is not None and cls.is_own(value):
+            require_own(info.context, value)
+        elif info.context is not None:
+            one_of(value, cls.key, getattr(info.context.kinds, cls.models))
+        return value
+
+    @classmethod
+    def is_own(cls, kind: str) -> bool:
+        """Whether a kind is one of the lab's own, of a file beside the rubric."""
+        return False
 
     @field_validator("parameters", mode="before", check_fields=False)
     @classmethod
@@ -189,8 +206,10 @@ class _OfKind(Parameters):
         kind = info.data.get(cls.key)
         if isinstance(value, BaseModel) or kind is None or info.context is None:
             return value if isinstance(value, BaseModel) else Parameters()
-        model: type[Parameters] = getattr(info.context.kinds, cls.models)[kind]
         info.context.session = info.data.get("session")
+        if cls.is_own(kind):
+            return own_parameters(info.context, kind, value)
+        model: type[Parameters] = getattr(info.context.kinds, cls.models)[kind]
         if model.of_session and info.data.get("session", "") is None:
             raise ValueError(f"{kind} looks at a recording; say which by the key session")
         return model.model_validate({} if value is None else value, context=info.context)
@@ -205,9 +224,14 @@ class CheckSpec(_OfKind):
     title: str = Field(default_factory=lambda data: data.get("id"))
     points: Points
     session: SessionId | None = None
-    check: str = Field(description="`grade checks` lists them.")
+    check: str = Field(
+        description="`grade checks` lists them; or file.py:function beside the rubric, of the lab's own."
+    )
     parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
     requires: tuple[EarlierCheckId, ...] = ()
+    excused_by: tuple[EarlierCheckId, ...] = Field(
+        (), description="Where one of these checks took points, none are lost here: one mistake costs once."
+    )
     hint: str = ""
     replaces: tuple[str, ...] = Field((), description="Ids of earlier checks that have become part of this one.")
 
@@ -217,6 +241,11 @@ class CheckSpec(_OfKind):
         if info.context is not None and isinstance(value, dict):
             info.context.begin_check(str(value.get("id")))
         return value
+
+    @classmethod
+    def is_own(cls, kind: str) -> bool:
+        """Whether it is a check of the lab's own."""
+        return is_own(kind)
 
     @field_validator("id")
     @classmethod
@@ -247,7 +276,7 @@ class CriterionSpec(Parameters):
     title: str = Field(min_length=1)
     points: Points
     description: str = ""
-    checks: tuple[CheckSpec, ...]
+    checks: tuple[CheckSpec, ...] = Field(min_length=1)
     figures: tuple[FigureSpec, ...] = ()
 
 
@@ -262,10 +291,11 @@ class RubricFile(Parameters):
     """All that stands in a rubric."""
 
     lab: LabSpec
+    interfaces: InterfaceFolder | None = None
     artifacts: dict[str, ArtifactSpec] = Field(default_factory=dict, description="What students hand in.")
     reference: dict[str, ReferenceSpec] = Field(default_factory=dict, description="Nodes of our own.")
     sessions: Annotated[dict[str, SessionSpec], BeforeValidator(_with_ids)] = Field(default_factory=dict)
-    criteria: tuple[CriterionSpec, ...]
+    criteria: tuple[CriterionSpec, ...] = Field(min_length=1)
     policy: Policy = Policy()
 
     @model_validator(mode="after")
@@ -287,6 +317,11 @@ class Rubric(RubricFile):
         """Hash of the rubric's text."""
         return hashlib.sha256(self.text.encode()).hexdigest()
 
+    @property
+    def interface_packages(self) -> list[InterfacePackage]:
+        """The lab's own messages, services and actions."""
+        return interfaces_in(self.folder, self.interfaces)
+
     def checks(self) -> Iterable[CheckSpec]:
         """All checks, in the rubric's order."""
         return (check for criterion in self.criteria for check in criterion.checks)
@@ -304,7 +339,8 @@ def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
     errors = []
     for folder in folders or (path.resolve().parent,):
         try:
-            found = RubricFile.model_validate(plain, context=Scope(plain, folder, kinds))
+            with also_defined(readable_interfaces(folder, plain.get("interfaces"))):
+                found = RubricFile.model_validate(plain, context=Scope(plain, folder, kinds))
         except ValidationError as error:
             errors.append(error)
             continue
@@ -331,7 +367,9 @@ def json_schema(kinds: Kinds) -> dict[str, Any]:
     }
     for spec, models in ((CheckSpec, kinds.checks), (FigureSpec, kinds.figures)):
         part = defs[spec.__name__]
-        part["properties"][spec.key]["enum"] = list(models)
+        known: dict[str, Any] = {"enum": list(models)}
+        own = {"type": "string", "pattern": _OWN_PATTERN}
+        part["properties"][spec.key] |= {"anyOf": [known, own]} if spec is CheckSpec else known
         part["allOf"] = [
             {"if": {"properties": {spec.key: {"const": name}}}, "then": {"properties": {"with": ref(model)}}}
             for name, model in models.items()

@@ -14,6 +14,7 @@ from typing import Annotated, Any, ClassVar
 from pydantic import Field, model_validator
 
 from grader.lab import references as ref
+from grader.lab.lab_code import Settings
 from grader.lab.references import Parameters
 from grader.lab.yaml_with_lines import mistakes_at
 
@@ -49,6 +50,7 @@ class StartStep(Step):
 
     words = "starting {target}"
     targets = ("student", "launch", "reference")
+    example: ClassVar = {"student": "talker"}
 
     student: ref.Artifact | None = None
     launch: ref.Artifact | None = None
@@ -60,7 +62,7 @@ class StartStep(Step):
         default_factory=dict, description="Name remappings besides, where the artifact's file holds others too."
     )
     if_ended: bool = Field(False, description="Start it again only if it has ended.")
-    with_: ref.Settings = Field(default_factory=dict, alias="with", description="Settings (reference only).")
+    with_: Settings = Field(default_factory=dict, alias="with", description="Settings (reference only).")
 
     @model_validator(mode="after")
     def _is_of_use(self) -> StartStep:
@@ -72,15 +74,18 @@ class StartStep(Step):
 
 
 class WaitForStep(Step):
-    """Wait for a node, an endpoint, a service or a line of output; near misses of a name are found."""
+    """Wait for a node, an endpoint, a service, an action or a line of output; near misses of a name are found."""
 
     words = "waiting for {key} {target}"
-    targets = ("node", "publisher", "subscription", "service", "output_of")
+    targets = ("node", "publisher", "subscription", "service", "action", "action_client", "output_of")
+    example: ClassVar = {"publisher": "/chatter", "type": "std_msgs/msg/String"}
 
     node: ref.RosName | None = None
     publisher: ref.RosName | None = None
     subscription: ref.RosName | None = None
     service: ref.RosName | None = None
+    action: ref.RosName | None = Field(None, description="An action's server.")
+    action_client: ref.RosName | None = None
     output_of: ref.Process | None = Field(None, description="Process whose output is watched.")
     text: str | None = Field(None, description="Text that the line holds (with output_of).")
     type: ref.AnyType | None = None
@@ -120,6 +125,7 @@ class CallStep(Step):
 
     words = "calling {service} ({repeat}×)"
     command = "ros2 service call {service} {type} {request}"
+    example: ClassVar = {"request": {"data": True}}
 
     service: ref.RosName
     type: ref.ServiceType
@@ -130,6 +136,27 @@ class CallStep(Step):
     at_most_s: float = Field(30.0, gt=0, le=300, description="For all of them; calls not made by then are skipped.")
 
 
+class SendGoalStep(Step):
+    """Send a goal to an action; keeps the answer, the feedback with its times, and the result.
+
+    While the goal is under way, it may be cancelled, or a newer one sent.
+    """
+
+    words = "sending a goal to {action}"
+    command = "ros2 action send_goal -f {action} {type} {goal}"
+
+    action: ref.RosName
+    type: ref.ActionType
+    goal: Annotated[dict[str, Any], ref.fields_of_type("_Goal")] = Field(default_factory=dict)
+    cancel_after_s: float | None = Field(None, ge=0, le=300, description="Cancel it so long after it was accepted.")
+    cancel_after_feedback: int | None = Field(None, ge=1, description="Cancel it after so much feedback.")
+    newer_goal: Annotated[dict[str, Any], ref.fields_of_type("_Goal")] | None = Field(
+        None, description="Another goal, sent while the first is under way."
+    )
+    newer_after_s: float = Field(0.5, ge=0, le=300, description="How long after the first was accepted.")
+    timeout_s: float = Field(10.0, gt=0, le=300, description="Until all has been answered, the results included.")
+
+
 class GetParametersStep(Step):
     """Read parameters of a student's node through its parameter services."""
 
@@ -137,7 +164,7 @@ class GetParametersStep(Step):
     command = "ros2 param dump {node}"
 
     node: ref.RosName
-    names: tuple[str, ...]
+    names: tuple[ref.GivenName, ...]
     timeout_s: float = Field(5.0, gt=0, le=60)
 
 
@@ -148,6 +175,9 @@ class SetParametersStep(Step):
 
     node: ref.RosName
     values: dict[str, Any]
+    refusal_expected: bool = Field(
+        False, description="The values are invalid; what the node has is kept from before and after, and restored."
+    )
     timeout_s: float = Field(5.0, gt=0, le=60)
 
     def commands(self) -> Sequence[str]:
@@ -157,6 +187,17 @@ class SetParametersStep(Step):
             for name, value in self.values.items()
         )
         return ["ros2 param set {node} " + text.replace("{", "{{").replace("}", "}}") for text in written]
+
+
+class ChangeStateStep(Step):
+    """Ask a lifecycle node for a transition; keeps its answer, and its states before and after."""
+
+    words = "asking {node} to {transition}"
+    command = "ros2 lifecycle set {node} {transition}"
+
+    node: ref.RosName
+    transition: ref.LifecycleTransition
+    timeout_s: float = Field(5.0, gt=0, le=60, description="For each of the three calls.")
 
 
 class InterruptStep(Step):
@@ -198,8 +239,10 @@ STEPS: dict[str, type[Step]] = {
     "observe": ObserveStep,
     "publish": PublishStep,
     "call": CallStep,
+    "send_goal": SendGoalStep,
     "get_parameters": GetParametersStep,
     "set_parameters": SetParametersStep,
+    "change_state": ChangeStateStep,
     "interrupt": InterruptStep,
     "wait_exit": WaitExitStep,
     "plan": PlanStep,

@@ -56,6 +56,7 @@ _PLAINER = {
     "int_type": "a whole number is expected",
     "bool_type": "true or false is expected",
     "string_too_short": "it is empty",
+    "too_short": "it is empty",
     "model_type": "a mapping is expected",
     "dict_type": "a mapping is expected",
     "tuple_type": "a list is expected",

@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any
 from mcap.opcode import Opcode
 
 from grader.files import replace_file
-from grader.recording.definitions import MessageDefinition
+from grader.recording.definitions import MessageDefinition, field_steps
 from grader.recording.session import Qos
 
 if TYPE_CHECKING:
@@ -364,17 +364,16 @@ class Stream:
     def field(self, path: str) -> list[Any]:
         """Value of one field in each message: None for those that are malformed or do not have it.
 
-        The path is field names joined by dots; a number picks an element: "layout.dim.0.size". Arrays of numbers are
-        numpy arrays.
+        The path is one of `definitions.field_steps`. Arrays of numbers are numpy arrays.
         """
-        steps = path.split(".")
+        steps = field_steps(path)
         return [_pick(message, steps) for message in self.messages]
 
 
-def _pick(value: Any, steps: list[str]) -> Any:
+def _pick(value: Any, steps: Sequence[str | int]) -> Any:
     try:
         for step in steps:
-            value = value[int(step)] if step.isdecimal() else getattr(value, step)
+            value = value[step] if isinstance(step, int) else getattr(value, step)
     except (AttributeError, IndexError, TypeError):
         return None
     return value
@@ -412,6 +411,11 @@ class Bag:
         if path is None:
             raise FileNotFoundError(f"no .mcap file in {folder}: give the folder of a recording")
         return cls(_contents_of(path))
+
+    @classmethod
+    def empty(cls) -> Bag:
+        """Return a finished bag without messages."""
+        return cls(_Contents(finished=True))
 
     @property
     def size_bytes(self) -> int:

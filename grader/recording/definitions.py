@@ -10,11 +10,15 @@ import json
 import os
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
+
+from grader.recording.interfaces import InterfacePackage
 
 if TYPE_CHECKING:
     from rosbags.interfaces.typing import Typesdict
@@ -95,18 +99,56 @@ def type_hash_of(topic_type: str) -> str:
     return next((str(h["hash_string"]) for h in hashes if h["type_name"] == topic_type), "")
 
 
-@lru_cache(maxsize=1024)
+#: Packages whose definitions are at hand, and which need not be installed here.
+_at_hand: ContextVar[tuple[InterfacePackage, ...]] = ContextVar("_at_hand", default=())
+
+
+@contextmanager
+def also_defined(packages: Sequence[InterfacePackage]) -> Iterator[None]:
+    """Let `fields_of`, `types_in` and `packages_with` know these packages too, as they are written."""
+    token = _at_hand.set(tuple(packages))
+    try:
+        yield
+    finally:
+        _at_hand.reset(token)
+
+
+_FIELD_STEP = re.compile(r"\.?([A-Za-z_]\w*)|[.\[](\d+)\]?")
+_FIELD_PATH = re.compile(r"[A-Za-z_]\w*(\.\w+|\[\d+\])*")
+
+
+def field_steps(path: str) -> tuple[str | int, ...]:
+    """Return the names and numbers of a field's path; `ValueError` if it is none.
+
+    "pose.position.x", "transforms[0].child_frame_id"; a number may stand behind a dot too: "layout.dim.0.size".
+    """
+    if not _FIELD_PATH.fullmatch(path):
+        raise ValueError(f"{path!r} is no path of a field such as pose.position.x or transforms[0].child_frame_id")
+    return tuple(int(number) if number else name for name, number in _FIELD_STEP.findall(path))
+
+
 def fields_of(name: str) -> Mapping[str, str] | None:
     """Return the fields of a message type, with their types as `.msg` files spell them, e.g. "float64[]".
 
     The name may be that of a service's request or response too: "std_srvs/srv/SetBool_Request". None where it is not
     known here.
     """
+    own = next((package.fields[name] for package in _at_hand.get() if name in package.fields), None)
+    return _spelled_fields(own[1]) if own is not None else installed_fields(name)
+
+
+@lru_cache(maxsize=1024)
+def installed_fields(name: str) -> Mapping[str, str] | None:
+    """Return those of a type that is installed, or of ROS itself."""
     try:
         known: Mapping[str, Any] = definition_of(name).types(name)
     except DefinitionNotFound:
         known = _types_of_rosbags()  # ROS itself is known also where one only judges again.
-    return {field: _spelled(*kind) for field, kind in known[name][1]} if name in known else None
+    return _spelled_fields(known[name][1]) if name in known else None
+
+
+def _spelled_fields(fields: Sequence[tuple[str, tuple[int, Any]]]) -> Mapping[str, str]:
+    return {field: _spelled(*kind) for field, kind in fields}
 
 
 @lru_cache(maxsize=1)
@@ -123,9 +165,15 @@ def _spelled(nodetype: int, kind: Any) -> str:
     return str(kind[0] if nodetype == 1 else kind)
 
 
-@lru_cache(maxsize=64)
 def types_in(package: str, folder: str) -> tuple[str, ...]:
     """Return the types of a package in its folder ("msg", "srv"); none where the package is not known here."""
+    own = (name for each in _at_hand.get() if each.name == package for name in each.types)
+    return tuple(sorted(name for name in own if f"/{folder}/" in name)) or installed_types(package, folder)
+
+
+@lru_cache(maxsize=64)
+def installed_types(package: str, folder: str) -> tuple[str, ...]:
+    """Return those of a package that is installed, or of ROS itself."""
     found = {path.stem for share in share_folders() for path in (share / package / folder).glob(f"*.{folder}")}
     if found or folder != "msg":
         return tuple(f"{package}/{folder}/{stem}" for stem in sorted(found))
@@ -134,7 +182,9 @@ def types_in(package: str, folder: str) -> tuple[str, ...]:
 
 def packages_with(folder: str) -> tuple[str, ...]:
     """Return the packages that are installed here and have such types."""
-    return tuple(sorted({path.parts[-3] for share in share_folders() for path in share.glob(f"*/{folder}/*.{folder}")}))
+    installed = {path.parts[-3] for share in share_folders() for path in share.glob(f"*/{folder}/*.{folder}")}
+    own = {each.name for each in _at_hand.get() if any(f"/{folder}/" in name for name in each.types)}
+    return tuple(sorted(installed | own))
 
 
 @lru_cache(maxsize=256)

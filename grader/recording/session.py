@@ -22,6 +22,8 @@ UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
 PARTICIPANT_DIGITS = 24
 #: Those that tell the process: all its participants share them.
 PROCESS_DIGITS = 16
+#: What an action's topics and services have in their names, and how that ends which takes its goals.
+OF_ACTION, _GOAL_SERVICE = "/_action/", "/_action/send_goal"
 #: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
 GRADER_NAMESPACE = "/_grader"
 
@@ -145,6 +147,23 @@ class GraphSnapshot:
     services: list[ServiceEndpoint] = field(default_factory=list)
     clients: list[ServiceEndpoint] = field(default_factory=list)
 
+    @property
+    def actions(self) -> list[ServiceEndpoint]:
+        """Servers of actions, each known by its service that takes goals."""
+        return _actions_of(self.services)
+
+    @property
+    def action_clients(self) -> list[ServiceEndpoint]:
+        """Clients of actions, each known by its client of that service."""
+        return _actions_of(self.clients)
+
+
+def _actions_of(endpoints: list[ServiceEndpoint]) -> list[ServiceEndpoint]:
+    taking = (endpoint for endpoint in endpoints if endpoint.name.endswith(_GOAL_SERVICE))
+    return [
+        ServiceEndpoint(e.name.removesuffix(_GOAL_SERVICE), e.type.removesuffix("_SendGoal"), e.node) for e in taking
+    ]
+
 
 @dataclass
 class StepRun:
@@ -170,7 +189,7 @@ class Claim:
     """What the tap noted in a student's process: a claim by student code, never evidence of behaviour."""
 
     process: str
-    #: "publisher", "subscription", "service", "client", "timer", "parameter", "node".
+    #: "publisher", "subscription", "service", "client", "action", "action_client", "timer", "parameter", "node".
     kind: str
     #: As given in the call (not expanded); period in seconds for a timer.
     name: str

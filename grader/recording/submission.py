@@ -78,7 +78,12 @@ class SubmissionRecord:
     #: Modules that the submission may import, and that the grader did not find where its programs run; None
     #: where it did not look.
     absent_modules: list[str] | None = None
-    #: Where the lab was by which it was recorded.
+    #: Packages of interfaces that were not built where its programs run, through no fault of its own -> why; None
+    #: where none were built.
+    not_built: dict[str, str] | None = None
+    #: The lab by which it was recorded: its id and hash (`grader.lab.kept_lab.identity_of`), and where it was.
+    lab_id: str = ""
+    lab_sha256: str = ""
     lab_folder: str = ""
     #: Files that the rubric names -> their hashes.
     lab_files: dict[str, str] = field(default_factory=dict)

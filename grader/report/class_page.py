@@ -34,8 +34,8 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
     ),
     Need.OTHER_RUBRIC: (
         "Judged by another rubric",
-        "These results come from another version of the rubric than the others, and cannot be compared with them. "
-        "“grade regrade” judges their recordings again.",
+        "These results come from another version of the rubric, or of the files that it names, than the others, and "
+        "cannot be compared with them. “grade regrade” judges their recordings again.",
         Badge("not-reached", "≠", "other rubric"),
     ),
 }

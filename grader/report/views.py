@@ -421,6 +421,7 @@ def versions_of(result: Result) -> list[tuple[str, str]]:
         **provenance.get("versions", {}),
         "submission, SHA-256": provenance.get("submission_sha256", ""),
         "rubric, SHA-256": provenance.get("rubric_sha256", ""),
+        "rubric with the files that it names, SHA-256": provenance.get("lab_sha256", ""),
     }
     return [(name, value) for name, value in versions.items() if value]
 

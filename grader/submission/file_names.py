@@ -16,6 +16,7 @@ _LITTER = frozenset({".ds_store", "thumbs.db", "desktop.ini", "icon", ".git", ".
 #: Kinds of files whose text the judging half may read.
 TEXT_SUFFIXES = frozenset(
     {".py", ".md", ".rst", ".txt", ".xml", ".cfg", ".toml", ".yaml", ".yml", ".launch", ".org", ".adoc", ""}
+    | {".msg", ".srv", ".action"}
 )
 _COMPILED = re.compile(r"\.(py[cod]|so(\.\d+)*|dll|dylib|o|a|lib|exe|class|wasm)$", re.IGNORECASE)
 #: `alice.tar.gz` is called `alice`.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from decimal import Decimal
 from pathlib import Path
@@ -40,6 +41,7 @@ TOGETHER: dict[str, dict[str, Any]] = {
         "command": "/commands",
         "field": "data",
         "index": 0,
+        "subject": "the arm",
         "charged_by": "motion",
     },
     "answers": {"step": "enable", "charged_by": "enables"},
@@ -488,6 +490,27 @@ def test_each_of_three_parts_counts(tmp_path: Path, how: dict[str, Any], credit:
     finding = judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)})
     assert float(finding.credit) == pytest.approx(credit, abs=0.01)
     assert words in finding.reason
+
+
+@pytest.mark.parametrize(("gain", "credit"), [(1.0, 1), (0.6, 1), (0.3, 0)])
+def test_any_field_may_follow_another(tmp_path: Path, gain: float, credit: int) -> None:
+    """A robot's speed follows what it is told, in another type; parts that a rubric leaves out do not count."""
+    times = evenly(50, 3.0)
+    speeds = [{"linear": {"x": 0.5 * math.sin(t), "y": 0.2}} for t in times]
+    moved = [{"twist": {"twist": {"linear": {k: gain * v for k, v in s["linear"].items()}}}} for s in speeds]
+    session = Session(tmp_path).typed("/cmd_vel", "geometry_msgs/msg/Twist", speeds, times)
+    session.typed("/odom", "nav_msgs/msg/Odometry", moved, times)
+    follows = {
+        "topic": "/odom",
+        "field": "twist.twist.linear",
+        "commanded": {"topic": "/cmd_vel", "field": "linear"},
+        "unit": "m/s",
+        "charged_by": "motion",
+    }
+    finding = judged("launch_together", {"follows": follows}, session)
+    assert finding.credit == credit
+    assert finding.expected == "the robot follows"
+    assert finding.measured.startswith("the robot is off by ")
 
 
 def test_a_rate_that_the_machine_may_have_lowered_is_undecided(tmp_path: Path) -> None:

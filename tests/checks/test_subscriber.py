@@ -747,3 +747,25 @@ def test_right_statistics_are_shown_with_the_usual_digits(tmp_path: Path) -> Non
     finding = printed(tmp_path, float(np.abs(history(100)).mean()))
     assert (finding.outcome, finding.reason) == (Outcome.PASSED, "")
     assert len(finding.measured) == len(vector(0.0)) - 7 * 2
+
+
+# -- the profile that is requested -----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("qos", "credit"),
+    [(RELIABLE, "1"), (BEST_EFFORT, "0.5"), (replace(BEST_EFFORT, durability="transient_local"), "0")],
+)
+def test_a_subscription_requests_the_profile_that_is_asked_for(tmp_path: Path, qos: Qos, credit: str) -> None:
+    """Each policy counts the same; another endpoint's on the topic does not."""
+    session = Session(tmp_path).endpoint("subscription", "/in", qos=qos).endpoint("publisher", "/in", qos=BEST_EFFORT)
+    wanted = {"topic": "/in", "reliability": "reliable", "durability": "volatile"}
+    finding = judged("requested_qos", wanted, session)
+    assert finding.credit == Decimal(credit)
+    assert credit == "1" or "The subscription requests BEST_EFFORT reliability, not RELIABLE." in finding.reason
+
+
+def test_without_a_subscription_there_is_no_request(tmp_path: Path) -> None:
+    """A publisher on the topic is none."""
+    session = Session(tmp_path).endpoint("publisher", "/in")
+    assert judged("requested_qos", {"topic": "/in", "reliability": "reliable"}, session).outcome is Outcome.FAILED

@@ -217,13 +217,17 @@ def test_what_is_undecided_may_be_run_again(judged: dict[str, Any], rubric: Rubr
 
 
 def test_an_expectation_of_another_rubric_is_reported_before_anything_runs(rubric: Rubric) -> None:
-    """Names that the rubric does not have are listed, each with its kind."""
+    """Names that the rubric does not have are listed, each with its kind, its place, and what may be meant."""
     checks = {"publisher.rat": {"outcome": "failed"}}
     expectation = expecting(sessions=["publisher", "night"], criteria={"publisher": {"checks": checks}, "fame": {}})
-    assert expectation.unfit(rubric) == [
-        "the rubric has no session 'night'",
-        "the rubric's criterion 'publisher' has no check 'publisher.rat'",
-        "the rubric has no criterion 'fame'",
+    found = [(loc, words.partition(";")[0]) for loc, words in expectation.unfit(rubric)]
+    assert found == [
+        (("sessions", 1), "the rubric has no session 'night'"),
+        (
+            ("criteria", "publisher", "checks", "publisher.rat"),
+            "the rubric's criterion 'publisher' has no check 'publisher.rat'",
+        ),
+        (("criteria", "fame"), "the rubric has no criterion 'fame'"),
     ]
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from grader.evidence.cpu_delay import Calm, Delay, Span, backlog, calm_intervals
-from tests.synthetic import at
+from tests.synthetic import Session, at
 
 INFINITE = float("inf")
 SPAN = Span(at(0), at(10))
@@ -124,3 +126,15 @@ def test_a_few_intervals_do_not_stand_for_all() -> None:
     times_s = np.arange(600) / 100
     assert not calm_of(times_s, delay(0.0, 3.8)).is_enough
     assert calm_of(times_s, delay(0.0, 3.2)).is_enough
+
+
+def test_the_delays_of_many_spans_are_those_of_each(tmp_path: Path) -> None:
+    """Of the student's and the reference processes that one counts which was delayed most; a delay by its part."""
+    session = Session(tmp_path).process("one").process("two", role="reference").process("recorder", role="grader")
+    session.disturbed("one", (2.0, 0.2)).disturbed("two", (2.1, 0.4)).disturbed("recorder", (1.0, 5.0))
+    recorded = session.recorded()
+    starts, ends = np.array([at(1.0), at(2.2), at(4.0)]), np.array([at(2.05), at(3.0), at(5.0)])
+    found = recorded.delays_s(starts, ends)
+    assert found == pytest.approx([0.05, 0.3, 0.0], abs=1e-6)
+    each = [recorded.longest_delay_s(Span(int(a), int(b))) for a, b in zip(starts, ends, strict=True)]
+    assert found == pytest.approx(each, abs=1e-6)

@@ -129,6 +129,32 @@ def test_interfaces_of_a_package_of_the_submission_are_not_built() -> None:
         assert (told is not None) == (record is defined)
 
 
+def test_interfaces_that_were_tried_are_missing_only_through_no_fault_of_theirs() -> None:
+    """What could not be built here is told with the reason; what has a mistake in it is not excused."""
+    files = {"it.py": "from lab_interfaces.msg import Pose\n", "lab_interfaces/msg/Pose.msg": "int x\n"}
+    record = submission(files)
+    record.packages.append(PackageFact("lab_interfaces", "lab_interfaces", "ament_cmake"))
+    record.absent_modules, record.not_built = ["lab_interfaces"], {}
+    # Python takes a folder without modules for a package in which nothing is.
+    no_name = Diagnosis("missing-name", "", "", "it.py", 1, "ImportError", subject="Pose")
+    for found in (missing("lab_interfaces", "missing-sibling"), no_name):
+        record.not_built = {}
+        assert environment_gap(found, record, "it.py") is None
+        record.not_built = {"lab_interfaces": "there is no compiler"}
+        assert "there is no compiler" in (environment_gap(found, record, "it.py") or "")
+
+
+def test_a_part_that_lacks_of_a_package_is_missing_where_it_is_used() -> None:
+    """As of tf2_ros, of which the grader has a part; the source shows the use, and imports the package."""
+    record = submission({"it.py": "import tf2_ros\nb = tf2_ros.Buffer()\nb.transform(p, 'map')\n"})
+    record.absent_modules = ["tf2_ros"]
+    told = environment_gap(missing("tf2_ros.Buffer.transform", line=3), record, "it.py")
+    assert told is not None
+    assert "needs tf2_ros.Buffer.transform" in told
+    assert environment_gap(missing("tf2_ros.Buffer.transform", line=2), record, "it.py") is None
+    assert environment_gap(missing("scipy.transform", line=3), record, "it.py") is None
+
+
 def test_a_submission_is_searched_for_what_may_be_missing() -> None:
     """Known packages that the sources name are looked for, but none that is a file of the submission."""
     record = submission({"it.py": "import scipy, pandas, unheard_of\n", "pandas.py": "", "README.md": "import torch"})

@@ -460,10 +460,10 @@ def test_what_a_fault_costs_stands_in_the_rubric(tmp_path: Path) -> None:
         assert str(checks["publisher.publishes"].earned) == earned
 
 
-def test_the_check_that_readme_shows_can_be_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_check_that_the_developers_page_shows_can_be_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The example of a new check works as it stands there, with a line in the registry and one in a rubric."""
-    readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    code = re.search(r"```python\n(class TopicSilent.*?)```", readme, re.DOTALL)
+    page = (ROOT / "docs" / "developers.md").read_text(encoding="utf-8")
+    code = re.search(r"```python\n(class TopicSilent.*?)```", page, re.DOTALL)
     assert code is not None
     names: dict[str, Any] = {**vars(publisher_checks), "passed": passed}
     exec(code[1], names)

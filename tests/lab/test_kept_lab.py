@@ -13,9 +13,11 @@ from typing import Any
 import pytest
 
 from grader.cli import main
+from grader.cohort.entries import entries_in
+from grader.cohort.statistics import Need, summarise
 from grader.evidence.oracle import load_oracle
 from grader.judging.rubrics import read_rubric
-from grader.lab.kept_lab import KEPT, files_of, kept_files, lab_folder, sha256s
+from grader.lab.kept_lab import KEPT, files_of, identity_of, kept_files, lab_folder, sha256s
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
 
 pytestmark = pytest.mark.usefixtures("judged_before")
@@ -208,6 +210,26 @@ def test_a_rubric_that_is_named_brings_its_own_oracles(
     run(capsys, "regrade", results, "--rubric", lab / "rubric.yaml")
     assert checks(results) == before
     assert kept_files(results / RUBRIC_COPY) == {}
+
+
+def test_a_result_names_the_lab_with_all_files_that_it_names(
+    lab: Path, results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The same rubric with another oracle is another lab: results by the two in one class are not compared."""
+    other = Path(shutil.copytree(lab, tmp_path / "new"))
+    oracles = other / "reference/oracles.py"
+    oracles.write_text(oracles.read_text(encoding="utf-8").replace("FACTOR = 2", "FACTOR = 1"), encoding="utf-8")
+    record(other, results.with_name("bob"))
+    stated = []
+    for folder, rubric in ((results, read_rubric(lab / "rubric.yaml")), (results.with_name("bob"), None)):
+        run(capsys, "regrade", folder)
+        stated.append(result(folder)["provenance"])
+        assert rubric is None or stated[0]["lab_sha256"] == identity_of(rubric)
+    assert stated[0]["rubric_sha256"] == stated[1]["rubric_sha256"]
+    assert stated[0]["lab_sha256"] != stated[1]["lab_sha256"]
+    entries = entries_in(results.parent)
+    todos = summarise(entries, read_rubric(lab / "rubric.yaml")).todos
+    assert [entries[todo.row].name for todo in todos if todo.need is Need.OTHER_RUBRIC] == ["bob"]
 
 
 def test_an_oracle_that_was_repaired_in_the_lab_is_pointed_to(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from datetime import timedelta
 from decimal import Decimal
 from pathlib import Path
@@ -15,7 +16,7 @@ from grader.errors import RubricError
 from grader.judging.rubrics import read_rubric, rubric_kinds
 from grader.lab.kept_lab import lab_folder
 from grader.lab.rubric import Rubric, json_schema, load_rubric
-from grader.recording.definitions import fields_of, types_in
+from grader.recording.definitions import installed_fields, installed_types
 
 GRADER = Path(__file__).resolve().parents[2] / "grader"
 
@@ -353,8 +354,12 @@ MISTYPED: list[tuple[str, str, str]] = [
     ("request: {data: true}", "request: {date: true}", "SetBool_Request has no field 'date'; did you mean 'data'?"),
     ("response: {success: true}", "response: {sucess: true}", "no field 'sucess'; did you mean 'success'?"),
     ("field: data\n          length", "field: dta\n          length", "no field 'dta'; did you mean 'data'?"),
-    ("field: data\n          length", "field: layout.data_offset\n          length", "an array of numbers is needed"),
-    ("field: data\n          oracle", "field: layout.dim\n          oracle", "an array of numbers is needed"),
+    (
+        "field: data\n          length",
+        "field: layout.dim[0].label\n          length",
+        "is a string; it must hold numbers",
+    ),
+    ("field: data\n          oracle", "field: layout.dim\n          oracle", "it must hold numbers"),
     ("window: window", "window: widow", "no step labelled 'widow' in session 'alone'; did you mean 'window'?"),
     ("window: window", "window: heard", "'heard' labels a step of kind wait_for; observe is needed"),
     ("step: enable", "step: enabel", "no step labelled 'enabel' in session 'alone'; did you mean 'enable'?"),
@@ -391,6 +396,8 @@ MISTYPED: list[tuple[str, str, str]] = [
     ("- observe: {", "- obseve: {", "did you mean 'observe'?"),
     ("pattern: '([0-9.]+)'", "pattern: '([0-9.]+'", "not a valid regular expression"),
     ("- start: {student: talk}", "- start: {student: talk, with: {a: 1}}", "only a reference takes it"),
+    ("field: data\n          length", "field: data[0][1]\n          length", "a float64 has no elements, so that [1]"),
+    ("field: data\n          length", "field: data[x]\n          length", "'data[x]' is no path of a field such as"),
 ]
 
 
@@ -419,6 +426,60 @@ def test_what_is_mistyped_is_reported_before_anything_runs(tmp_path: Path, old: 
     assert fitting, caught.value.mistakes
     assert fitting[0].startswith(f"lab.yaml:{line_of(text, new)}: ")
     assert len(caught.value.mistakes) <= 4
+
+
+#: A line of the lab that travels with the grader, what in it is mistyped, and what it becomes: names that may be given
+#: there for the first time, and that stand elsewhere too.
+MISSPELT = [
+    ("- wait_for: {publisher: /joint_commands,", "joint_commands", "joint_comands"),
+    ("- call: {service: /robot/enable,", "enable", "enabel"),
+    ("- get_parameters: {node: /robot_mode_service,", "robot_mode", "robot_mod"),
+    ("- wait_for: {node: /joint_command_publisher,", "command", "comand"),
+    ("- {node: /robot_mode_service, artifact: service,", "mode", "node"),
+    ("- {name: max_velocity, type: double", "velocity", "veloctiy"),
+    ("names: [max_velocity, safety_enabled]", "safety_enabled", "safetyenabled"),
+    ("- {node: /joint_state_subscriber, artifact: subscriber,", "state", "sate"),
+]
+
+
+@pytest.mark.parametrize(("line", "old", "new"), MISSPELT, ids=[f"{new} {line:.30}" for line, _, new in MISSPELT])
+def test_a_name_that_is_misspelt_once_is_reported(tmp_path: Path, line: str, old: str, new: str) -> None:
+    """Students would be charged for it: no program has such a topic, service, node or parameter."""
+    shutil.copytree(lab_folder() / "reference", tmp_path / "reference")
+    text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
+    assert line in text
+    text = text.replace(line, line.replace(old, new, 1), 1)
+    (tmp_path / "lab.yaml").write_text(text, encoding="utf-8")
+    with pytest.raises(RubricError) as caught:
+        load_rubric(tmp_path / "lab.yaml", rubric_kinds())
+    place, words = f"lab.yaml:{line_of(text, line.replace(old, new, 1))}: ", "stands here alone; did you mean '"
+    assert any(m.startswith(place) and words in m for m in caught.value.mistakes), caught.value.mistakes
+
+
+@pytest.mark.parametrize(
+    "alike",
+    [
+        *(
+            ("/joint1/state", "/joint2/state"),
+            ("/goals", "/goal"),
+            ("gain_x", "gain_y"),
+            ("/arm_l/pose", "/arm_r/pose"),
+        ),
+        *(
+            ("/talker", "talker"),
+            ("left_wheel", "right_wheel"),
+            ("min_speed", "max_speed"),
+            ("/map", "/mat"),
+            ("vx_max", "vy_max"),
+        ),
+    ],
+)
+def test_names_that_are_meant_to_be_alike_are_let_be(tmp_path: Path, alike: tuple[str, str]) -> None:
+    """Numbers, a plural, a part of one letter, and short names; whichever of the two stands alone."""
+    for one, other in (alike, alike[::-1]):
+        names = f"names: [{one}, {one}, {other}]"
+        (lab_folder_of(tmp_path) / "lab.yaml").write_text(LAB.replace("names: [rate]", names, 1), encoding="utf-8")
+        load_rubric(tmp_path / "lab.yaml", rubric_kinds())
 
 
 def test_many_mistypings_are_reported_at_once(tmp_path: Path) -> None:
@@ -459,14 +520,14 @@ def test_fields_are_known_where_ros_is_not_installed(tmp_path: Path, monkeypatch
         "msg/String", "msg/Strng"
     )
     (lab_folder_of(tmp_path) / "lab.yaml").write_text(text, encoding="utf-8")
-    types_in.cache_clear()
-    fields_of.cache_clear()
+    installed_types.cache_clear()
+    installed_fields.cache_clear()
     try:
         with pytest.raises(RubricError) as caught:
             load_rubric(tmp_path / "lab.yaml", rubric_kinds())
     finally:
-        types_in.cache_clear()
-    fields_of.cache_clear()
+        installed_types.cache_clear()
+    installed_fields.cache_clear()
     assert [message.rpartition("; ")[2] for message in caught.value.mistakes] == [
         "did you mean 'std_msgs/msg/String'?",
         "did you mean 'data'?",

@@ -28,11 +28,10 @@ pytestmark = pytest.mark.live
 NODES = {"beacon": "/beacon"}
 
 #: A reference node that counts aloud at 50 Hz; its log and parameters are out of reach.
-BEACON = f"""
+BEACON = """
 import sys, time
-sys.path.insert(0, {str(ROOT / "reference")!r})
 from dataclasses import dataclass
-from reference_node import reference_node, run, sleep_until
+from grader.reference_node import reference_node, run, sleep_until
 
 @dataclass(frozen=True)
 class Settings:

@@ -21,11 +21,14 @@ from grader.recording.definitions import (
 
 
 def installed_types() -> list[str]:
-    """All message types, and all types that services imply, of the installed packages."""
+    """All message types, and all types that services and actions imply, of the installed packages."""
     share = Path(sys.prefix) / "share"
     messages = [f"{path.parts[-3]}/msg/{path.stem}" for path in share.glob("*/msg/*.msg")]
     services = [f"{path.parts[-3]}/srv/{path.stem}" for path in share.glob("*/srv/*.srv")]
-    return messages + [f"{name}_{part}" for name in services for part in ("Request", "Response", "Event")]
+    actions = [f"{path.parts[-3]}/action/{path.stem}" for path in share.glob("*/action/*.action")]
+    implied = [f"{name}_{part}" for name in services for part in ("Request", "Response", "Event")]
+    implied += [f"{name}_{part}" for name in actions for part in ("Goal", "Result", "Feedback", "FeedbackMessage")]
+    return messages + implied
 
 
 def hash_by_rosbags(topic_type: str, definition: MessageDefinition) -> str:
@@ -37,7 +40,8 @@ def hash_by_rosbags(topic_type: str, definition: MessageDefinition) -> str:
 
 def test_every_installed_definition_gives_the_types_hash() -> None:
     """The text of each definition leads another implementation to the hash that the package tells."""
-    types = installed_types()
+    # `rosbags` knows no hash of a type with wide strings.
+    types = [name for name in installed_types() if "wstring" not in definition_of(name).text]
     if not types:
         pytest.skip("no ROS packages are installed")
     wrong = [name for name in types if hash_by_rosbags(name, definition_of(name)) != type_hash_of(name)]

@@ -10,19 +10,13 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 
 from arm import ArmSettings
 from plateau_schedule import PlateauSettings
-from reference_node import (
+
+from grader.reference_node import (
     BAD_CONFIGURATION_STATUS,
-    DIGEST_BYTES,
-    GRADER_NAMESPACE,
-    PARTICIPANT_BYTES,
     ConfigurationError,
     build_settings,
     parse_configuration,
 )
-
-from grader.recording.session import GRADER_NAMESPACE as RECORDERS
-from grader.recording.session import PARTICIPANT_DIGITS
-from grader.recording.trusted_channel import DIGEST_DIGITS
 
 
 def test_configuration_is_read_and_names_are_mapped() -> None:
@@ -56,13 +50,6 @@ def test_settings_that_cannot_work_are_refused(kind: type, settings: dict[str, o
     """An unknown key or an impossible value in the rubric's `with` is refused before anything starts."""
     with pytest.raises(ConfigurationError):
         build_settings(kind, settings)
-
-
-def test_digests_and_prefixes_are_as_the_judging_half_reads_them() -> None:
-    """A byte is two digits."""
-    assert 2 * DIGEST_BYTES == DIGEST_DIGITS
-    assert 2 * PARTICIPANT_BYTES == PARTICIPANT_DIGITS
-    assert GRADER_NAMESPACE == RECORDERS
 
 
 def test_a_configuration_can_come_where_no_command_line_shows_it() -> None:

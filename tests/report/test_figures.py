@@ -116,6 +116,7 @@ def labels(figure: Figure) -> list[str]:
         ("intervals", {"topic": "/a", "rate_hz": 100}),
         ("rate", {"topic": "/a", "rate_hz": 100}),
         ("series", {"topics": {"command": "/a"}, "field": "data"}),
+        ("field", {"lines": {"command": {"topic": "/a", "field": "data"}}}),
         ("calls", {"service": "/s"}),
         ("plan", {}),
         ("qos_table", {"topics": ["/a"]}),
@@ -175,6 +176,18 @@ def test_series_keep_peaks_when_thinned(tmp_path: Path) -> None:
     assert len(state) == 10
     assert first == sorted(first, key=lambda point: point[0])
     assert len({y for _, y in first}) == 2
+
+
+def test_a_field_is_shown_with_its_limits(tmp_path: Path) -> None:
+    """A line an element, in the colour of its name, and a dashed one a limit, within the picture."""
+    rows = [(n + 1, 10**9 + n * 10_000_000, [0.1 * n, 1.0]) for n in range(20)]
+    data = recorded(tmp_path, {"/a": rows, "/b": ticking(20, 10_000_000, 0.5)})
+    named = {"robot": {"topic": "/a", "field": "data"}, "goal": {"topic": "/b", "field": "data[0]"}}
+    figure = shown("field", data, lines=named, limits=(2.5,), unit="m")
+    assert figure.caption == "Range in m: robot 0 to 1.9; robot 1 to 1; goal 0.5 to 0.5. Dashed: 2.5."
+    assert [len(marks(figure, f"line-{n}")) for n in range(2)] == [2, 1]
+    (limit,) = marks(figure, "expected")
+    assert 30 < float(limit.get("y1") or 0) < min(y for line in lines(figure) for _, y in line)
 
 
 def test_series_show_the_chosen_elements(tmp_path: Path) -> None:

@@ -123,6 +123,7 @@ def _leave_everything(program: Program, parent: int, descriptors: Sequence[int])
     close_descriptors(open_descriptors(len(descriptors)))
     os.environ.clear()
     os.environ.update(program.environment)
+    sys.path += filter(None, program.environment.get("PYTHONPATH", "").split(os.pathsep))
     os.chdir("/")
     sys.argv = [program.name]
     if program.address_space_bytes is not None:

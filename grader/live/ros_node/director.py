@@ -5,8 +5,8 @@ the session's record with an entry for it, or "answer" with outcome ("done", "ti
 result. It answers once when it is ready, and then to each request but the last. It starts no process and parses no
 file of a student's.
 
-Requests: ``{"op": "wait_for", ...}``, ``observe``, ``publish``, ``call``, ``get_parameters``,
-``set_parameters``, ``forget``, ``stop``; ``{"op": "cancel"}`` ends the one under way.
+Requests: ``{"op": "wait_for", ...}``, ``observe``, ``publish``, ``call``, ``send_goal``, ``get_parameters``,
+``set_parameters``, ``change_state``, ``forget``, ``stop``; ``{"op": "cancel"}`` ends the one under way.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import socket
 import sys
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -33,31 +33,43 @@ from rclpy.serialization import serialize_message
 from rclpy.service_introspection import ServiceIntrospectionState
 
 from grader.live.ros_node.deadline import Deadline
+from grader.live.ros_node.goals import ActionProbe, GoalStep
 from grader.live.ros_node.graph import GraphWatch, interface_named, new_context, silent_node
 from grader.live.ros_node.near_miss import Candidate, near_miss
+from grader.live.ros_node.plain import plain
 from grader.live.ros_node.recorder import DEFAULT_LIMIT_BYTES, Recorder
 from grader.recording.bag import BagWriter
 from grader.recording.session import (
     GRADER_NAMESPACE,
+    OF_ACTION,
     UNKNOWN_NODE,
     Endpoint,
     GraphSnapshot,
     Published,
     Qos,
+    ServiceEndpoint,
     Trusted,
 )
 from grader.recording.trusted_channel import digest
 
 #: Once a student's node shows other endpoints, how long the wanted name may still take to appear.
 _NEAR_MISS_AFTER_S = 2.0
+#: Keys of what is waited for.
+_NAMED = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: Topics, and types of services, that every node has; never what a lab asks for.
 _STANDARD = ("/rosout", "/parameter_events", "/clock")
 _STANDARD_SERVICE_TYPES = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 _NO_ANSWER = "the node's parameter services do not answer"
+_NO_LIFECYCLE = "it offers no get_state service that answers, as a lifecycle node does"
+_STUCK = "the transition was not answered"
+#: What is passed on of a state's name.
+_LONGEST_LABEL = 40
 _STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
 _SPIN_S = 0.01
 #: How long a publisher of ours waits until the subscriptions of the student and the recorder are matched.
 _MATCH_S = 3.0
+#: How long it takes until the other side knows of a subscription that is matched on ours; it tells nobody.
+_KNOWN_S = 0.1
 #: How long it stays for a subscription that has not taken all of it.
 _ACKNOWLEDGED_S = 1.0
 #: In a network that is not the sandbox's own, how long to look for nodes that do not belong there.
@@ -72,8 +84,8 @@ _EVENTS_DEPTH = 100
 _SHARE_OF_FREE = 20
 #: A recording of this size at least is as good as any: what fills it is a flood, and not for want of disk.
 _ENOUGH_BYTES = 64 * 2**20
-#: What is passed on of a text in an answer, of the elements of an array, and of the names of a node's parameters.
-_LONGEST_TEXT, _MOST_ELEMENTS, _MOST_DECLARED = 10_000, 1000, 200
+#: What is passed on of the names of a node's parameters.
+_MOST_DECLARED = 200
 
 
 #: Outcome and result of a request.
@@ -105,6 +117,7 @@ class Director:
         self._domain_id = domain_id
         self._forgotten: set[str] = set()
         self._clients: dict[tuple[str, str, int], Client[Any, Any]] = {}
+        self._probes: dict[tuple[str, str], ActionProbe] = {}
         self._silent: set[str] = set()
         self._requests: queue.Queue[dict[str, Any] | None] = queue.Queue()
         self._cancelled = False
@@ -197,14 +210,14 @@ class Director:
     # -- waiting ------------------------------------------------------------------------------
 
     def _do_wait_for(self, request: Mapping[str, Any]) -> Answer:
-        kind = next(k for k in ("node", "publisher", "subscription", "service") if request.get(k))
+        kind = next(k for k in _NAMED if request.get(k))
         wanted, wanted_type = request[kind], request.get("type")
         started_s = time.monotonic()
         since_s: float | None = None  # when a node of the student's was first there without the wanted name
 
         def found() -> list[Candidate]:
             nonlocal since_s
-            candidates = self._candidates(kind)
+            candidates = self._candidates(kind, wanted)
             since_s = (since_s or time.monotonic()) if self._students() else None
             # What stood for it before does so for as long as it is there.
             same = [c for c in candidates if c.name in (wanted, self._names.get(wanted))]
@@ -217,25 +230,33 @@ class Director:
         is_there = self._until(found, float(request["timeout_s"]))
         waited = {"waited_s": round(time.monotonic() - started_s, 3)}
         if not is_there:
-            return "timeout", {**waited, "there": sorted({c.name for c in self._candidates(kind)})[:50]}
+            return "timeout", {**waited, "there": sorted({c.name for c in self._candidates(kind, wanted)})[:50]}
         meant = min(found(), key=lambda c: (c.type != wanted_type, c.name != wanted))
         if meant.name != wanted:
             self._names[wanted] = meant.name
             self._watch.first.add(meant.name)
+        if kind == "action":
+            # So that the server knows it by the time that it sends a goal. A type that cannot be used is met there.
+            with suppress(Exception):
+                self._probe(meant.name, meant.type)
         return "done", {**waited, "name": meant.name, "type": meant.type}
 
     def _students(self) -> list[str]:
         return [n for n in self._watch.last.nodes if n not in self._reference_nodes]
 
-    def _candidates(self, kind: str) -> list[Candidate]:
-        graph = self._watch.last
+    def _candidates(self, kind: str, wanted: str) -> list[Candidate]:
+        """Return what of the student's may be meant; what belongs to an action only where such a name is wanted."""
+        graph, of_action = self._watch.last, OF_ACTION in wanted
         if kind == "node":
             return [Candidate(n, "") for n in self._students()]
-        if kind == "service":
+        offers = {"service": graph.services, "action": graph.actions, "action_client": graph.action_clients}
+        if kind in offers:
             return [
                 Candidate(s.name, s.type)
-                for s in graph.services
-                if s.node not in self._reference_nodes and not s.type.startswith(_STANDARD_SERVICE_TYPES)
+                for s in offers[kind]
+                if s.node not in self._reference_nodes
+                and not s.type.startswith(_STANDARD_SERVICE_TYPES)
+                and (OF_ACTION in s.name) == of_action
             ]
         return [
             Candidate(e.topic, e.type)
@@ -243,6 +264,7 @@ class Director:
             if e.kind == kind
             and e.node not in self._reference_nodes
             and e.topic not in _STANDARD
+            and (OF_ACTION in e.topic) == of_action
             and UNKNOWN_NODE not in e.node
             and e.gid not in self._forgotten
         ]
@@ -314,14 +336,15 @@ class Director:
 
     def _do_call(self, request: Mapping[str, Any]) -> Answer:
         service = self._names.get(request["service"], request["service"])
-        kind, timeout_s = self._offered_type(service, request["type"]), float(request["timeout_s"])
+        services = [s for s in self._watch.last.services if "/srv/" in s.type]
+        kind, timeout_s = _offered_type(services, service, request["type"]), float(request["timeout_s"])
         briefly_s = min(timeout_s, _BRIEFLY_S)
         timeout_s = briefly_s if service in self._silent else timeout_s
         clients = [self._ready_client(service, kind, n, briefly_s) for n in range(int(request["clients"]))]
         if any(client is None for client in clients):
             return "timeout", {"service": service, "calls": [], "problem": "the service is not up"}
         message = interface_named(kind).Request()
-        sent = {k: v for k, v in request["request"].items() if k in message.get_fields_and_field_types()}
+        sent = _known(message, request["request"])
         _fill(message, sent)
         idle, calls = [client for client in clients if client is not None], list[_Call]()
         finished: list[dict[str, Any]] = []
@@ -347,18 +370,36 @@ class Director:
         late = "failed" if any(c.get("gone") for c in finished) else "timeout"
         return ("done" if is_answered else late), result
 
-    def _offered_type(self, service: str, wanted: str) -> str:
-        """Return the type by which a service can be called: another is charged where it is offered, and answers too."""
-        offered = [s.type for s in self._watch.last.services if s.name == service and "/srv/" in s.type]
-        for kind in offered if wanted not in offered else ():
-            with suppress(ImportError):
-                interface_named(kind)
-                return kind
-        return wanted
+    def _probe(self, action: str, action_type: str) -> ActionProbe:
+        key = (action, action_type)
+        if key not in self._probes:
+            self._probes[key] = ActionProbe(self._node, action, action_type)
+        return self._probes[key]
 
-    def _ask(self, request: Mapping[str, Any], operation: str, **fields: Any) -> Any:
-        """Call one of the parameter services of a request's node; None if there is no answer."""
-        service_type = f"rcl_interfaces/srv/{operation.title().replace('_', '')}"
+    def _do_send_goal(self, request: Mapping[str, Any]) -> Answer:
+        action, timeout_s = self._names.get(request["action"], request["action"]), float(request["timeout_s"])
+        kind = _offered_type(self._watch.last.actions, action, request["type"])
+        probe, about = self._probe(action, kind), {"action": action, "type": kind, "goals": list[Any]()}
+        if not self._until(lambda: probe.ready, min(timeout_s, _BRIEFLY_S)):
+            return "timeout", {**about, "problem": "the action server is not up"}
+        self._until(lambda: self._recorder.matched(f"{action}/_action/feedback", f"{kind}_FeedbackMessage"), _MATCH_S)
+        self._until(lambda: False, _KNOWN_S)
+        timeout_s = min(timeout_s, _BRIEFLY_S) if action in self._silent else timeout_s
+        given = (values for values in (request["goal"], request["newer_goal"]) if values is not None)
+        goals = [_fill(goal := probe.type.Goal(), _known(goal, values)) for values in given]
+        step = GoalStep(probe, request, timeout_s, *goals)
+        try:
+            # The step has a deadline of its own.
+            self._until(step.advance, 2 * timeout_s, spins=True)
+        except Cancelled:
+            step.outcome = "cancelled"
+        result = step.result()
+        self._silent |= {action} if result["goals"][0]["accepted"] is None else set()
+        return step.outcome, {**about, **result}
+
+    def _ask(self, request: Mapping[str, Any], operation: str, package: str = "rcl_interfaces", **fields: Any) -> Any:
+        """Call one of the parameter services of a request's node, or of another package; None without an answer."""
+        service_type = f"{package}/srv/{operation.title().replace('_', '')}"
         timeout_s = float(request["timeout_s"])
         client = self._ready_client(f"{self._node_name(request)}/{operation}", service_type, 0, timeout_s)
         if client is None:
@@ -380,21 +421,22 @@ class Director:
         if got is None:
             return "timeout", {"node": node, "problem": _NO_ANSWER}
         values = {
-            name: {"type": Parameter.Type(v.type).name.lower(), "value": _jsonable(parameter_value_to_python(v))}
+            name: {"type": Parameter.Type(v.type).name.lower(), "value": plain(parameter_value_to_python(v))}
             for name, v in zip(names, got.values, strict=False)
         }
-        return "done", {"node": node, "declared": _jsonable(declared[:_MOST_DECLARED]), "values": values}
+        return "done", {"node": node, "declared": plain(declared[:_MOST_DECLARED]), "values": values}
 
     def _do_set_parameters(self, request: Mapping[str, Any]) -> Answer:
         """Set parameters; one of another type, or of a misspelt name, as the student has it.
 
         Either is charged where it is looked for; here it is seen what the parameter does.
         """
+        if request["refusal_expected"]:
+            return self._set_invalid(request)
         meant: dict[str, str] = {}
         node, refused = self._node_name(request), self._refused(request, request["values"])
         if refused:
-            everything = {key: value for key, value in request.items() if key != "names"}
-            held = {n: v["value"] for n, v in self._do_get_parameters(everything)[1].get("values", {}).items()}
+            held = self._held(request)
             for name in tuple(refused):
                 value, own = request["values"][name], name if name in held else _misspelt(name, request["values"], held)
                 if own is not None and self._refused(request, {own: in_type_of(held[own], value)}) == {}:
@@ -403,7 +445,44 @@ class Director:
         if refused is None:
             return "timeout", {"node": node, "problem": _NO_ANSWER}
         names = {"names": meant} if meant else {}
-        return ("failed" if refused else "done"), _jsonable({"node": node, "refused": refused, **names})
+        return ("failed" if refused else "done"), plain({"node": node, "refused": refused, **names})
+
+    def _held(self, request: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values of all of a node's parameters, as far as they are passed on."""
+        got = self._do_get_parameters({key: value for key, value in request.items() if key != "names"})[1]
+        return {name: entry["value"] for name, entry in got.get("values", {}).items()}
+
+    def _set_invalid(self, request: Mapping[str, Any]) -> Answer:
+        """Set values that are to be refused, and set back what was not, so that what follows is not affected.
+
+        A number goes in the type that the parameter has, since for another type rclpy refuses it by itself.
+        """
+        node, wanted, held = self._node_name(request), request["values"], self._held(request)
+        before = {name: held[name] for name in wanted if name in held}
+        refused = self._refused(request, {n: in_type_of(before.get(n), v) for n, v in wanted.items()})
+        after = {n: v for n, v in self._held(request).items() if n in wanted} if refused is not None else {}
+        kept = {"node": node, "refused": refused or {}, "before": before, "after": after}
+        if changed := {n: v for n, v in before.items() if n in after and after[n] != v}:
+            self._refused(request, changed)
+        answered = refused is not None and before.keys() == after.keys()
+        return ("done" if answered else "timeout"), plain(kept | ({} if answered else {"problem": _NO_ANSWER}))
+
+    def _do_change_state(self, request: Mapping[str, Any]) -> Answer:
+        node, about = self._node_name(request), "lifecycle_msgs"
+        before = self._ask(request, "get_state", about)
+        # By its label: an id that is not possible in the node's state ends a node of rclpy.
+        transition = interface_named("lifecycle_msgs/msg/Transition")(label=request["transition"])
+        called_ns = time.time_ns()
+        changed = self._ask(request, "change_state", about, transition=transition) if before is not None else None
+        answered_ns = time.time_ns()
+        after = self._ask(request, "get_state", about) if changed is not None else None
+        if before is None or changed is None or after is None:
+            return "timeout", {"node": node, "problem": _NO_LIFECYCLE if before is None else _STUCK}
+        states = {
+            key: state.current_state.label[:_LONGEST_LABEL] for key, state in (("before", before), ("after", after))
+        }
+        times = {"called_ns": called_ns, "answered_ns": answered_ns}
+        return "done", {"node": node, "success": changed.success, **states, **times}
 
     def _refused(self, request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, str] | None:
         """Set parameters; returns the reasons for which some were refused, None if there was no answer."""
@@ -445,13 +524,27 @@ class _Call:
         answer = self._future.result() if self._future.done() else None
         if answer is None:
             self.client.remove_pending_request(self._future)
-        response = None if answer is None else {f: getattr(answer, f) for f in answer.get_fields_and_field_types()}
         # The callback runs in the executor, so it may come after we have seen the answer.
         ended_ns = self._ended_ns or time.time_ns()
-        record = {"started_ns": self._started_ns, "ended_ns": ended_ns, "response": _jsonable(response)}
+        record = {"started_ns": self._started_ns, "ended_ns": ended_ns, "response": plain(answer)}
         stall_ns = round(self._deadline.stall_s * 1e9)
         record |= {"held_up_ns": stall_ns} if stall_ns else {}
         return record | {"gone": True} if gone and answer is None else record
+
+
+def _offered_type(offers: Iterable[ServiceEndpoint], name: str, wanted: str) -> str:
+    """Return the type by which a service or action can be used: another is charged where it is offered, and answers."""
+    offered = [offer.type for offer in offers if offer.name == name]
+    for kind in offered if wanted not in offered else ():
+        with suppress(ImportError):
+            interface_named(kind)
+            return kind
+    return wanted
+
+
+def _known(message: Any, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values for which a message has a field: a student's type may lack some."""
+    return {name: value for name, value in values.items() if name in message.get_fields_and_field_types()}
 
 
 def _fill(message: Any, values: Mapping[str, Any]) -> Any:
@@ -472,18 +565,6 @@ def in_type_of(held: Any, value: Any) -> Any:
         return type(held)(value) if isinstance(held, (bool, int, float)) else value
     except (TypeError, ValueError):
         return value
-
-
-def _jsonable(value: Any) -> Any:
-    if isinstance(value, str):
-        return value[:_LONGEST_TEXT]
-    if value is None or isinstance(value, (bool, int, float)):
-        return value
-    if isinstance(value, Mapping):
-        return {str(k): _jsonable(v) for k, v in value.items()}
-    if hasattr(value, "__iter__"):
-        return [_jsonable(v) for v in list(value)[:_MOST_ELEMENTS]]
-    return str(value)[:_LONGEST_TEXT]
 
 
 def _send(kind: str, what: Any) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import importlib
 import re
 import secrets
+import sys
 import time
 from collections.abc import Callable, Collection
 from dataclasses import replace
@@ -64,14 +65,18 @@ def silent_node(name: str, context: rclpy.Context) -> Node:
 
 
 def interface_named(name: str) -> Any:
-    """Import the class of a message or service type, e.g. ``std_srvs/srv/SetBool``; raises ImportError without one.
+    """Import the class of an interface's type, e.g. ``std_srvs/srv/SetBool``; raises ImportError without one.
 
     Only what an installed package defines is imported: the name may come from outside, and a module does what it likes.
     """
     if not type_hash_of(name):
         raise ImportError(f"no installed package defines {name}")
     package, kind, short = name.split("/")
-    return getattr(importlib.import_module(f"{package}.{kind}"), short)
+    module = importlib.import_module(f"{package}.{kind}")
+    if kind == "action" and not hasattr(module, short):
+        # Some of the messages that an action implies are only in the module that defines it.
+        module = sys.modules[getattr(module, short.partition("_")[0]).__module__]
+    return getattr(module, short)
 
 
 def full_name(namespace: str, name: str) -> str:

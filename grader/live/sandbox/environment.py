@@ -14,7 +14,7 @@ import platform
 import subprocess
 import sys
 import sysconfig
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.machinery import PathFinder
 from pathlib import Path
@@ -41,7 +41,8 @@ _DDS = {
 }
 
 
-def _ros(prefix: Path) -> dict[str, str]:
+def ros_environment(prefix: Path) -> dict[str, str]:
+    """Environment of a program that uses the ROS wheels in a virtual environment."""
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     libraries = sorted((prefix / "lib" / version / "site-packages").glob("ros_*.libs"))
     return {
@@ -57,11 +58,22 @@ def _ros(prefix: Path) -> dict[str, str]:
     }
 
 
+def with_prefixes(environment: Mapping[str, str], prefixes: Sequence[str]) -> dict[str, str]:
+    """Return an environment in which packages of some ament prefixes are found, as when these are sourced.
+
+    Of two packages of a name, that of an earlier prefix counts, but what the environment has counts before all.
+    """
+    version = f"python{sys.version_info.major}.{sys.version_info.minor}"
+    below = {"AMENT_PREFIX_PATH": "", "PYTHONPATH": f"/lib/{version}/site-packages", "LD_LIBRARY_PATH": "/lib"}
+    paths = {name: [environment.get(name, ""), *(f"{p}{folder}" for p in prefixes)] for name, folder in below.items()}
+    return {**environment, **{name: ":".join(filter(None, parts)) for name, parts in paths.items() if any(parts)}}
+
+
 def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
     """Environment of the grader's own processes: director and reference nodes."""
     prefix = Path(sys.prefix)
     return {
-        **_ros(prefix),
+        **ros_environment(prefix),
         "HOME": str(home),
         "TMPDIR": str(home),
         "ROS_LOG_DIR": str(home / "log"),
@@ -78,7 +90,7 @@ def student_environment(interpreter: Path, home: str, workspace: str, inside: st
     """
     prefix = interpreter.parent.parent
     return {
-        **_ros(prefix),
+        **ros_environment(prefix),
         "HOME": home,
         "TMPDIR": "/tmp",
         "ROS_LOG_DIR": f"{home}/log",
@@ -146,7 +158,7 @@ def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: 
             timeout=_IMPORT_S,
             check=False,
             stdin=subprocess.DEVNULL,
-            env=_ros(interpreter.parent.parent) if isolated else None,
+            env=ros_environment(interpreter.parent.parent) if isolated else None,
             cwd="/" if isolated else None,
         )
     except (OSError, subprocess.TimeoutExpired) as problem:

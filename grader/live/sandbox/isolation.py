@@ -15,7 +15,7 @@ import socket
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -36,6 +36,7 @@ SHARED_MEMORY = "/dev/shm"
 INSIDE = "/inside"
 LAUNCHING = "/launching"
 PARAMETERS = "/parameters"
+INTERFACES = "/interfaces"
 
 #: Ids that nobody uses: of these, those of each network, and what is left where only few ids are mapped.
 #: References: systemd's "Users, Groups, UIDs and GIDs on systemd Systems"; user_namespaces(7).
@@ -188,19 +189,26 @@ class Room:
     def below(cls, scratch: Path, interpreter: Path) -> Room:
         """Return the room of a sandbox whose own folders are made in one of ours."""
         areas = {WORKSPACE: "ws", HOME: "home", TEMPORARY: "tmp", SHARED_MEMORY: "shm"}
-        tools = {INSIDE: INSIDE_FOLDER, LAUNCHING: LAUNCHING_FOLDER, PARAMETERS: scratch / "parameters"}
+        tools = {INSIDE: INSIDE_FOLDER, LAUNCHING: LAUNCHING_FOLDER}
+        tools |= {PARAMETERS: scratch / "parameters", INTERFACES: scratch / "interfaces"}
         return cls({seen: scratch / name for seen, name in areas.items()}, tools, interpreter)
 
     def make(self, scratch: Path, mount: Callable[[Path], None] | None = None) -> None:
         """Make the folders, each a file system of its own if there is a way to mount one."""
         scratch.chmod(0o711)
-        self.tools[PARAMETERS].mkdir()
+        for ours in (PARAMETERS, INTERFACES):
+            self.tools[ours].mkdir()
+            self.tools[ours].chmod(0o755)  # whatever the umask is
         for folder in self.areas.values():
             folder.mkdir()
             if mount is not None:
                 mount(folder)
         for area in (HOME, TEMPORARY, SHARED_MEMORY):
             self.areas[area].chmod(0o1777)
+
+    def with_tools(self, tools: Mapping[str, Path]) -> Room:
+        """Return a room in which further folders of ours are seen."""
+        return replace(self, tools={**self.tools, **tools})
 
     def seen(self, isolation: Isolation) -> dict[str, str]:
         """Return where a student's process sees its folders."""

@@ -19,13 +19,13 @@ from grader.live.sandbox.isolation import (
     Isolation,
     Level,
     Room,
-    confined,
     first_student_uid,
     free_slot,
     sandbox_cgroup,
     student_uid,
 )
-from grader.live.sandbox.namespaces import Form, enter_sandbox
+from grader.live.sandbox.namespaces import Form
+from grader.live.sandbox.running import run_confined
 
 _PROBE_BYTES = 96 * 1024 * 1024
 _TIMEOUT_S = 30.0
@@ -164,34 +164,16 @@ def _run(
         room.make(Path(scratch))
         command, environment = [str(interpreter), "-c", program], {"PATH": "/usr/bin"}
         cwd = room.seen(isolation)[TEMPORARY]
-        with confined(isolation, command, environment=environment, room=room, slot=slot, cwd=cwd, group=group) as (
-            argv,
-            passed,
-            info,
-        ):
-            try:
-                return subprocess.run(
-                    argv,
-                    preexec_fn=lambda: _enter_sandbox(isolation.form),
-                    capture_output=True,
-                    text=True,
-                    timeout=_TIMEOUT_S,
-                    check=False,
-                    stdin=subprocess.DEVNULL,
-                    pass_fds=passed,
-                    cwd="/",
-                )
-            finally:
-                if info is not None:
-                    os.close(info)
-
-
-def _enter_sandbox(form: Form) -> None:
-    try:
-        enter_sandbox(form)
-    except OSError as problem:
-        os.write(2, str(problem).encode())
-        os._exit(1)
+        return run_confined(
+            isolation,
+            room,
+            command,
+            environment=environment,
+            slot=slot,
+            cwd=cwd,
+            timeout_s=_TIMEOUT_S,
+            group=group,
+        )
 
 
 def _remedy(problem: str) -> str:

@@ -268,8 +268,7 @@ class LaunchRunner:
             path = self._sandbox.parameters / name
             with suppress(OSError, ValueError):  # a name that no file can have
                 path.write_text(self._placed(text), encoding="utf-8")
-                if text.startswith("#!"):
-                    path.chmod(0o755)
+                path.chmod(0o755 if text.startswith("#!") else 0o644)  # for the student's user, whatever the umask is
 
     def _placed(self, text: str) -> str:
         return with_places(text, self._files, self._sandbox.seen[PARAMETERS])

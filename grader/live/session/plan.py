@@ -17,7 +17,8 @@ class SessionPlan:
     The `record` holds what is known before, `steps` what is to be run, each with the words in which it is shown then;
     the caller removes `scratch`. For each artifact there are the wrapper's path relative to `staged`, and the source's
     relative to `staged`/src; for each reference node the absolute path of its "file" and its full name as "node".
-    `expected` are the names of topics, services and nodes that the rubric uses.
+    `expected` are the names of topics, services and nodes that the rubric uses. In the folder `interfaces` lie the
+    prefixes of packages that were built.
     """
 
     record: SessionRecord
@@ -35,3 +36,4 @@ class SessionPlan:
     domain_id: int
     timeout_s: float
     native: NativeLaunch | None = None
+    interfaces: Path | None = None

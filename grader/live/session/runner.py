@@ -10,9 +10,9 @@ import shutil
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, AbstractContextManager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -56,11 +56,11 @@ def sessions_at_a_time(isolation: Isolation) -> int:
 
 
 #: By which steps name topics, services and nodes.
-_NAMING = ("node", "publisher", "subscription", "service", "first_message_on")
+_NAMING = ("node", "publisher", "subscription", "service", "action", "action_client", "first_message_on")
 
 
 def given_in_steps(rubric: Rubric, *keys: str) -> list[str]:
-    """Return what the rubric's steps give under some keys: names, or by `type` those of messages and services."""
+    """Return what the rubric's steps give under some keys: names, or by `type` those of interfaces."""
     steps = [step for session in rubric.sessions.values() for step in session.steps]
     return sorted({str(step.parameters[key]) for step in steps for key in keys if step.parameters.get(key)})
 
@@ -87,7 +87,7 @@ class SessionRunner:
     """The sessions of one submission, ready to be recorded, each in a folder of its own below `recordings`.
 
     The `attempt` is 1, or more where an earlier recording left something undecided; in one of those the grader's own
-    processes were `disturbed` in some sessions.
+    processes were `disturbed` in some sessions. What some need and this machine cannot give is in `lacking`.
     """
 
     rubric: Rubric
@@ -104,6 +104,8 @@ class SessionRunner:
     attempt: int = 1
     disturbed: frozenset[str] = frozenset()
     scheduler: Scheduler | None = None
+    interfaces: Path | None = None
+    lacking: Mapping[str, str] = field(default_factory=dict)
 
     def record(
         self, chosen: Sequence[str], on_progress: Callable[[Progress], None], *, at_a_time: int | None = None
@@ -156,11 +158,13 @@ class SessionRunner:
                 seed=self.seed,
                 isolation=self.isolation.describe(),
                 versions=self.versions,
+                problems=[self.lacking[spec.id]] if spec.id in self.lacking else [],
             ),
             steps=[(StepRun(s.kind, s.parameters, s.label), s.step.describe()) for s in spec.steps],
             folder=folder.resolve(),
             scratch=scratch,
             staged=self.staged.resolve(),
+            interfaces=self.interfaces,
             executables=self.executables,
             sources={a.name: a.path for a in self.submission.artifacts if a.path is not None},
             reference={

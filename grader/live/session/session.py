@@ -50,7 +50,7 @@ _SAMPLED_SHARE = 0.7
 _AFTER_EXIT_S = 0.3
 #: What a measurement needs of its time undisturbed, and the pieces by which it is made longer for that.
 _CALM_S, _MORE_S = 0.7, 0.5
-_NAMED = ("node", "publisher", "subscription", "service")
+_NAMED = ("node", "publisher", "subscription", "service", "action", "action_client")
 
 
 class Session:
@@ -134,6 +134,7 @@ class Session:
     ) -> RunningProcess:
         self.record.processes.append(run)
         environment = trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id)
+        environment = self.sandbox.with_interfaces(environment)
         program = Program(run.name, main, environment, _TRUSTED_BYTES)
         running = await RunningProcess.fork(run, program, on_message=hear)
         self.sandbox.trusted.append(running)

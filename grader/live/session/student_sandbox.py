@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import time
 from collections.abc import Mapping
@@ -12,10 +13,11 @@ from pathlib import Path, PurePosixPath
 
 from grader.live.process.guard import Guard
 from grader.live.process.process import OutputRoom, PipeReader, RunningProcess
-from grader.live.sandbox.environment import student_environment
+from grader.live.sandbox.environment import student_environment, with_prefixes
 from grader.live.sandbox.isolation import (
     HOME,
     INSIDE,
+    INTERFACES,
     PARAMETERS,
     TEMPORARY,
     WORKSPACE,
@@ -61,7 +63,8 @@ class StudentSandbox:
         self.trusted: list[RunningProcess] = []
         self._room = Room.below(plan.scratch, plan.interpreter)
         self.workspace, self.launch_workspace = self._room.areas[WORKSPACE], plan.scratch / "trial"
-        self.parameters = self._room.tools[PARAMETERS]
+        self.parameters, self.interfaces = self._room.tools[PARAMETERS], self._room.tools[INTERFACES]
+        self._prefixes = sorted(plan.interfaces.iterdir()) if plan.interfaces is not None else []
         self.seen = self._room.seen(plan.isolation)
         #: Programs that never began, and how the session would be disturbed by that.
         self._unstarted: list[tuple[ProcessRun, str]] = []
@@ -103,6 +106,8 @@ class StudentSandbox:
         else:
             adopt_orphans()
             self._room.make(self.plan.scratch)
+        for prefix in self._prefixes:
+            shutil.copytree(prefix, self.interfaces / prefix.name)
         if self._group is not None:
             self._group.make()
         self.copy_workspace(self.plan.staged, self.workspace)
@@ -123,7 +128,12 @@ class StudentSandbox:
         base = student_environment(
             self.plan.interpreter, self.seen[HOME], self.seen[WORKSPACE], self.seen[INSIDE], self.plan.domain_id
         )
-        return {**base, "TMPDIR": self.seen[TEMPORARY], **more}
+        found = with_prefixes(base, [f"{self.seen[INTERFACES]}/{p.name}" for p in self._prefixes])
+        return {**found, "TMPDIR": self.seen[TEMPORARY], **more}
+
+    def with_interfaces(self, environment: Mapping[str, str]) -> dict[str, str]:
+        """Return the environment of a process of the grader's own in which the interfaces are found that were built."""
+        return with_prefixes(environment, [str(self.interfaces / p.name) for p in self._prefixes])
 
     async def start(
         self, run: ProcessRun, *, cwd: str | None = None, environment: Mapping[str, str] | None = None

@@ -12,12 +12,13 @@ from grader.report.figures.graph import Calls, QosTable
 from grader.report.figures.plan import PlanTree
 from grader.report.figures.svg import Figure, FigureKind
 from grader.report.figures.timing import Intervals, Latency, Rate
-from grader.report.figures.values import Reports, Series
+from grader.report.figures.values import FieldOverTime, Reports, Series
 
 FIGURES: Mapping[str, type[FigureKind]] = {
     "intervals": Intervals,
     "rate": Rate,
     "series": Series,
+    "field": FieldOverTime,
     "reports": Reports,
     "calls": Calls,
     "plan": PlanTree,

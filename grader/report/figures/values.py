@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,8 +12,9 @@ import numpy as np
 from markupsafe import Markup
 from pydantic import Field
 
+from grader.checks.fields import NumbersOf
 from grader.evidence.oracle import load_oracle
-from grader.evidence.recorded import Floats, Recorded
+from grader.evidence.recorded import Floats, NumericStream, Recorded
 from grader.evidence.text.printed import reports
 from grader.lab import references as ref
 from grader.lab.references import Patterns
@@ -50,6 +51,16 @@ class _Line:
         return bool(self.values.max() > self.values.min())
 
 
+def _lines(recorded: Recorded, role: str, stream: NumericStream, indices: Sequence[int]) -> Iterator[_Line]:
+    """Give the lines of some elements, as far as they can be drawn to scale."""
+    near = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
+    for index in indices[:MOST_ELEMENTS]:
+        shown = near & (np.abs(stream.values[:, index]) < _FAR)
+        if shown.any():
+            times = recorded.seconds(stream.source_ns[shown])
+            yield _Line(role, index, *_thinned(times, stream.values[shown, index]))
+
+
 class Series(FigureKind):
     """Elements of an array in the messages of some topics."""
 
@@ -69,12 +80,7 @@ class Series(FigureKind):
             length = stream.values.shape[1]
             wanted = range(length) if self.indices is None else [i for i in self.indices if i < length]
             left_out = max(left_out, len(wanted) - MOST_ELEMENTS)
-            near = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
-            for index in wanted[:MOST_ELEMENTS]:
-                shown = near & (np.abs(stream.values[:, index]) < _FAR)
-                if shown.any():
-                    times = recorded.seconds(stream.source_ns[shown])
-                    lines.append(_Line(role, index, *_thinned(times, stream.values[shown, index])))
+            lines += _lines(recorded, role, stream, wanted)
         if not lines:
             return None
         roles = list(dict.fromkeys(line.role for line in lines))
@@ -117,6 +123,42 @@ class Series(FigureKind):
         caption = f"Range in {self.unit or 'numbers'}: {shown}." if moving else "Nothing moves."
         caption += f" {still} of {len(lines)} lines do not move." if still else ""
         return caption + (f" {left_out} further elements are not shown." if left_out > 0 else "")
+
+
+class FieldOverTime(FigureKind):
+    """Fields of messages over time in one picture, with the limits or the target that they have."""
+
+    lines: dict[str, NumbersOf] = Field(min_length=1, max_length=4, description="Name -> topic and field.")
+    limits: tuple[float, ...] = Field((), description="Values at which a dashed line is drawn: limits, or a target.")
+    unit: str = ""
+
+    def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
+        """Draw each element of each field as a line; one name has one colour."""
+        drawn: list[_Line] = []
+        for name, numbers in self.lines.items():
+            series = numbers.series(recorded)
+            if series is not None:
+                drawn += _lines(recorded, name, series, range(series.values.shape[1]))
+        if not drawn:
+            return None
+        names = list(self.lines)
+        x = (min(line.times[0] for line in drawn), max(line.times[-1] for line in drawn))
+        ends = [v for line in drawn for v in (line.values.min(), line.values.max())]
+
+        def paint(width: int) -> tuple[float, list[Markup]]:
+            frame = svg.frame_in(width, 260, x, svg.padded([*map(float, ends), *self.limits], 0.06, 1e-3), top=30)
+            parts = [*frame.y_axis(5), svg.text(4, 16, self.unit or "value", "start", "label")]
+            for limit in self.limits:
+                parts.append(svg.rule(frame.left, frame.py(limit), frame.right, frame.py(limit), "expected"))
+            for line in drawn:
+                step = max(1, len(line.times) // svg.NARROW_POINTS) if width == svg.NARROW else 1
+                parts.append(frame.path(line.times[::step], line.values[::step], f"line line-{names.index(line.role)}"))
+            return 260, parts + frame.x_axis(SINCE)
+
+        ranges = (f"{line.role} {svg.short(line.values.min())} to {svg.short(line.values.max())}" for line in drawn)
+        dashed = f" Dashed: {', '.join(map(svg.short, self.limits))}." if self.limits else ""
+        key = tuple((f"line-{n}", f"{name}: {self.lines[name].field}") for n, name in enumerate(names))
+        return Figure(f"Range in {self.unit or 'numbers'}: {'; '.join(ranges)}.{dashed}", paint, key)
 
 
 class Reports(FigureKind):

@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 
 from grader.recording.submission import PackageFact
 from grader.submission.packages.cmake_script import commands_of, installs_of
+from grader.submission.packages.interfaces import interface_problems
 from grader.submission.packages.setup_script import NotRecognisedError, data_files_of_setup, keyword_of_setup
 
 _MOST_SCRIPTS = 200
@@ -177,6 +178,7 @@ def _read_cmake(package: PackageFact, texts: dict[str, str], inside: list[str]) 
             package.executables[PurePosixPath(target).name] = _inside(package.path, file)
         else:
             package.problems.append(f"CMakeLists.txt installs {file}, which is not there")
+    package.problems += interface_problems(package, texts)
     others = [files for is_programs, files in installs if not is_programs]
     known = {target: file for files in others for target, file in (files or {}).items()}
     _note_shared(package, "CMakeLists.txt", None if None in others else known, inside)

@@ -279,6 +279,36 @@ def test_a_misspelt_parameter_is_set_as_meant(tmp_path: Path) -> None:
     assert held == {"safety_check": False, "verbose": True, "use_sim_time": False}
 
 
+UNGUARDED = """
+        self.declare_parameter('limit', 1.5)
+        self.declare_parameter('mode', 'drive', ParameterDescriptor(read_only=True))
+"""
+
+
+def test_what_a_node_takes_that_it_should_refuse_is_set_back(tmp_path: Path) -> None:
+    """A number is set in the type that it has, what was taken is restored, and an ordinary node has no states."""
+    recorded = record_one(
+        tmp_path,
+        node(UNGUARDED),
+        [
+            {"wait_for": {"node": "/student", "timeout_s": 20}},
+            {"set_parameters": {"node": "/student", "values": {"limit": -3, "mode": "fly"}, "refusal_expected": True}},
+            {"get_parameters": {"node": "/student", "names": ["limit", "mode"]}},
+            {"change_state": {"node": "/student", "transition": "configure", "timeout_s": 1}},
+            {"set_parameters": {"node": "/absent", "values": {"a": 1}, "refusal_expected": True, "timeout_s": 0.5}},
+        ],
+    )
+    invalid, absent = steps_of(recorded, "set_parameters")
+    assert (invalid.outcome, list(invalid.result["refused"])) == ("done", ["mode"])
+    assert invalid.result["before"] == {"limit": 1.5, "mode": "drive"}
+    assert invalid.result["after"] == {"limit": -3.0, "mode": "drive"}
+    (read,) = steps_of(recorded, "get_parameters")
+    assert read.result["values"]["limit"] == {"type": "double", "value": 1.5}
+    (changed,) = steps_of(recorded, "change_state")
+    assert (changed.outcome, absent.outcome) == ("timeout", "timeout")
+    assert "as a lifecycle node does" in changed.result["problem"]
+
+
 # -- publishing, and the graph ----------------------------------------------------------------
 
 SUBSCRIPTIONS = """

@@ -15,7 +15,7 @@ import pytest
 
 from grader.judging.rubrics import read_rubric
 from grader.live.process.process import RunningProcess
-from grader.live.sandbox.isolation import Isolation, Level
+from grader.live.sandbox.isolation import INTERFACES, PARAMETERS, Isolation, Level, Room
 from grader.live.sandbox.namespaces import Form
 from grader.live.session.launch_runner import LaunchRunner, _read_plan, _run_until, with_places
 from grader.live.session.plan import SessionPlan
@@ -106,6 +106,20 @@ def runner(tmp_path: Path) -> LaunchRunner:
     sandbox.workspace.mkdir(parents=True)
     sandbox.copy_workspace(plan.staged, sandbox.workspace)
     return LaunchRunner(sandbox)
+
+
+def test_what_it_writes_for_its_nodes_can_be_read_whatever_the_umask_is(tmp_path: Path, runner: LaunchRunner) -> None:
+    """Where the grader is root, the student's user is another."""
+    (tmp_path / "room").mkdir()
+    room, before = Room.below(tmp_path / "room", Path(sys.executable)), os.umask(0o077)
+    try:
+        room.make(tmp_path / "room")
+        runner._sandbox.parameters = room.tools[PARAMETERS]
+        runner._write_files(Plan(outcome="ok", parameter_files={"arm.yaml": "a: 1", "arm.sh": "#!/bin/sh"}))
+    finally:
+        os.umask(before)
+    made = [room.tools[PARAMETERS], room.tools[INTERFACES], *sorted(room.tools[PARAMETERS].iterdir())]
+    assert [path.stat().st_mode & 0o777 for path in made] == [0o755, 0o755, 0o755, 0o644]
 
 
 def _lacking(name: str) -> Problem:

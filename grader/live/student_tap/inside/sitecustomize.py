@@ -1,7 +1,7 @@
 """The tap: notes what a student's node asks rclpy for, with its source line, and changes nothing else.
 
 Discovery carries neither history nor depth, and no line numbers. This module lies on the path of
-students' processes, wraps a few methods of `rclpy.node.Node` when that module is imported, and
+students' processes, wraps a few methods of rclpy's classes when their modules are imported, and
 writes one JSON line a call to the descriptor named by GRADER_TAP_FD. What it writes is a claim by
 the student's process, never evidence of behaviour.
 """
@@ -14,13 +14,20 @@ import sys
 
 _FD = int(os.environ.pop("GRADER_TAP_FD", "-1"))
 _LIMIT = 1000
+# Module -> class -> method -> kind of the note, and the argument that is its name.
 _WRAPPED = {
-    "create_publisher": ("publisher", "topic"),
-    "create_subscription": ("subscription", "topic"),
-    "create_service": ("service", "srv_name"),
-    "create_client": ("client", "srv_name"),
-    "create_timer": ("timer", "timer_period_sec"),
-    "declare_parameter": ("parameter", "name"),
+    "rclpy.node": {
+        "Node": {
+            "create_publisher": ("publisher", "topic"),
+            "create_subscription": ("subscription", "topic"),
+            "create_service": ("service", "srv_name"),
+            "create_client": ("client", "srv_name"),
+            "create_timer": ("timer", "timer_period_sec"),
+            "declare_parameter": ("parameter", "name"),
+        }
+    },
+    "rclpy.action.server": {"ActionServer": {"__init__": ("action", "action_name")}},
+    "rclpy.action.client": {"ActionClient": {"__init__": ("action_client", "action_name")}},
 }
 
 
@@ -49,7 +56,7 @@ def _note(kind, name, node, arguments):
     _LIMIT -= 1
     note = {"kind": kind, "file": file, "line": line, "node": node.get_fully_qualified_name()}
     note["name"] = str(arguments.get(name, ""))[:500]
-    for key in ("msg_type", "srv_type"):
+    for key in ("msg_type", "srv_type", "action_type"):
         if key in arguments:
             note["type"] = _type_of(arguments[key])
     if "qos_profile" in arguments:
@@ -72,7 +79,8 @@ def _wrap(cls, method, kind, name):
         result = original(self, *args, **kwargs)
         try:
             bound = signature.bind(self, *args, **kwargs)
-            _note(kind, name, self, bound.arguments)
+            # An action's server or client is given its node.
+            _note(kind, name, bound.arguments.get("node", self), bound.arguments)
         except Exception:
             pass  # The tap never disturbs the node.
         return result
@@ -82,9 +90,10 @@ def _wrap(cls, method, kind, name):
 
 class _NodeFinder(importlib.abc.MetaPathFinder):
     def find_spec(self, name, path, target=None):
-        if name != "rclpy.node":
+        # Finding one imports the packages that it is in, which may be another of them.
+        wrapped = _WRAPPED.pop(name, None)
+        if wrapped is None:
             return None
-        sys.meta_path.remove(self)
         spec = importlib.machinery.PathFinder.find_spec(name, path, target)
         if spec is None or spec.loader is None:
             return spec
@@ -92,8 +101,9 @@ class _NodeFinder(importlib.abc.MetaPathFinder):
 
         def exec_and_wrap(module):
             exec_module(module)
-            for method, (kind, name) in _WRAPPED.items():
-                _wrap(module.Node, method, kind, name)
+            for cls, methods in wrapped.items():
+                for method, (kind, argument) in methods.items():
+                    _wrap(getattr(module, cls), method, kind, argument)
 
         spec.loader.exec_module = exec_and_wrap
         return spec

@@ -1,8 +1,27 @@
-"""What all reference nodes share: their configuration, their node, their pace and their end.
+"""What the reference nodes of all labs share: their configuration, their node, their pace and their end.
 
-A reference node is started as `python -I .../arm.py '{"seed": 1, "names": {...}, "with": {...}}'`, or with `-` in place
-of the configuration, which is then read from standard input: who may see the command line learns nothing from it.
-It prints `ready` once all its endpoints exist, runs until SIGINT or SIGTERM, and exits with status 0.
+A reference node is a program beside a lab's rubric, which stands beside students' nodes and is none of theirs:
+
+    import sys
+    from dataclasses import dataclass
+    from grader.reference_node import reference_node, run
+
+    @dataclass(frozen=True)
+    class Settings:
+        rate_hz: float = 10.0
+
+    def play(configuration, settings, stop):
+        with reference_node("beacon") as reference:
+            publisher = reference.open_publisher(Int64, configuration.name("/count"), 10)
+            print("ready", flush=True)
+            while not stop:
+                ...
+
+    sys.exit(run(Settings, play))
+
+It is started with one argument, `{"seed": 1, "names": {...}, "with": {...}}`, or with `-` in place of it, and reads it
+from standard input then: who may see the command line learns nothing from it. It prints `ready` once all its endpoints
+exist, runs until SIGINT or SIGTERM, and exits with status 0.
 
 What travels over DDS can be forged by students' nodes, standard output cannot. So it also prints who it is in
 the graph (`participant GID_PREFIX`, the first thing) and what it published (`published TOPIC TYPE DIGESTS`, the
@@ -24,6 +43,9 @@ from dataclasses import dataclass, field, fields
 from types import FrameType
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from grader.recording.session import GRADER_NAMESPACE, PARTICIPANT_DIGITS
+from grader.recording.trusted_channel import DIGEST_DIGITS
+
 if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
@@ -31,10 +53,8 @@ if TYPE_CHECKING:
 # No sleep is longer than this, so that a stop is noticed soon: a signal does not cut `time.sleep` short.
 LONGEST_SLEEP_S = 0.02
 BAD_CONFIGURATION_STATUS = 2
-# As `grader.recording.trusted_channel` has them. A line of output may not be longer than 8 KiB.
-DIGEST_BYTES, PARTICIPANT_BYTES, DIGESTS_IN_LINE = 6, 12, 500
-# The namespace of the recorder's nodes, as `grader.recording.session` has it.
-GRADER_NAMESPACE = "/_grader"
+# A line of output may not be longer than 8 KiB.
+DIGESTS_IN_LINE = 500
 MATCH_POLL_NS = 5_000_000
 
 T = TypeVar("T")
@@ -136,8 +156,8 @@ def sleep_until(deadline_ns: int, stop: StopRequest) -> None:
         time.sleep(min(left_s, LONGEST_SLEEP_S))
 
 
-class ToldPublisher:
-    """A publisher that keeps the digest of each message, to be told through the pipe."""
+class ReportingPublisher:
+    """A publisher that keeps the digest of each message, to be reported through the pipe."""
 
     def __init__(self, node: Node, message_class: type, topic: str, qos: QoSProfile) -> None:
         from rclpy.serialization import serialize_message
@@ -172,10 +192,10 @@ class ToldPublisher:
     def publish(self, message: Any) -> None:
         """Publish a message."""
         data = self._serialize(message)
-        self._digests.append(hashlib.blake2b(data, digest_size=DIGEST_BYTES).hexdigest())
+        self._digests.append(hashlib.blake2b(data, digest_size=DIGEST_DIGITS // 2).hexdigest())
         self._publisher.publish(data)
 
-    def tell(self, *, recorded: bool) -> None:
+    def report(self, *, recorded: bool) -> None:
         """Print the digests of all messages, in order."""
         last = " recorded" if recorded else ""
         for first in range(0, max(1, len(self._digests)), DIGESTS_IN_LINE):
@@ -184,20 +204,20 @@ class ToldPublisher:
 
 
 class ReferenceNode:
-    """A node that tells through the pipe what it does in the graph."""
+    """A node that reports through the pipe what it does in the graph."""
 
     def __init__(self, node: Node) -> None:
         self.node = node
-        self._publishers: list[ToldPublisher] = []
+        self._publishers: list[ReportingPublisher] = []
         self._recorded = False
 
-    def open_publisher(self, message_class: type, topic: str, qos: QoSProfile) -> ToldPublisher:
+    def open_publisher(self, message_class: type, topic: str, qos: QoSProfile) -> ReportingPublisher:
         """Open a publisher. Each publisher of a reference node must be opened so."""
-        self._publishers.append(ToldPublisher(self.node, message_class, topic, qos))
+        self._publishers.append(ReportingPublisher(self.node, message_class, topic, qos))
         return self._publishers[-1]
 
     def wait_until_recorded(
-        self, stop: StopRequest, timeout_s: float, ready: Callable[[ToldPublisher], bool] = lambda publisher: True
+        self, stop: StopRequest, timeout_s: float, ready: Callable[[ReportingPublisher], bool] = lambda publisher: True
     ) -> None:
         """Wait until the recorder has subscribed to each topic of this node, and `ready` holds of each publisher.
 
@@ -211,7 +231,7 @@ class ReferenceNode:
                 return
             sleep_until(min(now_ns + MATCH_POLL_NS, deadline_ns), stop)
 
-    def tell_participant(self) -> None:
+    def report_participant(self) -> None:
         """Print by which gids its endpoints are known.
 
         They are read from the graph, on a topic whose name nobody else can know: on all others, another node
@@ -223,12 +243,12 @@ class ReferenceNode:
         publisher = self.node.create_publisher(Empty, topic, 1)
         (info,) = self.node.get_publishers_info_by_topic(topic)
         self.node.destroy_publisher(publisher)
-        print(f"participant {bytes(info.endpoint_gid)[:PARTICIPANT_BYTES].hex()}", flush=True)
+        print(f"participant {bytes(info.endpoint_gid).hex()[:PARTICIPANT_DIGITS]}", flush=True)
 
-    def tell_published(self) -> None:
+    def report_published(self) -> None:
         """Print the digests of all messages that it published."""
         for publisher in self._publishers:
-            publisher.tell(recorded=self._recorded)
+            publisher.report(recorded=self._recorded)
 
 
 @contextmanager
@@ -246,11 +266,11 @@ def reference_node(name: str) -> Iterator[ReferenceNode]:
         parameter_overrides=[Parameter("start_type_description_service", value=False)],
     )
     reference = ReferenceNode(node)
-    reference.tell_participant()
+    reference.report_participant()
     try:
         yield reference
     finally:
-        reference.tell_published()
+        reference.report_published()
         node.destroy_node()
         rclpy.try_shutdown()
 

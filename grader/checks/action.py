@@ -1,0 +1,526 @@
+"""The check of a node that serves an action: what it offers, accepts and rejects, and what becomes of goals.
+
+All of it is what the grader's own goals met.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, ClassVar, Literal, get_args
+
+from pydantic import Field, model_validator
+
+from grader.checks.base import (
+    Context,
+    Part,
+    apart,
+    cpu_delay_doubt,
+    not_reached,
+    of_parts,
+    quantise,
+    unexplained,
+    without_delay,
+)
+from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at
+from grader.checks.service import THEN_THESE, asking_delay_s, shown
+from grader.evidence.cpu_delay import Span
+from grader.evidence.fields import equal_within, value_at
+from grader.lab import references as ref
+from grader.lab.references import Parameters, Share
+from grader.recording.session import StepRun
+from grader.result import Finding, Location
+
+Status = Literal["succeeded", "aborted", "canceled"]
+_FeedbackField = Annotated[str, ref.fields_of_type("_Feedback", "step")]
+
+
+class ActionPart(Parameters):
+    """A part of what is asked of an action's server."""
+
+    weight: float = Field(1.0, gt=0, description="How much it counts beside the other parts.")
+
+
+class OfGoal(ActionPart):
+    """A part that one goal shows."""
+
+    step: ref.GoalLabel = Field(description="The step that sends the goal.")
+
+
+class FeedbackWanted(OfGoal):
+    """What is asked of the feedback."""
+
+    at_least: int = Field(1, ge=1, description="Messages.")
+    at_least_hz: float | None = Field(None, gt=0)
+    hz_tolerance: Share = Field(0.05, description="By how much the rate may be lower.")
+    rising: _FeedbackField | None = Field(
+        None, description="Field with a number that never falls, or an array that never gets shorter."
+    )
+    falling: _FeedbackField | None = Field(
+        None, description="Field with a number that never rises, or an array that never gets longer."
+    )
+    other_order_credit: Share = Field(0.5, description="Credit where that field goes another way.")
+
+
+class ResultWanted(OfGoal):
+    """Values in the result, each of which counts the same."""
+
+    values: Annotated[Mapping[str, Any], ref.fields_of_type("_Result", "step")] = Field(min_length=1)
+    tolerance: float = Field(0.0, ge=0, description="By how much a number may differ.")
+
+
+class StatusWanted(OfGoal):
+    """The status in which a goal ends."""
+
+    status: Status = "succeeded"
+
+
+class CancelledWanted(OfGoal):
+    """A goal ends soon after it was cancelled, as canceled."""
+
+    within_s: float = Field(1.0, gt=0, description="How soon after it was asked for.")
+    other_status_credit: Share = Field(0.5, description="Credit where it ends in time, but in another status.")
+    late_credit: Share = Field(0.5, description="Credit where it ends in that status, but later.")
+
+
+class PreemptedWanted(CancelledWanted):
+    """A goal ends soon after a newer one was sent, which is carried out in its place, and succeeds."""
+
+    status: tuple[Status, ...] = Field(("aborted", "canceled"), min_length=1)
+
+
+class ActionServer(OfEndpoint):
+    """A node serves an action; the parts that are given count by their weights."""
+
+    example: ClassVar = {"accepted": {"step": "send_goal"}}
+
+    artifact: ref.Artifact
+    action: ref.RosName
+    type: ref.ActionType
+    node: ref.RosName | None = None
+    offered: ActionPart | None = Field(None, description="Name, type and node.")
+    accepted: OfGoal | None = Field(None, description="A goal that must be accepted.")
+    rejected: OfGoal | None = Field(None, description="A goal that must be rejected.")
+    feedback: FeedbackWanted | None = None
+    result: ResultWanted | None = None
+    final_status: StatusWanted | None = None
+    cancelled: CancelledWanted | None = None
+    preempted: PreemptedWanted | None = None
+
+    @model_validator(mode="after")
+    def _has_a_part(self) -> ActionServer:
+        if not self.parts():
+            raise ValueError(f"at least one of {', '.join(_PARTS)} is needed")
+        return self
+
+    def parts(self) -> dict[str, Any]:
+        """Return the parts that are asked for, by their keys."""
+        return {key: getattr(self, key) for key in _PARTS if getattr(self, key) is not None}
+
+
+class _NotTested(Exception):
+    """An earlier mistake, as a clause, keeps a part from being tested; the hint says how to fix it."""
+
+    def __init__(self, why: str, hint: str = "") -> None:
+        super().__init__(why)
+        self.hint = hint
+
+
+class _Nothing(Part):
+    """A part for which nothing came, which a crash explains better, if there was one."""
+
+
+@dataclass(frozen=True)
+class _Sent:
+    """A goal of a step, and what came of it."""
+
+    context: Context
+    artifact: str
+    step: StepRun
+    record: Mapping[str, Any]
+
+    @property
+    def words(self) -> str:
+        return f"goal {_shown(self.record['goal'])}"
+
+    @property
+    def status(self) -> str:
+        """The last that is known, as ROS spells it."""
+        return str(self.record["status"] or "unknown").upper()
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it ended, by the status that the server published where the result never came."""
+        return self.record["ended_ns"] is not None or self.record["status"] in get_args(Status)
+
+    @property
+    def waited_s(self) -> float:
+        """How long it was waited for."""
+        return float(self.step.ended_ns - self.record["sent_ns"]) / 1e9
+
+    def printed(self, text: str) -> bool:
+        """Whether the program's output has a text: it says which of the known mistakes it is."""
+        return any(text in line.text for line in self.context.session.output_of(self.artifact))
+
+    def delay_s(self, start_ns: int, end_ns: int) -> float:
+        """Return for how long the machine delayed a process meanwhile, that which sends goals included."""
+        return asking_delay_s(self.context, Span(start_ns, end_ns), self.step.result)
+
+
+def action_server(context: Context, p: ActionServer) -> Finding:
+    """Judge an action's server by the graph, and by what the grader's goals met."""
+    asked, parts, untested = [], list[Part](), dict[str, Part]()
+    for key, wanted in p.parts().items():
+        words, judge = _PARTS[key]
+        step = context.session.step(getattr(wanted, "step", ""))
+        asked.append(words(p, wanted) + (f" (goal {_shown(step.parameters['goal'])})" if step is not None else ""))
+        try:
+            found = judge(context, p) if key == "offered" else judge(_sent(context, p, step), wanted)
+        except _NotTested as why:
+            reason = f"Not tested, because {why}. {THEN_THESE}"
+            before = untested[reason].weight if reason in untested else 0.0
+            untested[reason] = _Nothing(0.0, reason=reason, hint=why.hint, weight=before + wanted.weight)
+        else:
+            parts.append(replace(found, weight=wanted.weight, where=_where(context, p, key, step, found)))
+    expected = "; ".join(asked)
+    if not parts and _is_charged(context):
+        return not_reached(next(iter(untested)), expected=expected)
+    finding = of_parts(expected, [*parts, *untested.values()])
+    nothing_came = any(isinstance(part, _Nothing) for part in (*parts, *untested.values()))
+    return unexplained(finding) if nothing_came else finding
+
+
+def _is_charged(context: Context) -> bool:
+    """Whether a check of the same session took points: what may be flaky of that one was asked about there."""
+    session = context.location().session
+    here = (name for name, found in context.findings.items() if any(w.session == session for w in found.where))
+    return any(map(context.charged, here))
+
+
+def _where(context: Context, p: ActionServer, key: str, step: StepRun | None, found: Part) -> tuple[Location, ...]:
+    """Point at the goal, and where something is lost that stands where the server is made, at that line."""
+    there = context.location(p.action, Span(step.started_ns, step.ended_ns) if step is not None else None)
+    made = found.share < 1 and key in ("offered", "accepted", "rejected")
+    return (*(claimed_at(claim_of(context, "action", p.action)) if made else ()), there)
+
+
+#: Characters that are shown of a value.
+_MOST_SHOWN = 80
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
+
+
+def _short(value: Any) -> str:
+    return _cut(repr(list(value) if isinstance(value, tuple) else value))
+
+
+def _shown(values: Mapping[str, Any]) -> str:
+    return _cut(shown(values)) or "without fields"
+
+
+def _offered(context: Context, p: ActionServer) -> Part:
+    used = context.session.used(p.action)
+    offers = [offer for graph in context.session.record.graph for offer in graph.actions if offer.name == used]
+    offers = [offer for offer in offers if offer.node not in context.reference_nodes]
+    if not offers:
+        reason = f"The action {p.action} did not appear, nor one of a similar name. A client would wait forever."
+        return _Nothing(0.0, "no action in the graph", reason)
+    offer = next((o for o in offers if o.type == p.type), offers[0])
+    faults = p.faults("action", (p.action, p.type), (used, offer.type), [offer.node])
+    faults += p.node_faults(p.node, [offer.node])
+    measured = f"{used} of type {offer.type}, from {offer.node}"
+    return Part(max(0.0, 1 - sum(cost for cost, _ in faults)), measured, " ".join(reason for _, reason in faults))
+
+
+def _sent(context: Context, p: ActionServer, step: StepRun | None) -> _Sent:
+    """Return the goal that a step sent; raises where there is none, or an earlier one had no answer."""
+    if step is None:
+        raise _NotTested("the session had ended before")
+    steps = _steps(context, step)
+    earlier = (goal for before in steps[: steps.index(step)] for goal in _goals(before))
+    silent = next((goal for goal in earlier if goal["accepted"] is None), None)
+    if silent is not None and not any(goal["accepted"] is not None for goal in _goals(step)):
+        raise _NotTested(f"an earlier goal ({_shown(silent['goal'])}) got no answer")
+    if not _goals(step):
+        problem = step.result.get("problem") or "the node could not be asked"
+        raise _NotTested(f"no goal could be sent: {problem}")
+    return _Sent(context, p.artifact, step, _goals(step)[0])
+
+
+def _steps(context: Context, step: StepRun) -> list[StepRun]:
+    """Return the steps that send goals to the same action."""
+    action = step.parameters["action"]
+    return [s for s in context.session.record.steps if s.kind == "send_goal" and s.parameters["action"] == action]
+
+
+def _goals(step: StepRun) -> list[dict[str, Any]]:
+    goals: list[dict[str, Any]] = step.result.get("goals", [])
+    return goals
+
+
+# -- whether a goal is accepted --------------------------------------------------------------------
+
+_ACCEPT_HINT = "goal_callback must return GoalResponse.ACCEPT for such a goal; without one, rclpy accepts all."
+
+
+def _accepted(sent: _Sent, wanted: OfGoal) -> Part:
+    if sent.record["accepted"]:
+        answered_ms = (sent.record["answered_ns"] - sent.record["sent_ns"]) / 1e6
+        return Part(1.0, f"{sent.words} accepted after {answered_ms:.1f} ms")
+    if sent.record["accepted"] is None:
+        return _silent(sent)
+    every = "Every goal" if not _any_goal(sent, accepted=True) else f"The {sent.words}"
+    hint = _ACCEPT_HINT
+    if sent.printed("did not return a GoalResponse"):
+        hint = "goal_callback returns no GoalResponse, which rclpy takes for a rejection: return GoalResponse.ACCEPT."
+    return Part(0.0, f"{sent.words} rejected", f"{every} is rejected.", hint=hint)
+
+
+def _rejected(sent: _Sent, wanted: OfGoal) -> Part:
+    if sent.record["accepted"] is None:
+        return _silent(sent)
+    if sent.record["accepted"] is False:
+        if not _any_goal(sent, accepted=True):
+            raise _NotTested("no goal is accepted at all, so that a rejection proves nothing")
+        return Part(1.0, f"{sent.words} rejected")
+    every = "Every goal" if not _any_goal(sent, accepted=False) else f"The {sent.words}"
+    hint = "Give ActionServer a goal_callback that returns GoalResponse.REJECT for such a goal."
+    return Part(0.0, f"{sent.words} accepted", f"{every} is accepted.", hint=hint)
+
+
+def _any_goal(sent: _Sent, **known: bool | str) -> bool:
+    """Whether some goal to the same action came out so."""
+    goals = (goal for step in _steps(sent.context, sent.step) for goal in _goals(step))
+    return any(goal[key] == value for goal in goals for key, value in known.items())
+
+
+_SILENT_HINT = "rclpy.spin(node) must be reached, and no callback may wait: meanwhile, the node answers nothing."
+
+
+def _silent(sent: _Sent) -> Part:
+    reason = f"The {sent.words} was neither accepted nor rejected within {sent.waited_s:.1f} s."
+    return _Nothing(0.0, "no answer", reason, hint=_SILENT_HINT)
+
+
+# -- what an accepted goal gives -------------------------------------------------------------------
+
+_END_HINT = "The execute callback must end, with goal_handle.succeed() and `return result`."
+
+
+def _require_accepted(sent: _Sent) -> None:
+    """Raise where a goal was not accepted, so that nothing can come of it."""
+    if sent.record["accepted"] is None:
+        raise _NotTested(f"the {sent.words} got no answer", _SILENT_HINT)
+    if sent.record["accepted"] is False:
+        raise _NotTested(f"the {sent.words} was rejected", _ACCEPT_HINT)
+
+
+def _require_end(sent: _Sent) -> None:
+    _require_accepted(sent)
+    if not sent.has_ended:
+        why = f"the {sent.words} did not end within {sent.waited_s:.1f} s (its status was {sent.status})"
+        raise _NotTested(why, _END_HINT)
+
+
+def _feedback(sent: _Sent, wanted: FeedbackWanted) -> Part:
+    _require_accepted(sent)
+    count = int(sent.record["feedback_count"])
+    if not count:
+        hint = "Call goal_handle.publish_feedback(feedback) in the execute callback, again and again while it works."
+        return Part(0.0, "no feedback", f"No feedback came for {sent.words}.", hint=hint)
+    few = f"For {sent.words}, {count} of {wanted.at_least} messages of feedback came."
+    enough = min(1.0, count / wanted.at_least)
+    parts = [Part(enough, f"{count} message{'s' * (count > 1)} of feedback", few * (enough < 1))]
+    if wanted.at_least_hz is not None:
+        parts.append(_feedback_rate(sent, wanted.at_least_hz, wanted.hz_tolerance))
+    for field, sign, way in ((wanted.rising, 1, "falls"), (wanted.falling, -1, "rises")):
+        if field is not None and _reverses(sent, field, sign):
+            parts.append(Part(wanted.other_order_credit, reason=f"From one message to the next, {field} {way}."))
+    return Part(
+        math.prod(part.share for part in parts),
+        " ".join(part.text for part in parts if part.text),
+        " ".join(part.reason for part in parts if part.reason),
+        best=math.prod(part.share if part.best is None else part.best for part in parts),
+        doubt=" ".join(part.doubt for part in parts if part.doubt),
+    )
+
+
+def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
+    first_ns, last_ns = sent.record["first_feedback_ns"], sent.record["last_feedback_ns"]
+    length_s = max(0.0, (last_ns - first_ns) / 1e9)
+    rate_hz = (sent.record["feedback_count"] - 1) / length_s if length_s else 0.0
+    delay_s = sent.delay_s(first_ns, last_ns) if length_s else 0.0
+    full_hz = wanted_hz * (1 - tolerance)
+    share, best = (quantise(hz / full_hz) for hz in (rate_hz, without_delay(rate_hz, delay_s, length_s)))
+    shown = f"{apart(rate_hz, full_hz, places=1)} Hz"
+    reason = f"The feedback comes at {shown}; {full_hz:g} Hz give full credit." if share < 1 else ""
+    doubt = cpu_delay_doubt(delay_s, length_s) if best > share else ""
+    return Part(share, f"at {shown}", reason, best=best, doubt=doubt)
+
+
+def _reverses(sent: _Sent, field: str, sign: int) -> bool:
+    """Whether a number, or the length of an array, goes the other way from one message to the next."""
+    values = [value_at(message["values"], field) for message in sent.record["feedback"]]
+    sizes = [len(value) if isinstance(value, list) else value for value in values]
+    numbers = [size for size in sizes if isinstance(size, (int, float))]
+    # What is not a number neither rises nor falls.
+    return not all(sign * later >= sign * earlier for earlier, later in itertools.pairwise(numbers))
+
+
+def _result(sent: _Sent, wanted: ResultWanted) -> Part:
+    _require_end(sent)
+    result = sent.record["result"]
+    if sent.record["ended_ns"] is None:
+        reason = f"The {sent.words} ended as {sent.status}, but its result never came."
+        return _Nothing(0.0, "no result", reason, hint="End the execute callback with `return result`.")
+    got = {path: value_at(result, path) for path in wanted.values}
+    wrong = [path for path, value in wanted.values.items() if not equal_within(got[path], value, wanted.tolerance)]
+    reasons = [f"{path} is {_short(got[path])}, not {_short(wanted.values[path])}" for path in wrong]
+    hint = ""
+    if len(wrong) == len(got) and not any(got.values()):
+        hint = "Fill in the fields of the result that the execute callback returns."
+    share = 1 - len(wrong) / len(got)
+    measured = "result " + ", ".join(f"{path}={_short(value)}" for path, value in got.items())
+    return Part(share, measured, f"In the result, {' and '.join(reasons)}." if wrong else "", hint=hint)
+
+
+# -- how a goal ends -------------------------------------------------------------------------------
+
+#: What rclpy prints where the execute callback leaves the goal without a status, or raises an exception.
+_NOT_SET, _RAISED = "Goal state not set, assuming aborted", "Error raised in execute callback"
+_WITHOUT_STATUS = "The execute callback ended without setting a status, which rclpy takes for ABORTED."
+#: As `action_msgs/srv/CancelGoal` numbers its answers; rclpy gives it where the request was seen too late.
+_GOAL_TERMINATED = 3
+#: What sets a status.
+_SETTER = {"succeeded": "succeed", "aborted": "abort", "canceled": "canceled"}
+_CANCELED_HINT = (
+    "In its loop the execute callback must look at goal_handle.is_cancel_requested, and then call "
+    "goal_handle.canceled() and return a result."
+)
+_PREEMPTED_HINT = (
+    "When a newer goal is accepted, let the execute callback of the one before notice it, call goal_handle.abort() and "
+    "return a result."
+)
+_BLOCKED_HINT = (
+    "While the execute callback runs, the node answers nothing else: give ActionServer a "
+    "callback_group=ReentrantCallbackGroup() and spin with a MultiThreadedExecutor."
+)
+
+
+def _final_status(sent: _Sent, wanted: StatusWanted) -> Part:
+    _require_end(sent)
+    measured = f"{sent.words} ended as {sent.status}"
+    if sent.record["status"] == wanted.status:
+        return Part(1.0, measured)
+    reason = f"The {sent.words} ended as {sent.status}, not as {wanted.status.upper()}."
+    if sent.record["status"] == "aborted" and sent.printed(_RAISED):
+        return _Nothing(0.0, measured, f"{reason} The execute callback raised an exception.")
+    if sent.record["status"] == "aborted" and sent.printed(_NOT_SET):
+        reason += f" {_WITHOUT_STATUS}"
+    return Part(0.0, measured, reason, hint=f"Call goal_handle.{_SETTER[wanted.status]}() before `return result`.")
+
+
+def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
+    _require_accepted(sent)
+    cancel = sent.record["cancel"]
+    if cancel is None:
+        return _too_early(sent, "cancelled", "cancel_after_s")
+    if cancel["accepted"]:
+        return _ends_early(sent, wanted, ("canceled",), _CANCELED_HINT, cancel["sent_ns"], "it was cancelled")
+    if cancel["answered_ns"] is not None and cancel["code"] != _GOAL_TERMINATED:
+        hint = "Give ActionServer a cancel_callback that returns CancelResponse.ACCEPT; without one, rclpy refuses."
+        return Part(0.0, "cancelling refused", f"Cancelling the {sent.words} was refused.", hint=hint)
+    reason = f"The request to cancel the {sent.words} was not answered while it was under way."
+    return Part(0.0, "cancelling not answered in time", reason, hint=_BLOCKED_HINT)
+
+
+def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
+    _require_accepted(sent)
+    if len(_goals(sent.step)) < 2:
+        return _too_early(sent, "preempted", "newer_after_s")
+    newer = replace(sent, record=_goals(sent.step)[1])
+    if newer.record["accepted"] is False:
+        hint = "Accept it, and abort the goal that is under way."
+        return Part(0.0, "newer goal rejected", "A newer goal is rejected while one is under way.", hint=hint)
+    if newer.record["accepted"] is None:
+        return Part(0.0, "newer goal not answered", "A newer goal was not answered.", hint=_BLOCKED_HINT)
+    found = _ends_early(sent, wanted, wanted.status, _PREEMPTED_HINT, newer.record["sent_ns"], "a newer one was sent")
+    answered_s = (newer.record["answered_ns"] - newer.record["sent_ns"]) / 1e9
+    if not found.share and answered_s > wanted.within_s:
+        reason = f"A newer goal was answered only after {apart(answered_s, wanted.within_s, places=2)} s."
+        return replace(found, reason=reason, hint=_BLOCKED_HINT)
+    # Who never succeeds loses points for that elsewhere.
+    is_excused = newer.has_ended and not _any_goal(sent, status="succeeded")
+    if is_excused or newer.record["status"] == "succeeded":
+        return found
+    became = f"ended as {newer.status}" if newer.has_ended else "did not end"
+    reason, share = f"{found.reason} The newer goal {became}.".strip(), wanted.other_status_credit * found.share
+    best = wanted.other_status_credit * (found.share if found.best is None else found.best)
+    return replace(found, share=share, best=best, reason=reason, hint=found.hint or _END_HINT)
+
+
+def _too_early(sent: _Sent, what: str, key: str) -> Part:
+    """Judge a goal that ended before it could be cancelled or preempted; the step has under a key when that was due."""
+    if not sent.has_ended:
+        raise _NotTested(f"the moment at which the {sent.words} was to be {what} never came")
+    ended = f"The {sent.words} had ended as {sent.status} before it could be {what}."
+    found = Part(0.0, "ended before", ended, hint="The execute callback must take its time over a goal such as this.")
+    after_s, end_ns = sent.step.parameters.get(key), sent.record["ended_ns"]
+    if after_s is None or end_ns is None:
+        return found
+    late_s = (end_ns - sent.record["answered_ns"]) / 1e9 - after_s
+    delay_s = sent.delay_s(sent.record["answered_ns"], end_ns)
+    is_ours = 0 < late_s <= delay_s
+    return replace(found, best=1.0, doubt=cpu_delay_doubt(delay_s, late_s + after_s)) if is_ours else found
+
+
+def _ends_early(
+    sent: _Sent, wanted: CancelledWanted, statuses: Sequence[str], hint: str, asked_ns: int, since: str
+) -> Part:
+    """Judge how soon, and in which status, a goal ended once it was asked to."""
+    named = " or ".join(status.upper() for status in statuses)
+    if sent.record["ended_ns"] is None:
+        reason = f"The {sent.words} did not end after {since}."
+        return Part(0.0, "goes on", reason, hint=hint)
+    took_s, delay_s = (sent.record["ended_ns"] - asked_ns) / 1e9, sent.delay_s(asked_ns, sent.record["ended_ns"])
+    fits = sent.record["status"] in statuses
+    credits = {True: 1.0 if fits else wanted.other_status_credit, False: wanted.late_credit if fits else 0.0}
+    share, best = (credits[time_s <= wanted.within_s] for time_s in (took_s, took_s - delay_s))
+    shown = f"{apart(took_s, wanted.within_s, places=2)} s after {since}"
+    reasons = [] if fits else [f"The {sent.words} ended as {sent.status}, not as {named}."]
+    if not fits and sent.record["status"] == "aborted" and sent.printed(_NOT_SET):
+        reasons.append(_WITHOUT_STATUS)
+        hint = f"Call goal_handle.{_SETTER[statuses[0]]}() before `return result`."
+    if took_s > wanted.within_s:
+        reasons.append(f"It ended {shown}; within {wanted.within_s:g} s gives full credit.")
+        hint = "Look for it more often, in each round of the execute callback's loop." if fits else hint
+    doubt = cpu_delay_doubt(delay_s, took_s) if best > share else ""
+    return Part(share, f"{sent.status} {shown}", " ".join(reasons), best, doubt, hint * (share < 1))
+
+
+_Judge = Callable[..., Part]
+#: Key of a part -> what is expected, in words by the parameters and the part's, and what judges it.
+_PARTS: dict[str, tuple[Callable[[ActionServer, Any], str], _Judge]] = {
+    "offered": (lambda p, _: f"{p.action} of type {p.type}" + (f", from node {p.node}" if p.node else ""), _offered),
+    "accepted": (lambda p, _: "accepted", _accepted),
+    "rejected": (lambda p, _: "rejected", _rejected),
+    "feedback": (lambda p, w: _feedback_words(w), _feedback),
+    "result": (lambda p, w: "result " + ", ".join(f"{k}={_short(v)}" for k, v in w.values.items()), _result),
+    "final_status": (lambda p, w: f"ends as {w.status.upper()}", _final_status),
+    "cancelled": (lambda p, w: f"CANCELED within {w.within_s:g} s of cancelling", _cancelled),
+    "preempted": (
+        lambda p, w: f"{' or '.join(w.status).upper()} within {w.within_s:g} s of a newer goal, which is carried out",
+        _preempted,
+    ),
+}
+
+
+def _feedback_words(wanted: FeedbackWanted) -> str:
+    rate = f" at {wanted.at_least_hz:g} Hz or more" if wanted.at_least_hz is not None else ""
+    ways = ((wanted.rising, "never falls"), (wanted.falling, "never rises"))
+    order = "".join(f", {field} {way}" for field, way in ways if field is not None)
+    return f"{wanted.at_least} or more messages of feedback{rate}{order}"

@@ -1,0 +1,308 @@
+"""A lab's own checks: what they are given, how they are called, and what becomes of their mistakes.
+
+What stands here of public names is given to code that others have written (`grader.own_checks`): it stays as it is
+within a version of `API_VERSION`, whatever becomes of what lies behind it.
+"""
+
+from __future__ import annotations
+
+import inspect
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
+
+from grader.checks import base
+from grader.evidence.cpu_delay import Span
+from grader.evidence.fields import numbers_of
+from grader.evidence.oracle import describe_failure, load_oracle
+from grader.evidence.recorded import Recorded
+from grader.lab.lab_code import API_VERSION, OwnParameters
+from grader.recording.bag import Stream
+from grader.recording.session import Endpoint, ProcessRun
+from grader.result import Finding, Location, Outcome
+
+#: What one call of a lab's own check may compute, and how soon it is ended again if it goes on; judging all of a
+#: submission has 30 s.
+_MOST_CPU_S, _AGAIN_S = 10.0, 0.1
+#: What is kept of a text that a lab's own check gives: it may quote what a student's program wrote.
+_MOST_TEXT = 1000
+
+
+@dataclass(frozen=True)
+class Messages:
+    """Messages of one topic, in the order in which they were received; all times in s since the session's start.
+
+    Attributes
+    ----------
+    topic, type : str
+        As the student named them; the type is empty where nothing was published.
+    sent_s, received_s : float64[n]
+        When each was published, by its publisher's middleware, and when the grader received it.
+    sequence : int64[n]
+        Publication sequence numbers.
+    """
+
+    topic: str
+    type: str
+    sent_s: NDArray[np.float64]
+    received_s: NDArray[np.float64]
+    sequence: NDArray[np.int64]
+    _stream: Stream
+
+    def __len__(self) -> int:
+        return len(self._stream)
+
+    def field(self, path: str) -> list[Any]:
+        """Return a field of each message by its path ("pose.position.x", "data[0]"); None where it has none such."""
+        return self._stream.field(path)
+
+    def numbers(self, path: str) -> list[NDArray[np.float64] | None]:
+        """Return the numbers in a field of each message: one, those of an array, of a point, a time in s; or None."""
+        return [numbers_of(value) for value in self.field(path)]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line that a process wrote, when (s since the session's start), and to "stdout" or "stderr"."""
+
+    t_s: float
+    stream: str
+    text: str
+
+
+@dataclass(frozen=True)
+class Run:
+    """A process of the session; times in s since its start, None for what has not happened.
+
+    `role` is "student" or "reference"; `ended_by` "itself", "interrupt", "terminate", "kill" or "limit"; `limit` the
+    limit that it hit, if any.
+    """
+
+    name: str
+    role: str
+    artifact: str | None
+    started_s: float
+    exited_s: float | None
+    exit_status: int | None
+    ended_by: str
+    limit: str | None
+    lines: tuple[Line, ...]
+
+
+@dataclass(frozen=True)
+class Step:
+    """A step as it went: "done", "timeout", "cancelled" or "failed", with its parameters and what it found."""
+
+    kind: str
+    outcome: str
+    started_s: float
+    ended_s: float
+    parameters: Mapping[str, Any]
+    result: Mapping[str, Any]
+
+
+class Submission:
+    """The files that a student handed in."""
+
+    def __init__(self, inner: base.Context) -> None:
+        self._inner = inner
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Paths of all files."""
+        return tuple(file.path for file in self._inner.submission.files)
+
+    def text(self, path: str) -> str | None:
+        """Return the contents of a file; None where it is none, is no text, or is too large to be kept."""
+        return self._inner.submission.texts.get(path)
+
+    def path_of(self, artifact: str) -> str | None:
+        """Return where the file of an artifact lies; None where it was not handed in."""
+        return self._inner.path_of(artifact)
+
+    def finding(self, check: str) -> Finding | None:
+        """Return what a check before this one found."""
+        return self._inner.findings.get(check)
+
+
+class Context(Submission):
+    """What a check of a recording may look at; names of topics are the rubric's, also where a student has others."""
+
+    @property
+    def _session(self) -> Recorded:
+        return self._inner.session
+
+    @property
+    def seed(self) -> int:
+        """The seed of the session's stimuli."""
+        return self._session.record.seed
+
+    @property
+    def duration_s(self) -> float:
+        """How long the session took."""
+        return self._session.since_start_s(self._session.record.ended_ns)
+
+    @property
+    def nodes(self) -> tuple[str, ...]:
+        """Fully qualified names of all nodes that were ever in the graph."""
+        return self._session.nodes
+
+    def messages(self, topic: str, window: str | None = None) -> Messages:
+        """Return the messages on a topic, or those received within the `observe` step of a label: none if it failed."""
+        stream, span = self._session.stream(topic), self._span(window)
+        if span is not None:
+            stream = stream.only((stream.received_ns >= span.start_ns) & (stream.received_ns <= span.end_ns))
+        sent, received = self._session.seconds(stream.source_ns), self._session.seconds(stream.received_ns)
+        return Messages(stream.topic, stream.topic_type, sent, received, stream.sequence, stream)
+
+    def window(self, label: str) -> tuple[float, float] | None:
+        """Return begin and end of an `observe` step in s; None where it was not reached."""
+        span, since = self._session.window(label), self._session.since_start_s
+        return None if span is None else (since(span.start_ns), since(span.end_ns))
+
+    def _span(self, window: str | None) -> Span | None:
+        return None if window is None else self._session.window(window) or Span(0, 0)
+
+    def endpoints(self, topic: str, kind: str = "publisher") -> tuple[Endpoint, ...]:
+        """Return the student's "publisher"s or "subscription"s on a topic: node, type, qos."""
+        return self._session.endpoints_on(topic, kind, self._inner.reference_nodes)
+
+    def step(self, label: str) -> Step | None:
+        """Return the step of a label; None where it was not reached."""
+        run = self._session.step(label)
+        if run is None:
+            return None
+        began_s, ended_s = (self._session.since_start_s(t) for t in (run.started_ns, run.ended_ns))
+        return Step(run.kind, run.outcome, began_s, ended_s, run.parameters, run.result)
+
+    def process(self, name: str) -> Run | None:
+        """Return the last process of a name, which is the artifact's where the rubric gives no other."""
+        run = self._session.process(name)
+        return self._run(run) if run is not None else None
+
+    def _run(self, run: ProcessRun) -> Run:
+        since = self._session.since_start_s
+        ended_s = since(run.exited_ns) if run.exited_ns is not None else None
+        lines = tuple(Line(since(line.t_ns), line.stream, line.text) for line in self._session.lines_of(run))
+        started_s = since(run.started_ns)
+        return Run(
+            run.name, run.role, run.artifact, started_s, ended_s, run.exit_status, run.ended_by, run.limit, lines
+        )
+
+    def delay_s(self, process: str, window: str) -> float:
+        """Return for how long within an `observe` step the machine kept a process from a core: 0 on an idle one."""
+        run, span = self._session.process(process), self._session.window(window)
+        return self._session.machine_delay_s(run, span) if run is not None and span is not None else 0.0
+
+    def location(self, topic: str | None = None, window: str | None = None) -> Location:
+        """Point at a topic, within a window, as where the proof of a finding lies."""
+        return self._inner.location(topic, self._session.window(window) if window is not None else None)
+
+
+#: Outcomes of a finding that are without credit.
+_WITHOUT = (Outcome.FAILED, Outcome.INCONCLUSIVE)
+
+
+class _TooLong(BaseException):
+    """Not caught by a check that catches exceptions."""
+
+
+def find_own(check: str, context: base.Context, p: Any) -> Finding:
+    """Call a lab's own check, "file.py:function"; what goes wrong in it is an error, which costs no points."""
+    try:
+        with _bounded():
+            function = load_own(context.lab_folder, check)
+            seen = Context(context) if context.recorded is not None else Submission(context)
+            return _checked(function(seen, *built(function, p)))
+    except (Exception, SystemExit, _TooLong) as problem:
+        reason = f"The lab's own check failed: {describe_failure(problem, check)}"
+        return Finding(Outcome.ERROR, Decimal(0), reason=reason[:_MOST_TEXT], retry=False)
+
+
+def load_own(lab_folder: Path, check: str) -> Callable[..., Any]:
+    """Load a lab's own check; raises ValueError if it is none, or for another version of what it is given."""
+    function = load_oracle(lab_folder, check)
+    wanted = vars(sys.modules[function.__module__]).get("API_VERSION", API_VERSION)
+    if wanted != API_VERSION:
+        raise ValueError(f"it is written for version {wanted} of grader.own_checks, and this is version {API_VERSION}")
+    return function
+
+
+def built(function: Callable[..., Any], p: OwnParameters) -> list[Any]:
+    """Return the parameters of a lab's own check, of the class that its second argument names; none if it has none.
+
+    Raises ValueError if the class refuses them.
+    """
+    wanted = list(inspect.signature(function).parameters.values())[1:]
+    # It is a text where the file imports annotations from the future; the class stands in the same file.
+    beside = vars(sys.modules[function.__module__])
+    kinds = [beside[w.annotation.strip("'\"")] if isinstance(w.annotation, str) else w.annotation for w in wanted]
+    try:
+        return [TypeAdapter(kind).validate_python(p.model_dump()) for kind in kinds]
+    except ValidationError as error:
+        wrong = (": ".join([*map(str, e["loc"]), e["msg"].removeprefix("Value error, ")]) for e in error.errors())
+        raise ValueError("; ".join(wrong)) from error
+
+
+def _checked(finding: Any) -> Finding:
+    """Return a finding as its makers give it: credit that fits its outcome, plain numbers, and texts that can be shown.
+
+    Whoever makes one by hand could give more points than there are, or what no result can be written of.
+    """
+    if not isinstance(finding, Finding) or not all(isinstance(location, Location) for location in finding.where):
+        raise TypeError("a Finding is expected, as passed() and failed() give it, and where they lie by location()")
+    credit = finding.credit
+    fits = {Outcome.PASSED: credit == 1, Outcome.PARTIAL: 0 < credit < 1}
+    if not isinstance(credit, Decimal) or not fits.get(finding.outcome, credit == 0 and finding.outcome in _WITHOUT):
+        raise ValueError("its credit does not fit its outcome; use passed(), failed(), graded() or inconclusive()")
+    texts: dict[str, Any] = {
+        name: str(getattr(finding, name))[:_MOST_TEXT] for name in ("expected", "measured", "reason", "hint")
+    }
+    return Finding(
+        finding.outcome,
+        credit,
+        **texts,
+        where=tuple(map(_plain, finding.where)),
+        notes=tuple(str(note)[:_MOST_TEXT] for note in finding.notes),
+        retry=bool(finding.retry),
+        settled=_checked(finding.settled) if finding.settled is not None else None,
+        unexplained=bool(finding.unexplained),
+    )
+
+
+def _plain(location: Location) -> Location:
+    """Return a location without numbers of numpy's, of which no JSON is made."""
+    kinds = {"line": int, "start_s": float, "end_s": float}
+    given = {name: getattr(location, name) for name in kinds}
+    return replace(location, **{name: kinds[name](value) for name, value in given.items() if value is not None})
+
+
+@contextmanager
+def _bounded() -> Iterator[None]:
+    """Raise `_TooLong` within the block when it has computed for too long; in a main thread, where that can be."""
+
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise _TooLong(f"it took more than {_MOST_CPU_S:g} s of CPU time")
+
+    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+        yield
+        return
+    before = signal.signal(signal.SIGVTALRM, stop)
+    # Again: the first may come within an `except` for all that there is.
+    signal.setitimer(signal.ITIMER_VIRTUAL, _MOST_CPU_S, _AGAIN_S)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
+        signal.signal(signal.SIGVTALRM, before)

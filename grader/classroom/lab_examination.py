@@ -1,0 +1,215 @@
+"""All that can be known of a lab before it is run, and what the recording of its solution tells of its checks."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import io
+import sys
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass, replace
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from grader.bounded import Bound, in_process
+from grader.checks.own import built, load_own
+from grader.classroom.expectations import EXPECTED_FILE, load_fixture
+from grader.errors import RecordingError, RubricError
+from grader.evidence.oracle import describe_failure, load_file, load_oracle
+from grader.evidence.recorded import Recorded
+from grader.judging.judge import Recordings, judge, open_recordings
+from grader.judging.judgement import JUDGING_BOUND, judge_recordings
+from grader.lab.kept_lab import functions_of
+from grader.lab.lab_code import OwnParameters
+from grader.lab.overrides import Overrides
+from grader.lab.rubric import Rubric
+from grader.lab.yaml_with_lines import Loc, parse_yaml
+from grader.recording.bag import Bag
+from grader.recording.session import SessionRecord
+from grader.report.views import points
+from grader.result import CheckResult, Outcome, Result
+from grader.result_folder import RECORDINGS, RUBRIC_COPY
+
+#: What importing the files of a lab may take.
+_IMPORT_BOUND = Bound("importing the lab's files", cpu_s=30.0, wall_s=60.0, memory_bytes=2 * 1024**3)
+_REMEDY = "`grade checks`, `grade steps` and `grade figures` list what can be used."
+
+
+@dataclass(frozen=True)
+class Remark:
+    """What was found: "✓" in order, "!" a warning."""
+
+    sign: str
+    text: str
+
+
+def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
+    """Examine a lab whose rubric loads; raises RubricError with all mistakes in its files, each with its line.
+
+    `tried` are results of its solution, if there are any.
+    """
+    _, mistakes = parse_yaml(rubric_file, rubric.text, "the lab")
+    for loc, words in (*_solution_mistakes(rubric), *in_process(partial(_code_mistakes, rubric), _IMPORT_BOUND)):
+        mistakes.add(loc, words)
+    listed = [words for _, words in sorted(mistakes.found)] + list(_fixture_mistakes(rubric))
+    if listed:
+        problem = f"the lab has {len(listed)} mistake{'s' * (len(listed) != 1)}"
+        raise RubricError(problem, listed, location=str(rubric.folder), remedy=_REMEDY)
+    count = f"Points: {points(rubric.lab.points)}, checks: {len(list(rubric.checks()))}."
+    yield Remark("✓", f"The rubric and all that it names are in order. {count}")
+    if rubric.reference and find_spec("rclpy") is None:
+        yield Remark("!", "ROS is not installed here: the reference nodes were not imported.")
+    if rubric.lab.solution is None:
+        yield Remark(
+            "!", "The rubric names no solution (lab.solution), which would show that all points can be earned."
+        )
+    yield from _by_recording(rubric, tried)
+
+
+# -- files -----------------------------------------------------------------------------------------
+
+
+def _solution_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+    folder = rubric.folder / (rubric.lab.solution or "")
+    if not folder.is_dir():
+        yield ("lab", "solution"), f"there is no folder {rubric.lab.solution!r} beside the rubric"
+    for name, artifact in rubric.artifacts.items() if rubric.lab.solution and folder.is_dir() else ():
+        if not any(folder.rglob(artifact.file)):
+            yield ("artifacts", name, "file"), f"there is no {artifact.file} in the solution"
+
+
+def _fixture_mistakes(rubric: Rubric) -> Iterator[str]:
+    for path in sorted((rubric.folder / "fixtures").glob(f"*/{EXPECTED_FILE}")):
+        try:
+            load_fixture(path.parent, rubric)
+        except RubricError as error:
+            yield from (f"{path.parent.relative_to(rubric.folder)}/{mistake}" for mistake in error.mistakes)
+
+
+def _code_mistakes(rubric: Rubric) -> list[tuple[Loc, str]]:
+    """Execute the lab's files and say what is wrong with them, in a process that ends with it."""
+    sys.argv = sys.argv[:1]  # A program without a guard finds no configuration and ends.
+    with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+        # The lab's own interfaces are built where its nodes run, and not here.
+        ours = {package.name for package in rubric.interface_packages}
+        found = [(words, loc) for loc, work, named in _works(rubric) if (words := _failure(loc, work, named, ours))]
+    # What is wrong with a file is said where it is named first.
+    return [(loc, words) for words, loc in dict(reversed(found)).items()]
+
+
+def _failure(loc: Loc, work: Callable[[], object], named: str, built_later: Collection[str]) -> str:
+    try:
+        work()
+    except SystemExit as end:  # A program may end; a file of checks would end the judging.
+        return describe_failure(end, named) if loc[0] == "criteria" else ""
+    except Exception as problem:
+        module = (getattr(problem, "name", None) or "") if isinstance(problem, ModuleNotFoundError) else ""
+        return "" if module.partition(".")[0] in built_later else describe_failure(problem, named)
+    return ""
+
+
+def _works(rubric: Rubric) -> Iterator[tuple[Loc, Callable[[], object], str]]:
+    """Give what is to be tried of each file: where the rubric names it, the work, and the file."""
+    folder = rubric.folder
+    for name, spec in rubric.reference.items() if find_spec("rclpy") is not None else ():
+        yield ("reference", name, "file"), partial(load_file, folder, spec.file), spec.file
+    for session in rubric.sessions.values():
+        for n, step in enumerate(session.steps):
+            reference = rubric.reference.get(step.parameters.get("reference") or "")
+            if reference is not None and reference.settings is not None:
+                loc = ("sessions", session.id, "steps", n, step.kind)
+                yield loc, partial(_settle, folder, reference.settings, step.parameters["with"]), reference.settings
+    for n, criterion in enumerate(rubric.criteria):
+        for kind, parts in (("checks", criterion.checks), ("figures", criterion.figures)):
+            for m, part in enumerate(parts):
+                for function in functions_of(part):
+                    yield ("criteria", n, kind, m, "with"), partial(_call, folder, function, part), function
+
+
+def _settle(folder: Path, settings: str, values: dict[str, Any]) -> None:
+    load_oracle(folder, settings)(**values)
+
+
+def _call(folder: Path, function: str, part: Any) -> None:
+    """Load a function and see whether it can be called as it will be; an oracle is, with streams, parameters, seed.
+
+    What else a check of the lab's own names is for itself to call.
+    """
+    if not isinstance(part.parameters, OwnParameters):
+        inspect.signature(load_oracle(folder, function)).bind({}, {}, 0)
+    elif function == part.check:
+        built(load_own(folder, function), part.parameters)
+
+
+# -- the solution's recording ----------------------------------------------------------------------
+
+
+def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
+    """Say which checks its solution does not pass, and which also pass where nothing happens."""
+    recordings = tried / RECORDINGS
+    try:
+        recorded = _experiments((recordings / RUBRIC_COPY).read_text(encoding="utf-8"))
+    except OSError:
+        yield Remark("!", "The solution has not been recorded yet: `grade lab try` does it, and more can be told then.")
+        return
+    if recorded != _experiments(rubric.text):
+        yield Remark(
+            "!", "The sessions have changed since the solution was recorded; `grade lab try` records it again."
+        )
+        return
+    try:
+        result = in_process(partial(_judged, recordings, rubric), JUDGING_BOUND)
+        idle = in_process(partial(_judged_idle, recordings, rubric), JUDGING_BOUND)
+    except RecordingError as error:
+        yield Remark("!", f"The solution's recording cannot be judged: {error.problem} {error.remedy}")
+        return
+    lost = [check for check in result.checks if check.outcome is not Outcome.PASSED]
+    yield from (Remark("!", f"{check.id} does not pass on the solution's recording: {_said(check)}") for check in lost)
+    free = [check for check in idle if check.earned]
+    for check in free:
+        words = f"{check.id} earns {points(check.earned)} points also where nothing happens"
+        yield Remark("!", f"{words}: let it require a check that fails then, or ask for more.")
+    broken = [check for check in idle if check.outcome is Outcome.ERROR]
+    for check in broken:
+        yield Remark(
+            "!", f"{check.id} fails with an error where nothing happens, so that it costs nobody: {check.reason}"
+        )
+    if not (lost or free or broken):
+        yield Remark("✓", "On the solution's recording every check passes, and where nothing happens none does.")
+
+
+def _experiments(rubric: str) -> list[Any]:
+    plain = yaml.load(rubric, yaml.CSafeLoader)
+    return [plain.get(key) for key in ("artifacts", "reference", "sessions")]
+
+
+def _said(check: CheckResult) -> str:
+    return check.reason or f"{check.outcome.value.replace('_', ' ')}; expected {check.expected}, found {check.measured}"
+
+
+def _judged(recordings: Path, rubric: Rubric) -> Result:
+    return judge_recordings(recordings, rubric, Overrides()).by_rubric
+
+
+def _judged_idle(recordings: Path, rubric: Rubric) -> list[CheckResult]:
+    """Judge what would be, had the programs started, done nothing, and been ended; and had no files been handed in."""
+    found = open_recordings(recordings, rubric)
+    sessions = {name: Recorded(_idle(recorded.record), Bag.empty()) for name, recorded in found.sessions.items()}
+    nobody = replace(found.submission, files=[], texts={}, packages=[], artifacts=[])
+    idle, empty = judge(replace(found, sessions=sessions), rubric), judge(Recordings(nobody, {}), rubric)
+    return [
+        check for result in (idle, empty) for check in result.checks if (check.session is None) == (result is empty)
+    ]
+
+
+def _idle(record: SessionRecord) -> SessionRecord:
+    silent = [replace(process, output=[]) for process in record.processes]
+    empty = [replace(graph, nodes=[], endpoints=[], services=[]) for graph in record.graph]
+    steps = [s if s.kind == "observe" else replace(s, outcome="timeout", result={}) for s in record.steps]
+    return replace(
+        record, processes=silent, graph=empty, steps=steps, names={}, claims=[], plan=None, published=[], unrecorded=[]
+    )

@@ -1,0 +1,44 @@
+"""Messages as JSON has them, cut to what is of use: a student's may be as large as its sender likes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import islice
+from typing import Any
+
+#: What is passed on of a text, and of the elements of an array.
+LONGEST_TEXT, MOST_ELEMENTS = 10_000, 1000
+#: Characters and values that are passed on of a whole message.
+MOST_IN_MESSAGE = 100_000
+
+
+class Room:
+    """How many characters and values may still be passed on."""
+
+    def __init__(self, left: int = MOST_IN_MESSAGE) -> None:
+        self.left = left
+
+
+def plain(value: Any, room: Room | None = None) -> Any:
+    """Return a message, or a part of one, as JSON has it; None in place of what there is no room for."""
+    room = room or Room()
+    if room.left <= 0:
+        return None
+    room.left -= 1
+    if value is None or isinstance(value, (bool, int, float)):
+        return value
+    if isinstance(value, Mapping):
+        return {str(name): plain(inner, room) for name, inner in value.items()}
+    if hasattr(value, "get_fields_and_field_types"):
+        return {name: plain(getattr(value, name), room) for name in value.get_fields_and_field_types()}
+    if not isinstance(value, str) and hasattr(value, "__iter__"):
+        return _elements(value, room)
+    text = str(value)[: min(LONGEST_TEXT, room.left)]
+    room.left -= len(text)
+    return text
+
+
+def _elements(value: Any, room: Room) -> list[Any]:
+    # Those of an array have types of their own, which JSON does not know.
+    some = value[:MOST_ELEMENTS].tolist() if hasattr(value, "tolist") else islice(value, MOST_ELEMENTS)
+    return [plain(element, room) for element in some if room.left > 0]

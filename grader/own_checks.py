@@ -1,0 +1,86 @@
+"""What a lab's own checks are made of: import it in a file beside the rubric.
+
+A check is a pure function of a recording. The rubric names it by its file, `check: checks/mine.py:keeps_away`, and its
+parameters stand behind `with`, as those of the built-in checks do:
+
+    from dataclasses import dataclass
+
+    from grader.own_checks import Context, Finding, Topic, Window, failed, graded
+
+
+    @dataclass
+    class Parameters:
+        topic: Topic
+        window: Window
+        least_m: float = 0.3
+
+
+    def keeps_away(context: Context, p: Parameters) -> Finding:
+        rows = context.messages(p.topic, p.window).numbers("ranges")
+        nearest = [min(row) for row in rows if row is not None and len(row)]
+        expected = f"never nearer than {p.least_m:g} m"
+        if not nearest:
+            return failed(expected, "no ranges", "No message with ranges was published.")
+        share = sum(distance >= p.least_m for distance in nearest) / len(nearest)
+        return graded(share, expected, f"{min(nearest):.2f} m", "The robot came too near.", levels=10)
+
+- The second argument names a dataclass (or a pydantic model) of the same file. A field without a value is required.
+  What is annotated as `Topic`, `Window`, `Process`, `FieldPath`, ... is looked up when the rubric loads, so that a
+  typing mistake is reported with its line. Without parameters the function takes the context alone.
+- A check of files alone, without a session, takes `submission: Submission` in place of the context.
+- It returns what `passed`, `failed`, `graded` or `inconclusive` give: what was expected, what was measured, and why
+  points are lost. `inconclusive` is for what the grading computer may have caused (`Context.delay_s`); it costs none.
+- An exception, or more than 10 s of computing, makes it an error that names file and line; that costs nothing either.
+- Messages and output are what students' programs make of them: expect any, also of another type. An error that a
+  message brings about costs its author nothing.
+- A file imports installed packages, not its neighbours: it alone is kept with each recording.
+- A parameter called `artifact` names a file; where that was not handed in, the check fails without being called.
+
+Within a version of `API_VERSION` nothing that stands here is removed or changes its meaning. A file that says
+`API_VERSION = 1` is refused by a grader of another version.
+"""
+
+# Each name is given on under its own; ruff would take an import for each.
+# ruff: noqa: I001
+from grader.checks.base import (
+    failed as failed,
+    graded as graded,
+    inconclusive as inconclusive,
+    passed as passed,
+    unexplained as unexplained,
+)
+from grader.checks.own import (
+    Context as Context,
+    Line as Line,
+    Messages as Messages,
+    Run as Run,
+    Step as Step,
+    Submission as Submission,
+)
+from grader.lab.lab_code import API_VERSION as API_VERSION
+from grader.lab.references import (
+    AnyStep as AnyStep,
+    Artifact as Artifact,
+    CallLabel as CallLabel,
+    EarlierCheckId as EarlierCheckId,
+    ExitLabel as ExitLabel,
+    FieldPath as FieldPath,
+    GetLabel as GetLabel,
+    GivenName as GivenName,
+    MessageType as MessageType,
+    Pattern as Pattern,
+    Patterns as Patterns,
+    PlanLabel as PlanLabel,
+    Process as Process,
+    ReferenceNode as ReferenceNode,
+    RosName as RosName,
+    ServiceType as ServiceType,
+    SessionId as SessionId,
+    SetLabel as SetLabel,
+    Share as Share,
+    StampField as StampField,
+    TextField as TextField,
+    Topic as Topic,
+    Window as Window,
+)
+from grader.result import Finding as Finding, Location as Location

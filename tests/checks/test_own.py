@@ -1,0 +1,323 @@
+"""Checks of a lab's own: what they are given, what their mistakes cost (nothing), and that recordings carry them."""
+
+from __future__ import annotations
+
+import json
+import pickle
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grader import own_checks
+from grader.checks import own
+from grader.cli import main
+from grader.errors import RubricError
+from grader.judging.judge import Recordings, judge
+from grader.judging.rubrics import read_rubric, recorded_rubric, rubric_files
+from grader.lab import references
+from grader.lab.kept_lab import KEPT, named_files
+from grader.lab.lab_code import LAB_TYPES
+from grader.recording.submission import write_submission
+from grader.result import CheckResult, Outcome, to_json
+from grader.result_folder import RECORDINGS
+from tests.synthetic import FLOATS, Session, evenly, submission
+
+TOPIC = "/commands"
+RUBRIC = """\
+lab: {id: own, title: Own, points: 3}
+artifacts:
+  it: {file: it.py}
+sessions:
+  experiment:
+    steps:
+      - start: {student: it}
+      - wait_for: {publisher: /commands, type: std_msgs/msg/Float64MultiArray}
+      - observe: {duration_s: 2, first_message_on: /commands}
+        label: window
+criteria:
+  - id: all
+    title: All
+    points: 3
+    checks:
+      - id: mine
+        points: 3
+        session: experiment
+        check: checks/mine.py:rises
+        with: {topic: /commands, window: window, least: 5}
+"""
+HEAD = """\
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from grader.own_checks import Context, FieldPath, Finding, Share, Topic, Window, failed, graded, passed
+
+
+@dataclass
+class Limits:
+    low: float = 0.0
+    high: float = 1.0
+
+
+@dataclass
+class Parameters:
+    topic: Topic
+    window: Window
+    path: FieldPath = "data[0]"
+    least: int = 3
+    most: Share = 1.0
+    limits: Limits = field(default_factory=Limits)
+
+
+"""
+RISES = """\
+def rises(context: Context, p: Parameters) -> Finding:
+    messages = context.messages(p.topic, p.window)
+    values = [row[0] for row in messages.numbers(p.path)]
+    rising = sum(b > a for a, b in zip(values, values[1:]))
+    expected, measured = f"at least {p.least} rising", f"{rising} rising of {len(values)}"
+    where = [context.location(p.topic, p.window)]
+    if rising >= p.least:
+        return passed(expected, measured, where=where)
+    return graded(rising / p.least, expected, measured, "They fall.", where=where)
+"""
+
+
+def lab(folder: Path, body: str = RISES, rubric: str = RUBRIC) -> Path:
+    """Write a lab with a check of its own; returns its rubric."""
+    (folder / "lab/checks").mkdir(parents=True)
+    (folder / "lab/checks/mine.py").write_text(HEAD + body, encoding="utf-8")
+    (folder / "lab/rubric.yaml").write_text(rubric, encoding="utf-8")
+    return folder / "lab/rubric.yaml"
+
+
+def session(folder: Path, rows: list[list[float]] | None = None) -> Session:
+    """Record ten messages, all of whose numbers rise, and a line of output."""
+    rows = [[float(n)] for n in range(10)] if rows is None else rows
+    made = Session(folder).endpoint("publisher", TOPIC).process("it", ["hello"])
+    return made.messages(TOPIC, rows, evenly(10, 0.9)[: len(rows)]).window(0.5, 5.0)
+
+
+def judged(rubric: Path, made: Session) -> CheckResult:
+    """Judge a recording by a rubric of one check."""
+    recorded = made.recorded()
+    (found,) = judge(Recordings(submission(), {"experiment": recorded}), read_rubric(rubric)).checks
+    return found
+
+
+@pytest.mark.parametrize(("rising", "outcome", "earned"), [(9, "passed", 3), (5, "passed", 3), (3, "partial", 1.8)])
+def test_it_judges_by_the_messages(tmp_path: Path, rising: int, outcome: str, earned: float) -> None:
+    """Right, at the limit, and below it; with its parameters as the rubric gives them, and its location."""
+    rows = [[float(min(n, rising))] for n in range(10)]
+    found = judged(lab(tmp_path), session(tmp_path, rows))
+    assert (found.outcome.value, float(found.earned)) == (outcome, earned), found.reason
+    assert found.measured == f"{rising} rising of 10"
+    assert str(found.where[0]) == "recording 'experiment', /commands, 0.5–5.0 s"
+
+
+def test_it_sees_what_the_documentation_promises(tmp_path: Path) -> None:
+    """Times in s since the session's start, processes with their output, steps, endpoints, the submission's files."""
+    body = """\
+def rises(context: Context) -> Finding:
+    run, window = context.process("it"), context.window("window")
+    seen = [
+        context.seed, context.duration_s, list(context.nodes), window, run.role, run.ended_by, round(run.exited_s, 1),
+        [(line.t_s, line.text) for line in run.lines], context.step("window").kind, context.step("none"),
+        [e.node for e in context.endpoints("/commands")], context.endpoints("/commands", "subscription"),
+        list(context.messages("/commands").sent_s[:2]), context.messages("/commands").type,
+        len(context.messages("/no")), len(context.messages("/commands", "none")), context.delay_s("it", "window"),
+        context.paths, context.text("it.py"), context.path_of("it"), context.path_of("that"), context.finding("mine"),
+    ]
+    return passed("", repr(seen))
+"""
+    text = RUBRIC.replace("        with: {topic: /commands, window: window, least: 5}\n", "")
+    made = session(tmp_path)
+    made.record.seed = 7
+    found = judged(lab(tmp_path, body, text), made)
+    assert eval(found.measured.replace("np.float64", "float")) == [
+        *(7, 30.0, ["/student"], (0.5, 5.0), "student", "interrupt", 20.1),
+        *([(2.0, "hello")], "observe", None, ["/student"], (), [1.0, 1.1], FLOATS, 0),
+        *(0, 0.0, ("it.py",), "", "it.py", None, None),
+    ]
+
+
+WRONG = [
+    ("raise KeyError('x')", "checks/mine.py, line 25: KeyError: 'x'"),
+    ("return 5", "TypeError: a Finding is expected"),
+    ("return passed('a', 'b', where=['here'])", "TypeError: a Finding is expected"),
+    ("return helper()", "checks/mine.py, line 28: ZeroDivisionError: division by zero"),
+    ("import nowhere", "checks/mine.py, line 25: ModuleNotFoundError: No module named 'nowhere'"),
+    ("raise SystemExit(1)", "checks/mine.py, line 25: SystemExit: 1"),
+    ("return Finding(passed('', '').outcome, passed('', '').credit * 5)", "its credit does not fit its outcome"),
+    ("return Finding(passed('', '').outcome, failed('', '', '').credit)", "its credit does not fit its outcome"),
+    ("return Finding(graded(0.5, '', '', '').outcome, 0.5)", "its credit does not fit its outcome"),
+]
+
+
+@pytest.mark.parametrize(("statement", "words"), WRONG, ids=[statement for statement, _ in WRONG])
+def test_what_goes_wrong_in_it_costs_nothing(tmp_path: Path, statement: str, words: str) -> None:
+    """The outcome is an error that names the lab's file and line; the session is not recorded again for it."""
+    body = (
+        f"def rises(context: Context, p: Parameters) -> Finding:\n    {statement}\n\ndef helper():\n    return 1 / 0\n"
+    )
+    found = judged(lab(tmp_path, body), session(tmp_path))
+    assert found.outcome is Outcome.ERROR
+    assert words in found.reason
+    assert (float(found.undecided), found.retry) == (3.0, False)
+
+
+@pytest.mark.parametrize("caught", ["except Exception", "except"])
+def test_without_an_end_it_is_ended(caught: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where it catches every exception, or all that there is once."""
+    monkeypatch.setattr(own, "_MOST_CPU_S", 0.1)
+    body = f"""\
+def rises(context: Context, p: Parameters) -> Finding:
+    try:
+        while True:
+            sum(range(1000))
+    {caught}:
+        pass
+    while True:
+        sum(range(1000))
+"""
+    found = judged(lab(tmp_path, body), session(tmp_path))
+    assert found.outcome is Outcome.ERROR
+    assert "it took more than 0.1 s of CPU time" in found.reason
+
+
+def test_another_version_is_refused(tmp_path: Path) -> None:
+    """A file says for which version it is written; without, it is taken for this one."""
+    found = judged(lab(tmp_path, RISES + "\nAPI_VERSION = 2\n"), session(tmp_path))
+    assert found.outcome is Outcome.ERROR
+    assert "written for version 2 of grader.own_checks, and this is version 1" in found.reason
+    assert judged(lab(tmp_path / "b", RISES + "\nAPI_VERSION = 1\n"), session(tmp_path / "b")).outcome is Outcome.PASSED
+
+
+def test_a_clock_that_was_set_leaves_it_open(tmp_path: Path) -> None:
+    """Its author need not think of it."""
+    made = session(tmp_path, [[0.0]] * 10).clock({0.5: 0.0, 1.0: 0.0, 1.5: 3.0, 2.0: 3.0})
+    found = judged(lab(tmp_path), made)
+    assert (found.outcome, "clock jumped" in found.reason) == (Outcome.INCONCLUSIVE, True)
+
+
+def test_a_check_of_files_needs_no_session(tmp_path: Path) -> None:
+    """It takes the submission; one that takes the context must name its session."""
+    body = """\
+from grader.own_checks import Submission
+
+def rises(submission: Submission) -> Finding:
+    return passed("a file", submission.paths[0])
+"""
+    text = RUBRIC.replace("        session: experiment\n        check", "        check")
+    text = text.replace("        with: {topic: /commands, window: window, least: 5}\n", "")
+    assert judged(lab(tmp_path / "a", body, text), session(tmp_path)).measured == "it.py"
+    with pytest.raises(RubricError) as caught:
+        read_rubric(lab(tmp_path / "b", body.replace("submission: Submission", "submission: Context"), text))
+    assert "say which by the key session" in caught.value.mistakes[0]
+
+
+#: What is mistyped, what it becomes, and what the message says; the mistake lies on the line of the new text.
+MISTYPED = [
+    (
+        "checks/mine.py:rises",
+        "checks/mine.py:rise",
+        "no function or class 'rise' in checks/mine.py; did you mean 'rises'?",
+    ),
+    ("checks/mine.py:rises", "checks/mint.py:rises", "no Python file 'checks/mint.py' beside the rubric; did you mean"),
+    ("checks/mine.py:rises", "checks/mine.py", "no function or class '' in checks/mine.py"),
+    ("checks/mine.py:rises", "../lab/checks/mine.py:rises", "did you mean 'checks/mine.py'"),
+    ("checks/mine.py:rises", "checks/mine.py:Limits", "Limits is a class; a check is a function"),
+    ("checks/mine.py:rises", "checks/mine.py:no_arguments", "no_arguments must take (context: Context)"),
+    ("checks/mine.py:rises", "checks/mine.py:untyped", "the second argument of untyped must name the dataclass"),
+    ("topic: /commands, window", "topic: /comands, window", "did you mean '/commands'?"),
+    ("topic: /commands, window", "topc: /commands, window", "unknown key; did you mean 'topic'?"),
+    ("{topic: /commands, window: window, ", "{topic: /commands, ", "window: this key is missing"),
+    ("window: window, least", "window: widow, least", "no step labelled 'widow' in session 'experiment'"),
+    ("least: 5", "least: five", "a whole number is expected"),
+    ("least: 5", "most: 5", "a share from 0 to 1 is expected"),
+    ("least: 5", "path: dta", "has no field 'dta'; did you mean 'data'?"),
+    ("least: 5", "limits: {lo: 1}", "unknown key; did you mean 'low'?"),
+    ("least: 5", "limits: {low: much}", "a number is expected"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "words"), MISTYPED, ids=[f"{new} {words:.20}" for _, new, words in MISTYPED])
+def test_what_is_mistyped_is_reported_without_running_it(tmp_path: Path, old: str, new: str, words: str) -> None:
+    """Its name, its parameters' names and values, and what they refer to: by the annotations of its file alone."""
+    mark = tmp_path / "executed"
+    more = f"\nimport pathlib\npathlib.Path({str(mark)!r}).touch()\ndef no_arguments():\n    pass\n"
+    more += "\ndef untyped(context: Context, p: dict) -> Finding:\n    pass\n"
+    text = RUBRIC.replace(old, new, 1)
+    with pytest.raises(RubricError) as caught:
+        read_rubric(lab(tmp_path, RISES + more, text))
+    line = text[: text.index(new)].count("\n") + 1
+    assert any(m.startswith(f"rubric.yaml:{line}: ") and words in m for m in caught.value.mistakes), (
+        caught.value.mistakes
+    )
+    assert not mark.exists()
+
+
+def test_values_that_only_its_class_refuses_are_an_error(tmp_path: Path) -> None:
+    """What annotations do not say is found when it is executed, as `grade lab check` does before any run."""
+    body = RISES.replace(
+        "def rises",
+        "def __post_init__(p):\n    raise ValueError('odd')\nParameters.__post_init__ = __post_init__\ndef rises",
+    )
+    found = judged(lab(tmp_path, body), session(tmp_path))
+    assert (found.outcome, "odd" in found.reason) == (Outcome.ERROR, True)
+
+
+def test_types_of_its_parameters_are_given_under_their_names() -> None:
+    """But for that of a file beside the rubric: which is not kept with recordings, so that they could not be judged."""
+    named = {name for name in vars(references) if hasattr(own_checks, name) and not name.startswith("_")}
+    assert named == set(LAB_TYPES)
+    assert "FileBeside" not in LAB_TYPES
+
+
+def result(results: Path) -> Any:
+    """Read a result."""
+    return json.loads((results / "result.json").read_text(encoding="utf-8"))
+
+
+def test_its_recording_is_judged_again_without_the_lab(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The file is kept beside the copy of the rubric; rubrics with such checks can be sent to other processes."""
+    rubric = read_rubric(lab(tmp_path))
+    assert named_files(rubric) == ["checks/mine.py"]
+    assert pickle.loads(pickle.dumps(rubric)) == rubric
+    recordings = tmp_path / "results/ann" / RECORDINGS
+    session(recordings).recorded()
+    write_submission(recordings, submission())
+    for path, text in rubric_files(recordings, rubric).items():
+        path.write_text(text or "", encoding="utf-8")
+    shutil.rmtree(rubric.folder)
+    assert (recordings / KEPT / "checks/mine.py").is_file()
+    assert main(["regrade", str(recordings.parent)]) == 0
+    assert result(recordings.parent)["score"]["earned"] == 3
+    assert recorded_rubric(recordings / "rubric.yaml").lab.id == "own"
+    capsys.readouterr()
+
+
+def test_what_it_says_is_of_a_length_that_can_be_shown(tmp_path: Path) -> None:
+    """It may quote what a student's program wrote."""
+    body = 'def rises(context: Context) -> Finding:\n    return failed("x" * 10**6, "y" * 10**6, "z" * 10**6)\n'
+    text = RUBRIC.replace("        with: {topic: /commands, window: window, least: 5}\n", "")
+    found = judged(lab(tmp_path, body, text), session(tmp_path))
+    assert max(map(len, (found.expected, found.measured, found.reason))) == 1000
+
+
+def test_numbers_of_numpy_can_be_written(tmp_path: Path) -> None:
+    """Where a location is made by hand, of the numbers that messages give."""
+    body = """\
+import numpy as np
+from grader.own_checks import Location
+
+def rises(context: Context) -> Finding:
+    return passed("", "", where=[Location(file="it.py", line=np.int64(2)), Location(start_s=np.float32(0.5), end_s=1)])
+"""
+    text = RUBRIC.replace("        with: {topic: /commands, window: window, least: 5}\n", "")
+    rubric, recorded = read_rubric(lab(tmp_path, body, text)), session(tmp_path).recorded()
+    plain = json.loads(to_json(judge(Recordings(submission(), {"experiment": recorded}), rubric)))
+    where = plain["criteria"][0]["checks"][0]["where"]
+    assert (where[0]["line"], where[1]["start_s"]) == (2, 0.5)

@@ -1,0 +1,103 @@
+"""Silence until something happens, and after it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grader.result import Outcome
+from tests.synthetic import Session, at, judged
+
+FLOAT = "std_msgs/msg/Float64"
+
+
+def spoken(folder: Path, *times_s: float) -> Session:
+    """Make a session in which a node publishes at some times; a step was from 1 to 2 s, a goal came at 3 s."""
+    session = Session(folder).process().step("publish", "go")
+    session.typed("/goal", FLOAT, [{"data": n} for n in range(5)], [3.0 + n for n in range(5)])
+    return session.typed("/out", FLOAT, [{}] * len(times_s), times_s) if times_s else session
+
+
+UNTIL: dict[str, dict[str, Any]] = {
+    "step": {"topic": "/out", "step": "go"},
+    "message": {"topic": "/out", "message_on": "/goal"},
+    "condition": {"topic": "/out", "condition": {"topic": "/goal", "field": "data", "low": 2.0}},
+}
+BEGINS = {"step": 1.0, "message": 3.0, "condition": 5.0}
+
+
+@pytest.mark.parametrize("kind", UNTIL)
+def test_who_waits_passes_and_who_does_not_is_shown(tmp_path: Path, kind: str) -> None:
+    """A message stamped a little before counts as after it."""
+    begins = BEGINS[kind]
+    for name, first, outcome in (("right", begins + 0.1, Outcome.PASSED), ("edge", begins - 0.049, Outcome.PASSED)):
+        assert judged("silent_until", UNTIL[kind], spoken(tmp_path / name, first)).outcome is outcome
+    finding = judged("silent_until", UNTIL[kind], spoken(tmp_path / "wrong", begins - 0.06, begins + 0.1))
+    assert finding.outcome is Outcome.FAILED
+    assert finding.measured == "1 messages too early"
+    assert f"It publishes from {begins - 0.06:.2f} s on" in finding.reason
+
+
+def test_silence_for_ever_proves_nothing_unless_it_may(tmp_path: Path) -> None:
+    """It has to begin, soon enough."""
+    assert judged("silent_until", UNTIL["step"], spoken(tmp_path / "never")).outcome is Outcome.FAILED
+    assert judged("silent_until", UNTIL["step"], spoken(tmp_path / "late", 9.0)).outcome is Outcome.FAILED
+    may = {**UNTIL["step"], "begins_within_s": None}
+    assert judged("silent_until", may, spoken(tmp_path / "may")).outcome is Outcome.PASSED
+
+
+def test_the_machine_may_have_kept_it_silent(tmp_path: Path) -> None:
+    """Half a second too late, with a delay of one."""
+    session = spoken(tmp_path, 6.5).disturbed("it", (3.0, 1.0))
+    assert judged("silent_until", UNTIL["step"], session).outcome is Outcome.INCONCLUSIVE
+
+
+def test_what_never_came_can_prove_nothing(tmp_path: Path) -> None:
+    """But who published all the same did not wait for it."""
+    parameters = {"topic": "/out", "message_on": "/start"}
+    assert judged("silent_until", parameters, spoken(tmp_path / "silent")).outcome is Outcome.NOT_REACHED
+    assert judged("silent_until", parameters, spoken(tmp_path / "loud", 4.0)).outcome is Outcome.FAILED
+
+
+STOPS: dict[str, Any] = {"topic": "/out", "step": "go", "within_s": 0.5, "none_from_s": 1.5}
+
+
+@pytest.mark.parametrize(
+    ("times", "credit"),
+    [((1.5,), "1"), ((1.5, 2.49), "1"), ((1.5, 3.0), "0.5"), ((1.5, 2.6, 3.6), "0"), ((1.5, 20.0), "0")],
+)
+def test_the_last_message_after_the_step_counts(tmp_path: Path, times: Sequence[float], credit: str) -> None:
+    """The step ends at 2 s; half a second is allowed, and after one and a half there is no credit."""
+    assert judged("stops_publishing", STOPS, spoken(tmp_path, *times)).credit == Decimal(credit)
+
+
+def test_who_never_published_has_nothing_to_stop(tmp_path: Path) -> None:
+    """That is charged elsewhere."""
+    assert judged("stops_publishing", STOPS, spoken(tmp_path / "a", 2.2)).outcome is Outcome.NOT_REACHED
+    unknown = {**STOPS, "step": "stop"}
+    assert judged("stops_publishing", unknown, spoken(tmp_path / "b", 1.5)).outcome is Outcome.NOT_REACHED
+
+
+def test_it_counts_until_a_step(tmp_path: Path) -> None:
+    """What it may publish after another step is its own affair."""
+    session = spoken(tmp_path, 1.5, 20.0).step("publish", "again")
+    session.record.steps[-1].started_ns += 10_000_000_000
+    assert judged("stops_publishing", {**STOPS, "until": "again"}, session).outcome is Outcome.PASSED
+
+
+def test_a_message_that_the_machine_made_late_is_in_doubt(tmp_path: Path) -> None:
+    """0.3 s late, with a delay of as much."""
+    session = spoken(tmp_path, 1.5, 2.8).disturbed("it", (2.2, 0.4))
+    assert judged("stops_publishing", STOPS, session).outcome is Outcome.INCONCLUSIVE
+
+
+@pytest.mark.parametrize(("ended_s", "outcome"), [(8.0, Outcome.INCONCLUSIVE), (20.0, Outcome.FAILED)])
+def test_what_may_come_after_the_end_is_in_doubt(tmp_path: Path, ended_s: float, outcome: Outcome) -> None:
+    """A node that was delayed for four seconds need not have begun a moment after its five."""
+    session = Session(tmp_path).process().step("publish", "go").disturbed("it", (1.5, 4.0))
+    session.record.ended_ns = at(ended_s)
+    assert judged("silent_until", {"topic": "/out", "step": "go"}, session).outcome is outcome

@@ -1,0 +1,93 @@
+"""`grade checks`, `grade steps`, `grade figures`: every parameter, and examples that can be used as they are."""
+
+from __future__ import annotations
+
+import importlib
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from grader.checks.registry import REGISTRY
+from grader.cli import main
+from grader.commands.listing import Entry
+from grader.judging.rubrics import rubric_kinds
+from grader.lab.rubric import load_rubric
+from grader.lab.steps import STEPS
+from grader.report.figures import FIGURES
+
+KNOWN: dict[str, Any] = {"checks": REGISTRY, "steps": STEPS, "figures": FIGURES}
+
+
+def entries(command: str) -> list[Entry]:
+    """Give what a command lists."""
+    found: list[Entry] = importlib.import_module(f"grader.commands.{command}").entries()
+    return found
+
+
+CASES = [(command, entry) for command in KNOWN for entry in entries(command)]
+
+
+@pytest.mark.parametrize("command", KNOWN)
+def test_everything_is_listed_with_all_its_parameters(command: str) -> None:
+    """Also those within others, by the names that a rubric gives them; each says what it is."""
+    found = {entry.name: entry for entry in entries(command)}
+    assert found.keys() == KNOWN[command].keys()
+    for name, entry in found.items():
+        model = KNOWN[command][name] if command != "checks" else REGISTRY[name].parameters
+        assert [p.name for p in entry.parameters] == [f.alias or key for key, f in model.model_fields.items()]
+        assert entry.description
+
+
+@pytest.mark.parametrize(("command", "entry"), CASES, ids=[f"{command} {entry.name}" for command, entry in CASES])
+def test_each_example_can_be_used_as_it_is(command: str, entry: Entry) -> None:
+    """It is a list of YAML with one element, whose values are of their types."""
+    (plain,) = yaml.safe_load(entry.example)
+    if command == "steps":
+        assert list(plain) == [entry.name]
+        STEPS[entry.name].model_validate(plain[entry.name])
+        return
+    kind = plain["check" if command == "checks" else "kind"]
+    models = rubric_kinds().checks if command == "checks" else rubric_kinds().figures
+    assert kind == entry.name
+    models[kind].model_validate(plain["with"])
+
+
+def test_the_example_of_a_rate_fits_the_new_lab(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What is said of the same names in the examples and in the lab that `grade lab new` makes is the same."""
+    assert main(["lab", "new", str(tmp_path / "lab")]) == 0
+    (example,) = (entry.example for entry in entries("checks") if entry.name == "topic_rate")
+    rubric = tmp_path / "lab/rubric.yaml"
+    text = rubric.read_text(encoding="utf-8").replace("points: 10\n", "points: 15\n")
+    indented = "".join(f"      {line}\n" for line in example.splitlines())
+    rubric.write_text(text + indented, encoding="utf-8")
+    assert len(list(load_rubric(rubric, rubric_kinds()).checks())) == 3
+    capsys.readouterr()
+
+
+def test_programs_get_json(capsys: pytest.CaptureFixture[str]) -> None:
+    """All that is printed, with types in words, defaults, what is nested, and the example."""
+    assert main(["checks", "--json", "sinusoids"]) == 0
+    (found,) = json.loads(capsys.readouterr().out)
+    components = next(p for p in found["parameters"] if p["name"] == "components")
+    assert (components["type"], components["required"]) == ("list (mapping each)", True)
+    assert {
+        key: next(p for p in components["parameters"] if p["name"] == "amplitude")[key]
+        for key in ("name", "type", "required")
+    } == {"name": "amplitude", "type": "number", "required": True}
+    assert yaml.safe_load(found["example"])[0]["check"] == "sinusoids"
+
+
+def test_people_get_text(capsys: pytest.CaptureFixture[str]) -> None:
+    """All with a word on each; one by its name with an example; a misspelt name with what may be meant."""
+    assert main(["steps"]) == 0
+    output = capsys.readouterr().out
+    assert "observe: Let the system run for a time" in output
+    assert "duration_s: number, required." in output
+    assert main(["figures", "rate"]) == 0
+    assert "kind: rate" in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["checks", "topic_rat"])
+    assert "did you mean 'topic_rate'?" in capsys.readouterr().err

@@ -1,0 +1,183 @@
+"""Signal temporal logic: what the operators mean, what is refused, and how large a property may be."""
+
+from __future__ import annotations
+
+import ast
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from grader.evidence.recorded import Floats
+from grader.evidence.temporal_logic import Property, TooShortError
+
+SIGNALS = ("x", "y")
+
+
+def value(text: str, x: Any, y: Any = (), step_s: float = 1.0) -> float:
+    """Give the robustness of a property."""
+    signals = {"x": np.array(x, dtype=float), "y": np.array(y if len(y) else x, dtype=float)}
+    return Property.parse(text, SIGNALS).robustness(signals, step_s).value
+
+
+@pytest.mark.parametrize(
+    ("text", "robustness"),
+    [
+        ("x < 3", 2),
+        ("x >= 3", -2),
+        ("0 <= x <= 3", 1),
+        ("not x > 3", 2),
+        ("x > 0 and x < 3", 1),
+        ("x > 4 or x < 3", 2),
+        ("implies(x > 0, x < 3)", 2),
+        ("always(x < 5)", 1),
+        ("eventually(x > 3)", 1),
+        ("always[0, 2](x < 5)", 2),
+        ("eventually[1, 1](x > 0)", 2),
+        ("until(x < 4, x > 3)", 1),
+        ("until[1, 2](x < 4, x > 2.5)", 0.5),
+        ("abs(x - 2) <= max(1, 0.5) * 2", 1),
+        ("min(x, 3) > -1 / 2", 1.5),
+    ],
+)
+def test_each_operator_means_what_is_written(text: str, robustness: float) -> None:
+    """Over 1, 2, 3, 4, from the first step on."""
+    assert value(text, [1, 2, 3, 4]) == pytest.approx(robustness)
+
+
+def test_equal_numbers_are_told_apart_by_the_comparison() -> None:
+    """1 >= 1 holds and 1 > 1 does not, so that a condition on a switch is one."""
+    assert value("x >= 1", [1]) > 0
+    assert value("x > 1", [1]) < 0
+    assert value("always(implies(x >= 1, y > 5))", [0, 1], [0, 0]) < -1e-13
+
+
+def test_the_moment_that_decides_is_found() -> None:
+    """Of an `always` that is the worst step, through whatever is around it."""
+    x = np.array([0.0, 0.3, 0.9, 0.2])
+    found = Property.parse("always(x < 0.5) and eventually(x > 0.1)", ["x"]).robustness({"x": x}, 0.1)
+    assert found.worst == 2
+    assert found.value == pytest.approx(-0.4)
+
+
+def test_a_condition_that_never_held_is_named() -> None:
+    """Then the implication says nothing."""
+    signals = {"x": np.array([0.0, 1.0]), "y": np.array([9.0, 9.0])}
+    read = Property.parse("always(implies(x > 2, y < 1)) and always(implies(x > 0.5, y > 1))", SIGNALS)
+    assert read.robustness(signals, 1.0).never == ("x > 2",)
+
+
+def test_what_lies_beyond_the_end_is_not_asked() -> None:
+    """A condition in the last two seconds has no answer yet, and is not held against anybody."""
+    text = "always(implies(x > 0.5, eventually[0, 2](y > 0.5)))"
+    assert value(text, [0, 0, 0, 0, 1], [0, 0, 0, 0, 0]) > 0
+    assert value(text, [0, 0, 1, 0, 0], [0, 0, 0, 0, 0]) < 0
+    with pytest.raises(TooShortError):
+        value("always[0, 9](x > 0)", [1, 1])
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("always(z < 1)", "there is no signal 'z'"),
+        ("alwys(x < 1)", "did you mean 'always'?"),
+        ("always(x)", "neither true nor false"),
+        ("x == 1", "write abs(a - b)"),
+        ("always(x < 1", "not a property at character 7"),
+        ("always[2, 1](x < 1)", "bounds begin at 0 or later"),
+        ("always[0](x < 1)", "bounds are two numbers"),
+        ("abs[0, 1](x) < 1", "abs has no bounds"),
+        ("until(x < 1)", "until takes 2 arguments (at character 1"),
+        ("x < 'a'", "a number is expected (at character 5"),
+        ("x < True", "a number is expected"),
+        ("(lambda: x < 1)()", "this cannot be called"),
+        ("x < x.real", "a number is expected"),
+        ("__import__('os') < 1", "there is no function of numbers"),
+        ("(" * 300 + "x < 1" + ")" * 300, "not a property"),
+        ("-" * 1990 + "x < 1", "not a property"),
+        ("x < 1 and " * 300 + "x < 1", "at most 2000 characters"),
+    ],
+)
+def test_what_is_no_property_is_refused_with_its_place(text: str, words: str) -> None:
+    """Before anything runs."""
+    with pytest.raises(ValueError) as caught:
+        Property.parse(text, SIGNALS)
+    assert words in str(caught.value)
+
+
+# -- against the definition ------------------------------------------------------------------------
+
+_ATOMS = st.sampled_from(["x <= {}", "y > {}", "x + y < {}", "abs(x) >= {}"])
+_LEAVES = st.builds(str.format, _ATOMS, st.floats(-1, 1).map(lambda v: round(v, 1)))
+_BOUNDS = st.tuples(st.integers(0, 2), st.integers(0, 2)).map(lambda b: f"[{b[0]}, {b[0] + b[1]}]")
+
+
+def _grown(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
+    some_bounds = st.one_of(st.just(""), _BOUNDS)
+    return st.one_of(
+        st.builds("({} and {})".format, inner, inner),
+        st.builds("({} or {})".format, inner, inner),
+        st.builds("(not {})".format, inner),
+        st.builds("implies({}, {})".format, inner, inner),
+        st.builds("{}{}({})".format, st.sampled_from(["always", "eventually"]), some_bounds, inner),
+        st.builds("until{}({}, {})".format, some_bounds, inner, inner),
+    )
+
+
+def defined(node: Any, x: Floats, y: Floats, t: int) -> float:
+    """Give the robustness at a step as it is defined, with as many steps after it as are asked for."""
+
+    def of(part: Any, at: int) -> float:
+        return defined(part, x, y, at)
+
+    if isinstance(node, ast.Compare):
+        sides = [
+            eval(compile(ast.Expression(side), "", "eval"), {"x": x[t], "y": y[t], "abs": abs})
+            for side in (node.left, *node.comparators)
+        ]
+        return sides[1] - sides[0] if isinstance(node.ops[0], (ast.Lt, ast.LtE)) else sides[0] - sides[1]  # type: ignore[no-any-return]
+    if isinstance(node, ast.UnaryOp):
+        return -of(node.operand, t)
+    if isinstance(node, ast.BoolOp):
+        return (min if isinstance(node.op, ast.And) else max)(of(value, t) for value in node.values)
+    called: Any = node.func.value if isinstance(node.func, ast.Subscript) else node.func
+    if called.id == "implies":
+        return max(-of(node.args[0], t), of(node.args[1], t))
+    low, high = ast.literal_eval(node.func.slice) if isinstance(node.func, ast.Subscript) else (0, _AT_REST - t)
+    steps = range(t + low, max(t + low, t + high) + 1)
+    if called.id == "until":
+        return max(min([of(node.args[1], d), *(of(node.args[0], e) for e in range(t, d))]) for d in steps)
+    return (min if called.id == "always" else max)(of(node.args[0], d) for d in steps)
+
+
+#: From this step on the signals rest, so that it is all the same how far one looks.
+_AT_REST = 4
+
+
+@given(st.recursive(_LEAVES, _grown, max_leaves=4), st.lists(st.floats(-2, 2), min_size=8, max_size=8))
+def test_the_robustness_is_that_of_the_definition(text: str, drawn: list[float]) -> None:
+    """Whatever is nested, windows and rewriting give what the definition does."""
+    x, y = np.zeros(40), np.zeros(40)
+    x[:_AT_REST], y[:_AT_REST] = drawn[:_AT_REST], drawn[_AT_REST:]
+    right = defined(ast.parse(text, mode="eval").body, x, y, 0)
+    assert value(text, x, y) == pytest.approx(right, abs=1e-9)
+
+
+@given(st.text(max_size=40))
+def test_any_text_is_a_property_or_refused(text: str) -> None:
+    """By ValueError alone."""
+    try:
+        Property.parse(text, SIGNALS)
+    except ValueError as refused:
+        assert str(refused)  # noqa: PT017
+
+
+def test_long_signals_take_no_long_time() -> None:
+    """A hundred thousand samples with wide windows are a matter of a second, not of their product."""
+    x = np.sin(np.arange(100_000) / 1000)
+    text = "always[0, 300](eventually[0, 300](x > 0.9)) and until[100, 200](x < 2, x > 0.99)"
+    found = Property.parse(text, ["x"]).robustness({"x": x}, 0.01)
+    assert math.isfinite(found.value)

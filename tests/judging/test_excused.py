@@ -1,0 +1,72 @@
+"""One mistake costs once: a check that is excused by another."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+
+from grader.judging.judge import Recordings, judge_checks
+from grader.judging.rubrics import rubric_kinds
+from grader.lab.rubric import load_rubric
+from grader.result import Finding, Outcome
+from tests.synthetic import Session, evenly, submission
+
+RUBRIC = """\
+lab: {id: "1", title: One, points: 2}
+artifacts: {it: {file: it.py}}
+sessions: {experiment: {steps: [{start: {student: it}}]}}
+criteria:
+  - id: all
+    title: All
+    points: 2
+    checks:
+      - id: scale
+        title: In metres
+        points: 1
+        session: experiment
+        check: field_range
+        with: {topic: /x, field: data, high: 1.0}
+      - id: size
+        points: 1
+        session: experiment
+        check: field_range
+        excused_by: [scale]
+        with: {topic: /x, field: data, low: LOW, high: HIGH, finite: true}
+"""
+
+
+def judged(folder: Path, values: list[float], low: float = 0.0, high: float = 1.0) -> dict[str, Finding]:
+    """Judge values by both checks."""
+    (folder / "lab.yaml").write_text(RUBRIC.replace("LOW", str(low)).replace("HIGH", str(high)), encoding="utf-8")
+    session = Session(folder).process()
+    session.typed("/x", "std_msgs/msg/Float64", [{"data": v} for v in values], evenly(1, len(values) - 1))
+    recordings = Recordings(submission(), {"experiment": session.recorded()})
+    return judge_checks(recordings, load_rubric(folder / "lab.yaml", rubric_kinds()), [])
+
+
+@pytest.mark.parametrize("values", [[100.0, 50.0], [0.5, 50.0]])
+def test_where_the_earlier_check_took_points_this_one_takes_none(tmp_path: Path, values: list[float]) -> None:
+    """All of its points or a part; what is wrong is said all the same."""
+    findings = judged(tmp_path, values)
+    assert findings["scale"].outcome in (Outcome.FAILED, Outcome.PARTIAL)
+    assert (findings["size"].outcome, findings["size"].credit) == (Outcome.PASSED, Decimal(1))
+    (note,) = findings["size"].notes
+    assert "above 1" in note
+    assert "'In metres' took points already" in note
+
+
+def test_where_the_earlier_check_took_none_this_one_does(tmp_path: Path) -> None:
+    """Another mistake is charged where it is."""
+    findings = judged(tmp_path, [0.5, 0.6], low=0.55)
+    assert findings["scale"].outcome is Outcome.PASSED
+    assert findings["size"].outcome is Outcome.PARTIAL
+    assert findings["size"].notes == ()
+
+
+def test_what_is_right_stays_as_it_is(tmp_path: Path) -> None:
+    """There is nothing to excuse."""
+    findings = judged(tmp_path, [5.0, 6.0], low=0.0, high=9.0)
+    assert findings["scale"].outcome is Outcome.FAILED
+    assert (findings["size"].outcome, findings["size"].notes) == (Outcome.PASSED, ())

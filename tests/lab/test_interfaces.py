@@ -1,0 +1,102 @@
+"""A lab's own interfaces: a rubric is checked against them before anything is built, and they are kept with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from grader.errors import RubricError
+from grader.judging.rubrics import read_rubric, rubric_kinds
+from grader.lab import kept_lab
+from grader.lab.rubric import Rubric, load_rubric
+
+RUBRIC = """\
+lab: {id: own, title: Own, points: 1}
+interfaces: interfaces
+artifacts:
+  talk: {file: talk.py}
+sessions:
+  alone:
+    steps:
+      - start: {student: talk}
+      - publish: {topic: /in, type: lab_msgs/msg/Reading, message: {value: 1.0, header: {frame_id: x}}}
+      - call: {service: /add, type: lab_msgs/srv/Add, request: {a: 1, b: 2}}
+      - wait_for: {publisher: /num, type: team_msgs/msg/Num}
+criteria:
+  - id: talk
+    title: Talker
+    points: 1
+    checks:
+      - id: it
+        points: 1
+        session: alone
+        check: topic_published
+        with: {artifact: talk, topic: /num, type: lab_msgs/msg/Reading}
+"""
+READING = "std_msgs/Header header\nfloat64 value 1.5\n"
+
+
+def load(folder: Path, text: str = RUBRIC, **files: str) -> Rubric:
+    """Load a rubric beside the lab's interfaces, of which some may be other ones."""
+    texts = {"msg/Reading.msg": READING, "srv/Add.srv": "int64 a\nint64 b\n---\nint64 sum\n", **files}
+    for name, definition in texts.items():
+        path = folder / "interfaces/lab_msgs" / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(definition, encoding="utf-8")
+    (folder / "rubric.yaml").write_text(text, encoding="utf-8")
+    return load_rubric(folder / "rubric.yaml", rubric_kinds())
+
+
+def test_types_and_fields_of_the_labs_own_are_known(tmp_path: Path) -> None:
+    """Also those of a student's package, which nobody knows before it is handed in, are taken."""
+    rubric = load(tmp_path)
+    assert [package.name for package in rubric.interface_packages] == ["lab_msgs"]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "words"),
+    [
+        (("value: 1.0", "valeu: 1.0"), "value"),
+        (("lab_msgs/srv/Add", "lab_msgs/srv/Ad"), "lab_msgs/srv/Add"),
+        (("type: lab_msgs/msg/Reading, message", "type: lab_msg/msg/Reading, message"), "lab_msgs"),
+        (("request: {a: 1", "request: {c: 1"), "no field 'c'"),
+        (("interfaces: interfaces", "interfaces: elsewhere"), "no folder 'elsewhere'"),
+        (("interfaces: interfaces", "interfaces: ../.."), "no folder"),
+    ],
+)
+def test_mistakes_are_found_before_anything_runs(wrong: tuple[str, str], words: str, tmp_path: Path) -> None:
+    """With what may be meant."""
+    with pytest.raises(RubricError) as raised:
+        load(tmp_path, RUBRIC.replace(*wrong))
+    assert any(words in mistake for mistake in raised.value.mistakes), raised.value.mistakes
+
+
+@pytest.mark.parametrize(
+    ("file", "text", "words"),
+    [
+        ("msg/Reading.msg", "int value\n", "lab_msgs/int"),
+        ("msg/Reading.msg", "geometry_msgs/Poin p\n", "geometry_msgs/Poin"),
+        ("msg/reading.msg", READING, "msg/reading.msg"),
+        ("srv/Add.srv", "int64 a\n", "srv/Add.srv"),
+        ("../std_msgs/msg/String.msg", "int64 data\n", "ROS has a package of this name"),
+    ],
+)
+def test_mistakes_in_a_definition_name_it(file: str, text: str, words: str, tmp_path: Path) -> None:
+    """As far as they are known without building it."""
+    with pytest.raises(RubricError) as raised:
+        load(tmp_path, RUBRIC, **{file: text})
+    assert any(words in mistake for mistake in raised.value.mistakes), raised.value.mistakes
+
+
+def test_they_are_kept_with_recordings(tmp_path: Path) -> None:
+    """So that the copy of the rubric is right where the lab is not."""
+    rubric = load(tmp_path)
+    kept = tmp_path / "results" / kept_lab.KEPT
+    for name, text in kept_lab.files_of(rubric).items():
+        (kept / name).parent.mkdir(parents=True, exist_ok=True)
+        (kept / name).write_text(text, encoding="utf-8")
+    copy = tmp_path / "results/rubric.yaml"
+    copy.write_text(rubric.text, encoding="utf-8")
+    kept_lab.trust(kept_lab.files_of(rubric))
+    assert [package.name for package in read_rubric(copy).interface_packages] == ["lab_msgs"]
