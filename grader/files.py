@@ -40,12 +40,20 @@ def uninterrupted() -> Iterator[None]:
             signal.raise_signal(number)
 
 
-def replace_file(path: Path, text: str) -> None:
+def text_of(path: Path) -> str | None:
+    """Return a file's text; None if there is none, or none that can be read as text."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (FileNotFoundError, UnicodeDecodeError):
+        return None
+
+
+def replace_file(path: Path, text: str | bytes) -> None:
     """Write a file in one step, so that nobody reads half of it."""
     replace_files({path: text})
 
 
-def replace_files(texts: Mapping[Path, str | None]) -> None:
+def replace_files(texts: Mapping[Path, str | bytes | None]) -> None:
     """Write files that belong together: all are written before the first is put in its place, or none is.
 
     None stands for a file that is to be there no longer. In a folder in which a submission may have laid out links,
@@ -55,8 +63,8 @@ def replace_files(texts: Mapping[Path, str | None]) -> None:
     try:
         for path, text in texts.items():
             if text is not None:
-                with partials[path].open("x", encoding="utf-8", newline="\n") as file:
-                    file.write(text)
+                with partials[path].open("xb") as file:
+                    file.write(text.encode() if isinstance(text, str) else text)
         with uninterrupted():
             for path, partial in partials.items():
                 if texts[path] is None:

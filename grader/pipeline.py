@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from grader.bounded import Bound
 from grader.errors import UsageError, described
-from grader.files import UNFINISHED, atomic_replacement, replace_files
+from grader.files import UNFINISHED, atomic_replacement, replace_files, text_of
 from grader.judging.attempts import retry_undecided
 from grader.judging.judgement import Judgement, judge_bounded, prepare
 from grader.judging.rubrics import read_overrides, recorded_rubric, rubric_copy, rubric_files, rubric_files_of_result
@@ -25,8 +25,8 @@ from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.report.exports.writing import ExportTarget
-from grader.result import CheckResult, Result
-from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
+from grader.result import CheckResult, Result, result_of_text
+from grader.result_folder import EARLIER_FILE, LAYOUT_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
 from grader.submission.artifacts import read_submission
 from grader.submission.extraction import Intake, SubmissionSource, in_bounds, open_submission
 from grader.submission.separation import made_from
@@ -78,10 +78,25 @@ class Options:
     exports: Sequence[ExportTarget] = ()
     #: Folder of the submission in its repository.
     path_prefix: str = ""
+    #: Texts of the results that were there, see `earlier_results`; None for those in the folder of results.
+    earlier: tuple[str, ...] | None = None
 
     def sessions_of(self, rubric: Rubric) -> list[str]:
         """Return the sessions that were chosen, in order."""
         return list(rubric.sessions if self.sessions is None else self.sessions)
+
+
+def earlier_results(results: Path) -> tuple[str, ...]:
+    """Return the texts of a submission's result, and of that of the submission before, as far as they are there."""
+    texts = (text_of(results / RESULT_FILE), text_of(results / RECORDINGS / EARLIER_FILE))
+    return tuple(text for text in texts if text is not None)
+
+
+def result_before(texts: Sequence[str], sha256: str) -> str | None:
+    """Return the first text of a result that is not of the submission with this hash."""
+    found = ((text, result_of_text(text)) for text in texts)
+    submitted = ((text, result.provenance.get("submission_sha256")) for text, result in found if result is not None)
+    return next((text for text, of in submitted if of not in (None, sha256)), None)
 
 
 def require_sessions(names: Sequence[str], rubric: Rubric) -> None:
@@ -120,6 +135,7 @@ def grade(
 
     require_platform(options.interpreter)
     watch = watch or Stopwatch()
+    earlier = options.earlier if options.earlier is not None else earlier_results(results)
     opening = nullcontext(source) if isinstance(source, Intake) else open_submission(source, prefix=scratch_prefix())
     with ExitStack() as stack:
         with watch.stage("unpacking the submission"):
@@ -135,7 +151,8 @@ def grade(
             ):
                 if options.scope is Scope.UNDECIDED:
                     shutil.copytree(results / RECORDINGS, new / RECORDINGS)
-                judgement = record(intake.folder, submission, rubric, new, options, follow, scheduler, watch)
+                before = result_before(earlier, submission.sha256)
+                judgement = record(intake.folder, submission, rubric, new, options, follow, scheduler, watch, before)
             with _naming_kept(results, results):
                 replace_files(files_of(judgement, results, rubric))
     with _naming_kept(results, results):
@@ -172,8 +189,12 @@ def record(
     on_progress: Callable[..., None],
     scheduler: Scheduler | None = None,
     watch: Stopwatch | None = None,
+    before: str | None = None,
 ) -> Judgement:
-    """Run the live half, and sessions again whose checks are undecided; returns the judgement of what is kept."""
+    """Run the live half, and sessions again whose checks are undecided; returns the judgement of what is kept.
+
+    `before` is the text of the result of what the student handed in before this, and kept with the recordings.
+    """
     from grader.evidence.environment_gap import modules_to_look_for
     from grader.live.interfaces.build import parts_in
     from grader.live.interfaces.needs import needed_interfaces, provide_interfaces
@@ -214,6 +235,7 @@ def record(
             lacking = provide_interfaces(needed, rubric, submission, Path(interfaces), isolation, options.interpreter)
         if options.scope is not Scope.UNDECIDED:
             _start_afresh(recordings, submission, rubric)
+            replace_files({recordings / EARLIER_FILE: before})
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             with work("staging"):
                 staging = partial(stage, folder, submission, rubric, Path(scratch), str(options.interpreter))
@@ -277,7 +299,13 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
 def files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:
     """Return the texts of a submission's results, by their places; None for what is not to be there."""
     page, text = judgement.page, judgement.text
-    return {**rubric_files_of_result(results, rubric), results / REPORT_FILE: page, results / RESULT_FILE: text}
+    layouts = {results / RECORDINGS / name / LAYOUT_FILE: layout for name, layout in judgement.layouts.items()}
+    return {
+        **rubric_files_of_result(results, rubric),
+        **layouts,
+        results / REPORT_FILE: page,
+        results / RESULT_FILE: text,
+    }
 
 
 def judge_so_far(results: Path) -> Result:

@@ -31,7 +31,6 @@ published nothing before `wait_until_recorded` adds ` recorded`: then the whole 
 
 from __future__ import annotations
 
-import hashlib
 import json
 import secrets
 import signal
@@ -44,7 +43,7 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from grader.recording.session import GRADER_NAMESPACE, PARTICIPANT_DIGITS
-from grader.recording.trusted_channel import DIGEST_DIGITS
+from grader.recording.trusted_channel import digest
 
 if TYPE_CHECKING:
     from rclpy.node import Node
@@ -192,7 +191,7 @@ class ReportingPublisher:
     def publish(self, message: Any) -> None:
         """Publish a message."""
         data = self._serialize(message)
-        self._digests.append(hashlib.blake2b(data, digest_size=DIGEST_DIGITS // 2).hexdigest())
+        self._digests.append(digest(data))
         self._publisher.publish(data)
 
     def report(self, *, recorded: bool) -> None:

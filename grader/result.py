@@ -92,12 +92,15 @@ class Location:
         file = f"{self.file}:{self.line}" if self.line else self.file
         output = f"output of {self.process}" if self.process else ""
         recording = f"recording '{self.session}'" if self.session else ""
-        return ", ".join(part for part in (file, output, recording, self.topic, self._span) if part)
+        return ", ".join(part for part in (file, output, recording, self.topic, self.span) if part)
 
     @property
-    def _span(self) -> str:
-        if self.start_s is None or self.end_s is None:
-            return "" if self.start_s is None else f"at {self.start_s:.3f} s"
+    def span(self) -> str:
+        """When it is, in words; empty where that is not known."""
+        if self.start_s is None:
+            return ""
+        if self.end_s is None or self.end_s == self.start_s:
+            return f"at {self.start_s:.3f} s"
         # A call takes a thousandth of what a window does.
         places = 1 if self.end_s - self.start_s >= 1.0 else 3
         return f"{self.start_s:.{places}f}–{self.end_s:.{places}f} s"
@@ -128,6 +131,8 @@ class Finding:
     counted: tuple[str, ...] = ()
     #: Id of the check whose failure kept this one from being tested.
     blocked_by: str | None = None
+    #: What it reports that nothing measured, in a sentence, for a person to judge.
+    unmeasured: str | None = None
     #: Whether a crash, an end or a limit of the program explains it better, if there was one.
     unexplained: bool = False
     #: Where it fails, and what depends on it was judged all the same: the share that those checks earn of their credit.
@@ -195,6 +200,8 @@ class CheckResult:
     commands: tuple[str, ...] = ()
     #: Id of the check whose failure kept this one from being tested.
     blocked_by: str | None = None
+    #: What it reports that nothing measured, in a sentence, for a person to judge.
+    unmeasured: str | None = None
     retry: Annotated[bool, Field(exclude=True)] = True
 
     @classmethod
@@ -332,6 +339,17 @@ class Result:
     def checks(self) -> tuple[CheckResult, ...]:
         """All checks, in the rubric's order."""
         return tuple(check for criterion in self.criteria for check in criterion.checks)
+
+    def final_of(self, criterion: CriterionResult) -> Decimal:
+        """Return the points earned in a criterion, with what people decided of it and its checks."""
+        of = {criterion.id, *(check.id for check in criterion.checks)}
+        decided = (a.points for a in self.adjustments if a.kind in BY_HAND and a.what in of)
+        return criterion.earned + sum(decided, Decimal(0))
+
+    @property
+    def beside_criteria(self) -> Decimal:
+        """The points that belong to no criterion, such as a bonus, and those lost by lateness."""
+        return self.final - sum(map(self.final_of, self.criteria), Decimal(0))
 
     @property
     def open_checks(self) -> tuple[CheckResult, ...]:

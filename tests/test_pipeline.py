@@ -15,6 +15,7 @@ import pytest
 
 from grader import pipeline, result_folder
 from grader.errors import GraderError, RubricError
+from grader.json_text import json_text
 from grader.judging import attempts, judgement, rubrics
 from grader.judging.judge import judge, open_recordings
 from grader.lab.kept_lab import lab_folder
@@ -23,6 +24,7 @@ from grader.lab.rubric import Rubric
 from grader.live.sandbox import environment
 from grader.recording.session import read_session, write_session
 from grader.recording.submission import ArtifactFact, SubmissionRecord
+from grader.result import RESULT_SCHEMA
 from tests.regraded import regraded
 
 pytestmark = pytest.mark.usefixtures("judged_before")
@@ -215,3 +217,25 @@ def test_a_session_is_recorded_again_until_its_checks_are_decided(results: Path,
     assert asked == [(["publisher"], 2)]
     assert result.score.earned == 100
     assert sorted(path.name for path in results.iterdir()) == [result_folder.RECORDINGS, "sound"]
+
+
+def test_the_result_of_the_submission_before_is_found(tmp_path: Path) -> None:
+    """It is the newest of another submission; the same one graded again keeps what it was compared with."""
+
+    def keep(path: Path, of: str) -> str:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        score = {"earned": 1, "possible": 1, "undecided": 0}
+        plain = {"submission": "ada", "lab": "Lab", "score": score, "criteria": []}
+        provenance = {"submission_sha256": of} if of else {}
+        path.write_text(json_text({"schema": RESULT_SCHEMA, **plain, "provenance": provenance}), encoding="utf-8")
+        return path.read_text(encoding="utf-8")
+
+    assert pipeline.earlier_results(tmp_path) == ()
+    last = keep(tmp_path / result_folder.RESULT_FILE, "second")
+    first = keep(tmp_path / result_folder.RECORDINGS / result_folder.EARLIER_FILE, "first")
+    texts = pipeline.earlier_results(tmp_path)
+    assert texts == (last, first)
+    assert pipeline.result_before(texts, "third") == last
+    assert pipeline.result_before(texts, "second") == first
+    assert pipeline.result_before(texts[1:], "first") is None
+    assert pipeline.result_before(["{", keep(tmp_path / "unknown.json", "")], "third") is None

@@ -339,14 +339,20 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     )
     if not all(finite):
         reasons.append(f"{finite.count(False)} messages hold numbers that are not finite.")
-    numbers = (row for row, ok in zip(rows, finite, strict=True) if row is not None and ok and len(row))
-    farthest = max((float(np.abs(row).max()) for row in numbers), default=0.0)
+    sizes = [
+        float(np.abs(row).max()) if row is not None and ok and len(row) else 0.0
+        for row, ok in zip(rows, finite, strict=True)
+    ]
+    farthest = max(sizes)
     if p.reach is not None and farthest > p.reach:
-        return failed(
-            expected, f"{measured}, up to {farthest:.2f}", f"A value of {farthest:.2f} is beyond ±{p.reach:g}."
-        )
+        first = next(n for n, size in enumerate(sizes) if size > p.reach)
+        at_ns = int(context.session.stream(p.topic).source_ns[first])
+        where = (context.location(p.topic, Span(at_ns, at_ns)),)
+        reason = f"A value of {farthest:.2f} is beyond ±{p.reach:g}."
+        return failed(expected, f"{measured}, up to {farthest:.2f}", reason, where=where)
     if (unsafe := context.findings.get(p.unsafe_by or "")) is not None and unsafe.outcome is Outcome.FAILED:
-        return failed(expected, unsafe.measured or measured, " ".join([*reasons, unsafe.reason]), hint=unsafe.hint)
+        reason = " ".join([*reasons, unsafe.reason])
+        return failed(expected, unsafe.measured or measured, reason, hint=unsafe.hint, where=unsafe.where)
     # One bad message is as clear as many, however often it comes.
     share = 1.0 if good == len(rows) else min(quantise(good / len(rows)), 1 - 1 / CREDIT_LEVELS)
     return graded(share, expected, measured, " ".join(reasons))
@@ -402,14 +408,17 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     moving = ", ".join(map(str, _others_that_move(series.values, p)))
     parts.append(Part(0.0, "", f"Element {moving} should stay at 0, but does not.") if moving else Part(1.0))
     unmoved = [component for component, part in zip(p.components, parts, strict=False) if part.share < _RECOGNISED]
-    danger = _danger(series, p, fits)
+    danger, first = _danger(series, p, fits)
     if not danger:
         places = [(component.index, _element_of(series, component, p)) for component in unmoved]
         danger = " ".join(f"The motion of element {own} is in element {n}." for own, n in places if n is not None)
+    ends_ns = (int(series.source_ns[n]) for n in ((0, -1) if first is None else (first, first)))
+    where = (context.location(p.topic, Span(*ends_ns)),)
     if danger:
         measured = "; ".join(part.text for part in parts if part.text)
-        return failed(expected, measured, " ".join([danger, *(part.reason for part in parts if part.reason)]))
-    return of_parts(expected, parts)
+        reason = " ".join([danger, *(part.reason for part in parts if part.reason)])
+        return failed(expected, measured, reason, where=where)
+    return of_parts(expected, parts, where=where)
 
 
 #: A component that earns less may be in another element.
@@ -422,23 +431,27 @@ _FIRST_MESSAGES = 10
 _Fits = Mapping[int, Sequence[Sinusoid]]
 
 
-def _danger(series: NumericStream, p: Sinusoids, fits: _Fits) -> str:
-    """Say by which values a joint would go where it must not, or would not know where to go; empty if by none."""
+def _danger(series: NumericStream, p: Sinusoids, fits: _Fits) -> tuple[str, int | None]:
+    """Say by which values a joint would go where it must not, or would not know where to go, and in which message.
+
+    Empty if by none, and no message if by all of them.
+    """
     values = series.values
     if values.shape[1] != (p.others_still or values.shape[1]):
-        return f"There are {values.shape[1]} elements for {p.others_still} joints."
+        return f"There are {values.shape[1]} elements for {p.others_still} joints.", None
     finite = np.isfinite(values)
     if lacking := ", ".join(str(n) for n in np.flatnonzero(finite.mean(axis=0) < _RECOGNISED)):
-        return f"Element {lacking} is not a number."
+        return f"Element {lacking} is not a number.", None
     sizes = np.where(finite, np.abs(values), 0.0)
     far = float(sizes.max())
     if p.reach is not None and far > p.reach:
-        return f"Element {int(sizes.max(axis=0).argmax())} goes as far as {far:.2f}, beyond ±{p.reach:g}."
+        first = int(np.argmax(sizes.max(axis=1) > p.reach))
+        return f"Element {int(sizes.max(axis=0).argmax())} goes as far as {far:.2f}, beyond ±{p.reach:g}.", first
     begins = dict(enumerate(sizes[0])) if series.sequence[0] <= _FIRST_MESSAGES else _begins(p, fits)
     element = max(begins, key=lambda n: begins[n], default=0)
     if p.starts_within is not None and begins.get(element, 0.0) > p.starts_within:
-        return f"Element {element} jumps to {begins[element]:.2f} with the first message."
-    return ""
+        return f"Element {element} jumps to {begins[element]:.2f} with the first message.", 0
+    return "", None
 
 
 def _begins(p: Sinusoids, fits: _Fits) -> dict[int, float]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -295,7 +295,8 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     if constants := _written_beforehand(context, p, [claim for claim in claims.values() if claim is not None]):
         reason = "Every count and latency that it prints is a constant in its source, so none was measured."
         hint = "Count in the callbacks, and print what was counted."
-        return failed(expected, "constants of the source", reason, hint=hint, where=constants)
+        found = failed(expected, "constants of the source", reason, hint=hint, where=constants)
+        return replace(found, unmeasured="All counts and latencies that it prints are constants of its source.")
     run = context.session.process(p.artifact)
     delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
     late_s = context.session.backlog(run, _life(context, run)).late_s if run is not None else 0.0
@@ -321,7 +322,21 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
         parts.append(Part(share, f"{row.name} {claim.count} of {written}, {latency}", reason, best, hint=hint))
     where, doubt = (context.output_of(p.artifact),), cpu_delay_doubt(delay_s, length_s)
     measured = "" if any(part.text for part in parts) else "no results"
-    return of_parts(expected, parts, measured=measured, where=where, doubt=doubt)
+    finding = of_parts(expected, parts, measured=measured, where=where, doubt=doubt)
+    return replace(finding, unmeasured=_unmeasured(context, rows, claims, finding))
+
+
+def _unmeasured(
+    context: Context, rows: Sequence[Row], claims: Mapping[str, ResultRow | None], finding: Finding
+) -> str | None:
+    """Say which counts cannot come from messages that were received; None if there are no such."""
+    counted = [row for row in rows if (claim := claims[row.name]) is not None and claim.count]
+    unheard = [row.topic for row in counted if not student_endpoints(context, row.topic, "subscription")]
+    if unheard:
+        return f"It counts messages on {', '.join(unheard)}, to which nothing of the submission subscribes."
+    if len(counted) == len(rows) > 1 and finding.outcome is Outcome.FAILED:
+        return f"None of the {len(rows)} counts that it prints is that of the messages in the recording."
+    return None
 
 
 _NUMBER = re.compile(r"(?<![\w.])\d{1,15}(?:\.\d{1,15})?(?:[eE]-?\d{1,2})?(?![\w.])")

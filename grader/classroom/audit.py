@@ -19,14 +19,6 @@ from grader.result_folder import AUDIT_FILE, HISTORY, RESULT_FILE
 AUDIT_SCHEMA = "ros-lab-grader/audit/v1"
 
 
-def text_of(path: Path) -> str | None:
-    """Return a file's text; None if there is none, or none that can be read as text."""
-    try:
-        return path.read_text(encoding="utf-8")
-    except (FileNotFoundError, UnicodeDecodeError):
-        return None
-
-
 def note_replaced(results: Path, name: str, before: str | None, command: str, *, overrides_sha256: str) -> None:
     """Keep an old result and add a line to the trail; nothing is written where nothing was replaced.
 

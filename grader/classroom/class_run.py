@@ -19,13 +19,14 @@ from grader.classroom.scheduler import Machine
 from grader.classroom.worker import grade_in_process
 from grader.cohort.entries import ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
+from grader.files import text_of
 from grader.judging.attempts import undecided_sessions
 from grader.lab.rubric import Rubric
 from grader.live.process.waiting import side_by_side
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.scratch import scratch_prefix
 from grader.live.session.runner import Progress, run_to_an_end
-from grader.pipeline import Options, Scope
+from grader.pipeline import Options, Scope, earlier_results
 from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, load_result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
@@ -129,12 +130,12 @@ class ClassRun:
         """Take over the results that hold good, and judge the recordings whose policy is another now."""
         others = {}
         for task, entry in kept.items():
+            self._state_intake(task)
             result = self._result(task) if entry.policy == task.policy else None
             if result is not None:
                 self._end(Row(task.source, result, reused=True))
             else:
                 others[task.source.name] = task, entry
-                self._state_submission_time(task)
         results = self.journal.results
         measure = self.rubric, self.options.overrides
         found = regrade_all(results, {results / name: measure for name in others}, pages=True)
@@ -155,12 +156,13 @@ class ClassRun:
             return result if whole else None
         return None
 
-    def _state_submission_time(self, task: _Task) -> None:
+    def _state_intake(self, task: _Task) -> None:
+        """Let the recordings say what is known now of who handed them in, and when."""
         recordings = self.journal.results / task.source.name / RECORDINGS
-        record = read_submission(recordings)
-        if record.submitted_at != task.submitted_at:
-            record.submitted_at = task.submitted_at
-            write_submission(recordings, record)
+        record, source = read_submission(recordings), task.source
+        known = replace(record, submitted_at=task.submitted_at, student_id=source.student_id, identity=source.identity)
+        if known != record:
+            write_submission(recordings, known)
 
     # -- what is to be recorded ------------------------------------------------------------------
 
@@ -208,9 +210,9 @@ class ClassRun:
         name, decided_by, seed = task.source.name, self.options.overrides.sha256, self.options.seed
         if seed is None:
             seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
-        options = replace(self.options, seed=seed, scope=scope)
+        options = replace(self.options, seed=seed, scope=scope, earlier=earlier_results(self.journal.results / name))
         job = Job(task.source, self.journal.results / name, self.rubric, options)
-        before, recorded = audit.text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
+        before, recorded = text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
         ending, isolation = await site.grade(job, partial(self.display.phase, name))
         if not isinstance(ending, GraderError):
             audit.note_replaced(self.journal.results, name, before, "grade", overrides_sha256=decided_by)
@@ -243,5 +245,6 @@ def entries_of(results: Path, rows: Sequence[Row]) -> list[ClassEntry]:
             # What only the archive tells stands in the record.
             submitted_at=source.submitted_at or entry.submitted_at,
             student_id=source.student_id or entry.student_id,
+            identity=source.identity.completed(entry.identity),
         )
     return sorted(entries.values(), key=lambda entry: entry.name)

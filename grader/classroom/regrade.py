@@ -12,10 +12,10 @@ from functools import partial
 from pathlib import Path
 
 from grader.bounded import in_processes
-from grader.classroom.audit import note_replaced, text_of
+from grader.classroom.audit import note_replaced
 from grader.cohort.changes import Changes, changes_between
 from grader.errors import GraderError, RecordingError, RubricError, described
-from grader.files import replace_files, uninterrupted
+from grader.files import replace_files, text_of, uninterrupted
 from grader.judging import judgement
 from grader.judging.judgement import Judgement
 from grader.judging.rubrics import chosen_rubric, read_overrides, recorded_rubric, require_lab, rubric_copy

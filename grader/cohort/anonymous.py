@@ -66,7 +66,8 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
 
 def _unquoted(check: CheckResult, hide: _Hider) -> CheckResult:
     bare = replace(check, expected="", measured="", where=(), notes=(), counted=())
-    return replace(bare, reason=hide(check.reason), hint=hide(check.hint))
+    unmeasured = hide(check.unmeasured) if check.unmeasured else None
+    return replace(bare, reason=hide(check.reason), hint=hide(check.hint), unmeasured=unmeasured)
 
 
 class _Hider:
@@ -75,7 +76,7 @@ class _Hider:
     def __init__(self, entries: Iterable[ClassEntry], rubric: Rubric) -> None:
         known = {word.lower() for word in re.findall(r"[^\W_]+", _plain(rubric.text))}
         wanted: set[str] = set()
-        for name in (name for entry in entries for name in (entry.name, entry.student_id) if name):
+        for name in filter(None, (text for entry in entries for text in _names(entry))):
             lowered = unicodedata.normalize("NFC", name).lower()
             for spelling in (_plain(lowered), _plain(lowered.translate(_SPELT))):
                 wanted |= {spelling, *(part for part in _parts(spelling) if part not in known)}
@@ -90,6 +91,12 @@ class _Hider:
             parts += [text[at : match.start()], HIDDEN]
             at = match.end()
         return "".join([*parts, text[at:]])
+
+
+def _names(entry: ClassEntry) -> list[str | None]:
+    """Return all by which those who handed something in are known, but for numbers that mean nothing elsewhere."""
+    people = ((who.name, who.student_id, who.login, who.email.partition("@")[0]) for who in entry.people)
+    return [entry.name, entry.student_id, *(name for names in people for name in names)]
 
 
 def _parts(name: str) -> list[str]:

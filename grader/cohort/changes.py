@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from typing import Any, Literal, TypeVar
@@ -118,6 +118,23 @@ def _adjustments(before: Result | None, after: Result) -> Iterator[Change]:
         change = Change("adjustment", what, kind, old[kind, what], new[kind, what])
         if change.difference:
             yield change
+
+
+def by_check(changes: Iterable[Changes]) -> list[tuple[str, int, int, Decimal]]:
+    """Return for each check that differs its title, how many gain and lose by it, and their points together."""
+    met: defaultdict[str, list[Change]] = defaultdict(list)
+    for check in (check for each in changes for check in each.at("check")):
+        met[check.id].append(check)
+    found = [
+        (
+            of[0].title,
+            sum(c.difference > 0 for c in of),
+            sum(c.difference < 0 for c in of),
+            sum((c.difference for c in of), Decimal(0)),
+        )
+        for of in met.values()
+    ]
+    return sorted(found, key=lambda each: -abs(each[3]))
 
 
 def plain_changes(changes: Changes) -> dict[str, Any]:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from pathlib import Path
 from urllib.parse import quote
 
 from grader.errors import RecordingError
+from grader.files import text_of
 from grader.lab.overrides import moment_of
-from grader.recording.submission import read_submission
-from grader.result import Result, load_result
-from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
-from grader.submission.roster import Student, matches
+from grader.recording.submission import Identity, Person, read_submission
+from grader.result import Result, load_result, result_of_text
+from grader.result_folder import EARLIER_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE
+from grader.submission.roster import Student, matches, person_of
 
 NOTHING_SUBMITTED = "There is no result under this name: nothing was handed in, or under another name."
 
@@ -34,6 +35,14 @@ class ClassEntry:
     submitted_at: datetime | None = None
     #: By which a grade book knows the student.
     student_id: str | None = None
+    identity: Identity = field(default_factory=Identity)
+    #: The result of what was handed in before, or of another run, that this one is compared with.
+    before: Result | None = None
+
+    @property
+    def people(self) -> tuple[Person, ...]:
+        """Who handed it in; nothing but the submission's name where that is all that is known."""
+        return self.identity.people or (Person(self.name, self.student_id or ""),)
 
 
 def entries_in(results: Path) -> list[ClassEntry]:
@@ -45,7 +54,7 @@ def entries_in(results: Path) -> list[ClassEntry]:
         return []
     folders = sorted(path for path in results.iterdir() if path.is_dir() and not path.name.startswith("."))
     parts = (RESULT_FILE, REPORT_FILE, RECORDINGS)
-    return [_entry(folder) for folder in folders if any((folder / part).exists() for part in parts)]
+    return [entry_in(folder) for folder in folders if any((folder / part).exists() for part in parts)]
 
 
 def report_link(name: str) -> str:
@@ -53,7 +62,8 @@ def report_link(name: str) -> str:
     return f"{quote(name, safe='', errors='surrogateescape')}/{REPORT_FILE}"
 
 
-def _entry(folder: Path) -> ClassEntry:
+def entry_in(folder: Path) -> ClassEntry:
+    """Read the finished result of one submission."""
     report = report_link(folder.name) if (folder / REPORT_FILE).is_file() else ""
     try:
         result = load_result(folder / RESULT_FILE)
@@ -66,20 +76,34 @@ def _entry(folder: Path) -> ClassEntry:
         record = read_submission(folder / RECORDINGS)
     except (OSError, ValueError):
         return ClassEntry(folder.name, result, "", report)
-    return ClassEntry(folder.name, result, "", report, moment_of(record.submitted_at), record.student_id)
+    moment, before = moment_of(record.submitted_at), result_of_text(text_of(folder / RECORDINGS / EARLIER_FILE))
+    return ClassEntry(folder.name, result, "", report, moment, record.student_id, record.identity, before)
+
+
+def compared_with(entries: Sequence[ClassEntry], earlier: Sequence[ClassEntry]) -> list[ClassEntry]:
+    """Return the entries with the results of another run, which are found by their ids, or else their names."""
+    by_id = {entry.student_id: entry.result for entry in earlier if entry.student_id}
+    by_name = {entry.name: entry.result for entry in earlier}
+    return [replace(e, before=by_id.get(e.student_id or "") or by_name.get(e.name)) for e in entries]
 
 
 def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> list[ClassEntry]:
     """Return the entries with what a list knows of them, and one for each student of it who has none, by name."""
-    own = [(Student(entry.name, entry.student_id, entry.submitted_at), (_without_id(entry),)) for entry in entries]
-    found = matches(students, own)
+    own = [Student(entry.name, entry.student_id, entry.submitted_at) for entry in entries]
+    others = [(_without_id(entry), *entry.identity.names) for entry in entries]
+    found = matches(students, list(zip(own, others, strict=True)))
     completed = {
-        entry.name: replace(entry, student_id=known.student_id, submitted_at=known.submitted_at)
-        for entry, (known, _, _) in zip(entries, found, strict=True)
+        entry.name: replace(
+            entry,
+            student_id=match.student_id,
+            submitted_at=match.submitted_at,
+            identity=match.completed(entry.identity),
+        )
+        for entry, match in zip(entries, found, strict=True)
     }
-    there = [students[index] for _, index, _ in found if index is not None]
-    for student in (student for student in students if student not in there):
-        name = student.name or student.student_id or ""
+    there = [person for match in found for person in match.people]
+    for student in (student for student in students if person_of(student) not in there):
+        name = student.name or student.student_id or student.person.login
         missing = ClassEntry(name, None, NOTHING_SUBMITTED, "", student.submitted_at, student.student_id)
         completed.setdefault(name, missing)
     return sorted(completed.values(), key=lambda entry: entry.name)

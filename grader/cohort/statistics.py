@@ -45,6 +45,7 @@ class Need(str, Enum):
     NOT_GRADED = "not graded"
     VIOLATION = "violation"
     UNDECIDED = "undecided"
+    UNMEASURED = "unmeasured"
     OTHER_RUBRIC = "other rubric"
 
 
@@ -133,7 +134,7 @@ class CheckStatistics:
 
 @dataclass(frozen=True)
 class Column:
-    """A criterion, and the mean of what was earned in it by those for whom all of it is decided."""
+    """A criterion, and the mean of the points in it, as people decided; what is undecided is not counted."""
 
     id: str
     title: str
@@ -182,9 +183,9 @@ def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
 
 def _column(index: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
     spec = rubric.criteria[index]
-    cells = [row.cells[index] for row in rows]
-    whole = [cell.earned for cell in cells if cell is not None and not cell.undecided]
-    return Column(spec.id, spec.title, spec.points, statistics.mean(whole) if whole else None)
+    cells = [(row.result, row.cells[index]) for row in rows]
+    earned = [result.final_of(cell) for result, cell in cells if result is not None and cell is not None]
+    return Column(spec.id, spec.title, spec.points, statistics.mean(earned) if earned else None)
 
 
 # -- how points spread -------------------------------------------------------------------------
@@ -262,6 +263,10 @@ def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
             texts = tuple(dict.fromkeys(c.reason for c in undecided if c.reason))
             titles = tuple(c.title for c in undecided)
             found.append(Todo(n, Need.UNDECIDED, row.result.still_undecided, titles, texts, undecided[0].id))
+        if unmeasured := [check for check in row.result.checks if check.unmeasured]:
+            titles, texts = zip(*((check.title, check.unmeasured or "") for check in unmeasured), strict=True)
+            lost = sum((check.lost for check in unmeasured), Decimal(0))
+            found.append(Todo(n, Need.UNMEASURED, lost, titles, texts, unmeasured[0].id))
         if row.result.rubric_sha256 != rubric.sha256 or row.result.lab_sha256 not in ("", identity):
             found.append(Todo(n, Need.OTHER_RUBRIC, Decimal(0), (), ()))
     return found

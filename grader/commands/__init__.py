@@ -4,6 +4,8 @@
 COMMANDS = {
     "regrade": "judge recordings again, without ROS",
     "report": "the page over a class and its grades.csv, from results that are there",
+    "similarity": "what the submissions of a class have in common beside what the lab gave out",
+    "play": "publish a recording again, on the ROS graph of this terminal",
     "export": "write results in the forms of CI systems and learning platforms",
     "selftest": "grade submissions whose verdict is known, and compare",
     "doctor": "examine this machine: can it grade, how well does it confine, how quiet is it",

@@ -36,9 +36,9 @@ from grader.commands.arguments import (
 from grader.commands.export import add_exports
 from grader.errors import GraderError, UsageError
 from grader.recording.submission import SUBMISSION_FILE
-from grader.result_folder import HISTORY, RECORDINGS
+from grader.result_folder import EXPORTED, HISTORY, RECORDINGS
 from grader.submission.file_names import is_packed
-from grader.submission.separation import require_no_links, require_same_source, uncounted_overrides
+from grader.submission.separation import require_no_links, require_same_source, uncounted_overrides, with_earlier
 
 if TYPE_CHECKING:
     from decimal import Decimal
@@ -103,7 +103,7 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
     shape = group.add_mutually_exclusive_group()
     add_flag(shape, "--one", "each PATH is one submission, whatever it looks like")
     add_flag(shape, "--each", "each folder and archive in PATH is a submission")
-    listed = "who is in the class: columns name, student_id, submitted_at; who has not handed in is listed too"
+    listed = "who is in the class: columns name, student_id, submitted_at and others, or a grade book's own export"
     add_path(group, "--class-list", listed, "CSV")
     again = group.add_mutually_exclusive_group()
     add_flag(again, "--resume", "keep what has been graded from the same files, rubric and options (the default)")
@@ -188,7 +188,9 @@ def _found(options: argparse.Namespace, rubric: Rubric) -> Discovery:
     if not found.submissions:
         location, remedy = ", ".join(map(str, options.submissions)), "Give a submission, or the folder that holds them."
         raise SubmissionError("there are no submissions in it", location=location, remedy=remedy)
-    return found
+    if options.class_list is not None:
+        return found
+    return replace(found, submissions=tuple(with_earlier(one, options.output) for one in found.submissions))
 
 
 def _note_single_files(paths: Sequence[Path], rubric: Rubric, console: Console) -> None:
@@ -207,13 +209,14 @@ def _grade_one(
 ) -> Decimal:
     from grader import pipeline, result_folder
     from grader.classroom import audit
+    from grader.files import text_of
     from grader.report.terminal import ProgressDisplay, print_result
     from grader.report.timings import print_timings
     from grader.timings import Stopwatch
 
     output, watch = options.output, Stopwatch()
     results = output / source.name
-    before = audit.text_of(results / result_folder.RESULT_FILE)
+    before = text_of(results / result_folder.RESULT_FILE)
     with ProgressDisplay(console, source.name, live.sessions or list(rubric.sessions)) as display:
 
         def show(p: Progress) -> None:
@@ -337,7 +340,9 @@ def is_results(path: Path, rubric: Rubric) -> bool:
     """Whether a folder holds results of a submission, or of a class, and nothing that a student hands in."""
     if not path.is_dir():
         return False
-    inner = [entry for entry in path.iterdir() if not entry.name.startswith(".") and entry.name != HISTORY]
+    inner = [
+        entry for entry in path.iterdir() if not entry.name.startswith(".") and entry.name not in (HISTORY, EXPORTED)
+    ]
     folders = [path] if _is_recorded(path) else [entry for entry in inner if entry.is_dir()]
     if not folders or not all(map(_is_recorded, folders)) or any(is_packed(entry.name) for entry in inner):
         return False

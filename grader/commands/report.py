@@ -37,26 +37,23 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/")
     words = "write index-anonymous.html and grades-anonymous.csv instead: pseudonyms, no links, student ids or times"
     add_flag(parser, "--anonymous", words)
-    listed = "columns name, student_id and submitted_at; who is on it without a result is listed as not graded"
+    listed = "as for `grade`; who is on it without a result is listed as not graded"
     add_path(parser, "--class-list", listed, "CSV")
+    words = "results of another run over the class, such as that of the first due date: show what changed since"
+    add_path(parser, "--before", words, "RESULTS_DIR")
     add_lab(parser, "default: the one that most were judged by")
     return parser
 
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Write page and table; returns the exit status."""
-    from grader.cohort.entries import entries_in
-    from grader.errors import SubmissionError
+    from grader.cohort.entries import compared_with, entries_in
     from grader.judging import rubrics
 
     options = _parser().parse_args(arguments)
-    entries = entries_in(options.results)
-    if not entries:
-        remedy = "Give the folder that holds a folder of results for each submission, e.g. results/."
-        if (options.results / RECORDINGS).is_dir():
-            remedy = f"These are the results of one submission, whose page is {REPORT_FILE}. {remedy}"
-        problem = "there are no results of submissions in it" if options.results.is_dir() else "there is no such folder"
-        raise SubmissionError(problem, location=str(options.results), remedy=remedy)
+    entries = _require_results(entries_in(options.results), options.results)
+    if options.before is not None:
+        entries = compared_with(entries, _require_results(entries_in(options.before), options.before))
     copy = None if options.rubric else rubrics.rubric_of_class(options.results, entries)
     rubric = rubrics.recorded_rubric(copy) if copy else rubrics.read_rubric(options.rubric)
     remedy = "Move the results of each lab into a folder of its own."
@@ -66,6 +63,18 @@ def run(arguments: Sequence[str], console: Console) -> int:
         options.results, entries, rubric, console, options.class_list, anonymous=options.anonymous, counted=True
     )
     return 0
+
+
+def _require_results(entries: Sequence[ClassEntry], results: Path) -> Sequence[ClassEntry]:
+    from grader.errors import SubmissionError
+
+    if not entries:
+        remedy = "Give the folder that holds a folder of results for each submission, e.g. results/."
+        if (results / RECORDINGS).is_dir():
+            remedy = f"These are the results of one submission, whose page is {REPORT_FILE}. {remedy}"
+        problem = "there are no results of submissions in it" if results.is_dir() else "there is no such folder"
+        raise SubmissionError(problem, location=str(results), remedy=remedy)
+    return entries
 
 
 def report_class(
@@ -79,6 +88,7 @@ def report_class(
     counted: bool = False,
 ) -> None:
     """Sum up a class and write its page and its table of grades, or both under pseudonyms and names of their own."""
+    from grader.classroom.similarity import read_similarity
     from grader.cohort.anonymous import anonymous as under_pseudonyms
     from grader.cohort.entries import with_roster
     from grader.cohort.statistics import summarise
@@ -90,7 +100,8 @@ def report_class(
     summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
     page = results / (ANONYMOUS_PAGE if anonymous else CLASS_PAGE)
     grades = results / (ANONYMOUS_GRADES_FILE if anonymous else GRADES_FILE)
-    replace_file(page, class_page.render(summary, anonymous=anonymous))
+    similarity = None if anonymous else read_similarity(results)
+    replace_file(page, class_page.render(summary, similarity, anonymous=anonymous))
     replace_file(grades, grades_csv.render(summary))
     if counted:
         graded = sum(row.result is not None for row in summary.rows)

@@ -388,14 +388,19 @@ class Recorded:
         """Whether the student's own programs used so much of a core that a delay need not be the machine's."""
         return self.students_cpu_s(span) >= _OWN_DOING * span.duration_s
 
-    def stalled_s(self, span: Span) -> float:
-        """Return for how long within a span the grader itself stalled, in s, by samples that came late."""
+    @functools.cached_property
+    def stalls(self) -> tuple[Delay, ...]:
+        """When the grader itself stalled, by samples that came late."""
         times = [s.t_ns for s in self.record.machine]
         if len(times) < _FEWEST_SAMPLES:
-            return 0.0
+            return ()
         usual_ns = float(np.median(np.diff(times)))
         late = [(a, b) for a, b in itertools.pairwise(times) if b - a > _LATE_SAMPLE * usual_ns]
-        return float(sum(min(b - a - usual_ns, span.shared_ns(a, b)) for a, b in late)) / 1e9
+        return tuple(Delay(a, b, round(b - a - usual_ns)) for a, b in late)
+
+    def stalled_s(self, span: Span) -> float:
+        """Return for how long within a span the grader itself stalled, in s."""
+        return sum(min(s.delay_ns, span.shared_ns(s.start_ns, s.end_ns)) for s in self.stalls) / 1e9
 
     def output_of(self, artifact: str) -> list[OutputLine]:
         """Return the output of the last process that ran an artifact, without colours."""

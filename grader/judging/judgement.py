@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
 from grader.bounded import Bound, in_process
+from grader.files import text_of
 from grader.judging.adjust import adjust
 from grader.judging.judge import Recordings, judge, open_recordings
 from grader.lab.overrides import Overrides, moment_of
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import Rubric
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
-from grader.result import Result, to_json
+from grader.report.foxglove import layout_of
+from grader.result import Result, result_of_text, to_json
+from grader.result_folder import EARLIER_FILE
 
 #: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
 #: times that is no fair wait. In a class, a process that says nothing is given up in any case (`classroom.worker`).
@@ -24,13 +28,15 @@ JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, m
 class Judgement:
     """What recordings were judged to be: by the rubric alone, and with what people and the rubric's policy make of it.
 
-    `page` is the report, empty where none was wanted, and `text` is `result.json`.
+    `text` is `result.json`. `page` is the report, and `layouts` has a layout for Foxglove for each session; both are
+    empty where no page was wanted.
     """
 
     by_rubric: Result
     result: Result
     page: str
     text: str
+    layouts: Mapping[str, str] = field(default_factory=dict)
 
 
 def judge_recordings(folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True) -> Judgement:
@@ -39,7 +45,11 @@ def judge_recordings(folder: Path, rubric: Rubric, overrides: Overrides, *, page
     by_rubric, submission = judge(recordings, rubric), recordings.submission
     moment = moment_of(submission.submitted_at)
     result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, moment)
-    return Judgement(by_rubric, result, report_page(result, recordings, rubric) if page else "", to_json(result))
+    if not page:
+        return Judgement(by_rubric, result, "", to_json(result))
+    layouts = {name: layout_of(recorded) for name, recorded in recordings.sessions.items()}
+    shown = report_page(result, recordings, rubric, result_of_text(text_of(folder / EARLIER_FILE)))
+    return Judgement(by_rubric, result, shown, to_json(result), layouts)
 
 
 def judge_bounded(folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True) -> Judgement:
@@ -62,8 +72,8 @@ def prepare(rubric: Rubric) -> None:
     report_page(judge(nobody, rubric), nobody, rubric)
 
 
-def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
-    """Return the HTML report of a result."""
+def report_page(result: Result, recordings: Recordings, rubric: Rubric, before: Result | None = None) -> str:
+    """Return the HTML report of a result, with what changed since the student's result before."""
     from grader.report.figures import draw
     from grader.report.submission_page import render
 
@@ -73,5 +83,4 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric) -> str:
             there = [s for s in criterion.figures if s.session in recordings.sessions]
             drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
             figures[criterion.id] = [figure for figure in drawn if figure is not None]
-    records = {name: recorded.record for name, recorded in recordings.sessions.items()}
-    return render(result, figures, records, recordings.submission)
+    return render(result, figures, recordings.sessions, recordings.submission, before)

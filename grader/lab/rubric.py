@@ -89,6 +89,9 @@ class LabSpec(Parameters):
         None, description="Distribution of ROS that the handout was written for; the report names it."
     )
     solution: str | None = Field(None, description="Folder of a submission that earns all points.")
+    handout: str | None = Field(
+        None, description="Folder of the code that students are given; `grade similarity` does not count it."
+    )
 
 
 class ArtifactSpec(Parameters):

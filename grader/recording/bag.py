@@ -19,7 +19,7 @@ import json
 import mmap
 import shutil
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -421,6 +421,16 @@ class Bag:
     def size_bytes(self) -> int:
         """Bytes of all messages together."""
         return sum(end - start for _, rows in self._contents.values() for *_, start, end in rows)
+
+    def received_ns(self, topic: str, topic_type: str) -> Int64s:
+        """When the messages of one type on a topic were received, in order."""
+        return _column(sorted(self._contents.get((topic, topic_type), (None, []))[1], key=lambda row: row[0]), 0)
+
+    def messages(self, topics: Iterable[tuple[str, str]]) -> Iterator[tuple[int, tuple[str, str], bytes]]:
+        """All messages of some topics (name and type) as they were received: when, of which of them, and their CDR."""
+        rows = ((row, topic) for topic in topics for row in self._contents.get(topic, (None, []))[1])
+        for (received_ns, _, _, buffer, start, end), topic in sorted(rows, key=lambda item: item[0][0]):
+            yield min(received_ns, INFINITE_NS), topic, bytes(buffer[start:end])
 
     def stream(self, topic: str, topic_type: str | None = None) -> Stream:
         """Messages of a topic (fully qualified), of its type with the most where none is given; none if it has none."""

@@ -63,11 +63,11 @@ def _convert(hint: Any, value: Any) -> Any:
     kind: Any = origin or hint
     if kind is Any:
         return value
-    accepted = (int, float) if kind is float else kind
+    accepted: Any = {float: (int, float), tuple: list}.get(kind, kind)
     if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
         raise ValueError(f"{kind.__name__} expected, found {type(value).__name__}")
     if kind is int and not -(2**63) <= value < 2**63:
         raise ValueError("a number is too large")
     if isinstance(value, list):
-        return [_convert(arguments[0], item) for item in value]
+        return kind(_convert(arguments[0], item) for item in value)
     return {name: _convert(arguments[1], item) for name, item in value.items()} if isinstance(value, dict) else value

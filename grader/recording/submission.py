@@ -15,6 +15,58 @@ SUBMISSION_SCHEMA = "ros-lab-grader/submission/v1"
 SUBMISSION_FILE = "submission.json"
 
 
+@dataclass(frozen=True)
+class Person:
+    """A person, as the download of a learning-management system or a class list knows them; empty where neither does.
+
+    All are texts as they were written there: the zeros that an id begins with are part of it.
+    """
+
+    name: str = ""
+    #: By which the university knows them: Moodle's ID number, Canvas' SIS User ID, Brightspace's OrgDefinedId.
+    student_id: str = ""
+    login: str = ""
+    email: str = ""
+    section: str = ""
+    #: The systems' own numbers: Moodle's of a participant in one assignment, Canvas' of a user.
+    moodle: str = ""
+    canvas: str = ""
+
+    def completed(self, other: Person) -> Person:
+        """Return what this one knows, and where it is empty the other."""
+        return Person(**{fact: text or getattr(other, fact) for fact, text in vars(self).items()})
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All by which something that was handed in can be known to be theirs."""
+        numbers = (f"{system} {n}" for system, n in (("moodle", self.moodle), ("canvas", self.canvas)) if n)
+        return (self.name, self.student_id, self.login, self.email, *numbers)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """Who handed a submission in, and how a report gets back to them."""
+
+    #: Several if they handed it in together.
+    people: tuple[Person, ...] = ()
+    #: Of which learning-management system the download was.
+    system: str = ""
+    #: Under which paths in an archive that system takes something back for it; see `Delivered.handback`.
+    handback: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the one who handed it in; none of several, of whom no name tells for all."""
+        return self.people[0].names if len(self.people) == 1 else ()
+
+    def completed(self, other: Identity) -> Identity:
+        """Return what this one knows, and where it knows less what another one of the same submission does."""
+        people = self.people or other.people
+        if self.people and other.people:
+            people = (people[0].completed(other.people[0]), *people[1:])
+        return Identity(people, self.system or other.system, self.handback or other.handback)
+
+
 @dataclass
 class FileFact:
     """One file of the submission, by its path relative to the root."""
@@ -73,6 +125,7 @@ class SubmissionRecord:
     submitted_at: str | None = None
     #: By which a grade book knows the student, where a learning-management system or a class list told it.
     student_id: str | None = None
+    identity: Identity = field(default_factory=Identity)
     #: The path that it was found by; empty where nobody knows.
     source: str = ""
     #: Modules that the submission may import, and that the grader did not find where its programs run; None

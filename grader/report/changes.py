@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from grader.cohort.changes import Change, Changes
+from grader.cohort.changes import Change, Changes, by_check
 from grader.report.escape import terminal_text
 from grader.report.grades_csv import csv_text
 from grader.report.views import points, signed
@@ -102,16 +102,12 @@ def _signed(difference: Decimal) -> Text:
 
 def _print_summary(console: Console, changes: Sequence[Changes]) -> None:
     """Print for each check how many gain and lose by it, and their points together."""
-    met: dict[str, list[Change]] = {}
-    for check in (check for each in changes for check in each.at("check")):
-        met.setdefault(check.id, []).append(check)
-    if not met or len(changes) < 2:
+    found = by_check(changes)
+    if not found or len(changes) < 2:
         return
     table = Table("By check", "gain", "lose", "points", box=None, padding=(0, 1), header_style="bold")
     for column in table.columns[1:]:
         column.justify = "right"
-    sums = {name: sum((c.difference for c in found), Decimal(0)) for name, found in met.items()}
-    for name, found in sorted(met.items(), key=lambda item: -abs(sums[item[0]])):
-        gain, lose = sum(c.difference > 0 for c in found), sum(c.difference < 0 for c in found)
-        table.add_row(terminal_text(found[0].title, 80), str(gain), str(lose), _signed(sums[name]))
+    for title, gain, lose, together in found:
+        table.add_row(terminal_text(title, 80), str(gain), str(lose), _signed(together))
     console.print("", table, "", sep="\n")

@@ -8,6 +8,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from datetime import timedelta, timezone
 
+from grader.cohort.changes import Changes, by_check, changes_between
+from grader.cohort.similarity import Similarity
 from grader.cohort.statistics import CheckStatistics, ClassSummary, Need, Row
 from grader.report import views
 from grader.report.figures.scores import scores_figure
@@ -32,6 +34,12 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
         "grade again, or decide by hand.",
         Badge("undecided", "?", "undecided"),
     ),
+    Need.UNMEASURED: (
+        "Numbers that nothing measured",
+        "The recording shows no measurement behind numbers that the program prints. That can have an honest cause, "
+        "such as an example that was left in: a person judges. The points are lost already.",
+        Badge("partial", "#", "numbers not measured"),
+    ),
     Need.OTHER_RUBRIC: (
         "Judged by another rubric",
         "These results come from another version of the rubric, or of the files that it names, than the others, and "
@@ -41,15 +49,24 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
 }
 
 
-def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
-    """Return the class page as HTML, which says whether names were replaced; equal arguments give equal bytes."""
+def render(summary: ClassSummary, similarity: Similarity | None = None, *, anonymous: bool = False) -> str:
+    """Return the class page as HTML, which says whether names were replaced; equal arguments give equal bytes.
+
+    What the submissions have in common is shown where it was compared; it names students and quotes them.
+    """
     needs = {todo.need: _TASKS[todo.need] for todo in summary.todos}
     rows = range(len(summary.rows))
+    compared = {n: changes for n in rows if (changes := _changes(summary.rows[n])) is not None}
     return render_page(
         "class.html.j2",
         ("report.css", "class.css"),
-        "class.js",
+        ("class.js",),
         summary=summary,
+        similarity=similarity,
+        reports={row.entry.name: row.entry.report for row in summary.rows},
+        compared=sorted(compared.items(), key=lambda item: (-abs(item[1].difference), item[0])),
+        by_check=by_check(compared.values()),
+        stale=_stale(summary, similarity),
         anonymous=anonymous,
         graded=summary.spread.count if summary.spread else 0,
         chart=scores_figure(summary.spread) if summary.spread else None,
@@ -64,15 +81,30 @@ def render(summary: ClassSummary, *, anonymous: bool = False) -> str:
         criteria={check.id: summary.columns[check.column].title for check in summary.checks},
         remarks=[_remark(check, summary.noise) for check in summary.checks],
         adjustments_of=views.adjustments_of,
+        cell_badge=views.cell_badge,
+        beside=any(row.result.beside_criteria for row in summary.rows if row.result),
         zone=_zone(summary),
     )
+
+
+def _changes(row: Row) -> Changes | None:
+    before, now = row.entry.before, row.result
+    return changes_between(before, now) if before is not None and now is not None else None
+
+
+def _stale(summary: ClassSummary, similarity: Similarity | None) -> list[str]:
+    """Return whose submissions were compared and have changed, or come, since then."""
+    results = ((row.entry.name, row.result) for row in summary.rows if similarity is not None)
+    now = {name: result.provenance.get("submission_sha256", "") for name, result in results if result is not None}
+    return [name for name, sha256 in now.items() if similarity and similarity.compared.get(name, "") != sha256]
 
 
 def _codes(row: Row, summary: ClassSummary) -> str:
     """Return a letter for each criterion, then for each check."""
     checks = {check.id: check for check in row.result.checks} if row.result else {}
-    judged = [*row.cells, *(checks.get(check.id) for check in summary.checks)]
-    return "".join(views.badge_of(part.outcome).letter if part else "-" for part in judged)
+    badges = [views.cell_badge(row.result, cell) if row.result and cell else None for cell in row.cells]
+    badges += [views.badge_of(checks[check.id].outcome) if check.id in checks else None for check in summary.checks]
+    return "".join(badge.letter if badge else "-" for badge in badges)
 
 
 def _zone(summary: ClassSummary) -> timezone | None:

@@ -12,6 +12,7 @@ import io
 import re
 from collections.abc import Iterable, Sequence
 from decimal import Decimal
+from typing import Literal
 
 from grader.cohort.statistics import ClassSummary
 from grader.report.escape import line
@@ -51,10 +52,10 @@ def csv_cell(value: str | int | Decimal) -> str | int | Decimal:
     return _GOES_ON.sub(r"\1'", text)
 
 
-def csv_text(rows: Iterable[Sequence[str | int | Decimal]]) -> str:
+def csv_text(rows: Iterable[Sequence[str | int | Decimal]], quoting: Literal[0, 1] = csv.QUOTE_MINIMAL) -> str:
     """Return the text of a file of rows, the first of them its head; numbers without trailing zeros."""
     text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\r\n")
+    writer = csv.writer(text, lineterminator="\r\n", quoting=quoting)
     for row in rows:
         cells = map(csv_cell, row)
         writer.writerow([points(cell) if isinstance(cell, Decimal) else str(cell) for cell in cells])

@@ -10,6 +10,7 @@ import base64
 import functools
 import hashlib
 import re
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -23,15 +24,15 @@ from grader.report.figures.svg import HALF, NARROW, WIDE, duration
 _FOLDER = Path(__file__).parent / "templates"
 
 
-def render_page(name: str, styles: tuple[str, ...], script: str, **values: Any) -> str:
+def render_page(name: str, styles: tuple[str, ...], scripts: tuple[str, ...], **values: Any) -> str:
     """Return a page, made of files in the folder of templates; equal arguments give equal bytes."""
-    page = _template(name, styles, script).render(**values)
+    page = _template(name, styles, scripts).render(**values)
     # A lone surrogate cannot be written; all that is shown was cleaned of them, so this changes nothing.
     return page.encode("utf-8", "replace").decode("utf-8")
 
 
 @functools.lru_cache(maxsize=4)
-def _template(name: str, styles: tuple[str, ...], script: str) -> Template:
+def _template(name: str, styles: tuple[str, ...], scripts: tuple[str, ...]) -> Template:
     environment = Environment(
         loader=FileSystemLoader(_FOLDER),
         autoescape=True,
@@ -44,10 +45,14 @@ def _template(name: str, styles: tuple[str, ...], script: str) -> Template:
     )
     environment.filters.update(line=line, duration=duration, prose=prose, breakable=breakable, fields=views.fields)
     environment.filters.update(points=views.points, tenths=views.tenths, signed=views.signed)
+    environment.filters.update(tenths_signed=lambda value: views.signed(value.quantize(Decimal("0.1"))))
     environment.globals.update(
-        widths=(WIDE, HALF, NARROW), anchor=views.anchor, badge_of=views.badge_of, share_of=views.share_of
+        widths=(WIDE, HALF, NARROW),
+        anchor=views.anchor,
+        badge_of=views.badge_of,
+        share_of=views.share_of,
     )
-    css, js = "".join(map(_read, styles)), _read(script)
+    css, js = ("".join(map(_read, files)) for files in (styles, scripts))
     environment.globals.update(
         css=Markup(css),
         js=Markup(js),

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import re
 import signal
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from decimal import ROUND_HALF_UP, Decimal
 from typing import TYPE_CHECKING, Any
 
-from grader.lab.steps import STEPS
-from grader.recording.session import OutputLine, ProcessRun, SessionRecord, StepRun
+from grader.recording.session import OutputLine, ProcessRun, SessionRecord
 from grader.recording.submission import ArtifactFact
 from grader.report.escape import line
 from grader.result import (
@@ -30,10 +29,14 @@ if TYPE_CHECKING:
 
 HEAD_LINES, TAIL_LINES = 40, 60
 PRINTED_HEAD_LINES, PRINTED_TAIL_LINES = 6, 14
+#: Of what leads to a line that is meant, such as a traceback.
+LINES_BEFORE = 6
 CONTEXT_LINES = 2
 LONGEST_SOURCE_LINE = 200
 LONGEST_OUTPUT_LINE = 500
 MOST_LOCATIONS = 8
+#: A moment on a line of 1000 is to be seen.
+_NARROWEST = 6.0
 
 
 @dataclass(frozen=True)
@@ -220,6 +223,14 @@ def adjustments_of(result: Result) -> list[AdjustmentView]:
     return views
 
 
+def cell_badge(result: Result, criterion: CriterionResult) -> Badge:
+    """Return the badge of a criterion as it stands, with what people decided."""
+    ids = {check.id for check in criterion.checks}
+    undecided = sum((check.undecided for check in result.open_checks if check.id in ids), Decimal(0))
+    earned = max(Decimal(0), min(result.final_of(criterion), criterion.possible - undecided))
+    return badge_of(outcome_of_points(earned, criterion.possible, undecided))
+
+
 def signed(value: Decimal) -> str:
     """Write points with their sign."""
     return f"{'+' if value > 0 else '−'}{points(abs(value))}" if value else "±0"
@@ -306,17 +317,49 @@ def locations_of(
     return [location for location in locations if location.text]
 
 
+# -- moments -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Moment:
+    """When in a motion a check lost points: in words, where it is on a line of 1000, and where to look first."""
+
+    check: CheckResult
+    text: str
+    left: float
+    width: float
+    at_ms: int
+
+
+def moments_of(result: Result, figure: Figure) -> list[Moment]:
+    """Return when, in the motion that a figure shows, each check lost points, by the first place of its proof there."""
+    first_ms, last_ms = (int(figure.content.times_ms[n]) for n in (0, -1))
+    whole_ms = max(1, last_ms - first_ms)
+    found = []
+    for check in result.checks:
+        spans = [w for w in check.where if w.session == figure.session and w.start_s is not None] if check.lost else []
+        for where in spans[:1]:
+            assert where.start_s is not None
+            ends_s = (where.start_s, where.start_s if where.end_s is None else where.end_s)
+            start, end = (min(max(round(end_s * 1000), first_ms), last_ms) for end_s in ends_s)
+            left, width = 1000 * (start - first_ms) / whole_ms, 1000 * (end - start) / whole_ms
+            found.append(Moment(check, where.span, left, max(width, _NARROWEST), start))
+    return found
+
+
 # -- sessions ----------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class PrintedLine:
-    """A line of output; `far` if it is left out on paper."""
+    """A line of output, counted from 0; `far` if it is left out on paper, behind some that are not shown at all."""
 
+    number: int
     time: str
     error: bool
     text: str
     far: bool
+    left_out: int
 
 
 def anchors_of(sessions: Mapping[str, SessionRecord]) -> dict[tuple[str, str], str]:
@@ -329,53 +372,41 @@ def anchors_of(sessions: Mapping[str, SessionRecord]) -> dict[tuple[str, str], s
     return links
 
 
+def heading_of(record: SessionRecord, number: int) -> str:
+    """Return what a process is called on the page: its name, and which start it is where there are several."""
+    name = record.processes[number].name
+    starts = [n for n, other in enumerate(record.processes) if other.name == name]
+    return line(name, 120) + (f", start {starts.index(number) + 1}" if len(starts) > 1 else "")
+
+
 def processes_of(record: SessionRecord) -> list[tuple[int, str, ProcessRun]]:
     """Return the processes to show, the submission's first: place in the record, heading, and process."""
-    shown = []
-    for number, run in enumerate(record.processes):
-        starts = [n for n, other in enumerate(record.processes) if other.name == run.name]
-        heading = line(run.name, 120) + (f", start {starts.index(number) + 1}" if len(starts) > 1 else "")
-        if run.role != "grader" or run.output:
-            shown.append((number, heading, run))
+    runs = enumerate(record.processes)
+    shown = [(n, heading_of(record, n), run) for n, run in runs if run.role != "grader" or run.output]
     order = {"student": 0, "reference": 1, "grader": 2}
     return sorted(shown, key=lambda one: order.get(one[2].role, 3))
 
 
-def step_text(step: StepRun) -> str:
-    """Say what a step does, in the words of its progress."""
-    model = STEPS.get(step.kind)
-    try:
-        return model.model_construct(**step.parameters).describe() if model is not None else step.kind
-    except (KeyError, ValueError, TypeError):  # recorded when the step had other parameters
-        return step.kind
-
-
-def step_note(step: StepRun) -> str:
-    """Say what became of a step, where its outcome is not all."""
-    name = step.result.get("name")
-    found = f"found as {name}" if isinstance(name, str) and name not in step.parameters.values() else ""
-    return str(step.result.get("problem", "")) or found
-
-
-def output_of(run: ProcessRun, started_ns: int) -> tuple[list[PrintedLine], int, list[PrintedLine]]:
-    """Return the first lines of a process's output, the number of those left out, and the last ones."""
-    lines = run.output
-    left_out = len(lines) - HEAD_LINES - TAIL_LINES
-    near = {*range(PRINTED_HEAD_LINES), *range(len(lines) - PRINTED_TAIL_LINES, len(lines))}
-    printed = [
-        _printed(text, started_ns, n not in near)
-        for n, text in enumerate(lines)
-        if left_out <= 0 or n < HEAD_LINES or n >= HEAD_LINES + left_out
+def output_of(run: ProcessRun, started_ns: int, meant: Collection[int] = ()) -> list[PrintedLine]:
+    """Return the first and the last lines of a process's output, and those with what comes before that are meant."""
+    count = len(run.output)
+    shown = {n for each in meant for n in range(each - LINES_BEFORE, each + 2)} & set(range(count))
+    near = {*range(min(PRINTED_HEAD_LINES, count)), *range(max(0, count - PRINTED_TAIL_LINES), count), *shown}
+    shown |= {*range(min(HEAD_LINES, count)), *range(max(0, count - TAIL_LINES), count)}
+    ordered = sorted(shown)
+    return [
+        _printed(run.output[number], number, started_ns, number not in near, number - before - 1)
+        for before, number in zip([-1, *ordered], ordered, strict=False)
     ]
-    return (printed[:HEAD_LINES], left_out, printed[HEAD_LINES:]) if left_out > 0 else (printed, 0, [])
 
 
-def _printed(output: OutputLine, started_ns: int, far: bool) -> PrintedLine:
+def _printed(output: OutputLine, number: int, started_ns: int, far: bool, left_out: int) -> PrintedLine:
     # What follows a bare carriage return is written over what was there, as a progress bar does.
     text = output.text.rstrip("\r").rpartition("\r")[2]
     if len(text) > LONGEST_OUTPUT_LINE:
         text = text[: LONGEST_OUTPUT_LINE - 1] + "…"
-    return PrintedLine(f"{(output.t_ns - started_ns) / 1e9:.3f}", output.stream == "stderr", text, far)
+    time = f"{(output.t_ns - started_ns) / 1e9:.3f}"
+    return PrintedLine(number, time, output.stream == "stderr", text, far, left_out)
 
 
 def end_of(run: ProcessRun) -> str:

@@ -33,9 +33,9 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     """
     source = intake.source
     record = SubmissionRecord(name=source.name, left_out=list(intake.left_out), source=source.origin)
-    record.student_id = source.student_id
+    record.student_id, record.identity = source.student_id, source.identity
     record.submitted_at = source.submitted_at.isoformat() if source.submitted_at is not None else None
-    _collect_files(intake.folder, record)
+    collect_files(intake.folder, record)
     if not record.files:
         raise SubmissionError(
             "the submission is empty", location=source.location, remedy="Put the lab's files into it."
@@ -84,7 +84,8 @@ def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
     return read_submission(Intake(folder, SubmissionSource(folder.resolve().name, (), location=str(folder))), rubric)
 
 
-def _collect_files(folder: Path, record: SubmissionRecord) -> None:
+def collect_files(folder: Path, record: SubmissionRecord) -> None:
+    """Note the files of a folder with their hashes, and the texts that may be read."""
     paths = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
     for path in sorted(paths, key=_files_before_folders):
         content = (folder / path).read_bytes()

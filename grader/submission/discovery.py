@@ -45,6 +45,7 @@ from grader.errors import SubmissionError
 from grader.lab.kept_lab import KEPT
 from grader.lab.overrides import OVERRIDES_FILE
 from grader.lab.rubric import Rubric
+from grader.recording.submission import Identity, Person
 from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, JOURNAL_FILE
 from grader.submission.extraction import Piece, SubmissionSource, names_in, text_of, texts_in
 from grader.submission.file_names import TOOL_FOLDERS, displayed, is_litter, is_packed, without_archive_suffix
@@ -345,7 +346,8 @@ class _Search:
                 assignment = listing.name.removesuffix("-submissions")
                 user = name.removeprefix(f"{assignment}-") if assignment != listing.name else name
                 source = _source_of(self._last_version(listing.below(name)))
-                self._add(replace(source, student_id=user) if user != name else source, name)
+                identity = Identity((Person(login=user),))
+                self._add(replace(source, student_id=user, identity=identity) if user != name else source, name)
             elif is_packed(name):
                 piece = listing.piece(name, is_folder=False)
                 location, origin = f"{listing.location}: {displayed(name)}", f"{listing.origin}/{name}"
@@ -387,10 +389,11 @@ class _Search:
             source = self._delivered(listing, entries)
             named = student if student == student_id or not student_id else f"{student}_{student_id}"
             described = f"{listing.location}: {displayed(named)}"
-            source = replace(
-                source, student=student, student_id=student_id or None, location=described, origin=listing.origin
-            )
-            self._add(source, named)
+            own = {system.id_is: student_id} if system.id_is else {}
+            people = next(iter(entries.values())).people or (Person(student if student != student_id else "", **own),)
+            identity = replace(source.identity, people=people, system=system.name)
+            source = replace(source, student=student, student_id=student_id or None, identity=identity)
+            self._add(replace(source, location=described, origin=listing.origin), named)
         amount = _submissions(len(students))
         self.understood.append(f"{listing.location}: {system.name}'s download of {amount}")
 
@@ -408,9 +411,9 @@ class _Search:
                 pieces.append(listing.piece(entry, is_folder=False, name=name))
             elif listing.entries[entry]:
                 pieces.append(listing.piece(entry))
-        return SubmissionSource(
-            "", tuple(pieces), submitted_at=last, late=any(upload.late for upload in entries.values())
-        )
+        identity = Identity(handback=tuple(upload.handback for upload in counted.values() if upload.handback))
+        late = any(upload.late for upload in entries.values())
+        return SubmissionSource("", tuple(pieces), submitted_at=last, late=late, identity=identity)
 
 
 #: By this, the results of an earlier grading are known.
@@ -496,14 +499,27 @@ def _with_class_list(
 
     `names` are those without a mark, by where each submission lies.
     """
-    items = [(Student(s.name, s.student_id, s.submitted_at), (s.student, names[_origin(s)])) for s in submissions]
+    items = [
+        (Student(s.name, s.student_id, s.submitted_at), (s.student, names[_origin(s)], *s.identity.names))
+        for s in submissions
+    ]
     found = list(zip(submissions, matches(students, items), strict=True))
     unclear = [
         f"{source.location}: the name alone does not say who of the class list this is"
-        for source, (_, listing, may_be) in found
-        if listing is None and may_be
+        for source, match in found
+        if match.may_be and not match.people
     ]
-    there = frozenset[int]().union(*(may_be for _, (_, _, may_be) in found))
-    missing = tuple(displayed(s.name or s.student_id or "") for n, s in enumerate(students) if n not in there)
-    named = [replace(s, student_id=known.student_id, submitted_at=known.submitted_at) for s, (known, _, _) in found]
+    there = frozenset[int]().union(*(match.may_be for _, match in found))
+    missing = tuple(
+        displayed(s.name or s.student_id or s.person.login) for n, s in enumerate(students) if n not in there
+    )
+    named = [
+        replace(
+            source,
+            student_id=match.student_id,
+            submitted_at=match.submitted_at,
+            identity=match.completed(source.identity),
+        )
+        for source, match in found
+    ]
     return named, missing, unclear

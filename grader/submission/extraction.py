@@ -12,7 +12,7 @@ import os
 import tempfile
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import partial
 from itertools import chain
@@ -21,6 +21,7 @@ from typing import BinaryIO, TypeVar
 
 from grader.bounded import Bound, in_process
 from grader.errors import BoundError, SubmissionError
+from grader.recording.submission import Identity
 from grader.submission import file_names
 from grader.submission.beneath import open_regular_beneath
 from grader.submission.members import (
@@ -126,6 +127,8 @@ class SubmissionSource:
     submitted_at: datetime | None = None
     late: bool = False
     student: str = ""
+    #: All that is known of those who handed it in.
+    identity: Identity = field(default_factory=Identity)
     #: Where it comes from, in words; written by students, so not to be trusted.
     location: str = ""
     #: The path that it was found by, the same however that was typed; empty where nobody knows.

@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from itertools import chain
 from pathlib import Path
 
 from grader.errors import UsageError
 from grader.lab.overrides import OVERRIDES_FILE
-from grader.recording.submission import SUBMISSION_FILE, read_submission
+from grader.recording.submission import SUBMISSION_FILE, Identity, SubmissionRecord, read_submission
 from grader.result_folder import RECORDINGS
 from grader.submission.beneath import is_regular_beneath
+from grader.submission.extraction import SubmissionSource
 
 
 def lies_within(folder: Path, sources: Iterable[str]) -> bool:
@@ -59,13 +61,28 @@ def uncounted_overrides(results: Path, sources: Iterable[str]) -> str | None:
 
 def made_from(folder: Path) -> str:
     """Return the path that a submission's results were made from; empty where that is not known."""
+    record = _record_of(folder)
+    return record.source if record is not None else ""
+
+
+def _record_of(folder: Path) -> SubmissionRecord | None:
     # Where results lie in a submission, this too may be anything.
     if not is_regular_beneath(folder, f"{RECORDINGS}/{SUBMISSION_FILE}"):
-        return ""
+        return None
     try:
-        return str(read_submission(folder / RECORDINGS).source)
+        return read_submission(folder / RECORDINGS)
     except (OSError, ValueError, RecursionError):
-        return ""
+        return None
+
+
+def with_earlier(source: SubmissionSource, results: Path) -> SubmissionSource:
+    """Return a submission with what its earlier results know of who handed it in, if they were made from its path."""
+    record = _record_of(results / source.name)
+    if record is None or record.source != source.origin or lies_within(results, [source.origin]):
+        return source
+    identity = Identity(record.identity.people).completed(source.identity)
+    known = next((person.student_id for person in identity.people[:1]), "")
+    return replace(source, identity=identity, student_id=known or source.student_id)
 
 
 def require_same_source(folder: Path, source: str) -> None:

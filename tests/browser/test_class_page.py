@@ -193,6 +193,58 @@ def test_filtered_rows_stay_hidden_when_sorted(page: Page) -> None:
     assert sorted(names(page)) == sorted(before)
 
 
+def test_the_address_says_what_is_shown(chromium: Browser, page: Page, file: Path) -> None:
+    """Whoever opens the address sees the same students in the same order; an address of nonsense shows all."""
+    page.get_by_label("Criterion or check").select_option("Refuses while safety is off, and recovers")
+    page.get_by_label("Outcome").select_option("points lost")
+    heading(page, "Points").get_by_role("button").click()
+    page.get_by_label("Name").fill("a")
+    assert len(names(page)) > 1
+    assert "in=service.refuses" in page.url
+    with visit(chromium, file) as other:
+        other.page.goto(page.url)
+        assert names(other.page) == names(page)
+        assert other.page.get_by_role("status").text_content() == page.get_by_role("status").text_content()
+        other.page.evaluate("location.hash = '#show?in=<b>&outcome=__proto__&by=99d&mistake=constructor&name='")
+        expect(other.page.get_by_role("status")).to_contain_text("40 of 40 shown")
+    page.get_by_role("button", name="Show all").click()
+    expect(page.get_by_role("status")).to_contain_text("40 of 40 shown")
+    assert "in=" not in page.url
+
+
+def test_names_of_those_shown_are_copied(page: Page) -> None:
+    """A line each, in the order of the table."""
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.get_by_label("Needs attention").check()
+    page.get_by_role("button", name="Copy names").click()
+    expect(page.get_by_role("status")).to_contain_text("4 names copied.")
+    assert page.evaluate("navigator.clipboard.readText()").split("\n") == names(page)
+
+
+def test_the_last_row_holds_the_means_of_those_shown(page: Page) -> None:
+    """The means of the columns add up to that of the points, of all and of any part."""
+    for part in ("a", "o"):
+        page.get_by_label("Name").fill(part)
+        cells = [text.strip() for text in page.locator("#class-table tfoot tr > *").all_text_contents()]
+        total, *columns = [Decimal(text.replace("–", "0")) for text in cells[1:] if text]
+        graded = page.locator("#class-table tbody tr:visible td.total[data-value]").count()
+        assert cells[0] == f"Mean of {graded}"
+        assert abs(sum(columns) - total) <= Decimal("0.04")
+
+
+def test_the_head_stays_while_students_scroll(page: Page) -> None:
+    """With the last student in sight, the titles of the columns are too."""
+    table = page.locator(".students .scroll")
+    table.scroll_into_view_if_needed()
+    table.evaluate("part => { part.scrollTop = part.scrollHeight; }")
+    assert table.evaluate("part => part.scrollTop") > 100
+    expect(heading(page, "Points")).to_be_in_viewport()
+    top, head = (place.bounding_box() for place in (table, heading(page, "Points")))
+    assert top is not None
+    assert head is not None
+    assert abs(top["y"] - head["y"]) <= 2
+
+
 # -- without a mouse ---------------------------------------------------------------------------
 
 
@@ -200,22 +252,22 @@ def test_all_can_be_done_with_the_keyboard(page: Page, summary: ClassSummary) ->
     """From the field for a name, Tab leads through the filters to the table and its headings; keys sort it."""
     page.get_by_label("Name").focus()
     reached = []
-    for _ in range(7):
+    for _ in range(8):
         page.keyboard.press("Tab")
         reached.append(page.evaluate("document.activeElement.id || document.activeElement.textContent.trim()"))
-    assert reached[:4] == ["f-place", "f-outcome", "f-needs", "f-reset"]
-    assert reached[-2:] == ["Student", "Points"]
+    assert reached[:5] == ["f-place", "f-outcome", "f-needs", "f-reset", "f-copy"]
+    assert reached[-2:] == ["Student", "Points of 100"]
     page.keyboard.press("Enter")
     assert names(page) == by_points(summary, descending=True)
     page.keyboard.press("Space")
     assert names(page) == by_points(summary, descending=False)
-    assert page.evaluate("document.activeElement.textContent") == "Points"
+    assert page.evaluate("document.activeElement.textContent") == "Points of 100"
 
 
 def test_focus_is_seen(page: Page) -> None:
     """What the keyboard is at has an outline."""
     page.get_by_label("Name").focus()
-    for _ in range(6):
+    for _ in range(7):
         page.keyboard.press("Tab")
     style = page.evaluate("getComputedStyle(document.activeElement).outlineStyle")
     assert page.evaluate("document.activeElement.tagName") == "BUTTON"

@@ -70,9 +70,9 @@ def test_without_scripts_all_is_there(chromium: Browser, reports: dict[str, Path
     with visit(chromium, reports["service_never_answers"], scripts=False) as seen:
         expect(seen.page.locator("button:visible")).to_have_count(0)
         expect(seen.page.locator("#check-service\\.enables .reason")).to_be_visible()
-        session = seen.page.locator("details.session").first
-        session.locator("summary").first.click()
-        expect(session).to_have_attribute("open", "")
+        output = seen.page.locator("details.output").first
+        output.locator("summary").click()
+        expect(output).to_have_attribute("open", "")
 
 
 def test_a_phone_shows_it_without_scrolling_sideways(chromium: Browser, reports: dict[str, Path]) -> None:

@@ -588,6 +588,22 @@ def test_a_motion_that_endangers_earns_nothing_and_makes_its_values_unsafe(
     assert judged("message_values", values, session, findings={"motion": harmless}).outcome is Outcome.PASSED
 
 
+def test_the_first_message_that_goes_too_far_is_pointed_at(tmp_path: Path) -> None:
+    """Motion and values out of reach point at the moment at which they leave it; another motion at all of it."""
+    times = np.array(evenly(100, 6.0))
+    rows = motion(times - times[0])
+    far = published(tmp_path / "far", times.tolist(), [[8 * row[0], *row[1:]] for row in rows])
+    left_s = float(times[next(n for n, row in enumerate(rows) if 8 * row[0] > 3.1416)])
+    values = {"topic": "/commands", "field": "data", "length": 7, "reach": 3.1416}
+    for check, settings in (("sinusoids", {**MOTION, "reach": 3.1416}), ("message_values", values)):
+        (where,) = judged(check, settings, far).where
+        assert (where.start_s, where.end_s) == (pytest.approx(left_s, abs=1e-3), where.start_s)
+        assert str(where).endswith(f"at {where.start_s:.3f} s")
+    slow = published(tmp_path / "slow", times.tolist(), motion(times - times[0], frequency_hz=0.4))
+    (where,) = judged("sinusoids", MOTION, slow).where
+    assert (where.start_s, where.end_s) == (pytest.approx(times[0], abs=1e-3), pytest.approx(times[-1], abs=1e-3))
+
+
 @pytest.mark.parametrize("missed", [0, 5, 40])
 @pytest.mark.parametrize(("angle_rad", "outcome"), [(np.pi / 2, Outcome.FAILED), (0.0, Outcome.PASSED)])
 def test_a_jump_at_the_start_is_seen_by_the_motion_too(

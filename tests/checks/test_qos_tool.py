@@ -11,6 +11,8 @@ import pytest
 from pydantic import ValidationError
 
 from grader.checks.registry import REGISTRY
+from grader.judging.judge import judge, open_recordings
+from grader.judging.rubrics import read_rubric
 from grader.recording.session import OutputLine, Qos
 from grader.result import Finding, Outcome
 from tests.synthetic import BEST_EFFORT, RELIABLE, Session, at, evenly, judged, submission
@@ -267,6 +269,7 @@ def test_numbers_without_a_subscription_are_invented(tmp_path: Path) -> None:
     finding = reported(tmp_path, row(), listens=False)
     assert finding.outcome is Outcome.FAILED
     assert "nothing subscribes" in finding.reason
+    assert "to which nothing of the submission subscribes" in (finding.unmeasured or "")
 
 
 @pytest.mark.parametrize(("mean_ms", "max_ms"), [(1.0, 3.0), (50.0, 90.0)])
@@ -420,3 +423,16 @@ def test_a_side_that_was_made_and_never_seen_is_undecided(tmp_path: Path) -> Non
     # What the program says can be made up, and the graph shows the same again and again.
     assert finding.settled is not None
     assert finding.settled.outcome is Outcome.PARTIAL
+
+
+@pytest.mark.parametrize(
+    ("kept", "words"),
+    [("qos_invented_numbers", "None of the 4 counts"), ("solution", None), ("best_effort_publisher", None)],
+)
+def test_numbers_that_nothing_measured_are_for_a_person(kept: str, words: str | None) -> None:
+    """Of a random generator's numbers no count is that of the messages; measured ones, or none, are no case."""
+    rubric = read_rubric(None)
+    result = judge(open_recordings(Path(__file__).resolve().parents[1] / "recordings" / kept, rubric), rubric)
+    found = [check.unmeasured for check in result.checks if check.unmeasured]
+    assert [words in text for text in found if words] == ([True] if words else [])
+    assert bool(found) == (words is not None)

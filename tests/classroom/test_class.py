@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import json
 import signal
+import subprocess
 import sys
+from decimal import Decimal
 from pathlib import Path
 
 import pytest
@@ -23,6 +25,7 @@ from grader.result_folder import JOURNAL_FILE, RECORDINGS
 from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, remains, until
 from tests.regraded import judge_results
+from tests.report.exports.importers import User, moodle_feedback, moodle_grade_book, moodle_worksheet
 
 pytestmark = pytest.mark.live
 
@@ -87,6 +90,42 @@ def test_a_class_is_graded_once(tmp_path: Path) -> None:
     assert small.grade()[0] == 0
     assert small.files_of("ann") == before["ann"], "the report was not made from what is there"
     assert small.files_of("eve") == kept
+
+
+def test_a_download_goes_back_to_where_it_came_from(tmp_path: Path) -> None:
+    """From Moodle's download to what Moodle reads again; a class list counts for later runs, and runs nothing anew."""
+    names = {"Änne Müller_11_assignsubmission_file": TALKER, "Bob O'Brien_12_assignsubmission_file": CRASHES}
+    small = make_class(tmp_path, names)
+    assert small.grade()[0] == 0
+    before = {name: small.files_of(name) for name in ("Änne_Müller_11", "Bob_O_Brien_12")}
+    listed = tmp_path / "class.csv"
+    listed.write_text(
+        'name,student_id,email\n"Müller, Änne",0012,am@uni.example\nBob O\'Brien,0013,\n', encoding="utf-8"
+    )
+    assert "2 graded, 2 of them as before" in small.grade("--class-list", str(listed))[1]
+    kept = {name: small.files_of(name) for name in before}
+    assert "2 graded, 2 of them as before" in small.grade("--anonymous")[1]
+    assert {name: small.files_of(name) for name in before} == kept
+    record = f"{RECORDINGS}/submission.json"
+    assert [{k for k in kept[name] if kept[name][k] != before[name][k]} for name in before] == [{record}, {record}]
+
+    users = [User("11", "", "0012"), User("12", "", "0013")]
+    forms = ["--to=moodle", "--to=feedback", "--to=mail"]
+    done = subprocess.run(
+        [sys.executable, "-m", "grader.cli", "export", str(small.results), *forms],
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    moodle, feedback, mails = (Path(line.rpartition(": ")[0]).read_bytes() for line in done.stdout.splitlines())
+    assert {n: grade for n, (grade, _) in moodle_worksheet(moodle, users, Decimal(1)).items()} == {"11": 1, "12": 0}
+    assert moodle_grade_book(moodle, users, "ID number", "student_id") == {"11": 1, "12": 0}
+    reports = {
+        user: (small.results / n / "report.html").read_bytes() for user, n in zip(("11", "12"), before, strict=True)
+    }
+    assert moodle_feedback(feedback, users) == {user: {"report.html": report} for user, report in reports.items()}
+    assert b"am@uni.example" in mails
+    assert "no address is known that mail can be sent to: Bob_O_Brien_12" in done.stderr
 
 
 def test_exactly_what_is_undecided_is_run_again(tmp_path: Path) -> None:

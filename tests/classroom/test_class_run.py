@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import shutil
 import sys
+from dataclasses import replace
 from datetime import datetime, timezone
 from decimal import Decimal
 from pathlib import Path
@@ -12,7 +13,7 @@ from pathlib import Path
 from rich.console import Console
 
 from grader.classroom import fingerprint
-from grader.classroom.class_run import ClassRun, entries_of
+from grader.classroom.class_run import ClassRun, _Task, entries_of
 from grader.classroom.job import Row
 from grader.classroom.journal import UNJUDGED, Journal
 from grader.classroom.progress import RunProgress
@@ -23,10 +24,11 @@ from grader.lab.kept_lab import lab_folder
 from grader.lab.overrides import load_overrides
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.pipeline import Options
-from grader.recording.submission import read_submission, write_submission
+from grader.recording.submission import Identity, Person, read_submission, write_submission
 from grader.result import Result, Score, to_json
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
 from grader.submission.extraction import Piece, SubmissionSource, open_submission
+from grader.submission.separation import with_earlier
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings/wrong_topic"
 NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
@@ -79,6 +81,23 @@ def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
     row = Row(SubmissionSource("ann", (Piece(Path("ann.zip")),)), result_named("ann"))
     (entry,) = entries_of(results, [row])
     assert (entry.submitted_at, entry.student_id) == (NOON, "7")
+
+
+def test_who_handed_in_is_told_to_recordings_that_hold_good(tmp_path: Path) -> None:
+    """What a class list adds in a later run is kept with the results, and nothing is judged or recorded for it."""
+    results = tmp_path / "results"
+    shutil.copytree(KEPT, results / "ann" / RECORDINGS)
+    ann = replace(source("ann"), origin=read_submission(results / "ann" / RECORDINGS).source)
+    listed = replace(ann, student_id="0012", identity=Identity((Person("Ann", "0012", "am12", "ann@uni.example"),)))
+    with Journal.open(results) as journal:
+        run = ClassRun(read_rubric(None), Options(Path(sys.executable)), journal, Machine(1), RunProgress(Console(), 1))
+        run._state_intake(_Task(listed, "", NOON.isoformat(), "", ""))
+        record = read_submission(results / "ann" / RECORDINGS)
+        assert (record.student_id, record.identity) == ("0012", listed.identity)
+        before = (results / "ann" / RECORDINGS / "submission.json").stat()
+        run._state_intake(_Task(with_earlier(ann, results), "", NOON.isoformat(), "", ""))
+        after = (results / "ann" / RECORDINGS / "submission.json").stat()
+    assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns), "a run without a list changed it"
 
 
 def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from grader.cohort.anonymous import HIDDEN, anonymous
 from grader.cohort.entries import ClassEntry, report_link
 from grader.cohort.statistics import summarise
+from grader.recording.submission import Identity, Person
 from grader.report import class_page, grades_csv
 from tests.cohort.made_up import entry_of, result_of, rubric_of
 
@@ -107,6 +108,20 @@ def test_links_ids_times_and_words_of_adjustments_go() -> None:
         assert word not in text
     assert "bonus" in text
     assert f"{HIDDEN} went out" in text
+
+
+def test_no_login_address_or_partner_is_left() -> None:
+    """By what else systems know those who handed in is hidden too; what is common to many is not."""
+    people = (
+        Person("Müller, Änne", "0012999", "amu47", "aenne.mu@uni.example", "Monday", "11"),
+        Person("Bob O'Brien", login="bobrien3"),
+    )
+    reason = "amu47 and bobrien3 wrote to aenne.mu@uni.example on Monday: 11 messages of Änne and O'Brien, 0012999."
+    text = said(dataclasses.replace(entry("team_red", reason), identity=Identity(people)))
+    assert [
+        word for word in ("amu47", "bobrien3", "aenne", "änne", "o'brien", "0012999", "team_red") if word in text
+    ] == []
+    assert "on monday: 11 messages" in text
 
 
 def test_problems_of_what_was_not_graded_have_no_names_either() -> None:

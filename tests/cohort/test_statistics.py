@@ -101,10 +101,18 @@ def test_a_criterion_that_was_not_judged_has_no_cell() -> None:
     assert [check.decided for check in summary.checks] == [1, 0]
 
 
-def test_the_mean_of_a_criterion_leaves_out_whom_it_is_undecided_for() -> None:
-    """Of 4, 2 and an undecided one the mean is 3."""
-    summary = summarise(entries_of(TWO, [1, 1], [0.5, 1], [None, 1]), TWO)
-    assert summary.columns[0].mean == 3
+def test_means_of_criteria_add_up_to_the_mean_of_the_points() -> None:
+    """What is undecided counts nowhere; what people decided of a check is in its criterion, a bonus beside all."""
+    points = {"kind": "points", "what": "a.first", "points": 1, "reason": "", "who": "J. Smith", "when": "2026-11-21"}
+    bonus = points | {"kind": "bonus", "what": "score", "points": 2}
+    adjusted = entry_of("d", result_of(TWO, [0.5, 1]) | {"adjustments": [points, bonus]})
+    summary = summarise([*entries_of(TWO, [1, 1], [0.5, 1], [None, 1]), adjusted], TWO)
+    assert adjusted.result is not None
+    assert summary.columns[0].mean == Decimal("2.25")
+    beside = adjusted.result.beside_criteria / 4
+    assert beside == Decimal("0.5")
+    assert summary.spread is not None
+    assert sum((c.mean for c in summary.columns if c.mean is not None), beside) == summary.spread.mean
 
 
 # -- what each check tells ---------------------------------------------------------------------
@@ -200,3 +208,12 @@ def test_equal_entries_give_an_equal_summary() -> None:
     """Nothing depends on anything but entries and rubric."""
     entries = entries_of(TWO, [1, 0.5], [0, None], [0.3, 1])
     assert summarise(entries, TWO) == summarise(entries, TWO)
+
+
+def test_numbers_that_nothing_measured_are_to_do() -> None:
+    """They stand there with the check that tells of them, whatever it cost."""
+    plain = result_of(TWO, [0, 1])
+    plain["criteria"][0]["checks"][0]["unmeasured"] = "All counts are constants of its source."
+    (todo,) = summarise([entry_of("a", plain), *entries_of(TWO, [1, 1])], TWO).todos
+    assert (todo.need, todo.row, todo.points, todo.check_id) == (Need.UNMEASURED, 0, 4, "a.first")
+    assert todo.texts == ("All counts are constants of its source.",)

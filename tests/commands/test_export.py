@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import shutil
 from pathlib import Path
@@ -11,10 +12,14 @@ from xml.etree import ElementTree
 import pytest
 
 from grader.cli import main
+from grader.commands.grade import is_results
 from grader.files import UNFINISHED
+from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
-from grader.report.exports import EXPORTS
+from grader.report.exports import CLASS_EXPORTS, EXPORTS
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
+from tests.report.exports.importers import User, canvas, moodle_feedback
+from tests.report.exports.returned_class import results_of, taken_in
 from tests.report.exports.sample_results import VARIABLES, every_outcome
 
 pytestmark = pytest.mark.usefixtures("judged_before")
@@ -166,3 +171,97 @@ def test_a_grading_that_still_runs(tmp_path: Path, capsys: pytest.CaptureFixture
     assert not any("score" in test for test in waiting)
     assert all(test["status"] == "passed" for test in data["tests"] if test not in waiting)
     assert data["score"] + data["extra_data"]["undecided"] == 100
+
+
+# -- forms of a class ----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def of_class(tmp_path: Path) -> Path:
+    """Give the results of a download of Moodle, one student of which has no ID number."""
+    names = [f"{name}_assignsubmission_file_/joint_publisher.py" for name in ("Änne Müller_11", "Bob_12")]
+    sources = taken_in(tmp_path, read_rubric(None), names, "name,student_id,login\nÄnne Müller,0012,am12\n")
+    return results_of(tmp_path, sources)
+
+
+def test_a_class_goes_into_files_of_its_own(of_class: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """All forms at once, each with how many it has; who is left out is named with the reason, nothing is changed."""
+    before = {path: path.read_bytes() for path in of_class.rglob("*") if path.is_file()}
+    status, out, err = run(capsys, of_class, *(f"--to={name}" for name in CLASS_EXPORTS))
+    counts = {"moodle": 2, "canvas": 1, "blackboard": 1, "brightspace": 1, "feedback": 2, "mail": 0, "eml": 0}
+    assert status == 0
+    assert out.splitlines() == [f"{of_class / CLASS_EXPORTS[name].file_name}: {n}" for name, n in counts.items()]
+    assert "canvas: left out, because none of these is known: ID, SIS User ID, SIS Login ID: Bob_12\n" in err
+    assert "mail: left out, because no address is known that mail can be sent to: Bob_12, Änne_Müller_11\n" in err
+    assert {path: path.read_bytes() for path in before} == before
+    assert {path.parent.name for path in of_class.rglob("*") if path.is_file() and path not in before} == {"exports"}
+    assert not is_results(of_class.parent, read_rubric(None))
+    assert is_results(of_class, read_rubric(None))
+
+
+def test_a_class_list_adds_whom_the_download_did_not_name(
+    of_class: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """It may come with the export, and who has not handed in is not in it; columns and files are as one says."""
+    listed = tmp_path / "list.csv"
+    listed.write_text("name,student_id,login\nBob,0013,bob13\nEve,0015,eve15\n", encoding="utf-8")
+    arguments = ("--to", "canvas", "--class-list", listed, "--column", "Lab 9 (4711)", "-o", tmp_path / "my.csv")
+    assert run(capsys, of_class, *arguments) == (0, f"{tmp_path / 'my.csv'}: 2\n", "")
+    users = [User("1", "", "0012"), User("2", "", "0013")]
+    assert canvas((tmp_path / "my.csv").read_bytes(), users, {"4711": "x"}) == {"4711": {"2": "60.4", "1": "60.8"}}
+
+
+def test_a_table_on_the_standard_output_is_alone_there(of_class: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """So it can be piped, while others go into files and are named beside it."""
+    status, out, err = run(capsys, of_class, "--to=moodle=-", "--to=feedback")
+    assert (status, [*csv.DictReader(out.splitlines())][1]["ID number"]) == (0, "0012")
+    assert f"{of_class / 'exports/feedback.zip'}: 2" in err
+
+
+def test_one_submission_goes_back_as_a_class_of_one(of_class: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Its folder alone is enough, under whatever path."""
+    status, out, _ = run(capsys, of_class / "Bob_12/../Bob_12", "--to=feedback")
+    assert (status, out) == (0, f"{of_class / 'Bob_12/../Bob_12/exports/feedback.zip'}: 1\n")
+    read = moodle_feedback((of_class / "Bob_12/exports/feedback.zip").read_bytes(), [User("12", "")])
+    assert read == {"12": {"report.html": b"<p>Report of Bob_12"}}
+
+
+def test_what_is_undecided_or_not_graded_is_said(of_class: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Points that are open count as not earned in a grade book, so whose they are is named."""
+    plain = json.loads((of_class / "Bob_12" / RESULT_FILE).read_text())
+    check = plain["criteria"][0]["checks"][0]
+    check |= {"outcome": "inconclusive", "earned": 0, "undecided": check["possible"]}
+    (of_class / "Bob_12" / RESULT_FILE).write_text(json.dumps(plain), encoding="utf-8")
+    (of_class / "eve").mkdir()
+    (of_class / "eve/report.html").write_text("x")
+    _, _, err = run(capsys, of_class, "--to=moodle")
+    assert "Not graded, so left out: eve\n" in err
+    assert "Points of these are still undecided, and not in what is exported: Bob_12\n" in err
+
+
+@pytest.mark.parametrize("arguments", [["--to=canvas", "--to=junit"], ["--to=mail", "--from=nobody"], ["--to=cannvas"]])
+def test_options_that_do_not_fit_are_refused(
+    arguments: list[str], of_class: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Before anything is written."""
+    assert run(capsys, of_class, *arguments)[0] == 2
+    assert not (of_class / "exports").exists()
+
+
+def test_a_folder_without_results_has_nothing_to_go_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """It is named, with what is wanted."""
+    status, _, err = run(capsys, tmp_path, "--to=canvas")
+    assert status == 6
+    assert "there are no results to export" in err
+
+
+def test_nothing_is_written_through_a_link_among_results(
+    of_class: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A folder of exports that leads elsewhere is refused, and what is there stays."""
+    (tmp_path / "elsewhere").mkdir()
+    (of_class / "exports").symlink_to(tmp_path / "elsewhere")
+    status, _, err = run(capsys, of_class, "--to=canvas")
+    assert status == 2
+    assert "is a link" in err
+    assert [*(tmp_path / "elsewhere").iterdir()] == []

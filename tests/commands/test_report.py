@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 import shutil
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from grader import result_folder
 from grader.cli import main
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
-from tests.regraded import judge_results
+from tests.regraded import judge_results, regraded
 
 pytestmark = pytest.mark.usefixtures("judged_before")
 
@@ -100,7 +101,9 @@ def test_a_list_adds_ids_and_who_is_missing(results: Path, tmp_path: Path, capsy
 def test_no_name_is_in_an_anonymous_page_or_table(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Both are written under pseudonyms, beside the real page and the grade book, which stay as they are."""
     run(capsys, results)
-    real = {name: (results / name).read_bytes() for name in (result_folder.CLASS_PAGE, result_folder.GRADES_FILE)}
+    main(["export", str(results), "--to=moodle"])
+    capsys.readouterr()
+    real = {path: path.read_bytes() for path in results.rglob("*") if path.is_file()}
     status, output, _ = run(capsys, results, "--anonymous")
     assert status == 0
     with (results / "grades-anonymous.csv").open(encoding="utf-8-sig", newline="") as stream:
@@ -110,7 +113,7 @@ def test_no_name_is_in_an_anonymous_page_or_table(results: Path, capsys: pytest.
         text = (results / name).read_text(encoding="utf-8")
         assert "wrong_topic" not in text
         assert "best_effort_publisher" not in text
-    assert {name: (results / name).read_bytes() for name in real} == real
+    assert {path: path.read_bytes() for path in real} == real
 
 
 def test_results_of_two_labs_are_not_summed_up(
@@ -181,3 +184,40 @@ def test_a_wrong_list_is_refused_before_anything_is_written(
     assert status == 3
     assert "no column 'name'" in errors
     assert not (results / result_folder.CLASS_PAGE).exists()
+
+
+# -- what changed ------------------------------------------------------------------------------
+
+
+def test_a_resubmission_says_what_was_won_and_lost(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The result before is kept with the recordings: the report and the class page compare with it, each time alike."""
+    before = (results / "wrong_topic" / result_folder.RESULT_FILE).read_text(encoding="utf-8")
+    earlier = results / "solution" / result_folder.RECORDINGS / result_folder.EARLIER_FILE
+    earlier.write_text(before, encoding="utf-8")
+    regraded(results / "solution")
+    report = (results / "solution" / result_folder.REPORT_FILE).read_text(encoding="utf-8")
+    assert "Since your submission before" in report
+    assert "→ 100 points" in report
+    assert re.search(r'Won</b> [^\n]*<a href="#check-publisher\.\w+">[^<]+</a> \+\d', report)
+    regraded(results / "solution")
+    assert (results / "solution" / result_folder.REPORT_FILE).read_text(encoding="utf-8") == report
+    assert "Since your" not in (results / "wrong_topic" / result_folder.REPORT_FILE).read_text(encoding="utf-8")
+    assert run(capsys, results)[0] == 0
+    page = (results / result_folder.CLASS_PAGE).read_text(encoding="utf-8")
+    assert "1 submission has a result of before: 1 with more points now" in page
+    assert run(capsys, results, "--anonymous")[0] == 0
+    assert "What changed" not in (results / result_folder.ANONYMOUS_PAGE).read_text(encoding="utf-8")
+
+
+def test_two_runs_over_a_class_are_compared(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """`--before` names the results of another run, in which students are found by their names."""
+    other = tmp_path / "first due date"
+    shutil.copytree(results, other)
+    shutil.copy(other / "wrong_topic" / result_folder.RESULT_FILE, other / "solution")
+    shutil.rmtree(other / "best_effort_publisher")
+    assert run(capsys, results, "--before", other)[0] == 0
+    page = (results / result_folder.CLASS_PAGE).read_text(encoding="utf-8")
+    assert "2 submissions have a result of before: 1 with more points now, 0 with fewer, 1 with as many" in page
+    status, _, said = run(capsys, results, "--before", tmp_path / "nowhere")
+    assert status == 3
+    assert "no such folder" in said

@@ -62,3 +62,9 @@ def test_a_digest_has_its_digits_and_depends_on_every_byte() -> None:
     """Digests can be cut apart by their length, and two messages have two."""
     assert len(ONE) == DIGEST_DIGITS
     assert len({digest(bytes([n])) for n in range(256)}) == 256
+
+
+def test_what_rtps_adds_does_not_change_a_digest() -> None:
+    """A message arrives with zeros up to a multiple of four bytes, and is known by the digest of what was sent."""
+    assert digest(b"\x00\x01\x00\x00odd") == digest(b"\x00\x01\x00\x00odd\x00")
+    assert digest(b"\x00\x01\x00\x00even") != digest(b"\x00\x01\x00\x00even\x00\x00\x00\x00")

@@ -1,100 +1,243 @@
-"""The arm's mechanics against closed forms."""
+"""The arm's mechanics against closed forms, against the laws of energy, and at its limits."""
 
+import functools
 import math
+import random
 import sys
-from itertools import pairwise
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
 
+import mujoco
+import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 
-from arm_model import JOINT_COUNT, JOINTS, ArmModel, ArmState, Joint
+from arm_model import CHAIN, JOINT_COUNT, MODEL_FILE, ArmModel
+
+from tests.thorough import THOROUGH
 
 STEP_S = 0.005
+STILL = [0.0] * JOINT_COUNT
+GRAVITY = 9.81
+
+Floats = NDArray[np.float64]
 
 
-def moved(model: ArmModel, targets: list[float], steps: int, state: ArmState | None = None) -> list[ArmState]:
-    """Give the states after each of some steps towards constant targets."""
-    states = [state or model.initial_state(0)]
+def resting(seed: int = 0, offset_rad: float = 0.0, **more: float) -> ArmModel:
+    """Give an arm at rest."""
+    arm = ArmModel(STEP_S, **more)
+    arm.rest(seed, offset_rad)
+    return arm
+
+
+def moved(arm: ArmModel, targets: Sequence[float], steps: int) -> Floats:
+    """Give the positions after each of some steps towards constant targets."""
+    rows = []
     for _ in range(steps):
-        states.append(model.step(states[-1], targets))
-    return states[1:]
+        arm.step(targets)
+        rows.append(arm.positions)
+    return np.array(rows)
 
 
-def step_response(joint: Joint, t_s: float) -> float:
-    """Give the unit step response of a damped spring, from the textbook forms."""
-    omega, zeta = joint.natural_frequency_rad_s, joint.damping_ratio
-    if zeta == 1:
-        return 1 - math.exp(-omega * t_s) * (1 + omega * t_s)
-    if zeta < 1:
-        damped = omega * math.sqrt(1 - zeta**2)
-        swing = math.cos(damped * t_s) + zeta * omega / damped * math.sin(damped * t_s)
-        return 1 - math.exp(-zeta * omega * t_s) * swing
-    slow, fast = (omega * (zeta - sign * math.sqrt(zeta**2 - 1)) for sign in (1, -1))
-    return 1 - (fast * math.exp(-slow * t_s) - slow * math.exp(-fast * t_s)) / (fast - slow)
+# -- what arm.xml says, read without the engine ------------------------------------------------
 
 
-@pytest.mark.parametrize("damping_ratio", [0.2, 0.9, 1.0, 1.7])
-@pytest.mark.parametrize("step_s", [0.001, 0.01])
-def test_step_response_is_that_of_a_damped_spring(damping_ratio: float, step_s: float) -> None:
-    """Below the limits, the motion is the closed form whatever the damping and the step's length."""
-    joint = Joint(30.0, damping_ratio, 100.0, 3.0)
-    states = moved(ArmModel(step_s, joints=[joint]), [0.5], 200, ArmState((0.0,), (0.0,)))
-    for k, state in enumerate(states, start=1):
-        assert state.positions[0] == pytest.approx(0.5 * step_response(joint, k * step_s), abs=1e-9)
+@dataclass(frozen=True)
+class Placed:
+    """Something of the arm at its posture of all zeros: its name, the joint that carries it, and where it is."""
+
+    name: str
+    joint: int
+    points: Floats  # (n, 3), even in its volume
+    mass: float
+
+
+def turned(about_y_rad: float) -> Floats:
+    """Give the matrix of a turn about the y axis, the only one that bodies of this arm are laid with."""
+    c, s = math.cos(about_y_rad), math.sin(about_y_rad)
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def numbers(element: ElementTree.Element, key: str, default: str = "0 0 0") -> Floats:
+    """Give the numbers of an attribute."""
+    return np.array(element.get(key, default).split(), dtype=float)
+
+
+def volume(geom: ElementTree.Element) -> Floats:
+    """Give points that fill a sphere, or a capsule with round ends, evenly."""
+    radius, ends = float(numbers(geom, "size")[0]), numbers(geom, "fromto", "0 0 0 0 0 0").reshape(2, 3)
+    low, high = ends.min(axis=0) - radius, ends.max(axis=0) + radius
+    axes = [np.linspace(a, b, 61)[:-1] + (b - a) / 120 for a, b in zip(low, high, strict=True)]
+    grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
+    along = ends[1] - ends[0]
+    share = np.clip((grid - ends[0]) @ along / max(float(along @ along), 1e-12), 0.0, 1.0)
+    inside = np.linalg.norm(grid - ends[0] - share[:, None] * along, axis=1) <= radius
+    return np.array(grid[inside])
+
+
+def placed(body: ElementTree.Element, joint: int, origin: Floats, turn: Floats) -> Iterator[Placed]:
+    """Walk down the arm."""
+    origin = origin + turn @ numbers(body, "pos")
+    turn = turn @ turned(numbers(body, "euler")[1])
+    joint += len(body.findall("joint"))
+    for site in body.findall("site"):
+        yield Placed(site.get("name", ""), joint, (origin + turn @ numbers(site, "pos"))[None], 0.0)
+    for geom in body.findall("geom"):
+        yield Placed("", joint, origin + volume(geom) @ turn.T, float(geom.get("mass", 0)))
+    for child in body.findall("body"):
+        yield from placed(child, joint, origin, turn)
+
+
+@functools.cache
+def parts() -> list[Placed]:
+    """Give all that moves, with the number of joints that carry it."""
+    world = ElementTree.parse(MODEL_FILE).getroot().find("worldbody")
+    assert world is not None
+    return list(placed(world.findall("body")[0], 0, np.zeros(3), np.eye(3)))
+
+
+# -- motion ------------------------------------------------------------------------------------
+
+
+def test_the_points_are_where_the_dimensions_put_them() -> None:
+    """With all joints at zero, and with the base turned, the drawn points are those of the dimensions in arm.xml."""
+    known = {part.name: part.points[0] for part in parts() if part.name} | {"base": np.zeros(3)}
+    arm = resting()
+    assert arm.posture(STILL) == pytest.approx(np.array([known[name] for name in CHAIN]), abs=1e-9)
+    turned_around = np.array(arm.posture([math.pi, *STILL[1:]]))
+    assert turned_around == pytest.approx(np.array([known[name] for name in CHAIN]) * [-1, -1, 1], abs=1e-9)
+
+
+def test_servos_give_way_to_the_weight_as_the_closed_form_says() -> None:
+    """At rest, shoulder and elbow hang by the torque of the masses beyond them divided by the servo's stiffness."""
+    arm = resting()
+    sag = -moved(arm, STILL, 600)[-1]
+    known = {part.name: part.points[0] for part in parts() if part.name}
+    for joint, pivot, stiffness in ((1, "shoulder", 6000.0), (3, "elbow", 2500.0)):
+        beyond = [part for part in parts() if part.joint > joint]
+        torque = sum(GRAVITY * part.mass * (part.points.mean(axis=0) - known[pivot])[0] for part in beyond)
+        assert -sag[joint] == pytest.approx(torque / stiffness, rel=0.02)
+
+
+def test_a_small_turn_of_the_base_is_that_of_a_damped_spring() -> None:
+    """A small step of joint 0 is the textbook's response with the inertia that the masses have about the axis."""
+    arm = resting()
+    moved(arm, STILL, 400)
+    height = [float(part.mass * (part.points[:, :2] ** 2).sum(axis=1).mean()) for part in parts()]
+    inertia = sum(height) + 0.4
+    stiffness, damping = 4000.0, float(-arm.model.actuator_biasprm[0, 2])
+    decay, omega = damping / 2 / inertia, math.sqrt(stiffness / inertia)
+    swing = np.emath.sqrt(complex(decay**2 - omega**2))
+    # Within its first step the servo's target gets where it is to be, evenly: on average half a step late.
+    t = (np.arange(60) + 0.5) * STEP_S
+    expected = 1 - (np.exp(-decay * t) * (np.cosh(swing * t) + decay * np.sinh(swing * t) / swing)).real
+    got = moved(arm, [0.008, *STILL[1:]], 60)[:, 0] / 0.008
+    assert np.abs(got - expected).max() < 0.02
+
+
+def test_a_swing_without_motors_keeps_its_energy() -> None:
+    """Limp, off the floor and without stops, the arm falls and swings; what it loses in height it has in speed."""
+    arm = resting(offset_rad=0.5, seed=4)
+    flags = mujoco.mjtDisableBit
+    off = (flags.mjDSBL_ACTUATION, flags.mjDSBL_CONTACT, flags.mjDSBL_LIMIT)
+    arm.model.opt.disableflags |= sum(int(flag) for flag in off)
+    arm.model.opt.enableflags |= int(mujoco.mjtEnableBit.mjENBL_ENERGY)
+    arm.model.opt.integrator = mujoco.mjtIntegrator.mjINT_RK4
+    energies = []
+    for _ in range(1000):
+        arm.step(STILL)
+        energies.append(tuple(arm.data.energy))
+    potential, kinetic = np.array(energies).T
+    assert kinetic.max() > 10
+    assert np.abs(potential + kinetic - potential[0] - kinetic[0]).max() < 1e-3 * kinetic.max()
 
 
 @pytest.mark.parametrize("max_velocity", [0.5, 1.5])
-def test_velocity_stays_within_the_scaled_limit(max_velocity: float) -> None:
-    """A far target is approached at the rated speed times `max_velocity`, and no faster."""
-    model = ArmModel(STEP_S, max_velocity)
-    states = moved(model, [1.8] * JOINT_COUNT, 2000)
-    for j, joint in enumerate(JOINTS):
-        limit = joint.velocity_limit_rad_s * max_velocity
-        positions = [state.positions[j] for state in states]
-        speeds = [abs(b - a) / STEP_S for a, b in pairwise(positions)]
-        assert max(speeds) == pytest.approx(limit)
-        assert max(abs(state.velocities[j]) for state in states) <= limit
-        assert positions[-1] == pytest.approx(1.8, abs=1e-6)
+def test_a_jump_is_followed_at_the_scaled_velocity(max_velocity: float) -> None:
+    """Sent far away at once, each joint goes there at its rated speed times `max_velocity`, and settles."""
+    far = [1.5, -0.7, 1.5, 1.2, 1.5, 1.2, 1.5]
+    rows = moved(resting(max_velocity=max_velocity), far, 1000)
+    speeds = np.abs(np.diff(rows, axis=0)).max(axis=0) / STEP_S
+    assert speeds == pytest.approx(np.array([2.0] * 4 + [2.5] * 3) * max_velocity, rel=0.1)
+    assert rows[-1] == pytest.approx(far, abs=5e-3)
 
 
-def test_position_stays_within_its_limit() -> None:
-    """A target beyond the limit brings the joint to the limit, and never past it."""
-    joint = Joint(30.0, 0.2, 100.0, 1.0)
-    states = moved(ArmModel(STEP_S, joints=[joint]), [5.0], 400, ArmState((0.0,), (0.0,)))
-    assert max(state.positions[0] for state in states) == 1.0
-    assert states[-1].positions[0] == pytest.approx(1.0, abs=0.01)
+def test_a_target_out_of_reach_ends_at_the_joints_limit() -> None:
+    """Degrees taken for rad, or a number without end, bring a joint to its stop, and not past it."""
+    for target in (28.6, 1e308):
+        arm = resting()
+        last = moved(arm, [target, *STILL[1:]], 1000)[:, 0]
+        assert last[-1] == pytest.approx(2.9, abs=2e-3)
+        assert last.max() < 2.9 + 5e-3
+        assert np.isfinite(arm.posture([target, *STILL[1:]])).all()
+
+
+def test_the_floor_holds_and_motors_give_in() -> None:
+    """Sent through the floor, the arm presses on it with no more than its motors' torque, and stays above."""
+    arm = resting()
+    moved(arm, [0.0, 1.7, *STILL[2:]], 600)
+    assert 0 < min(z for _, _, z in arm.posture(arm.positions)[1:]) < 0.1
+    assert arm.positions[1] < 1.6
+    assert (np.abs(arm.data.actuator_force) <= arm.model.actuator_forcerange[:, 1] + 1e-9).all()
 
 
 def test_disabled_arm_holds_its_position() -> None:
-    """With the brakes on, an arm in motion stops where it is and stays."""
-    model = ArmModel(STEP_S)
-    moving = moved(model, [1.0] * JOINT_COUNT, 20)[-1]
-    held = model.step(model.step(moving, [1.0] * JOINT_COUNT, enabled=False), [0.3] * JOINT_COUNT, False)
-    assert any(moving.velocities)
-    assert held == ArmState(moving.positions, (0.0,) * JOINT_COUNT)
+    """With the brakes on, an arm in motion stops where it is and stays; released, it starts from there."""
+    arm = resting()
+    moved(arm, [1.0] * JOINT_COUNT, 20)
+    assert any(arm.velocities)
+    stopped = arm.positions
+    for target in (1.0, 0.3):
+        arm.step([target] * JOINT_COUNT, enabled=False)
+    assert arm.positions == stopped
+    assert not any(arm.velocities)
+    assert moved(arm, [1.0] * JOINT_COUNT, 1)[0] == pytest.approx(stopped, abs=1e-3)
 
 
-def test_arm_follows_the_labs_sinusoid_closely() -> None:
-    """The lab's sinusoid of 0.3 rad at 0.3 Hz is followed within the lag that the servo's formula gives."""
-    model = ArmModel(0.01)
-    state, worst_rad = model.initial_state(0), 0.0
-    lag_s = 2 * JOINTS[1].damping_ratio / JOINTS[1].natural_frequency_rad_s
-    for k in range(1000):
-        target = 0.3 * math.sin(2 * math.pi * 0.3 * k * 0.01)
-        state = model.step(state, [0.0, target, *[0.0] * 5])
-        worst_rad = max(worst_rad, abs(target - state.positions[1]))
-    # The held target is newer than the state that it is compared with by up to a step.
-    assert worst_rad <= 0.3 * 2 * math.pi * 0.3 * (lag_s + 0.01)
+def test_arm_follows_the_labs_sinusoids_closely() -> None:
+    """The lab's sinusoids are followed within the lag of the servos, kv/kp of the speed, and their sag."""
+    arm, worst = resting(), np.zeros(2)
+    for k in range(2000):
+        t = k * STEP_S
+        targets = [0.5 * math.sin(2 * math.pi * 0.2 * t), 0.3 * math.sin(2 * math.pi * 0.3 * t)]
+        arm.step([*targets, *STILL[2:]])
+        worst = np.maximum(worst, np.abs(np.subtract(arm.positions[:2], targets)))
+    assert (worst < 0.02).all()
+    assert (worst > 0.005).all()
+
+
+def digest(seed: int, steps: int, draw: Any) -> bytes:
+    """Drive the arm wildly, and give its positions and velocities at each hundredth step, as bytes."""
+    arm, rows, targets = resting(seed, 0.05), [], STILL
+    for k in range(steps):
+        if k % 40 == 0:
+            targets = [draw.choice([draw.uniform(-3, 3), draw.uniform(-30, 30)]) for _ in STILL]
+        arm.step(targets, enabled=k % 700 > 50)
+        if k % 100 == 0:
+            rows += [*arm.positions, *arm.velocities]
+    assert np.isfinite(rows).all()
+    assert np.abs(rows).max() < 60
+    return np.array(rows).tobytes()
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    """Long jumps, stops and collisions give the same motion again, and with another seed another."""
+    steps = round((1000 if THOROUGH else 20) / STEP_S)
+    first = digest(1, steps, random.Random(1))
+    assert first == digest(1, steps, random.Random(1))
+    assert first[:2000] != digest(2, 1000, random.Random(2))[:2000]
 
 
 def test_initial_offsets_come_from_the_seed() -> None:
     """The same seed gives the same small offsets, another seed gives others, and no offset means zero."""
-    model = ArmModel(STEP_S)
-    assert model.initial_state(3, 0.05) == model.initial_state(3, 0.05) != model.initial_state(4, 0.05)
-    assert max(map(abs, model.initial_state(3, 0.05).positions)) <= 0.05
-    assert model.initial_state(3).positions == (0.0,) * JOINT_COUNT
+    assert resting(3, 0.05).positions == resting(3, 0.05).positions != resting(4, 0.05).positions
+    assert 0 < max(map(abs, resting(3, 0.05).positions)) <= 0.05
+    assert resting(3).positions == STILL
 
 
 @pytest.mark.parametrize(("step_s", "max_velocity"), [(0.0, 1.0), (0.01, 0.0), (float("nan"), 1.0)])

@@ -13,6 +13,8 @@ from typing import Any
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from grader.evidence.recorded import Recorded
+from grader.recording.bag import Bag
 from grader.recording.session import OutputLine, ProcessRun, Qos, SessionRecord, StepRun
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.figures.graph import Call
@@ -122,7 +124,8 @@ def submission(text: str = "one\ntwo\n    three\nfour\nfive\nsix\n") -> Submissi
 def page_of(result: Result | None = None, figures: Sequence[Figure] = (), **more: Any) -> str:
     """Render a report."""
     sessions = more.get("sessions", {"alone": session()})
-    return render(result or result_of(), {"a": figures}, sessions, more.get("submission", submission()))
+    recordings = {name: Recorded(record, Bag.empty()) for name, record in sessions.items()}
+    return render(result or result_of(), {"a": figures}, recordings, more.get("submission", submission()))
 
 
 def text_of(html: str) -> str:
@@ -289,7 +292,8 @@ def hostile_page(evil: str) -> str:
     facts.texts[evil] = evil
     facts.artifacts.append(ArtifactFact("x", "x.py", evil, "near miss", [evil]))
     facts.left_out.append(evil)
-    return render(result, {"a": FIGURES}, {"alone": record, evil: record}, facts)
+    recorded = Recorded(record, Bag.empty())
+    return render(result, {"a": FIGURES}, {"alone": recorded, evil: recorded}, facts)
 
 
 def assert_tame(html: str) -> None:
@@ -339,7 +343,8 @@ def test_any_student_text_is_only_text(evil: str) -> None:
 
 def test_long_output_is_cut_in_the_middle() -> None:
     """First and last lines are shown with their times, and how many are left out between them."""
-    words = text_of(page_of(sessions={"alone": session([f"line{n}." for n in range(1000)])}))
+    record = session([f"line{n}." for n in range(1000)])
+    words = text_of(page_of(result_of(CHECKS[:1]), sessions={"alone": record}))
     assert "line0." in words
     assert "line999." in words
     assert "line500." not in words

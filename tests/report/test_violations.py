@@ -9,6 +9,8 @@ from html.parser import HTMLParser
 
 from rich.console import Console
 
+from grader.evidence.recorded import Recorded
+from grader.recording.bag import Bag
 from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.report.submission_page import render
@@ -75,7 +77,9 @@ class Words(HTMLParser):
 
 def page(*violations: Violation) -> str:
     """Render the report."""
-    return render(result(*violations), {}, {"launch": SessionRecord("launch")}, SubmissionRecord("ann"))
+    return render(
+        result(*violations), {}, {"launch": Recorded(SessionRecord("launch"), Bag.empty())}, SubmissionRecord("ann")
+    )
 
 
 def test_the_report_begins_with_what_was_tampered_with() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,10 +12,17 @@ import pytest
 from grader.errors import UsageError
 from grader.judging.rubrics import read_overrides, read_rubric
 from grader.lab.rubric import Rubric
-from grader.recording.submission import SubmissionRecord, write_submission
+from grader.recording.submission import Person, SubmissionRecord, write_submission
 from grader.result_folder import RECORDINGS
 from grader.submission.discovery import TAKEN_NAMES, Discovery, Shape, find_submissions
-from grader.submission.separation import lies_within, require_no_links, require_same_source, uncounted_overrides
+from grader.submission.extraction import SubmissionSource
+from grader.submission.separation import (
+    lies_within,
+    require_no_links,
+    require_same_source,
+    uncounted_overrides,
+    with_earlier,
+)
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="links are made otherwise on Windows")
 
@@ -188,3 +196,58 @@ def test_no_submission_is_called_like_what_lies_among_results(rubric: Rubric, tm
     assert sum(": called " in line for line in found.understood) == len(names)
     single = find_submissions([tmp_path / "class/history"], rubric)
     assert [h.name.startswith("history-") for h in single.submissions] == [True]
+
+
+# -- who handed it in, by earlier results --------------------------------------------------------------
+
+
+def graded_with_a_list(tmp_path: Path, rubric: Rubric) -> tuple[Path, Path]:
+    """Give a download of Moodle, and results of it that a class list was given with."""
+    names = ["Ann_11_assignsubmission_file_/joint_publisher.py", "Bob_12_assignsubmission_file_/joint_publisher.py"]
+    path = lay_out(tmp_path / "export", *names)
+    listed = tmp_path / "class.csv"
+    listed.write_text("name,student_id,email,team\nAnn,0012,ann@uni.example,A\nCem,0014,,A\n", encoding="utf-8")
+    for source in find_submissions([path], rubric, class_list=listed).submissions:
+        folder = tmp_path / "results" / source.name / RECORDINGS
+        folder.mkdir(parents=True)
+        record = SubmissionRecord(
+            source.name, student_id=source.student_id, identity=source.identity, source=source.origin
+        )
+        write_submission(folder, record)
+    return path, tmp_path / "results"
+
+
+def test_what_earlier_results_know_of_a_student_is_not_asked_for_again(rubric: Rubric, tmp_path: Path) -> None:
+    """A class list that was given once counts for the next run, beside what the new download says."""
+    path, results = graded_with_a_list(tmp_path, rubric)
+    first, bob = (with_earlier(source, results) for source in find_submissions([path], rubric).submissions)
+    assert [person.student_id for person in first.identity.people] == ["0012", "0014"]
+    assert (first.student_id, first.identity.people[0].moodle) == ("0012", "11")
+    assert first.identity.people[0].email == "ann@uni.example"
+    assert (first.identity.system, first.identity.handback) == ("Moodle", ("Ann_11_assignsubmission_file_/",))
+    assert (bob.student_id, bob.identity.people) == ("12", (Person("Bob", moodle="12"),))
+
+
+def test_results_of_another_path_or_in_a_submission_say_nothing_of_anybody(rubric: Rubric, tmp_path: Path) -> None:
+    """A namesake's address is not taken over, nor one that a student wrote into results of their own."""
+    path, results = graded_with_a_list(tmp_path, rubric)
+    for source in find_submissions([path], rubric).submissions:
+        other = replace(source, origin=str(tmp_path / "another"))
+        assert with_earlier(other, results) == other
+        results.rename(path / "results")
+        assert with_earlier(source, path / "results") == source
+        (path / "results").rename(results)
+
+
+@pytest.mark.parametrize(
+    "content", ["", "[]", '{"schema": "ros-lab-grader/submission/v1", "identity": {"people": [1]}}']
+)
+def test_what_is_no_record_tells_nothing_of_anybody(content: str, tmp_path: Path) -> None:
+    """A file that is not there, is something else, or would never end, does not keep a submission from being graded."""
+    for name in ("ann", "cem"):
+        (tmp_path / name / RECORDINGS).mkdir(parents=True)
+    (tmp_path / "ann" / RECORDINGS / "submission.json").write_text(content, encoding="utf-8")
+    os.mkfifo(tmp_path / "cem" / RECORDINGS / "submission.json")
+    for name in ("ann", "bob", "cem"):
+        source = SubmissionSource(name, (), "7")
+        assert with_earlier(source, tmp_path) == source

@@ -44,8 +44,8 @@ _TOPIC_NAME = re.compile(r"(?=.{1,247}\Z)(?:/[A-Za-z_][A-Za-z0-9_]*)+")
 T = TypeVar("T")
 
 
-def new_context(domain_id: int) -> rclpy.Context:
-    """Make a context that leaves signals alone."""
+def new_context(domain_id: int | None) -> rclpy.Context:
+    """Make a context that leaves signals alone, of the environment's domain where none is given."""
     context = rclpy.Context()
     rclpy.init(args=[], context=context, domain_id=domain_id, signal_handler_options=rclpy.SignalHandlerOptions.NO)
     return context

@@ -8,14 +8,19 @@ from dataclasses import dataclass
 from grader.errors import GraderError
 from grader.report.exports import (
     classroom50,
+    feedback,
     github_annotations,
     github_summary,
     gitlab_codequality,
+    gradebooks,
     gradescope,
     junit,
+    mail,
 )
 from grader.report.exports.graded import Graded, graded
+from grader.report.exports.returned import Returned, ReturnedClass
 from grader.result import Result
+from grader.result_folder import EXPORTED
 
 
 @dataclass(frozen=True)
@@ -61,6 +66,32 @@ EXPORTS: Mapping[str, Export] = {
             classroom50.render,
             classroom50.VARIABLES,
         ),
+    )
+}
+
+
+@dataclass(frozen=True)
+class ClassExport:
+    """A form of a class's results, or of a single submission's, that another system or a mail program reads."""
+
+    name: str
+    description: str
+    file_name: str
+    render: Callable[[ReturnedClass], Returned]
+
+
+CLASS_EXPORTS: Mapping[str, ClassExport] = {
+    export.name: export
+    for export in (
+        ClassExport("moodle", "grades for Moodle", f"{EXPORTED}/moodle.csv", gradebooks.MOODLE.render),
+        ClassExport("canvas", "grades for Canvas", f"{EXPORTED}/canvas.csv", gradebooks.CANVAS.render),
+        ClassExport("blackboard", "grades for Blackboard", f"{EXPORTED}/blackboard.csv", gradebooks.BLACKBOARD.render),
+        ClassExport(
+            "brightspace", "grades for Brightspace", f"{EXPORTED}/brightspace.csv", gradebooks.BRIGHTSPACE.render
+        ),
+        ClassExport("feedback", "reports, as Moodle and Canvas take them", f"{EXPORTED}/feedback.zip", feedback.render),
+        ClassExport("mail", "a mailbox with a mail a student", f"{EXPORTED}/mail.mbox", mail.mailbox),
+        ClassExport("eml", "the same mails as files", f"{EXPORTED}/mail.zip", mail.files),
     )
 }
 

@@ -4,40 +4,43 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from grader.errors import UsageError
 from grader.files import replace_file
-from grader.report.exports import EXPORTS, render_export
+from grader.report.exports import CLASS_EXPORTS, EXPORTS, ClassExport, Export, render_export
 from grader.result import Result
 
 #: Stands for the standard output.
 STANDARD_OUTPUT = "-"
+#: Forms of a result, and of a class.
+FORMS: Mapping[str, Export | ClassExport] = {**EXPORTS, **CLASS_EXPORTS}
 #: Where a file would not be written but a device replaced.
 _DEVICES = ("/dev/", "/proc/")
 
 
 @dataclass(frozen=True)
 class ExportTarget:
-    """An export, by its key in `EXPORTS`, and the file it goes to; by default one in the results folder."""
+    """An export, by its key in `FORMS`, and the file it goes to; by default one in the results folder."""
 
     name: str
     file: str | None = None
 
     @classmethod
-    def parse(cls, text: str) -> ExportTarget:
-        """Read `NAME` or `NAME=FILE`; raises ValueError if there is no such export."""
+    def parse(cls, text: str, forms: Mapping[str, Export | ClassExport] = EXPORTS) -> ExportTarget:
+        """Read `NAME` or `NAME=FILE`; raises ValueError if there is no such export among the forms."""
         name, _, file = text.partition("=")
-        if name not in EXPORTS:
-            raise ValueError(f"there is no export {name!r}; there are {', '.join(EXPORTS)}")
+        if name not in forms:
+            raise ValueError(f"there is no export {name!r}; there are {', '.join(forms)}")
         if file.startswith(_DEVICES):
             raise ValueError(f"{file} cannot be replaced by a file; {STANDARD_OUTPUT} is the standard output")
         return cls(name, file or None)
 
     def path(self, results: Path) -> Path:
         """Return the file, which is not the standard output."""
-        return Path(self.file) if self.file is not None else results / EXPORTS[self.name].file_name
+        return Path(self.file) if self.file is not None else results / FORMS[self.name].file_name
 
     def __str__(self) -> str:
         return self.name if self.file is None else f"{self.name}={self.file}"
@@ -48,11 +51,25 @@ def write_exports(targets: Sequence[ExportTarget], result: Result, results: Path
     written = []
     for target in targets:
         text = render_export(target.name, result, path_prefix=path_prefix, environment=os.environ)
-        if target.file == STANDARD_OUTPUT:
-            sys.stdout.flush()
-            sys.stdout.buffer.write(text.encode("utf-8"))
-            sys.stdout.buffer.flush()
-        else:
-            written.append(target.path(results))
-            replace_file(written[-1], text)
+        written += write_export(target, results, text.encode())
     return written
+
+
+def write_export(target: ExportTarget, results: Path, content: bytes) -> list[Path]:
+    """Write an export to the standard output, or into its file, which is returned.
+
+    Raises UsageError if its folder among the results is a link.
+    """
+    if target.file == STANDARD_OUTPUT:
+        sys.stdout.flush()
+        sys.stdout.buffer.write(content)
+        sys.stdout.buffer.flush()
+        return []
+    path = target.path(results)
+    if target.file is None and path.parent != results:
+        path.parent.mkdir(exist_ok=True)
+        if path.parent.is_symlink():
+            remedy = "Remove the link; nothing is written through one."
+            raise UsageError("the folder of the exports is a link", location=str(path.parent), remedy=remedy)
+    replace_file(path, content)
+    return [path]

@@ -10,6 +10,7 @@ from grader.evidence.recorded import Recorded
 from grader.lab.rubric import FigureSpec
 from grader.report.figures.graph import Calls, QosTable
 from grader.report.figures.plan import PlanTree
+from grader.report.figures.posture import Posture
 from grader.report.figures.svg import Figure, FigureKind
 from grader.report.figures.timing import Intervals, Latency, Rate
 from grader.report.figures.values import FieldOverTime, Reports, Series
@@ -24,6 +25,7 @@ FIGURES: Mapping[str, type[FigureKind]] = {
     "plan": PlanTree,
     "qos_table": QosTable,
     "latency": Latency,
+    "posture": Posture,
 }
 
 

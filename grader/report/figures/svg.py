@@ -90,7 +90,7 @@ def short(value: float) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
-def _ticks(low: float, high: float, most: int) -> list[float]:
+def ticks(low: float, high: float, most: int) -> list[float]:
     """Return round numbers between two bounds, at most about `most`."""
     if not math.isfinite(high - low) or high <= low:
         return [low]
@@ -163,7 +163,7 @@ class Frame:
     def y_axis(self, most: int, scale: float = 1.0) -> list[Markup]:
         """Return at most about so many horizontal lines with their numbers."""
         parts = []
-        for value in _ticks(self.y[0] * scale, self.y[1] * scale, most):
+        for value in ticks(self.y[0] * scale, self.y[1] * scale, most):
             at = self.py(value / scale)
             parts += [rule(self.left, at, self.right, at, "grid"), text(self.left - 7, at + 4, short(value), "end")]
         return parts
@@ -171,7 +171,7 @@ class Frame:
     def x_axis(self, label: str, scale: float = 1.0) -> list[Markup]:
         """Return the axis at the bottom with its numbers."""
         parts = [rule(self.left, self.bottom, self.right, self.bottom, "axis")]
-        for value in _ticks(self.x[0] * scale, self.x[1] * scale, round((self.right - self.left) / 75)):
+        for value in ticks(self.x[0] * scale, self.x[1] * scale, round((self.right - self.left) / 75)):
             at = self.px(value / scale)
             parts += [rule(at, self.bottom, at, self.bottom + 4, "axis"), text(at, self.bottom + 17, short(value))]
         return [*parts, text((self.left + self.right) / 2, self.bottom + 36, label, class_="label")]

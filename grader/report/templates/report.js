@@ -10,10 +10,10 @@
     button.textContent = open ? "Collapse all" : "Expand all";
     reach();
   });
-  // What scrolls sideways can be scrolled with the keyboard, in browsers too that do not see to it.
+  // What scrolls can be scrolled with the keyboard, in browsers too that do not see to it.
   function reach() {
     Array.prototype.forEach.call(document.querySelectorAll(".scroll, .source"), function (e) {
-      if (e.scrollWidth > e.clientWidth) { e.tabIndex = 0; } else { e.removeAttribute("tabindex"); }
+      if (e.scrollWidth > e.clientWidth || e.scrollHeight > e.clientHeight) { e.tabIndex = 0; } else { e.removeAttribute("tabindex"); }
     });
   }
   document.addEventListener("toggle", reach, true);

@@ -14,6 +14,7 @@ from pathlib import PurePosixPath
 import yaml
 
 from grader.lab.overrides import moment_of
+from grader.recording.submission import Person
 
 _TABLES = frozenset({".csv", ".xlsx", ".xls", ".ods", ".tsv"})
 #: Longer names are none that these systems make.
@@ -41,6 +42,11 @@ class Delivered:
     late: bool = False
     #: When it was handed in, where the download says it.
     attempt_at: datetime | None = None
+    #: Where in an archive the system takes something back for the student: a file of this name and kind or, behind a
+    #: slash or an underscore, one of any name. Empty if it takes nothing back so.
+    handback: str = ""
+    #: Who handed it in together, where the system says so.
+    people: tuple[Person, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,8 @@ class System:
     match: Callable[[Entries], dict[str, Delivered]]
     #: Entries that it makes for itself.
     own: frozenset[str] = frozenset()
+    #: Which fact of a `Person` its ids are, if a grade book knows them.
+    id_is: str = ""
     #: Adds to what is known what it wrote down in files beside the entries.
     details: Callable[[Mapping[str, Delivered], Read], Mapping[str, Delivered]] = lambda known, read: known
 
@@ -98,7 +106,12 @@ _MOODLE = r"(?P<name>[^_]+)_(?P<id>\d+)_assignsubmission_(?P<kind>[a-z]+)_?(?P<f
 
 def _moodle(entries: Entries) -> dict[str, Delivered]:
     return {
-        match[0]: Delivered(match["name"].strip(), match["id"], match["file"])
+        match[0]: Delivered(
+            match["name"].strip(),
+            match["id"],
+            match["file"],
+            handback=f"{match[0]}/" if folders else match[0][: match.start("file")],
+        )
         for folders in (False, True)
         for match in _matches(_MOODLE, entries, folders=folders)
         if folders != bool(match["file"])
@@ -126,7 +139,10 @@ def _canvas(entries: Entries) -> dict[str, Delivered]:
         if times[numbers] == 1:
             file, late = match["file"] or match["typed"], match["late"] is not None
             student = match["name"] or match["id"]
-            delivered[match[0]] = Delivered(student, match["id"], file, _CANVAS_AGAIN.sub("", file), late)
+            # It shows what comes back under the name of what was handed in.
+            back = match[0] if match["file"] else ""
+            first_called = _CANVAS_AGAIN.sub("", file)
+            delivered[match[0]] = Delivered(student, match["id"], file, first_called, late, handback=back)
     return delivered
 
 
@@ -231,13 +247,14 @@ def _gradescope_people(known: Mapping[str, Delivered], read: Read) -> Mapping[st
 
 def _by(submitted: _Submitted, known: Delivered) -> Delivered:
     """Name those who handed something in together after all of them, with the number of the submission."""
-    ids = [person.get("sid") or person.get("email", "") for person in submitted.people]
-    names = [person.get("name") or one for person, one in zip(submitted.people, ids, strict=True)]
+    people = tuple(Person(p.get("name", ""), p.get("sid", ""), email=p.get("email", "")) for p in submitted.people)
+    ids = [person.student_id or person.email for person in people]
+    names = [person.name or one for person, one in zip(people, ids, strict=True)]
     if len(names) > 1:
         known = replace(known, student=", ".join([*names, known.student]), student_id="")
     elif names:
         known = replace(known, student=names[0], student_id=ids[0])
-    return replace(known, attempt_at=submitted.at)
+    return replace(known, attempt_at=submitted.at, people=people)
 
 
 def _submitted_in(text: str) -> dict[str, _Submitted]:
@@ -272,10 +289,10 @@ def _scalar(text: str) -> str:
 
 
 SYSTEMS = (
-    System("Moodle", _moodle),
-    System("Canvas", _canvas),
-    System("Blackboard", _blackboard),
+    System("Moodle", _moodle, id_is="moodle"),
+    System("Canvas", _canvas, id_is="canvas"),
+    System("Blackboard", _blackboard, id_is="login"),
     System("Brightspace", _brightspace, frozenset({"index.html"})),
-    System("Sakai", _sakai, details=_sakai_times),
-    System("Gradescope", _gradescope, frozenset({_METADATA}), _gradescope_people),
+    System("Sakai", _sakai, id_is="login", details=_sakai_times),
+    System("Gradescope", _gradescope, frozenset({_METADATA}), details=_gradescope_people),
 )

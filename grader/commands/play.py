@@ -1,0 +1,81 @@
+"""`grade play RESULTS_DIR SESSION`: what was recorded of a session, again on the ROS graph of this terminal."""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from rich.console import Console
+
+from grader.commands.arguments import add_flag, parser_of, print_note
+from grader.errors import RecordingError, UsageError
+from grader.recording.session import SESSION_FILE
+from grader.result_folder import RECORDINGS
+
+_DESCRIPTION = """\
+Publish all that was recorded of a session again, each message as long after the one before it as then, and /clock:
+as it was recorded, or else the recording's time. `ros2 topic echo`, RViz and nodes of your own receive it as they would
+have. It is published on the ROS graph of this terminal (ROS_DOMAIN_ID): not where a real robot would obey it.
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = parser_of("grade play", _DESCRIPTION)
+    parser.add_argument("results", type=Path, metavar="RESULTS_DIR", help="results of a submission: results/alice")
+    parser.add_argument("session", nargs="?", metavar="SESSION", help="the session; not needed if there is only one")
+    words = "begin so long after the session's start, as the timeline in the report counts (default: %(default)s)"
+    parser.add_argument("--from", dest="from_s", type=float, default=0.0, metavar="SECONDS", help=words)
+    parser.add_argument("--rate", type=float, default=1.0, metavar="X", help="X times as fast (default: %(default)s)")
+    parser.add_argument("--topics", nargs="+", default=(), metavar="TOPIC", help="only these")
+    add_flag(parser, "--loop", "begin again at the end, until Ctrl-C")
+    return parser
+
+
+def run(arguments: Sequence[str], console: Console) -> int:
+    """Play a recording; returns the exit status."""
+    from grader.evidence.recorded import Recorded
+    from grader.live.sandbox.environment import require_platform
+
+    parser = _parser()
+    options = parser.parse_args(arguments)
+    if not 0 < options.rate < float("inf"):
+        parser.error("--rate must be a number above 0")
+    folder = _recording(options.results, options.session)
+    try:
+        recorded = Recorded.open(folder)
+    except (OSError, ValueError) as problem:
+        raise RecordingError("this recording cannot be read", location=str(folder), remedy=str(problem)) from problem
+    require_platform()
+    from grader.live.ros_node.player import Player
+
+    player = Player(recorded.bag, options.topics)
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    print_note(console, f"Playing '{folder.name}' with ROS_DOMAIN_ID {domain}; Ctrl-C stops it.", "bold")
+    for topic, what in player.topics.items():
+        print_note(console, f"{topic}: {what}", "")
+    start_ns, played = recorded.record.started_ns + round(options.from_s * 1e9), 0
+    try:
+        player.await_subscription()
+        while (count := player.play(start_ns, options.rate)) and options.loop:
+            played += count
+        print_note(console, f"{played + count} messages were published.", "")
+    except KeyboardInterrupt:
+        return 130
+    finally:
+        player.close()
+    return 0
+
+
+def _recording(results: Path, session: str | None) -> Path:
+    """Return the folder of a session's recording; raises GraderError if there is none, or it is not said which."""
+    recordings = results / RECORDINGS
+    names = sorted(file.parent.name for file in recordings.glob(f"*/{SESSION_FILE}"))
+    if not names:
+        remedy = "Give the results of one submission, such as results/alice."
+        raise RecordingError("there are no recordings in it", location=str(results), remedy=remedy)
+    if session not in names and (session is not None or len(names) > 1):
+        problem = "there are several sessions" if session is None else f"there is no session {session!r}"
+        raise UsageError(problem, location=str(results), remedy=f"Name one of {', '.join(names)}.")
+    return recordings / (session or names[0])

@@ -1,0 +1,76 @@
+"""`feedback.zip`: the reports, named so that the system from which the submissions came gives each to its student.
+
+References
+----------
+Moodle: `mod/assign/feedback/file/importziplib.php` in moodle/moodle: a folder, or the beginning of a file's name, is
+the one of its download; the file keeps its own name.
+Canvas: `infer_comment_context_from_filename` in `app/models/abstract_assignment.rb` of instructure/canvas-lms: a file
+is named as in its download, and becomes a comment's attachment under the name that the student's file had. So it has
+to be of that file's kind.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from collections.abc import Mapping
+from pathlib import PurePosixPath
+
+from grader.cohort.entries import ClassEntry
+from grader.report.exports.returned import Returned, ReturnedClass, plain_report
+from grader.result import Result
+from grader.result_folder import REPORT_FILE
+from grader.submission.file_names import TEXT_SUFFIXES
+
+_EARLIEST = (1980, 1, 1, 0, 0, 0)
+_OPEN_ENDS = ("/", "_")
+
+
+def render(given: ReturnedClass) -> Returned:
+    """Return the archive; of a submission that goes back in several ways, the first that can be gone."""
+    returned, files = Returned(), dict[str, bytes]()
+    for entry in given.entries:
+        report = given.report(entry)
+        if entry.result is None or report is None:
+            why = "there is no report"
+        elif not entry.identity.handback:
+            system = entry.identity.system or "the way in which they came"
+            why = f"{system} takes no files back in an archive; `--to mail` makes mails"
+        elif file := _file(entry, entry.result, report):
+            files |= file
+            continue
+        else:
+            why = "the report fits no kind of file that they handed in; `--to mail` makes mails"
+        returned.left_out[why].append(entry.name)
+    returned.content, returned.count = packed(files), len(files)
+    return returned
+
+
+def packed(files: Mapping[str, bytes]) -> bytes:
+    """Return a zip of files; equal ones give equal bytes."""
+    archive = io.BytesIO()
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as zipped:
+        for name, content in sorted(files.items()):
+            info = zipfile.ZipInfo(name, _EARLIEST)
+            info.compress_type, info.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            zipped.writestr(info, content)
+    return archive.getvalue()
+
+
+def _file(entry: ClassEntry, result: Result, report: bytes) -> dict[str, bytes]:
+    """Return the file that goes back, under its name; none if nothing fits, or the name leads elsewhere."""
+    safe = [path for path in entry.identity.handback if _stays_inside(path)]
+    for path in sorted(safe, key=lambda path: not path.lower().endswith((*_OPEN_ENDS, ".zip"))):
+        if path.endswith(_OPEN_ENDS):
+            return {path + REPORT_FILE: report}
+        if path.lower().endswith(".zip"):
+            return {path: packed({REPORT_FILE: report})}
+        if PurePosixPath(path).suffix.lower() in TEXT_SUFFIXES:
+            return {path: plain_report(result).encode()}
+    return {}
+
+
+def _stays_inside(path: str) -> bool:
+    """Whether a path leads nowhere else where it is unpacked, and is one that can be written."""
+    parts = path.removesuffix("/").split("/")
+    return path.isprintable() and "\\" not in path and not {"", ".", ".."} & {*parts}

@@ -1,0 +1,100 @@
+"""`grade play` on a real ROS graph: every message of a recording again, in order, at its pace, with the clock."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from grader.recording.bag import Bag
+from grader.recording.session import read_session
+from grader.result_folder import RECORDINGS
+
+pytestmark = pytest.mark.live
+
+KEPT = Path(__file__).resolve().parents[1] / "recordings" / "solution"
+
+# Subscribes, plays, and tells when each message was published and what it was.
+LISTENER = """
+import json, subprocess, sys, threading, time
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Float64MultiArray
+rclpy.init()
+node = rclpy.create_node("listener")
+heard = {"/joint_commands": [], "/joint_states": [], "/clock": []}
+for topic, taken in heard.items():
+    kind = Clock if topic == "/clock" else Float64MultiArray
+    def take(data, info, taken=taken):
+        taken.append((info["source_timestamp"], bytes(data).hex()))
+    node.create_subscription(kind, topic, take, QoSProfile(depth=5000), raw=True)
+executor = SingleThreadedExecutor()
+executor.add_node(node)
+threading.Thread(target=executor.spin, daemon=True).start()
+player = subprocess.run([sys.executable, "-m", "grader.cli", "play", *sys.argv[1:]], capture_output=True, text=True)
+time.sleep(1.0)
+print(json.dumps({"status": player.returncode, "said": player.stdout + player.stderr, "heard": heard}), flush=True)
+"""
+
+
+def played(tmp_path: Path, domain_id: int, *options: str) -> dict[str, Any]:
+    """Play a session of the solution in a network of its own, if that is permitted, to a node that listens."""
+    results = tmp_path / "alice"
+    shutil.copytree(KEPT, results / RECORDINGS)
+    own = ["unshare", "--net", "--map-root-user"]
+    may = subprocess.run([*own, "true"], capture_output=True).returncode == 0
+    command = [sys.executable, "-c", LISTENER, str(results), *options]
+    if may:
+        command = [*own, "sh", "-c", 'ip link set lo up; exec "$@"', "sh", *command]
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain_id), "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    assert answer["status"] == 0, answer["said"]
+    return answer
+
+
+def bytes_of(heard: list[tuple[int, str]]) -> list[bytes]:
+    """Return the messages that were heard."""
+    return [bytes.fromhex(data) for _, data in heard]
+
+
+def test_all_is_published_again_at_its_pace(tmp_path: Path) -> None:
+    """Bytes and order are the recorded ones, the recorded clock among them, and so is the time between messages."""
+    answer = played(tmp_path, 61, "launch")
+    bag = Bag.open(KEPT / "launch")
+    for topic, heard in answer["heard"].items():
+        stream = bag.stream(topic)
+        assert bytes_of(heard) == list(stream.data), topic
+        took_s = (heard[-1][0] - heard[0][0]) / 1e9
+        # A busy machine makes some late, perhaps the first.
+        assert took_s > 0.8 * float(np.ptp(stream.received_ns)) / 1e9, topic
+    assert "/joint_commands: 302 messages, std_msgs/msg/Float64MultiArray" in answer["said"]
+
+
+def test_a_part_is_played_faster_with_a_clock_of_its_own(tmp_path: Path) -> None:
+    """What came before is left out; where no clock was recorded, it is the recording's time, and goes on evenly."""
+    answer = played(tmp_path, 62, "publisher", "--from", "3", "--rate", "2", "--topics", "/joint_commands")
+    start_ns = read_session(KEPT / "publisher").started_ns + 3 * 10**9
+    stream = Bag.open(KEPT / "publisher").stream("/joint_commands")
+    later = [data for data, t_ns in zip(stream.data, stream.received_ns, strict=True) if t_ns >= start_ns]
+    heard = bytes_of(answer["heard"]["/joint_commands"])
+    # What is published before a subscription is known reaches it as little as it did then.
+    assert len(later) // 2 < len(heard) <= len(later)
+    assert heard == later[-len(heard) :]
+    clock = answer["heard"]["/clock"]
+    told_ns = [int.from_bytes(d[4:8], "little") * 10**9 + int.from_bytes(d[8:12], "little") for d in bytes_of(clock)]
+    assert len(told_ns) > 20
+    assert start_ns <= told_ns[0] < told_ns[-1] < start_ns + 5 * 10**9
+    slope = np.polyfit([(t_ns - clock[0][0]) / 1e9 for t_ns, _ in clock], (np.array(told_ns) - start_ns) / 1e9, 1)[0]
+    assert slope == pytest.approx(2, rel=0.05)
