@@ -217,7 +217,7 @@ def record(
 
     # It begins to import while the isolation is tried.
     with (
-        ForkServer(given_in_steps(rubric, "type")) as forks,
+        ForkServer(given_in_steps(rubric, "type")) if scheduler is None else scheduler.fork_server() as forks,
         tempfile.TemporaryDirectory(prefix=scratch_prefix()) as interfaces,
     ):
         with watch.stage("testing the sandbox"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, nullcontext, suppress
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -16,7 +16,7 @@ from grader.classroom.journal import UNJUDGED, Entry, Journal, recordings_sha256
 from grader.classroom.progress import RunProgress
 from grader.classroom.regrade import regrade_all
 from grader.classroom.scheduler import Machine
-from grader.classroom.worker import grade_in_process
+from grader.classroom.worker import Workers, grade_in_process
 from grader.cohort.entries import ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
 from grader.files import text_of
@@ -36,16 +36,17 @@ from grader.submission.extraction import SubmissionSource, open_submission
 class Here:
     """Grading on this machine, so many submissions at a time as it has slots."""
 
-    def __init__(self, isolation: Isolation, machine: Machine) -> None:
+    def __init__(self, isolation: Isolation, machine: Machine, workers: Workers) -> None:
         self._isolation = isolation
         self._machine = machine
+        self._workers = workers
         self._room = asyncio.Semaphore(machine.slots)
 
     async def grade(self, job: Job, on_progress: Callable[[Progress], None]) -> tuple[Ending, Level]:
         """Grade a submission in a process of its own; returns how it ended, and how its code was confined."""
         async with self._room:
             here = replace(job, isolation=self._isolation, machine=self._machine)
-            return await grade_in_process(here, on_progress), self._isolation.level
+            return await grade_in_process(here, self._workers, on_progress), self._isolation.level
 
 
 @dataclass(frozen=True)
@@ -169,12 +170,12 @@ class ClassRun:
     async def _record(
         self, tasks: Sequence[_Task], undecided: Mapping[_Task, Result], location: Isolation | str
     ) -> None:
-        site: AbstractAsyncContextManager[Here | Cluster] = (
-            cluster(location, self.display.note)
-            if isinstance(location, str)
-            else nullcontext(Here(location, self.machine))
-        )
-        async with site as opened:
+        async with AsyncExitStack() as stack:
+            opened: Here | Cluster
+            if isinstance(location, str):
+                opened = await stack.enter_async_context(cluster(location, self.display.note))
+            else:
+                opened = Here(location, self.machine, stack.enter_context(Workers()))
             # What this machine leaves undecided is recorded again when it has nothing else to do.
             scope = Scope.ALL if isinstance(location, str) else Scope.ONCE
             endings = await side_by_side(self._first(task, opened, scope) for task in tasks)

@@ -1,25 +1,28 @@
 """One submission in a process of its own, so that nothing it holds can end the grading of the others.
 
-Both ends: `grade_in_process` starts the process with a job in a file, and ends it when it hangs; the process says on
+Both ends: `grade_in_process` asks for a process with a job in a file, and ends it when it hangs; the process says on
 its standard output what it is doing, and at last how that ended. For each session, and for its own work, it waits for
-one of the machine's slots.
+one of the machine's slots. All of a class are forks of one process, `Workers`, which has imported what they need.
 """
 
 from __future__ import annotations
 
 import asyncio
 import base64
+import gc
 import os
 import pickle
 import shutil
 import signal
+import socket
 import sys
 import tempfile
 import time
 import traceback
 from collections.abc import AsyncIterator, Callable, Iterator
-from contextlib import asynccontextmanager, contextmanager, suppress
+from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from grader import pipeline
@@ -27,11 +30,16 @@ from grader.bounded import limit_memory, write_all
 from grader.classroom.job import Ending, Job, problem_of
 from grader.errors import GraderError
 from grader.files import UNFINISHED
+from grader.judging.judgement import prepare
 from grader.lab.rubric import SessionSpec
+from grader.live.process.forked import Program
+from grader.live.process.forking import ForkingServer, serve
 from grader.live.process.waiting import within
 from grader.live.sandbox.isolation import Isolation
+from grader.live.sandbox.namespaces import end_with_parent
 from grader.live.sandbox.scratch import remove_stale, scratch_prefix
-from grader.live.session.runner import Progress
+from grader.live.session.fork_server import ForkServer
+from grader.live.session.runner import Progress, given_in_steps
 
 #: What reading and judging a submission may take of the address space; some 0.7 GiB suffice. The sandboxes that it
 #: starts have limits of their own.
@@ -40,79 +48,66 @@ MOST_MEMORY_BYTES = 4 * 1024**3
 _END_S = 15.0
 #: How often one that waits says so.
 _STILL_WAITS_S = 10.0
-#: The last line holds the whole result.
-_MOST_LINE_BYTES = 64 * 1024 * 1024
 
 
 # -- the process that grades many ----------------------------------------------------------------
 
 
-async def grade_in_process(job: Job, on_progress: Callable[[Progress], None]) -> Ending:
+class Workers(ForkingServer):
+    """The process whose forks grade a submission each; used as a context, with which all of them end."""
+
+    def __init__(self) -> None:
+        super().__init__(__name__, (), {**os.environ, "OPENBLAS_NUM_THREADS": "1"}, Path.cwd())
+
+
+async def grade_in_process(job: Job, workers: Workers, on_progress: Callable[[Progress], None]) -> Ending:
     """Grade one submission in a process of its own; returns how it ended, and never fails because of it."""
-    assert job.machine is not None
-    # So that starting takes no core from a session; the process itself takes the next slot.
-    give_back = await job.machine.take()
     try:
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             (Path(scratch) / "job").write_bytes(pickle.dumps(job))
-            return await _run(job, Path(scratch), on_progress, give_back)
+            return await _run(job, workers, Path(scratch), on_progress)
     except (OSError, ValueError) as error:
         return problem_of(error)
     finally:
-        give_back()
         shutil.rmtree(job.results / UNFINISHED, ignore_errors=True)
         with suppress(OSError):  # It is not empty, as a rule.
             job.results.rmdir()
 
 
-async def _run(
-    job: Job, scratch: Path, on_progress: Callable[[Progress], None], on_started: Callable[[], None]
-) -> Ending:
-    with (scratch / "stderr").open("wb") as errors:
-        process = await asyncio.create_subprocess_exec(
-            *("setpriv", "--pdeathsig", "KILL", sys.executable, "-I", "-m", "grader.classroom.worker"),
-            str(scratch / "job"),
-            str(os.getpid()),
-            stdin=asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=errors,
-            env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-            start_new_session=True,
-            limit=_MOST_LINE_BYTES,
-        )
-    assert process.stdout is not None
+async def _run(job: Job, workers: Workers, scratch: Path, on_progress: Callable[[Progress], None]) -> Ending:
+    said = await workers.start(os.fsencode(scratch / "job"), scratch / "stderr")
     quiet_s = job.silence_s + max(session.timeout_s for session in job.rubric.sessions.values())
     ending: Ending | None = None
+    status: int | None = None
+    process = 0
     try:
-        while (line := await within(process.stdout.readline(), quiet_s)).endswith(b"\n"):
-            on_started()
+        process = int(await within(said.readline(), quiet_s) or 0)
+        while (line := await within(said.readline(), quiet_s)).endswith(b"\n"):
+            if line.startswith(b"ended "):
+                status = int(line.split()[1])
+                continue
             message: Progress | Ending = pickle.loads(base64.b64decode(line))
             if isinstance(message, Progress):
                 on_progress(message)
             else:
                 ending = message
-        await within(process.wait(), quiet_s)
     except asyncio.TimeoutError:
         remedy = "Grade this submission alone and watch its progress; the others are not affected."
         ending = ending or GraderError(f"the grader's process reported nothing for {quiet_s:g} s", remedy=remedy)
     finally:
-        await _end(process)
+        await _end(process, said)
         remove_stale()
-    return ending or _broken(process.returncode, scratch / "stderr")
+    return ending or _broken(status, scratch / "stderr")
 
 
-async def _end(process: asyncio.subprocess.Process) -> None:
+async def _end(process: int, said: asyncio.StreamReader) -> None:
     """Ask the process to end if it has not, and see that it does."""
-    if process.returncode is None:
-        with suppress(ProcessLookupError):
-            process.terminate()
-        try:
-            await within(process.wait(), _END_S)
-        except asyncio.TimeoutError:
-            with suppress(ProcessLookupError):
-                process.kill()
-    with suppress(asyncio.TimeoutError):
-        await within(process.communicate(), _END_S)
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        with suppress(asyncio.TimeoutError, ProcessLookupError):
+            process = process or int(await within(said.readline(), _END_S) or 0)
+            if process and not said.at_eof():
+                os.kill(process, number)
+                await within(said.read(), _END_S)
 
 
 def _broken(status: int | None, errors: Path) -> GraderError:
@@ -127,22 +122,38 @@ def _broken(status: int | None, errors: Path) -> GraderError:
 # -- the process that grades one -----------------------------------------------------------------
 
 
-def main(argv: list[str]) -> int:
-    """Grade the submission of a job; returns the exit status."""
-    if os.getppid() != int(argv[1]):  # It ended before it could be said that this one ends with it.
-        return 1
+def main() -> None:
+    """Fork a process for each job whose file is named through the socket of the number in argv[1]."""
+    end_with_parent()  # If that has ended already, so has the other side of the socket.
+    folder = Path.cwd()
+    servers: list[ForkServer] = []
+    with ExitStack() as stack, socket.socket(fileno=int(sys.argv[1])) as link:
+
+        def program_of(request: bytes) -> Program:
+            job: Job = pickle.loads(Path(os.fsdecode(request)).read_bytes())
+            if not servers:  # All jobs have the same rubric.
+                servers.append(stack.enter_context(ForkServer(given_in_steps(job.rubric, "type"))))
+                with suppress(Exception):  # What fails then is told where it is needed.
+                    prepare(job.rubric)
+                gc.freeze()
+            grade = partial(_grade, job, folder, servers[0])
+            return Program("worker", grade, dict(os.environ), kept=[servers[0].fileno()])
+
+        serve(link, program_of)
+
+
+def _grade(job: Job, folder: Path, forks: ForkServer) -> None:
+    os.chdir(folder)
     limit_memory(MOST_MEMORY_BYTES)
     try:
-        job: Job = pickle.loads(Path(argv[0]).read_bytes())
         assert job.isolation is not None
-        scheduler = _WorkerScheduler(job, job.isolation)
+        scheduler = _WorkerScheduler(job, job.isolation, forks)
         ending: Ending = pipeline.grade(job.source, job.rubric, job.results, job.options, _send, scheduler)
     except Exception as error:
         traceback.print_exc()
         ending = problem_of(error)
     # Not through a file: that the disk is full may be what has to be said.
     _send(ending)
-    return 0
 
 
 def _send(what: Progress | Ending) -> None:
@@ -159,12 +170,17 @@ class _WorkerScheduler:
 
     job: Job
     isolation: Isolation
+    forks: ForkServer
     _own: Callable[[], None] | None = None
     _alone_s: float = 0.0
 
     def __post_init__(self) -> None:
         with self.work("reading"):
             pass
+
+    def fork_server(self) -> ForkServer:
+        """Return a branch of the class's server, which ends with this process."""
+        return self.forks.branch(self.isolation.form)
 
     @asynccontextmanager
     async def session_slot(self, spec: SessionSpec, *, alone: bool) -> AsyncIterator[None]:
@@ -200,4 +216,4 @@ class _WorkerScheduler:
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1:]))
+    main()

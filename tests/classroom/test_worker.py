@@ -23,7 +23,7 @@ sys.path.append(str(Path(__file__).parents[2]))
 
 from grader.classroom.job import Ending, Job
 from grader.classroom.scheduler import Machine
-from grader.classroom.worker import grade_in_process
+from grader.classroom.worker import Workers, grade_in_process
 from grader.errors import GraderError
 from grader.judging.rubrics import read_rubric
 from grader.live.sandbox.isolation import Level
@@ -32,7 +32,7 @@ from grader.pipeline import Options
 from grader.result import Result, Score
 from grader.submission.extraction import SubmissionSource
 from tests.classroom.small_class import SLEEPS, Family, SmallClass, make_class
-from tests.live.small_lab import TALKER, command_of, remains, until
+from tests.live.small_lab import TALKER, name_of, remains, until
 
 pytestmark = pytest.mark.live
 
@@ -55,7 +55,7 @@ class Case:
             while True:
                 self.family.look()
                 for pid, _ in self.family.members:
-                    if kill_at in phases and "grader.classroom.worker" in command_of(pid):
+                    if kill_at in phases and name_of(pid) == "worker":
                         with suppress(ProcessLookupError):
                             os.kill(pid, signal.SIGKILL)
                 await asyncio.sleep(0.02)
@@ -63,7 +63,8 @@ class Case:
         async def scenario() -> Ending:
             watching = asyncio.ensure_future(watch())
             job = replace(self.job, **limits)
-            ending = await grade_in_process(job, lambda phase: phases.append(phase.text))
+            with Workers() as workers:
+                ending = await grade_in_process(job, workers, lambda phase: phases.append(phase.text))
             watching.cancel()
             assert job.machine is not None
             (await asyncio.wait_for(job.machine.take(alone=True), 120))()

@@ -15,7 +15,7 @@ import signal
 import sys
 import threading
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
@@ -27,12 +27,13 @@ _LONGEST_LINE_BYTES = 64 * 2**20
 
 @dataclass(frozen=True)
 class Program:
-    """What a fork does, under a name and with all of its environment."""
+    """What a fork does, under a name, with all of its environment, and with descriptors that it keeps open."""
 
     name: str
     main: Callable[[], object]
     environment: Mapping[str, str]
     address_space_bytes: int | None = None
+    kept: Collection[int] = ()
 
 
 def run_script(file: str, *arguments: str) -> None:
@@ -120,7 +121,7 @@ def _leave_everything(program: Program, parent: int, descriptors: Sequence[int])
     signal.signal(signal.SIGINT, signal.default_int_handler)
     for target, descriptor in enumerate(descriptors):
         os.dup2(descriptor, target)
-    close_descriptors(open_descriptors(len(descriptors)))
+    close_descriptors(set(open_descriptors(len(descriptors))).difference(program.kept))
     os.environ.clear()
     os.environ.update(program.environment)
     sys.path += filter(None, program.environment.get("PYTHONPATH", "").split(os.pathsep))

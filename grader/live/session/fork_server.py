@@ -1,9 +1,8 @@
 """Starts the first processes of sandboxes as forks of a process that has imported what they need.
 
-Python that imports rclpy and the session anew takes a seventh of a second of a core, in each of a grading's sandboxes
-at the same time; a fork takes a hundredth. The server has an environment made from nothing, starts no thread and
-nothing of ROS, and serves one grading. Each sandbox's first process then forks its director and reference nodes in the
-same way.
+The server has an environment made from nothing, starts no thread and nothing of ROS, and serves one grading; that of a
+class branches, so that each of its gradings has one of its own, which ends with it. Each sandbox's first process then
+forks its director and reference nodes in the same way.
 """
 
 from __future__ import annotations
@@ -15,16 +14,15 @@ import importlib
 import os
 import pickle
 import resource
-import signal
 import socket
-import subprocess
 import sys
 from collections.abc import Collection, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-from grader.live.process.forked import Program, become, read_pipe
+from grader.live.process.forked import Program
+from grader.live.process.forking import ForkingServer, serve
 from grader.live.process.priority import put_self_first
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.sandbox.namespaces import Form, end_with_parent, enter_own_mounts, enter_sandbox, name_process
@@ -41,98 +39,49 @@ _STANDARD_TYPES = (
     "rcl_interfaces/srv/SetParameters",
     "std_msgs/msg/Empty",
 )
-_MOST_REQUEST_BYTES = 16 * 1024
-#: How long the server may take to end when nothing more is asked of it.
-_END_S = 5.0
+_MOST_ANSWER_BYTES = 1024
 
 
-class ForkServer:
+class ForkServer(ForkingServer):
     """The process that forks the first processes of sandboxes; used as a context, with which all that it started ends.
 
     `types` are those of messages and services that the sessions are likely to use.
     """
 
     def __init__(self, types: Collection[str] = ()) -> None:
-        self._types = types
+        super().__init__(__name__, [*types], trusted_environment(Path("/"), 0))
 
-    def __enter__(self) -> ForkServer:
-        self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, "-I", "-m", __name__, str(theirs.fileno()), *self._types],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                env=trusted_environment(Path("/"), 0),
-                cwd="/",
-                pass_fds=(theirs.fileno(),),
-                start_new_session=True,
-            )
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._link.close()
-        try:
-            self._process.wait(_END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-
-    async def start(self, form: Form, plan: Path, errors: Path) -> asyncio.StreamReader:
+    async def start_sandbox(self, form: Form, plan: Path, errors: Path) -> asyncio.StreamReader:
         """Start the session of a pickled `SessionPlan` in a sandbox of its own, with a file for its standard error.
 
-        Returns what its first process says, until all has ended: first the process id by which the sandbox ends, or why
-        the sandbox could not be made. `form` must be the same for all sandboxes of a server.
+        Returns what its first process says, see `ForkingServer.start`; by its process id the sandbox ends. `form` must
+        be the same for all sandboxes of a server.
         """
-        reader, writer = os.pipe()
-        with errors.open("wb") as file, suppress(ConnectionError):  # Then nothing will be said.
-            request = [form.value.encode(), b"\0", os.fsencode(plan)]
-            socket.send_fds(self._link, request, [writer, file.fileno()])
-        os.close(writer)
-        return await read_pipe(reader)
+        return await self.start(form.value.encode() + b"\0" + os.fsencode(plan), errors)
+
+    def branch(self, form: Form) -> ForkServer:
+        """Return a server that is a fork of this one, for what is to end apart from it."""
+        return _Branch(self, form)
 
 
-def _serve(link: socket.socket, types: Sequence[str]) -> None:
-    """Fork for each request, until there will be no more."""
-    gc.disable()  # Nothing of what is imported is for collection.
-    for module in _WITHOUT_ROS:
-        importlib.import_module(module)
-    server, null = os.getpid(), os.open(os.devnull, os.O_RDONLY)
-    loaded = False
-    while True:
-        request, descriptors, *_ = socket.recv_fds(link, _MOST_REQUEST_BYTES, 2)
-        if not request:
-            break
-        word, _, name = request.partition(b"\0")
-        form, plan = Form(word.decode()), Path(os.fsdecode(name))
-        try:
-            if not loaded:
-                enter_own_mounts(form)
-                _load_ros(types)
-                signal.signal(signal.SIGCHLD, lambda number, frame: _reap(os.WNOHANG))
-                loaded = True
-                # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
-                gc.freeze()
-                gc.enable()
-            forked = os.fork()
-        except OSError as problem:  # What runs already goes on.
-            forked = -1
-            with suppress(OSError):
-                os.write(descriptors[0], f"{problem}\n".encode())
-        if forked == 0:
-            program = Program("sandbox", partial(_run_in_sandbox, form, plan), trusted_environment(plan.parent, 0))
-            become(program, server, (null, *descriptors))
-        for descriptor in descriptors:
-            os.close(descriptor)
-    signal.signal(signal.SIGCHLD, signal.SIG_DFL)
-    _reap(0)
+class _Branch(ForkServer):
+    def __init__(self, of: ForkServer, form: Form) -> None:
+        super().__init__()
+        self._of, self._form = of, form
 
+    def _start(self, link: socket.socket) -> _Branch:
+        with Path(os.devnull).open("wb") as errors, suppress(ConnectionError):  # Then requests will have no answer.
+            socket.send_fds(self._of._link, [self._form.value.encode()], [link.fileno(), errors.fileno()])
+        return self
 
-def _reap(options: int) -> None:
-    """Take note of forks that have ended, so that their CPU time counts as the server's."""
-    with suppress(ChildProcessError):
-        while os.waitpid(-1, options)[0]:
+    def wait(self, timeout: float) -> None:
+        """Wait until it has ended, and all that it started."""
+        self._link.settimeout(timeout)
+        while self._link.recv(_MOST_ANSWER_BYTES):
             pass
+
+    def kill(self) -> None:
+        """Leave it to the server, with which it ends at the latest."""
 
 
 def _load_ros(types: Sequence[str]) -> None:
@@ -151,14 +100,41 @@ def _load_ros(types: Sequence[str]) -> None:
         compileall.compile_dir(folder, quiet=2)
 
 
+def _program_of(request: bytes, types: Sequence[str]) -> Program:
+    """Return the first process of a sandbox, or a branch of this server; loads what they need the first time."""
+    word, _, name = request.partition(b"\0")
+    form, plan = Form(word.decode()), Path(os.fsdecode(name))
+    if not _loaded:
+        enter_own_mounts(form)
+        _load_ros(types)
+        _loaded.append(form)
+        # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
+        gc.freeze()
+        gc.enable()
+    if not name:
+        return Program("fork server", partial(_serve_branch, types), trusted_environment(Path("/"), 0))
+    return Program("sandbox", partial(_run_in_sandbox, form, plan), trusted_environment(plan.parent, 0))
+
+
+#: The form of sandboxes for which all is loaded.
+_loaded: list[Form] = []
+
+
 def _run_in_sandbox(form: Form, file: Path) -> None:
     from grader.live.session.session import run
 
-    print(os.getpid(), flush=True)
     plan: SessionPlan = pickle.loads(file.read_bytes())  # the grader's own, in a folder that nobody else may enter
     enter_sandbox(form)
     name_process("session")
     run(plan)
+
+
+def _serve_branch(types: Sequence[str]) -> None:
+    put_self_first()
+    # What serves others stands in the place of the standard output of programs.
+    with socket.socket(fileno=os.dup(1)) as link:
+        os.dup2(0, 1)
+        serve(link, partial(_program_of, types=types))
 
 
 def main() -> None:
@@ -168,8 +144,11 @@ def main() -> None:
     # What limits the grader's own memory is not for the sandboxes, which have limits of their own.
     hard = resource.getrlimit(resource.RLIMIT_AS)[1]
     resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
+    gc.disable()  # Nothing of what is imported is for collection.
+    for module in _WITHOUT_ROS:
+        importlib.import_module(module)
     with socket.socket(fileno=int(sys.argv[1])) as link:
-        _serve(link, sys.argv[2:])
+        serve(link, partial(_program_of, types=sys.argv[2:]))
 
 
 if __name__ == "__main__":

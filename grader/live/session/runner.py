@@ -73,6 +73,10 @@ class Scheduler(Protocol):
 
     isolation: Isolation
 
+    def fork_server(self) -> ForkServer:
+        """Return what starts the sandboxes of one submission, to be used as a context."""
+        ...
+
     def session_slot(self, spec: SessionSpec, *, alone: bool) -> AbstractAsyncContextManager[None]:
         """Wait until a session may run, `alone` if nothing else may meanwhile, and hold its slot while it does."""
         ...
@@ -182,7 +186,7 @@ class SessionRunner:
 
     async def _run_sandbox(self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]) -> None:
         on_progress(Progress(spec.id, "starting"))
-        messages = await self.forks.start(self.isolation.form, scratch / "plan", scratch / "stderr")
+        messages = await self.forks.start_sandbox(self.isolation.form, scratch / "plan", scratch / "stderr")
         pid = asyncio.ensure_future(sandbox_pid(messages))
         try:
             await within(_follow(messages, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)

@@ -30,7 +30,7 @@ FORM = Form.NONE
 
 async def said_by(forks: ForkServer, plan: Path, errors: Path) -> tuple[int, bytes]:
     """Start a sandbox, and return its process id and what it says until its end."""
-    said = await forks.start(FORM, plan, errors)
+    said = await forks.start_sandbox(FORM, plan, errors)
     return await sandbox_pid(said), await said.read()
 
 
@@ -50,7 +50,7 @@ def test_a_plan_that_cannot_be_read_ends_its_sandbox_only(tmp_path: Path) -> Non
         for number in range(2):
             pid, said = asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))
             assert pid > 0
-            assert said == b""
+            assert said == b"ended 1\n"
             assert "FileNotFoundError" in (tmp_path / "errors").read_text(encoding="utf-8"), number
         until(lambda: not [p for p in below(os.getpid()) if name_of(p) == "sandbox"], 10)
 
@@ -85,7 +85,7 @@ for name in ("null", "urandom"):
 subprocess.run(["mount", "--rbind", folder, "/dev"], check=True)
 
 async def ask(forks):
-    said = await forks.start(form, folder / "plan.json", folder / "errors")
+    said = await forks.start_sandbox(form, folder / "plan.json", folder / "errors")
     try:
         await sandbox_pid(said)
     except PlatformError as error:
