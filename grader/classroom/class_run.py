@@ -34,13 +34,13 @@ from grader.submission.extraction import SubmissionSource, open_submission
 
 
 class Here:
-    """Grading on this machine, so many submissions at a time as it has slots."""
+    """Grading on this machine, so many submissions at a time as it may have slots."""
 
     def __init__(self, isolation: Isolation, machine: Machine, workers: Workers) -> None:
         self._isolation = isolation
         self._machine = machine
         self._workers = workers
-        self._room = asyncio.Semaphore(machine.slots)
+        self._room = asyncio.Semaphore(machine.slots + machine.spare)
 
     async def grade(self, job: Job, on_progress: Callable[[Progress], None]) -> tuple[Ending, Level]:
         """Grade a submission in a process of its own; returns how it ended, and how its code was confined."""
@@ -71,6 +71,8 @@ class ClassRun:
     display: RunProgress
     #: What is known so far, in the order in which it came to be.
     rows: list[Row] = field(default_factory=list)
+    #: What sessions took of a core in the last grading that has ended.
+    _shares: dict[str, float] = field(default_factory=dict)
 
     def grade(self, sources: Sequence[SubmissionSource], location: Isolation | str) -> None:
         """Grade what has not been graded; whatever becomes of one submission.
@@ -212,10 +214,11 @@ class ClassRun:
         if seed is None:
             seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
         options = replace(self.options, seed=seed, scope=scope, earlier=earlier_results(self.journal.results / name))
-        job = Job(task.source, self.journal.results / name, self.rubric, options)
+        job = Job(task.source, self.journal.results / name, self.rubric, options, shares=self._shares)
         before, recorded = text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
         ending, isolation = await site.grade(job, partial(self.display.phase, name))
         if not isinstance(ending, GraderError):
+            self._shares.update(cpu_shares(ending))
             audit.note_replaced(self.journal.results, name, before, "grade", overrides_sha256=decided_by)
             self.journal.note(name, task.key, task.policy, isolation.value)
             return ending
@@ -231,6 +234,12 @@ class ClassRun:
         with suppress(OSError):  # Such as a full disk, which is likely to be the reason itself.
             self.journal.abandon(task.source.name, why)
         return why
+
+
+def cpu_shares(result: Result) -> dict[str, float]:
+    """Return what each session of a grading took of a core, while it ran."""
+    sessions = result.provenance.get("sessions", {})
+    return {name: sum(s.get("cpu_s", {}).values()) / max(s["duration_s"], 1.0) for name, s in sessions.items()}
 
 
 def entries_of(results: Path, rows: Sequence[Row]) -> list[ClassEntry]:
