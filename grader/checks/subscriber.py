@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -595,7 +596,7 @@ def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> l
     kept: list[Report] = []
     for report in sorted((r for r in heard if r.t_ns >= begun_ns), key=lambda report: report.t_ns):
         came = int(np.searchsorted(sent, report.t_ns, side="right"))
-        if before is None or not np.isclose(report.value, before.value, rtol=_ALIKE):
+        if before is None or not math.isclose(report.value, before.value, rel_tol=_ALIKE, abs_tol=1e-8):
             surplus, most, counted = surplus + most, 0, 0
             start = int(np.searchsorted(starts, report.t_ns, side="right")) - 1
             first = int(np.searchsorted(sent, starts[max(0, start)]))

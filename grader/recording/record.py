@@ -7,6 +7,7 @@ import functools
 import json
 import types
 import typing
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -36,38 +37,47 @@ def from_plain(kind: type[T], plain: Any) -> T:
     """Build a dataclass from what `json` read, or raise `ValueError` if that does not have its shape."""
     if not isinstance(plain, dict):
         raise ValueError(f"{kind.__name__}: an object was expected")
-    hints = _hints(cast(Any, kind))
-    unknown = sorted(set(plain) - set(hints))
+    readers = _readers(cast(Any, kind))
+    unknown = sorted(set(plain) - set(readers))
     if unknown:
         raise ValueError(f"{kind.__name__}: unknown key {unknown[0]!r}")
     try:
-        return kind(**{name: _convert(hints[name], value) for name, value in plain.items()})
+        return kind(**{name: readers[name](value) for name, value in plain.items()})
     except TypeError as problem:
         raise ValueError(f"{kind.__name__}: {problem}") from problem
 
 
 @functools.lru_cache(maxsize=64)
-def _hints(kind: type[Any]) -> dict[str, Any]:
-    """Return the types of a dataclass's fields; finding them takes longer than all else in reading a record."""
+def _readers(kind: type[Any]) -> dict[str, Callable[[Any], Any]]:
+    """Return what reads each field of a dataclass; finding that takes longer than all else in reading a record."""
     hints = typing.get_type_hints(kind)
-    return {f.name: hints[f.name] for f in dataclasses.fields(kind)}
+    return {f.name: _reader(hints[f.name]) for f in dataclasses.fields(kind)}
 
 
-def _convert(hint: Any, value: Any) -> Any:
+def _reader(hint: Any) -> Callable[[Any], Any]:
+    """Return what turns a value that `json` read into one of a type, or raises `ValueError`."""
     origin, arguments = typing.get_origin(hint), typing.get_args(hint)
     if origin in (types.UnionType, typing.Union):
-        inner = [a for a in arguments if a is not type(None)]
-        return None if value is None else _convert(inner[0], value)
+        inner = _reader(next(a for a in arguments if a is not type(None)))
+        return lambda value: None if value is None else inner(value)
     if dataclasses.is_dataclass(hint):
-        return from_plain(hint, value)  # type: ignore[arg-type]
+        return functools.partial(from_plain, cast(Any, hint))
     kind: Any = origin or hint
     if kind is Any:
-        return value
+        return lambda value: value
     accepted: Any = {float: (int, float), tuple: list}.get(kind, kind)
-    if not isinstance(value, accepted) or (isinstance(value, bool) and kind is not bool):
-        raise ValueError(f"{kind.__name__} expected, found {type(value).__name__}")
-    if kind is int and not -(2**63) <= value < 2**63:
-        raise ValueError("a number is too large")
-    if isinstance(value, list):
-        return kind(_convert(arguments[0], item) for item in value)
-    return {name: _convert(arguments[1], item) for name, item in value.items()} if isinstance(value, dict) else value
+
+    def checked(value: Any) -> Any:
+        if not isinstance(value, accepted) or (value.__class__ is bool and kind is not bool):
+            raise ValueError(f"{kind.__name__} expected, found {type(value).__name__}")
+        if kind is int and not -(2**63) <= value < 2**63:
+            raise ValueError("a number is too large")
+        return value
+
+    if kind is dict:
+        of_item = _reader(arguments[1])
+        return lambda value: {name: of_item(item) for name, item in checked(value).items()}
+    if accepted is list:
+        of_item = _reader(arguments[0])
+        return lambda value: kind(map(of_item, checked(value)))
+    return checked
