@@ -1,9 +1,9 @@
 """How long a class takes by the scheduler's rules, from what one grading took: for classes too large to try.
 
-So many submissions are under way at a time as there are slots. Each starts, has its sessions recorded, the longest
-first, and is judged; each of these holds a slot, and more slots are given while three tenths of the cores' time are
-idle. What wants more than the cores have all goes on more slowly, except for the time in which it waits for nothing but
-a clock.
+So many submissions are under way at a time as there may be slots. Each starts, has its sessions recorded, the longest
+first, and is judged; each of these holds a slot, and one more is given, one after another, while a part of the cores'
+time is idle. What wants more than the cores have all goes on more slowly, except for the time in which it waits for
+nothing but a clock.
 """
 
 from __future__ import annotations
@@ -15,11 +15,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bench.load import cores
-from grader.classroom.scheduler import MOST_SLOTS
+from grader.classroom.scheduler import MOST_SLOTS, ROOM_S, ROOM_SHARE
 
 #: What a submission's own process takes of a core before its sessions and after them, in s.
-_BEFORE, _AFTER = ("start", 1.2, 1.2), ("judging", 0.6, 0.6)
+_BEFORE, _AFTER = ("start", 0.1, 0.1), ("judging", 0.5, 0.5)
 _STEP_S = 0.05
+#: What the grader's own processes take beside those that are in a recording.
+_UNRECORDED = 1.15
 
 
 @dataclass
@@ -40,25 +42,28 @@ def pieces_of(recordings: Path) -> list[Piece]:
     for file in recordings.glob("*/session.json"):
         session = json.loads(file.read_text(encoding="utf-8"))
         used = sum(p["usage"][-1]["cpu_ns"] for p in session["processes"] if p["usage"])
-        found.append(Piece(file.parent.name, (session["ended_ns"] - session["started_ns"]) / 1e9, used / 1e9))
+        found.append(
+            Piece(file.parent.name, (session["ended_ns"] - session["started_ns"]) / 1e9, _UNRECORDED * used / 1e9)
+        )
     return sorted(found, key=lambda piece: -piece.left_s)
 
 
-def simulate(
-    count: int, sessions: Sequence[Piece], slots: int, most: int, core_count: int, at_a_time: int | None = None
-) -> float:
-    """Return how long a class of so many equal submissions takes, in s; as many at a time as there are slots."""
+def simulate(count: int, sessions: Sequence[Piece], slots: int, most: int, core_count: int) -> float:
+    """Return how long a class of so many equal submissions takes, in s."""
     waiting = [_submission(sessions) for _ in range(count)]
     under_way: list[Iterator[list[Piece]]] = []
     ready: list[Piece] = []
     open_pieces: dict[int, list[Piece]] = {}
     running: list[Piece] = []
-    now_s = idle = 0.0
+    now_s = idle = admitted_s = 0.0
     while waiting or open_pieces:
-        while waiting and len(under_way) < (at_a_time or slots):
+        while waiting and len(under_way) < most:
             under_way.append(waiting.pop())
             _next(under_way[-1], open_pieces, ready)
-        while ready and len(running) < (most if idle > 0.3 else slots):
+        while ready and (
+            len(running) < slots or (len(running) < most and now_s - admitted_s > ROOM_S and idle > ROOM_SHARE)
+        ):
+            admitted_s = now_s
             running.append(ready.pop(0))
         wanted = sum(piece.share for piece in running)
         pace = min(1.0, core_count / wanted) if wanted else 1.0

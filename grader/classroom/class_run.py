@@ -71,8 +71,6 @@ class ClassRun:
     display: RunProgress
     #: What is known so far, in the order in which it came to be.
     rows: list[Row] = field(default_factory=list)
-    #: What sessions took of a core in the last grading that has ended.
-    _shares: dict[str, float] = field(default_factory=dict)
 
     def grade(self, sources: Sequence[SubmissionSource], location: Isolation | str) -> None:
         """Grade what has not been graded; whatever becomes of one submission.
@@ -214,11 +212,10 @@ class ClassRun:
         if seed is None:
             seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
         options = replace(self.options, seed=seed, scope=scope, earlier=earlier_results(self.journal.results / name))
-        job = Job(task.source, self.journal.results / name, self.rubric, options, shares=self._shares)
+        job = Job(task.source, self.journal.results / name, self.rubric, options)
         before, recorded = text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
         ending, isolation = await site.grade(job, partial(self.display.phase, name))
         if not isinstance(ending, GraderError):
-            self._shares.update(cpu_shares(ending))
             audit.note_replaced(self.journal.results, name, before, "grade", overrides_sha256=decided_by)
             self.journal.note(name, task.key, task.policy, isolation.value)
             return ending
@@ -234,12 +231,6 @@ class ClassRun:
         with suppress(OSError):  # Such as a full disk, which is likely to be the reason itself.
             self.journal.abandon(task.source.name, why)
         return why
-
-
-def cpu_shares(result: Result) -> dict[str, float]:
-    """Return what each session of a grading took of a core, while it ran."""
-    sessions = result.provenance.get("sessions", {})
-    return {name: sum(s.get("cpu_s", {}).values()) / max(s["duration_s"], 1.0) for name, s in sessions.items()}
 
 
 def entries_of(results: Path, rows: Sequence[Row]) -> list[ClassEntry]:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 from grader.classroom.scheduler import Machine
@@ -30,8 +29,6 @@ class Job:
     #: How students' code is confined on the machine that grades it, and the slots there; filled in there.
     isolation: Isolation | None = None
     machine: Machine | None = None
-    #: What sessions took of a core in a grading before this one, as far as there was one.
-    shares: Mapping[str, float] = field(default_factory=dict)
     #: How long its process may say nothing, in seconds, beyond what a session may take; all that it does by itself has
     #: a tighter bound.
     silence_s: float = 120.0

@@ -28,7 +28,6 @@ from pathlib import Path
 from grader import pipeline
 from grader.bounded import limit_memory, write_all
 from grader.classroom.job import Ending, Job, problem_of
-from grader.classroom.scheduler import USUAL_SHARE
 from grader.errors import GraderError
 from grader.files import UNFINISHED
 from grader.judging.judgement import prepare
@@ -190,8 +189,7 @@ class _WorkerScheduler:
             self._own()
             self._own = None
         alone = alone and self._alone_s < self.job.alone_s
-        waits = Progress(spec.id, "waits to run alone" if alone else "waits")
-        give_back = await self._take(waits, self.job.shares.get(spec.id, USUAL_SHARE), alone=alone)
+        give_back = await self._take(Progress(spec.id, "waits to run alone" if alone else "waits"), alone=alone)
         began_s = time.monotonic()
         try:
             yield
@@ -203,14 +201,14 @@ class _WorkerScheduler:
     def work(self, what: str) -> Iterator[None]:
         """Hold a slot for work of this process."""
         if self._own is None:
-            self._own = asyncio.run(self._take(Progress("", what), 1.0))
+            self._own = asyncio.run(self._take(Progress("", what)))
         else:
             _send(Progress("", what))
         yield
 
-    async def _take(self, progress: Progress, share: float, *, alone: bool = False) -> Callable[[], None]:
+    async def _take(self, progress: Progress, *, alone: bool = False) -> Callable[[], None]:
         assert self.job.machine is not None
-        waiting = asyncio.ensure_future(self.job.machine.take(share, alone=alone))
+        waiting = asyncio.ensure_future(self.job.machine.take(alone=alone))
         while not waiting.done():
             _send(progress)
             await asyncio.wait({waiting}, timeout=_STILL_WAITS_S)

@@ -11,12 +11,12 @@ SESSIONS = [Piece("long", 10.0, 1.0), Piece("short", 5.0, 1.0)]
 
 def test_one_submission_takes_as_long_as_its_longest_session() -> None:
     """Its start and its judging come before and after."""
-    assert simulate(1, SESSIONS, 4, 8, 2) == pytest.approx(1.2 + 10.0 + 0.6, abs=0.3)
+    assert simulate(1, SESSIONS, 4, 8, 2) == pytest.approx(0.1 + 10.0 + 0.5, abs=0.3)
 
 
 def test_with_one_slot_one_thing_follows_another() -> None:
     """Nothing overlaps, however many cores there are."""
-    assert simulate(3, SESSIONS, 1, 1, 8) == pytest.approx(3 * (1.2 + 15.0 + 0.6), abs=1.0)
+    assert simulate(3, SESSIONS, 1, 1, 8) == pytest.approx(3 * (0.1 + 15.0 + 0.5), abs=1.0)
 
 
 def test_cores_that_are_all_in_use_bound_a_class() -> None:

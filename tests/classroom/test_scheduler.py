@@ -56,19 +56,18 @@ def test_as_many_as_there_are_places() -> None:
     asyncio.run(scenario())
 
 
-@pytest.mark.parametrize(("idle", "share", "more"), [(0.8, 0.5, 2), (0.4, 0.5, 2), (0.4, 0.7, 0), (0.05, 0.0, 0)])
-def test_idle_cores_take_more_one_after_another(idle: float, share: float, more: int) -> None:
-    """Beyond its slots a machine of two cores takes one sandbox after another while these have that much to spare."""
+@pytest.mark.parametrize(("share", "more"), [(0.8, 2), (0.1, 0)])
+def test_idle_cores_take_more_one_after_another(share: float, more: int) -> None:
+    """Beyond its slots a machine takes one sandbox after another while its cores have little to do, up to a number."""
 
     async def scenario() -> None:
-        name = f"grade-test-{uuid.uuid4().hex}"
-        slots = Machine(1, name, spare=2, cores=2, idle_s=lambda: idle * time.monotonic())
-        held = [await slots.take(share)]
+        slots = Machine(1, f"grade-test-{uuid.uuid4().hex}", spare=2, idle_s=lambda: share * time.monotonic())
+        held = [await slots.take()]
         for _ in range(more):
             began_s = time.monotonic()
-            held.append(await slots.take(share))
-            assert time.monotonic() - began_s >= 1.0
-        waiting = asyncio.ensure_future(slots.take(share))
+            held.append(await slots.take())
+            assert time.monotonic() - began_s >= 0.5
+        waiting = asyncio.ensure_future(slots.take())
         await asyncio.sleep(1.5)
         assert not waiting.done()
         for give_back in held:
