@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import re
 from collections.abc import Sequence
@@ -66,6 +67,7 @@ def reports(recorded: Recorded, artifact: str, patterns: Sequence[str]) -> list[
     return next((found for pattern in patterns if (found := _reports(recorded, artifact, pattern))), [])
 
 
+@functools.lru_cache(maxsize=16)
 def _reports(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
     found: list[Report] = []
     for process in recorded.processes_of(artifact):
