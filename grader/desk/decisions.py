@@ -7,6 +7,7 @@ their own (`Desk.settle`); whoever is stopped in between loses nothing, since wh
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -29,7 +30,6 @@ from grader.result_folder import RESULT_FILE
 
 #: Of reasons and comments that were used before.
 _MOST_OFFERED = 9
-_FORK = "fork"
 
 
 class Decision(BaseModel):
@@ -205,7 +205,7 @@ class Desk:
         if not running and waiting:
             folders = [self.results / name for name in waiting]
             # A copy of this process, which has no threads: it ends by itself, also where this one is killed.
-            context = multiprocessing.get_context(_FORK)
+            context = multiprocessing.get_context("fork")
             self._settling = context.Process(target=_write, args=(folders, self.overrides_file))
             self._settling.start()
             self._tried |= waiting
@@ -222,6 +222,8 @@ class Desk:
 def _write(folders: list[Path], overrides: Path) -> None:
     from grader.classroom.regrade import regrade
 
+    # Ctrl-C ends the desk, which then waits for this.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         file = overrides if overrides.exists() else None
         regrade(folders, overrides=file, pages=True, again=False, jobs=1).apply("review")

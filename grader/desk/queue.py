@@ -54,8 +54,9 @@ class Item:
     name: str
     part: Part
     text: str
-    #: What people decided until now of the part, as a hash: whoever decides must have seen it.
+    #: What people decided until now of the part and of its criterion, as hashes: whoever decides must have seen it.
     state: str
+    criterion_state: str
     #: Points that depend on it.
     points: Decimal
     #: Others of the same mistake, by their folders.
@@ -89,14 +90,20 @@ def part_of(result: Result, level: str, id_: str) -> Part | None:
         return Part("", WHOLE, "The whole submission", result.final, result.score.possible)
     judged: Iterable[CheckResult | CriterionResult] = result.checks if level == "check" else result.criteria
     found = next((one for one in judged if one.id == id_), None)
+    if found is None:
+        return None
     inner = {check.id for check in found.checks} if isinstance(found, CriterionResult) else set()
     changes = (a.points for a in result.adjustments if a.what == id_ or a.what in inner)
-    return found and Part(level, id_, found.title, found.earned + sum(changes, Decimal(0)), found.possible)
+    return Part(level, id_, found.title, found.earned + sum(changes, Decimal(0)), found.possible)
 
 
 def state_of(result: Result, id_: str) -> str:
-    """Return a hash of all that people said and decided of a part."""
-    said = repr([a for a in result.adjustments if a.what == id_])
+    """Return a hash of all that people said and decided of a part, of what it is part of, and of its own parts."""
+    related = {id_}
+    for criterion in result.criteria:
+        inner = {check.id for check in criterion.checks}
+        related |= inner if criterion.id == id_ else {criterion.id} if id_ in inner else set()
+    said = repr([a for a in result.adjustments if a.what in related])
     return hashlib.sha256(said.encode("utf-8", "surrogatepass")).hexdigest()[:16]
 
 
@@ -128,8 +135,7 @@ def _of_whole(name: str, result: Result) -> Iterable[Item]:
         lost = {id_ for violation in result.violations for id_ in violation.checks}
         points = sum((check.lost for check in result.checks if check.id in lost), Decimal(0))
         answered = any(a.what == WHOLE and a.kind in ANSWERS for a in result.adjustments)
-        state = state_of(result, WHOLE)
-        yield Item(Kind.INTERFERENCE, name, part, text, state, points, (name,), "", answered)
+        yield Item(Kind.INTERFERENCE, name, part, text, state_of(result, WHOLE), "", points, (name,), "", answered)
 
 
 def _of_checks(
@@ -137,9 +143,12 @@ def _of_checks(
 ) -> Iterable[Item]:
     open_ids = {check.id for check in result.open_checks}
     for criterion in result.criteria:
-        for level, judged in (("criterion", criterion), *(("check", check) for check in criterion.checks)):
+        criterion_state = state_of(result, criterion.id)
+        parts: tuple[CheckResult | CriterionResult, ...] = (criterion, *criterion.checks)
+        for judged in parts:
+            level = "check" if isinstance(judged, CheckResult) else "criterion"
             said = [a for a in result.adjustments if a.what == judged.id]
-            answered = any(a.kind in ANSWERS for a in said)
+            answered = any(a.kind in ANSWERS for a in result.adjustments if a.what in (judged.id, criterion.id))
             asked: list[tuple[Kind, str, bool]] = []
             if (appeal := _last_appeal(said)) is not None:
                 asked.append((Kind.APPEAL, said[appeal].reason, any(a.kind in ANSWERS for a in said[appeal:])))
@@ -148,12 +157,13 @@ def _of_checks(
                 asked.append((kind, judged.reason, judged.id not in open_ids))
             elif isinstance(judged, CheckResult) and (notes := _asking(judged)):
                 asked.append((Kind.NOTE, " ".join(notes), answered))
-            part = part_of(result, str(level), judged.id) if asked else None
+            part = part_of(result, level, judged.id) if asked else None
             for kind, text, is_decided in asked if part is not None else ():
                 assert part is not None
-                state, others = state_of(result, judged.id), same.get((name, judged.id), (name,))
+                others = same.get((name, judged.id), (name,))
                 stake = part.possible - part.earned if kind is not Kind.NOTE else part.earned
-                yield Item(kind, name, part, text, state, stake, others, criterion.id, is_decided)
+                states = state_of(result, judged.id), criterion_state
+                yield Item(kind, name, part, text, *states, stake, others, criterion.id, is_decided)
 
 
 def _last_appeal(said: list[Adjustment]) -> int | None:

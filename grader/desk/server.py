@@ -104,7 +104,7 @@ class Server:
         items = []
         for item in desk.queue():
             spec = by_id.get(item.part.id)
-            items.append({**_plain(item), "levels": [asdict(level) for level in spec.levels] if spec else []})
+            items.append({**_plain(item), "levels": [level.model_dump() for level in spec.levels] if spec else []})
         return {
             "lab": f"Lab {desk.rubric.lab.id}: {desk.rubric.lab.title}",
             "who": desk.who,
@@ -119,7 +119,7 @@ class Server:
     async def _evidence(self, request: Request) -> Response:
         name, what = request.query_params.get("name", ""), request.query_params.get("what", "")
         result = self.desk.judged().get(name)
-        if result is None or what not in {WHOLE, *(c.id for c in (*result.criteria, *result.checks))}:
+        if result is None or what not in {WHOLE, *(c.id for c in result.criteria), *(c.id for c in result.checks)}:
             return _not_found()
         folder = self.desk.results / name
         own = result.rubric_sha256 in ("", self.desk.rubric.sha256)

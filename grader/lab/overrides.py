@@ -29,7 +29,7 @@ _WHAT = "the file of overrides"
 _CHANGES = ("set", "add", "excused", "bonus", "extension", "due", "submitted", "reviewed", "appeal")
 _OF_A_PART = ("set", "add", "excused", "appeal")
 #: What needs no reason: it changes nothing.
-_WITHOUT_REASON = ("reviewed", "appeal")
+_WITHOUT_REASON = {"reviewed", "appeal", "comment"}
 
 
 def _points(value: Any) -> Any:
@@ -124,8 +124,6 @@ class Override(Strict):
             raise ValueError(f"{changes[0]} needs either a check or a criterion")
         if changes[0] not in (*_OF_A_PART, "reviewed") and parts:
             raise ValueError(f"{changes[0]} is of the whole submission, not of a check or a criterion")
-        if changes[0] not in _WITHOUT_REASON and not self.reason:
-            raise mistakes_at([(("reason",), "this key is missing")])
         return self
 
 
@@ -183,6 +181,8 @@ def parse_overrides(path: Path, text: str, rubric: Rubric) -> Overrides:
         loc: Loc = ("overrides", number)
         if isinstance(raw, Mapping):
             _check_part(raw, loc, rubric, mistakes)
+            if "reason" not in raw and (raw.keys() - _WITHOUT_REASON) & {*_CHANGES}:
+                mistakes.add((*loc, "reason"), "this key is missing")
         try:
             entry = Override.model_validate(raw)
         except ValidationError as error:

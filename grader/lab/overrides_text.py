@@ -100,7 +100,7 @@ def _checked(before: str, after: str, wanted: list[Any], *more: Mapping[str, Any
 
 def _last_line(node: yaml.Node) -> int:
     """Return the last line, from 0, on which something of a node stands."""
-    if isinstance(node, yaml.ScalarNode) or node.flow_style:
+    if not isinstance(node, yaml.CollectionNode) or node.flow_style:
         end = node.end_mark
         return int(end.line - (end.column == 0))
     children = [part for pair in node.value for part in (pair if isinstance(pair, tuple) else (pair,))]

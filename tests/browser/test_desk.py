@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 
 import pytest
@@ -114,7 +115,7 @@ def test_a_class_is_decided_by_keyboard(chromium: Browser, made: Path, tmp_path:
         desk.until(lambda plain: not plain["waiting"])
         for n in range(OPEN):
             result = load_result(made / f"open{n:02d}" / RESULT_FILE)
-            assert (result.still_undecided, result.final) == (0, result.score.possible)
+            assert (result.still_undecided, result.final) == (Decimal(0), result.score.possible)
         for n in range(APPEALS):
             kinds = [a.kind.value for a in load_result(made / f"appeal{n:02d}" / RESULT_FILE).adjustments]
             assert kinds == ["appeal", "points" if n % 2 else "reviewed"]

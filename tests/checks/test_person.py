@@ -42,11 +42,11 @@ def test_its_points_are_open_until_somebody_grades_it(tmp_path: Path, whole: boo
     assert [(level.title, level.credit) for level in spec.levels] == [("Clear", 1.0), ("In part", 0.6), ("Not", 0.0)]
     result = judge(open_recordings(SOLUTION, rubric), rubric)
     (check,) = result.open_checks
-    assert (check.id, check.undecided, check.lost) == (spec.id, 5, 0)
+    assert (check.id, check.undecided, check.lost) == (spec.id, Decimal(5), Decimal(0))
     assert [place.file for place in check.where] == ([] if whole else ["joint_publisher.py"])
     entry = f"overrides: [{{submission: a, check: {spec.id}, set: 3, reason: r, who: w, when: 2026-11-21}}]"
     decided = adjust(result, parse_overrides(tmp_path / "overrides.yaml", entry, rubric).entries)
-    assert (decided.final, decided.still_undecided) == (Decimal(103), 0)
+    assert (decided.final, decided.still_undecided) == (Decimal(103), Decimal(0))
 
 
 @pytest.mark.parametrize(

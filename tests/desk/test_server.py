@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -152,7 +153,7 @@ def test_a_decision_stands_in_the_file_and_then_in_the_result(desk: Served, made
     assert plain["failed"] == []
     assert plain["written"] == 1
     adjustment = load_result(made / "alice" / RESULT_FILE).adjustments[0]
-    assert (adjustment.what, adjustment.points, adjustment.who) == (CHECK, 2, "J. Smith")
+    assert (adjustment.what, adjustment.points, adjustment.who) == (CHECK, Decimal(2), "J. Smith")
     report = (made / "alice/report.html").read_text(encoding="utf-8")
     assert "Fine; &#34;really&#34; &lt;b&gt;" in report
     line = json.loads((made / AUDIT_FILE).read_text(encoding="utf-8").splitlines()[-1])

@@ -96,7 +96,8 @@
     var scope = byId("scope");
     scope.textContent = "";
     if (item.part.level === "check") { scope.append(new Option("this check", "check")); }
-    if (item.criterion) { scope.append(new Option("all of “" + state.criteria[item.criterion] + "”", "criterion")); }
+    // An appeal is answered where it was made.
+    if (item.criterion && (item.kind !== "appeal" || item.part.level === "criterion")) { scope.append(new Option("all of “" + state.criteria[item.criterion] + "”", "criterion")); }
     if (!item.part.level) { scope.append(new Option("the whole submission", "")); }
     changes(item);
     reasons();
@@ -113,6 +114,8 @@
     if (item.part.level) {
       listed.push({ label: "Full points", key: "f", change: "set", share: 1 }, { label: "No points", key: "z", change: "set", share: 0 }, { label: "Excused", key: "e", change: "excused" });
     }
+    // To look at open points does not decide them.
+    if (item.kind === "undecided" || item.kind === "to grade") { return listed; }
     return listed.concat({ label: item.kind === "interference" ? "Looked at, no further consequence" : "Stays as it is", key: "a", change: "reviewed" });
   }
   function changes(item) {
@@ -176,7 +179,7 @@
   byId("decision").addEventListener("submit", function (event) {
     event.preventDefault();
     var seen = {};
-    if (byId("scope").value !== "criterion" || current.part.level === "criterion") { seen[current.name] = current.state; }
+    seen[current.name] = byId("scope").value === "criterion" ? current.criterion_state : current.state;
     save([current.name], seen);
   });
   byId("undo").addEventListener("click", function () { ask("undo", {}).then(show, function () {}); });
