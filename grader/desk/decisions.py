@@ -25,7 +25,7 @@ from grader.judging.adjust import adjust
 from grader.lab.overrides import Overrides, load_overrides, parse_overrides
 from grader.lab.overrides_text import locked, rewrite, with_entry, without_entry
 from grader.lab.rubric import Rubric
-from grader.result import WHOLE, Result, number
+from grader.result import ANSWERS, WHOLE, Result, number
 from grader.result_folder import RESULT_FILE
 
 #: Of reasons and comments that were used before.
@@ -73,7 +73,7 @@ class Desk:
     overrides_file: Path
     who: str
     #: What this desk has written, the last one last.
-    written: list[dict[str, Any]] = field(default_factory=list)
+    written: list[tuple[Decision, dict[str, Any]]] = field(default_factory=list)
     _entries: dict[str, tuple[int, ClassEntry]] = field(default_factory=dict)
     _settling: Any = None
     _tried: dict[str, str] = field(default_factory=dict)
@@ -137,19 +137,20 @@ class Desk:
                 problem = f"somebody has decided of this meanwhile: {', '.join(changed[:3])}"
                 raise ChangedSince(problem, remedy="Look at what was decided, and decide again if you still want to.")
             rewrite(self.overrides_file, lambda text: self._fitting(with_entry(text, entry)))
-        self.written.append(entry)
+        self.written.append((decision, entry))
 
-    def undo(self) -> dict[str, Any]:
-        """Take back what this desk decided last, unless somebody else has done so; returns the entry."""
+    def undo(self) -> Decision:
+        """Take back what this desk decided last, unless somebody else has done so; returns the decision."""
         if not self.written:
             raise UsageError("there is nothing to take back", remedy="Only what this desk has decided can be.")
-        entry = self.written[-1]
+        decision, entry = self.written[-1]
         with locked(self.overrides_file.parent):
             wanted = parse_overrides(self.overrides_file, with_entry("", entry), self.rubric).entries[0]
             listed = list(self.overrides().entries)
             if wanted in listed:
                 rewrite(self.overrides_file, lambda text: without_entry(text, listed.index(wanted)))
-        return self.written.pop()
+        self.written.pop()
+        return decision
 
     def _entry(self, decision: Decision, results: Mapping[str, Result]) -> dict[str, Any]:
         """Return a decision as it stands in the file."""
@@ -178,9 +179,10 @@ class Desk:
     def _effect(self, name: str, decision: Decision, before: Result, after: Result) -> Effect:
         parts = [part_of(result, decision.level, decision.id) for result in (before, after)]
         earned = [part.earned if part is not None else Decimal(0) for part in parts]
-        check = next((check for check in before.checks if check.id == decision.id), None)
-        decided = any(a.what == (decision.id or WHOLE) and a.who for a in before.adjustments)
-        text, state = check.reason if check is not None else "", state_of(before, decision.id or WHOLE)
+        concerned = [c for part in before.criteria for c in part.checks if decision.id in (c.id, part.id)]
+        text = " ".join(dict.fromkeys(check.reason for check in concerned if check.reason))
+        decided = any(a.what == (decision.id or WHOLE) and a.kind in ANSWERS for a in before.adjustments)
+        state = state_of(before, decision.id or WHOLE)
         return Effect(name, (earned[0], earned[1]), (before.final, after.final), text, state, decided)
 
     # -- the results follow ---------------------------------------------------------------------

@@ -36,7 +36,7 @@ from grader.judging.rubrics import recorded_rubric, rubric_copy
 from grader.lab.rubric import Rubric
 from grader.report import views
 from grader.report.escape import shown
-from grader.result import WHOLE
+from grader.result import WHOLE, Result
 from grader.result_folder import RECORDINGS, REPORT_FILE
 
 LOOPBACK = "127.0.0.1"
@@ -118,24 +118,27 @@ class Server:
 
     async def _evidence(self, request: Request) -> Response:
         name, what = request.query_params.get("name", ""), request.query_params.get("what", "")
-        result = self.desk.judged().get(name)
+        result, folder = self._of(name, RECORDINGS)
         if result is None or what not in {WHOLE, *(c.id for c in result.criteria), *(c.id for c in result.checks)}:
             return _not_found()
-        folder = self.desk.results / name
         own = result.rubric_sha256 in ("", self.desk.rubric.sha256)
         try:
-            rubric = self.desk.rubric if own else _recorded(rubric_copy(folder))
-            page = evidence_of(result, folder / RECORDINGS, rubric, what)
+            rubric = self.desk.rubric if own else _recorded(rubric_copy(folder.parent))
+            page = evidence_of(result, folder, rubric, what)
         except (GraderError, OSError) as error:
             page = f"<!DOCTYPE html><title>Evidence</title><p>There is no evidence to show: {_escaped(error)}</p>"
         return _answer(page.encode("utf-8", "replace"), ".html", _STUDENTS_POLICY)
 
     async def _report(self, request: Request) -> Response:
-        name = request.query_params.get("name", "")
-        path = self.desk.results / name / REPORT_FILE
-        if name not in self.desk.judged() or path.is_symlink() or not path.is_file():
+        result, path = self._of(request.query_params.get("name", ""), REPORT_FILE)
+        if result is None or not path.is_file():
             return _not_found()
         return _answer(path.read_bytes(), ".html", _STUDENTS_POLICY)
+
+    def _of(self, name: str, file: str) -> tuple[Result | None, Path]:
+        """Return a submission's result, None if there is none or a link leads out of the class, and a path beside."""
+        result, path = self.desk.judged().get(name), self.desk.results / name / file
+        return result if result is not None and path.resolve() == path else None, path
 
     async def _preview(self, request: Request) -> Response:
         decision = await _decision(request)
@@ -152,7 +155,7 @@ class Server:
 
     async def _undo(self, request: Request) -> Response:
         def undo() -> dict[str, Any]:
-            return {"taken_back": self.desk.undo(), **self._state()}
+            return {"taken_back": self.desk.undo().model_dump(include={"names", "id"}), **self._state()}
 
         return _json(undo)
 

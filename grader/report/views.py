@@ -226,7 +226,7 @@ def _adjustment_view(each: Adjustment, titles: Mapping[str, tuple[str, str]]) ->
     }
     style = "gain" if each.points > 0 else "loss" if each.points else ""
     href = "#" + anchor(kind, each.what) if kind else ""
-    by = ", ".join(part for part in (each.who, each.when) if part)
+    by = ", ".join(part for part in (each.who, each.when.replace("T", " ")) if part)
     is_appeal = each.kind is AdjustmentKind.APPEAL
     return AdjustmentView(signed(each.points), style, words[each.kind], href, each.reason, by, each.comment, is_appeal)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Iterator
 from decimal import Decimal
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 import pytest
 
 from grader.result import load_result
-from grader.result_folder import AUDIT_FILE, RESULT_FILE
+from grader.result_folder import AUDIT_FILE, RECORDINGS, RESULT_FILE
 from tests.desk.made_class import Served, add_alike, serve
 
 COMMENTS = "# Agreed with Dr. Miller.\noverrides:\n  # the first one\n"
@@ -73,6 +74,9 @@ def test_nothing_is_seen_without_the_token(desk: Served, token: str) -> None:
         ({"Sec-Fetch-Site": "cross-site"}, None),
         ({"Host": "evil.example"}, None),
         ({"Host": "localhost:80"}, None),
+        ({"Host": "rebound.example:PORT", "Origin": "http://rebound.example:PORT"}, None),
+        ({"Host": "localhost:PORT", "Origin": "http://localhost:PORT"}, None),
+        ({"Sec-Fetch-Site": "same-site"}, None),
     ],
 )
 def test_nothing_is_decided_from_elsewhere(
@@ -80,6 +84,7 @@ def test_nothing_is_decided_from_elsewhere(
 ) -> None:
     """Not without the token, from another origin, by a form, nor under a name that leads here by a foreign server."""
     before, plain = text(made), decision(desk)
+    headers = {key: value.replace("PORT", desk.host.partition(":")[2]) for key, value in headers.items()}
     assert desk.ask("POST", "decide", plain, headers, token)[0] in (403, 404)
     assert desk.ask("POST", "undo", {}, headers, token)[0] in (403, 404)
     assert text(made) == before
@@ -88,7 +93,9 @@ def test_nothing_is_decided_from_elsewhere(
 def test_a_decision_cannot_be_an_address(desk: Served, made: Path) -> None:
     """What is fetched by an image or a link changes nothing."""
     before = text(made)
-    assert desk.ask("GET", "decide")[0] == 405
+    for path in ("decide", "undo", "decide?names=alice&change=excused", "rubric/save"):
+        assert desk.ask("GET", path)[0] == 405
+        assert desk.ask("HEAD", path, {})[0] in (403, 405)
     assert text(made) == before
 
 
@@ -104,6 +111,26 @@ def test_a_path_leads_nowhere(desk: Served, made: Path, name: str) -> None:
     for file in ("..%2foverrides.yaml", "../overrides.yaml", "server.py"):
         assert desk.ask("GET", file)[0] == 404
     assert text(made) == before
+
+
+def test_a_link_leads_nowhere(desk: Served, made: Path) -> None:
+    """Neither of a report, nor of recordings, nor of a whole submission."""
+    outside = made.parent / "outside"
+    shutil.copytree(made / "bob", outside, ignore=shutil.ignore_patterns(RECORDINGS))
+    (outside / "report.html").write_text("a secret", encoding="utf-8")
+    (made / "eve").symlink_to(outside)
+    shutil.copytree(made / "bob", made / "mallory", ignore=shutil.ignore_patterns(RECORDINGS, "report.html"))
+    (made / "mallory/report.html").symlink_to(outside / "report.html")
+    (made / "mallory" / RECORDINGS).symlink_to(made / "bob" / RECORDINGS)
+    try:
+        assert {"eve", "mallory"} <= {item["name"] for item in desk.queue()["items"]}
+        for name in ("eve", "mallory"):
+            assert desk.ask("GET", f"report?name={name}")[0] == 404
+            assert desk.ask("GET", f"evidence?what=score&name={name}")[0] == 404
+        assert desk.ask("GET", "report?name=bob")[0] == 200
+    finally:
+        (made / "eve").unlink()
+        shutil.rmtree(made / "mallory")
 
 
 @pytest.mark.parametrize(

@@ -182,7 +182,13 @@
     seen[current.name] = byId("scope").value === "criterion" ? current.criterion_state : current.state;
     save([current.name], seen);
   });
-  byId("undo").addEventListener("click", function () { ask("undo", {}).then(show, function () {}); });
+  byId("undo").addEventListener("click", function () {
+    ask("undo", {}).then(function (plain) {
+      var back = plain.taken_back;
+      show(plain);
+      open(visible().filter(function (i) { return i.name === back.names[0] && (i.part.id === (back.id || "score") || i.criterion === back.id); })[0] || current);
+    }, function () {});
+  });
 
   // -- The same for all who made the same mistake. --
   byId("same").addEventListener("click", function () {
@@ -200,7 +206,7 @@
         row.append(name, make("td", effect.part.join(" → ")), make("td", effect.whole.join(" → ")), make("td", effect.text));
         body.append(row);
       });
-      byId("preview-about").textContent = current.part.title + ": " + byId("reason").value;
+      byId("preview-about").textContent = (found.level === "criterion" ? state.criteria[found.id] : current.part.title) + ": " + (byId("reason").value || byId("comment").value);
       byId("preview").showModal();
       byId("save-all").focus();
     }, function () {});
