@@ -53,6 +53,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.judging.judgement import evidence_of
     from grader.lab.yaml_with_lines import meant
     from grader.report.views import anchor, signed
+    from grader.report.views import points as points_text
     from grader.result_folder import RECORDINGS
 
     options = _parser().parse_args(arguments)
@@ -75,7 +76,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
     again = next(check for check in judged.result.checks if check.id == id_)
     before = next(check for check in result.checks if check.id == id_)
     same = "as before" if again.earned == before.earned else f"{signed(again.earned - before.earned)} points"
-    console.print(f"Judged again: {again.outcome.value.replace('_', ' ')}, {again.earned} of {again.possible}, {same}.")
+    outcome, earned = again.outcome.value.replace("_", " "), points_text(again.earned)
+    console.print(f"Judged again: {outcome}, {earned} of {points_text(again.possible)}, {same}.")
     console.print(f"Evidence: {page}", soft_wrap=True, markup=False)
     if _note(desk, folder.name, options):
         for name in desk.close():

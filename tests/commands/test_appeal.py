@@ -45,10 +45,9 @@ def test_the_evidence_is_a_page_and_nothing_else_changes(alice: Path) -> None:
     before = {path: path.read_bytes() for path in alice.parent.rglob("*") if path.is_file()}
     printed = run(alice)
     assert "Judged again: failed, 0 of 2, as before." in printed
-    page = alice / "appeal-subscriber-mean.html"
-    (name,) = re.findall(r"Evidence: (\S+)", printed)
-    assert Path(name) in alice.iterdir()
-    text = Path(name).read_text(encoding="utf-8")
+    page = alice / "appeal-subscriber.mean.html"
+    assert f"Evidence: {page}" in printed
+    text = page.read_text(encoding="utf-8")
     for words in (
         "signed error",
         "[0.2591 0.2684",
@@ -60,7 +59,7 @@ def test_the_evidence_is_a_page_and_nothing_else_changes(alice: Path) -> None:
     assert "<script" not in text
     links = set(re.findall(r'href="#([^"]+)"', text))
     assert links <= set(re.findall(r' id="([^"]+)"', text))
-    after = {path: path.read_bytes() for path in alice.parent.rglob("*") if path.is_file() and path != Path(name)}
+    after = {path: path.read_bytes() for path in alice.parent.rglob("*") if path.is_file() and path != page}
     assert after == before
 
 
@@ -85,13 +84,13 @@ def test_a_question_waits_and_is_shown(alice: Path) -> None:
 def test_question_and_answer_stand_in_the_next_report(
     alice: Path, options: tuple[str, ...], kind: AdjustmentKind, points: str, reason: str
 ) -> None:
-    """At the check, in this order, with who answered; the points follow, and a comment of a person in the file stays."""
+    """At the check, in this order, with who answered; the points follow, and comments in the file stay."""
     (alice.parent / "overrides.yaml").write_text("# by mail\noverrides: []  # none yet\n", encoding="utf-8")
     run(alice, "--question", "Why?", "--answer", "The recording shows it.", *options)
     question = (AdjustmentKind.APPEAL, Decimal(0), "Why?", "alice", "")
     assert listed(alice) == [question, (kind, Decimal(points), reason, "J. Smith", "The recording shows it.")]
     report = (alice / REPORT_FILE).read_text(encoding="utf-8")
-    at_check = report[report.index('id="check-subscriber-mean"') :]
+    at_check = report[report.index('id="check-subscriber.mean"') :]
     assert 0 < at_check.index("Why?") < at_check.index("The recording shows it.")
     file = alice.parent / "overrides.yaml"
     assert file.read_text(encoding="utf-8").startswith("# by mail\n")
@@ -101,7 +100,7 @@ def test_question_and_answer_stand_in_the_next_report(
 
 def test_an_unknown_check_is_told(alice: Path) -> None:
     """With what may be meant, and nothing is written."""
-    with pytest.raises(UsageError, match="did you mean 'subscriber.mean'"):
+    with pytest.raises(UsageError, match=r"did you mean 'subscriber\.mean'"):
         run(alice, check="subscriber.maen")
     with pytest.raises(UsageError, match="no result of this submission"):
         run(alice.parent / "bob")
