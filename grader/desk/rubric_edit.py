@@ -47,7 +47,7 @@ def limits_of(rubric: Rubric) -> list[Limit]:
 
 def edited(text: str, values: Mapping[str, str]) -> str:
     """Return a rubric's text with other values at some places, and sums that fit; raises RubricError for no number."""
-    wrong = [value for value in values.values() if not _NUMBER.fullmatch(value.strip())]
+    wrong = [value for place, value in values.items() if not _fits(place, value.strip())]
     if wrong:
         raise RubricError(f"{wrong[0][:40]!r} is not a number", [], remedy="Write a number, such as 5, 0.2 or 20 %.")
     nodes = {place: node for place, _, _, _, node in _numbers(text)}
@@ -59,29 +59,39 @@ def edited(text: str, values: Mapping[str, str]) -> str:
 
 def would_change(results: Path, text: str, overrides: Overrides) -> Regrade:
     """Judge a class by a rubric's text; writes nothing. Raises RubricError with all its mistakes."""
-    folders = recorded_in(results)
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, "rubric.yaml")
-        file.write_text(text, encoding="utf-8")
-        rubric = read_rubric(file, rubric_copy(folders[0]))
-        return regrade_all(results, dict.fromkeys(folders, (rubric, overrides)), pages=False)
+    measure = _rubric_of(results, text), overrides
+    return regrade_all(results, dict.fromkeys(recorded_in(results), measure), pages=False)
 
 
 def save(results: Path, text: str) -> Path:
-    """Write an edited rubric beside the submissions' folders; returns where."""
+    """Write an edited rubric beside the submissions' folders; returns where. Raises RubricError with its mistakes."""
+    _rubric_of(results, text)
     replace_file(results / EDITED, text)
     return results / EDITED
 
 
+def _rubric_of(results: Path, text: str) -> Rubric:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, EDITED)
+        file.write_text(text, encoding="utf-8")
+        return read_rubric(file, rubric_copy(recorded_in(results)[0]))
+
+
+def _fits(place: str, value: str) -> bool:
+    return bool(_NUMBER.fullmatch(value)) and not (place.endswith("/points") and value.endswith("%"))
+
+
 def _numbers(text: str) -> Iterator[tuple[str, str, str, str, yaml.ScalarNode]]:
-    """Yield place, criterion, check, key and node of each number of a check."""
+    """Yield place, criterion, check, key and node of each number of a check; one that several share, at the first."""
+    seen = set()
     for c, criterion in enumerate(_get(yaml.compose(text, Loader=yaml.SafeLoader), "criteria").value):
         for k, check in enumerate(_items(criterion, "checks")):
             pairs = [("points", _get(check, "points"))]
             given = _get(check, "with")
             pairs += [(key.value, node) for key, node in given.value] if isinstance(given, yaml.MappingNode) else []
             for key, node in pairs:
-                if isinstance(node, yaml.ScalarNode) and _NUMBER.fullmatch(node.value):
+                if isinstance(node, yaml.ScalarNode) and _NUMBER.fullmatch(node.value) and id(node) not in seen:
+                    seen.add(id(node))
                     yield f"{c}/{k}/{key}", _get(criterion, "id").value, _get(check, "id").value, key, node
 
 
@@ -100,7 +110,8 @@ def _with_sums(text: str) -> str:
 
 def _replaced(text: str, changes: list[tuple[Any, str]]) -> str:
     for node, value in sorted(changes, key=lambda change: -change[0].start_mark.index):
-        text = text[: node.start_mark.index] + value + text[node.end_mark.index :]
+        start = text.rindex(node.value, node.start_mark.index, node.end_mark.index)  # behind an anchor, and a quote
+        text = text[:start] + value + text[start + len(node.value) :]
     return text
 
 
