@@ -31,7 +31,7 @@ from grader.desk.decisions import ChangedSince, Decision, Desk
 from grader.desk.queue import Item
 from grader.desk.rubric_edit import edited, limits_of, save, would_change
 from grader.errors import GraderError, RubricError
-from grader.judging.judgement import evidence_of
+from grader.judging.judgement import evidence_of, prepare
 from grader.judging.rubrics import recorded_rubric, rubric_copy
 from grader.lab.rubric import Rubric
 from grader.report import views
@@ -281,6 +281,7 @@ def serve(desk: Desk, port: int, on_ready: Callable[[str], None]) -> None:
         server = Server(desk)
         # Its log would hold the token.
         settings = uvicorn.Config(server.app(host), log_level="error", access_log=False, server_header=False)
+        prepare(desk.rubric)  # so that each piece of evidence, made in a copy of this process, is there sooner
         desk.settle()
         on_ready(f"http://{host}/{server.token}/")
         uvicorn.Server(settings).run(sockets=[listening])

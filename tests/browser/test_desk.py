@@ -132,6 +132,9 @@ def test_a_class_is_decided_by_keyboard(chromium: Browser, made: Path) -> None:
 def settle_appeal(keys: Keyboard, n: int) -> None:
     """Answer an appeal: every second one gets full points, the others stay as they are with a comment."""
     expect(keys.page.locator("#about")).to_contain_text(f"appeal{n:02d} · appeal")
+    if n == 1:  # What is beside an item is its own evidence.
+        expect(keys.page.locator("#evidence")).to_be_visible()
+        expect(keys.page.frame_locator("#evidence").locator(".said.question")).to_contain_text("appeal01")
     if n % 2:
         keys.press("f")
         if n == 1:

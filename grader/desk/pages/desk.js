@@ -1,6 +1,6 @@
 "use strict";
 (function () {
-  var state = { items: [], reasons: [], criteria: {} }, current = null, change = null, chosen = null, timer = null;
+  var state = { items: [], reasons: [], criteria: {} }, current = null, change = null, chosen = null, timer = null, awaited = null;
   var byId = function (id) { return document.getElementById(id); };
   function make(tag, text, attributes) {
     var element = document.createElement(tag);
@@ -105,7 +105,11 @@
     byId("same").firstChild.textContent = "Same mistake (" + item.same.length + ") ";
     byId("report").href = "report?name=" + encodeURIComponent(item.name);
     var place = "evidence?name=" + encodeURIComponent(item.name) + "&what=" + encodeURIComponent(item.part.id);
-    byId("evidence").contentWindow.location.replace(new URL(place, location.href).href);
+    // What is beside an item is its own, or nothing.
+    awaited = new URL(place, location.href).href;
+    byId("evidence").hidden = true;
+    byId("loading").hidden = false;
+    byId("evidence").contentWindow.location.replace(awaited);
   }
   function choices(item) {
     var listed = (item.levels || []).map(function (level, n) {
@@ -247,7 +251,10 @@
   // The evidence runs no script of its own; its keys are the desk's too.
   byId("evidence").addEventListener("load", function () {
     var inner = byId("evidence").contentDocument;
-    if (inner) { inner.addEventListener("keydown", typed); }
+    if (!inner || inner.URL !== awaited) { return; }
+    byId("evidence").hidden = false;
+    byId("loading").hidden = true;
+    inner.addEventListener("keydown", typed);
   });
   byId("filters").addEventListener("input", list);
   byId("filters").addEventListener("submit", function (event) { event.preventDefault(); });
