@@ -6,6 +6,7 @@ their own (`Desk.settle`); whoever is stopped in between loses nothing, since wh
 
 from __future__ import annotations
 
+import hashlib
 import multiprocessing
 import signal
 from collections import Counter
@@ -76,6 +77,8 @@ class Desk:
     written: list[tuple[Decision, dict[str, Any]]] = field(default_factory=list)
     _entries: dict[str, tuple[int, ClassEntry]] = field(default_factory=dict)
     _settling: Any = None
+    #: What was read of the file last.
+    _read: Overrides = field(default_factory=Overrides)
     _tried: dict[str, str] = field(default_factory=dict)
 
     # -- what there is --------------------------------------------------------------------------
@@ -84,7 +87,9 @@ class Desk:
         """Read the file; raises RubricError with all its mistakes."""
         if not self.overrides_file.exists():
             return Overrides(name=self.overrides_file.name)
-        return load_overrides(self.overrides_file, self.rubric)
+        if hashlib.sha256(self.overrides_file.read_bytes()).hexdigest() != self._read.sha256:
+            self._read = load_overrides(self.overrides_file, self.rubric)
+        return self._read
 
     def judged(self, overrides: Overrides | None = None) -> dict[str, Result]:
         """Return the results as they are with what people decided, by the names of their folders."""

@@ -30,7 +30,7 @@ from grader.classroom.regrade import Regrade
 from grader.desk.decisions import ChangedSince, Decision, Desk
 from grader.desk.queue import Item
 from grader.desk.rubric_edit import edited, limits_of, save, would_change
-from grader.errors import GraderError, RubricError
+from grader.errors import GraderError, RubricError, UsageError
 from grader.judging.judgement import evidence_of, prepare
 from grader.judging.rubrics import recorded_rubric, rubric_copy
 from grader.lab.rubric import Rubric
@@ -110,7 +110,6 @@ class Server:
             "who": desk.who,
             "items": items,
             "criteria": {criterion.id: criterion.title for criterion in desk.rubric.criteria},
-            "graded": len(desk.judged()),
             "written": len(desk.written),
             **desk.offered(),
             **desk.settle(),
@@ -272,11 +271,19 @@ class _Guard:
 
 
 def serve(desk: Desk, port: int, on_ready: Callable[[str], None]) -> None:
-    """Serve a desk to this machine alone until Ctrl-C, at a port, or at a free one for 0; tells its address."""
+    """Serve a desk to this machine alone until Ctrl-C, at a port, or at a free one for 0; tells its address.
+
+    Raises UsageError if the port cannot be used.
+    """
     with socket.socket() as listening:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listening.bind((LOOPBACK, port))
-        listening.listen()
+        try:
+            listening.bind((LOOPBACK, port))
+            listening.listen()
+        except (OSError, OverflowError) as error:
+            raise UsageError(
+                f"port {port} cannot be used: {error}", remedy="Leave out --port, or name another."
+            ) from error
         host = f"{LOOPBACK}:{listening.getsockname()[1]}"
         server = Server(desk)
         # Its log would hold the token.

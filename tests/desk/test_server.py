@@ -5,11 +5,13 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from grader.result import load_result
 from grader.result_folder import AUDIT_FILE, RECORDINGS, RESULT_FILE
@@ -168,6 +170,14 @@ def test_students_pages_run_no_script_and_ask_for_nothing(desk: Served) -> None:
         assert headers["referrer-policy"] == "no-referrer"
 
 
+@pytest.mark.parametrize("port", ["taken", "99999", "-1"])
+def test_a_port_that_cannot_be_used_is_told(desk: Served, made: Path, port: str) -> None:
+    """In a sentence with a remedy."""
+    number = desk.host.partition(":")[2] if port == "taken" else port
+    with pytest.raises(AssertionError, match=rf"grade: port {number} cannot be used(.|\n)*Leave out --port"):
+        serve(made, "--port", number)
+
+
 # -- what a decision does --------------------------------------------------------------------------
 
 
@@ -221,6 +231,29 @@ def test_two_desks_lose_no_decision(desk: Served, made: Path) -> None:
         listed = text(made)
         assert listed.count("who: J. Smith") == 3
         assert COMMENTS in listed
+    finally:
+        second.kill()
+
+
+def test_all_that_two_desks_decide_at_once_stands(desk: Served, made: Path) -> None:
+    """Many decisions by two desks side by side: each that was accepted is an entry, and the file stays whole."""
+    second, before = serve(made), text(made)
+    checks = [i["part"]["id"] for i in desk.queue()["items"] if i["name"] == "alice" and not i["is_decided"]]
+    wanted = [(name, check) for name in ("carol", "dave") for check in checks]
+    try:
+        decisions = [
+            {"names": [name], "level": "check", "id": check, "change": "set", "points": "1", "reason": f"of {at}"}
+            for at, (name, check) in enumerate(wanted)
+        ]
+        with ThreadPoolExecutor(2) as both:
+            answers = both.map(
+                lambda part: [part[0].ask("POST", "decide", each)[0] for each in part[1]],
+                [(desk, decisions[::2]), (second, decisions[1::2])],
+            )
+        assert [status for statuses in answers for status in statuses] == [200] * len(decisions)
+        assert text(made).startswith(before)
+        entries = yaml.safe_load(text(made))["overrides"][-len(decisions) :]
+        assert sorted((e["submission"], e["check"]) for e in entries) == sorted(wanted)
     finally:
         second.kill()
 
