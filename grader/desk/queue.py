@@ -144,7 +144,9 @@ def _of_checks(
     open_ids = {check.id for check in result.open_checks}
     for criterion in result.criteria:
         criterion_state = state_of(result, criterion.id)
-        parts: tuple[CheckResult | CriterionResult, ...] = (criterion, *criterion.checks)
+        parts: list[CheckResult | CriterionResult] = [*criterion.checks]
+        if criterion.id not in {check.id for check in criterion.checks}:  # Graded as a whole, it is its own check.
+            parts.insert(0, criterion)
         for judged in parts:
             level = "check" if isinstance(judged, CheckResult) else "criterion"
             said = [a for a in result.adjustments if a.what == judged.id]

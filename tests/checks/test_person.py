@@ -8,9 +8,11 @@ from pathlib import Path
 import pytest
 import yaml
 
+from grader.desk.queue import Kind, queue_of
 from grader.errors import RubricError
 from grader.judging.adjust import adjust
 from grader.judging.judge import judge, open_recordings
+from grader.judging.judgement import report_page
 from grader.judging.rubrics import rubric_kinds
 from grader.lab.kept_lab import lab_folder
 from grader.lab.overrides import parse_overrides
@@ -44,9 +46,17 @@ def test_its_points_are_open_until_somebody_grades_it(tmp_path: Path, whole: boo
     (check,) = result.open_checks
     assert (check.id, check.undecided, check.lost) == (spec.id, Decimal(5), Decimal(0))
     assert [place.file for place in check.where] == ([] if whole else ["joint_publisher.py"])
-    entry = f"overrides: [{{submission: a, check: {spec.id}, set: 3, reason: r, who: w, when: 2026-11-21}}]"
+    (item,) = queue_of({"a": result}, rubric)
+    assert (item.kind, item.part.id, item.points, item.is_decided) == (Kind.TO_GRADE, spec.id, Decimal(5), False)
+    facts = "reason: r, comment: as agreed, who: w, when: 2026-11-21"
+    entry = f"overrides: [{{submission: a, check: {spec.id}, set: 3, {facts}}}]"
     decided = adjust(result, parse_overrides(tmp_path / "overrides.yaml", entry, rubric).entries)
     assert (decided.final, decided.still_undecided) == (Decimal(103), Decimal(0))
+    assert decided.final_of(decided.criteria[-1]) == Decimal(3)
+    assert [each.is_decided for each in queue_of({"a": decided}, rubric)] == [True]
+    assert (
+        report_page(decided, open_recordings(SOLUTION, rubric), rubric).count('<p class="comment">as agreed</p>') == 1
+    )
 
 
 @pytest.mark.parametrize(
