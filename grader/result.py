@@ -250,6 +250,10 @@ class AdjustmentKind(str, Enum):
 
     POINTS = "points"
     EXCUSED = "excused"
+    #: A person looked at it, and it stays as it was.
+    REVIEWED = "reviewed"
+    #: What a student asked a person to look at; the reason is the question.
+    APPEAL = "appeal"
     BONUS = "bonus"
     SUBMITTED = "submitted"
     EXTENSION = "extension"
@@ -267,6 +271,8 @@ class Adjustment:
     reason: str = ""
     who: str = ""
     when: str = ""
+    #: What the student is told, at the check or criterion that it is about.
+    comment: str = ""
 
 
 @dataclass(frozen=True)
@@ -309,8 +315,14 @@ class Provenance(TypedDict, total=False):
     left_out: list[str]
 
 
-#: What a person decides of a check or a criterion, and no rule.
+#: What a person decides of the points of a check or a criterion, and no rule.
 BY_HAND = (AdjustmentKind.POINTS, AdjustmentKind.EXCUSED)
+#: By what a person has looked at something, whatever came of it.
+ANSWERS = (*BY_HAND, AdjustmentKind.REVIEWED)
+#: What an adjustment is of that is not of a check or a criterion.
+WHOLE = "score"
+#: How a note begins that asks a person to look.
+FOR_A_PERSON = "For a person to read:"
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ from grader.evidence.text.words import Terms, substance
 from grader.lab import references as ref
 from grader.lab.patterns import search
 from grader.lab.references import Parameters, Pattern, Share
-from grader.result import Finding, Location
+from grader.result import FOR_A_PERSON, Finding, Location
 
 _WRITTEN = (".md", ".markdown", ".rst", ".txt", ".adoc", ".org", "")
 #: Texts that are there for programs.
@@ -78,7 +78,7 @@ def _sources(context: Context, artifacts: Sequence[str], rules: Rules | None = N
 
 
 def _for_a_person(file: str, line: int, seen: str) -> str:
-    return f"For a person to read: {file}, line {line}, {seen}. The points are given."
+    return f"{FOR_A_PERSON} {file}, line {line}, {seen}. The points are given."
 
 
 class _OfFiles(Parameters):
@@ -139,7 +139,7 @@ def readme(context: Context, p: Readme) -> Finding:
         notes.append(_for_a_person(texts[0][0], 1, "names no part of the work by a name known to the grader"))
     share = p.run_weight * bool(run) + (1 - p.run_weight) * len(found) / len(parts)
     if share < 1 and unread:
-        notes = [f"For a person to read: {', '.join(unread)}, which the grader cannot. The points are given."]
+        notes = [f"{FOR_A_PERSON} {', '.join(unread)}, which the grader cannot. The points are given."]
         share = 1.0
     where = [Location(file=str(path)) for path in [*paths[:1], *unread]]
     measured = f"how to run it: {'yes' if run else 'not found'}; {len(found)} of {len(parts)} parts found"
@@ -239,7 +239,7 @@ def code_explained(context: Context, p: CodeExplained) -> Finding:
     reason += f" What was found there does not count: {', '.join(sorted(faults))}." if faults else ""
     where = [Location(file=path, line=unit.line) for path, unit in bare[:6]]
     notes = [
-        f"For a person to read: Python cannot read {f.path}, so only its comments were counted."
+        f"{FOR_A_PERSON} Python cannot read {f.path}, so only its comments were counted."
         for f in facts
         if not f.readable
     ]
@@ -310,7 +310,7 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
         missing = ", ".join(name for name in p.concepts if name not in found.discussed)
         recognised = f"The grader recognised {len(found.discussed)} of {len(p.concepts)} subjects"
         reasons.insert(0, f"{recognised}; {p.full_concepts} give full credit. Not recognised: {missing}.")
-    notes = [f"For a person to read: {s.file}, line {s.line}, seems to be words, not sentences." for s in found.strung]
+    notes = [f"{FOR_A_PERSON} {s.file}, line {s.line}, seems to be words, not sentences." for s in found.strung]
     finding = graded(share, expected, measured, " ".join(reasons), where=[] if reasons else where, notes=notes)
     places = {name: _at(passage.file, passage.line) for name, passage in found.discussed.items()}
     listed = [f"{name}: {places.get(name, 'not recognised')}" for name in p.concepts]

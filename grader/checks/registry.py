@@ -24,6 +24,7 @@ from grader.checks import (
     motion,
     oracle_values,
     parameters,
+    person,
     properties,
     publisher,
     qos_tool,
@@ -140,6 +141,8 @@ _CHECKS = (
     Check(documentation.readme),
     Check(documentation.code_explained),
     Check(documentation.concepts_explained),
+    # What no program can judge.
+    Check(person.person),
 )
 
 

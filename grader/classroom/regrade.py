@@ -24,7 +24,7 @@ from grader.lab.kept_lab import remarks as remarks_on_lab
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
 from grader.pipeline import files_of
-from grader.result import Result, result_of_text
+from grader.result import Result, load_result, result_of_text
 from grader.result_folder import RECORDINGS, RESULT_FILE
 from grader.submission.separation import made_from, uncounted_overrides
 
@@ -110,6 +110,7 @@ def regrade(
     *,
     pages: bool,
     trusted: bool = False,
+    again: bool = True,
     jobs: int | None = None,
     on_judged: Callable[[str], None] = lambda name: None,
 ) -> Regrade:
@@ -117,7 +118,8 @@ def regrade(
 
     By default, each is judged by the rubric by which it was judged last, with the `overrides.yaml` beside the folders,
     and as many side by side as there are cores. `pages` makes the reports too, for `Regrade.apply`, and `trusted` lets
-    files of the lab that came with the recordings be executed though they are not known here. Raises RubricError if
+    files of the lab that came with the recordings be executed though they are not known here. Without `again`, what was
+    judged stays, and only people's decisions are applied to it anew. Raises RubricError if
     the rubric given, or the overrides, cannot be used, and RecordingError if there is nothing to judge.
     """
     if not folders:
@@ -127,7 +129,7 @@ def regrade(
         )
     results = folders[0].resolve().parent
     measures, failed = _measures(results, folders, rubric, overrides, trusted=trusted)
-    found = regrade_all(results, measures, pages=pages, jobs=jobs, on_judged=on_judged)
+    found = regrade_all(results, measures, pages=pages, again=again, jobs=jobs, on_judged=on_judged)
     return replace(found, failed=dict(sorted({**failed, **found.failed}.items())))
 
 
@@ -136,13 +138,14 @@ def regrade_all(
     measures: Mapping[Path, Measure],
     *,
     pages: bool,
+    again: bool = True,
     jobs: int | None = None,
     on_judged: Callable[[str], None] = lambda name: None,
 ) -> Regrade:
     """Judge recordings, each by its measure; see `regrade`."""
     if len(measures) > 1:
         judgement.prepare(next(iter(measures.values()))[0])
-    works = {folder: partial(_judge, folder, measure, pages) for folder, measure in measures.items()}
+    works = {folder: partial(_judge, folder, measure, pages, again) for folder, measure in measures.items()}
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     judged, failed = {}, {}
     for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs or cores):
@@ -186,9 +189,10 @@ def _measures(
     return {folder: (own, decided[id(own)]) for folder, own in rubric_of.items()}, failed
 
 
-def _judge(folder: Path, measure: Measure, pages: bool) -> tuple[Judgement, Changes]:
+def _judge(folder: Path, measure: Measure, pages: bool, again: bool) -> tuple[Judgement, Changes]:
     """Judge one folder; returns what it comes to now, and what that changes."""
-    new = judgement.judge_recordings(folder / RECORDINGS, *measure, page=pages)
+    earlier = None if again else load_result(folder / RESULT_FILE)
+    new = judgement.judge_recordings(folder / RECORDINGS, *measure, page=pages, earlier=earlier)
     written = result_of_text(new.text)
     assert written is not None
     return new, changes_between(result_of_text(text_of(folder / RESULT_FILE)), written)

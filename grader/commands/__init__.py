@@ -3,6 +3,8 @@
 #: Command -> what it does; each is a module of `grader.commands`. Without one of these words, submissions are graded.
 COMMANDS = {
     "regrade": "judge recordings again, without ROS",
+    "review": "decide, in the browser, what of a class needs a person",
+    "appeal": "the evidence about one check, judged again, with question and answer",
     "report": "the page over a class and its grades.csv, from results that are there",
     "similarity": "what the submissions of a class have in common beside what the lab gave out",
     "play": "publish a recording again, on the ROS graph of this terminal",

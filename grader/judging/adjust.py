@@ -12,9 +12,13 @@ from decimal import Decimal
 
 from grader.lab.overrides import Override
 from grader.lab.policy import LatePolicy, span_text, time_text
-from grader.result import Adjustment, AdjustmentKind, CheckResult, CriterionResult, Result
+from grader.result import WHOLE, Adjustment, AdjustmentKind, CheckResult, CriterionResult, Result
 
-_WHOLE = "score"
+_KINDS = {
+    "excused": AdjustmentKind.EXCUSED,
+    "reviewed": AdjustmentKind.REVIEWED,
+    "appeal": AdjustmentKind.APPEAL,
+}
 
 
 def adjust(
@@ -42,9 +46,11 @@ def adjust(
             earned[part] += change
             if entry.check is not None:
                 earned["criterion", criterion_of[entry.check]] += change
-            kind = AdjustmentKind.EXCUSED if entry.excused else AdjustmentKind.POINTS
+            kind = _KINDS.get(entry.change, AdjustmentKind.POINTS)
             made.append(_by_hand(kind, str(part[1]), change, entry))
-    made += [_by_hand(AdjustmentKind.BONUS, _WHOLE, e.bonus, e) for e in listed if e.bonus is not None]
+        elif entry.change == "reviewed" and part[1] is None:
+            made.append(_by_hand(AdjustmentKind.REVIEWED, WHOLE, Decimal(0), entry))
+    made += [_by_hand(AdjustmentKind.BONUS, WHOLE, e.bonus, e) for e in listed if e.bonus is not None]
     if late is not None:
         standing = result.score.earned + sum((change.points for change in made), Decimal(0))
         made += _lateness(standing, listed, late, submitted)
@@ -59,7 +65,8 @@ def _changed(points: Decimal, entry: Override, possible: Decimal) -> Decimal:
 
 
 def _by_hand(kind: AdjustmentKind, what: str, points: Decimal, entry: Override) -> Adjustment:
-    return Adjustment(kind, what, points, entry.reason, entry.who, entry.when)
+    reason = entry.reason or entry.appeal or ""
+    return Adjustment(kind, what, points, reason, entry.who, entry.when, entry.comment or "")
 
 
 def _lateness(
@@ -76,11 +83,11 @@ def _lateness(
             changes.append(_by_hand(AdjustmentKind.EXTENSION, f"due {time_text(due)}", Decimal(0), entry))
     if submitted is None:
         reason = "It is not known when this was handed in, so it does not count as late."
-        return [*changes, Adjustment(AdjustmentKind.LATE, _WHOLE, Decimal(0), reason)]
+        return [*changes, Adjustment(AdjustmentKind.LATE, WHOLE, Decimal(0), reason)]
     if submitted > due:
         behind = submitted - due
         reason = f"Handed in {time_text(submitted)}, {span_text(behind)} after it was due. {_price(late, behind)}"
-        changes.append(Adjustment(AdjustmentKind.LATE, _WHOLE, -late.deduction(standing, behind), reason))
+        changes.append(Adjustment(AdjustmentKind.LATE, WHOLE, -late.deduction(standing, behind), reason))
     return changes
 
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from grader.bounded import Bound, in_process
 from grader.files import text_of
@@ -18,6 +19,9 @@ from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.foxglove import layout_of
 from grader.result import Result, result_of_text, to_json
 from grader.result_folder import EARLIER_FILE
+
+if TYPE_CHECKING:
+    from grader.report.figures.svg import Figure
 
 #: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
 #: times that is no fair wait. In a class, a process that says nothing is given up in any case (`classroom.worker`).
@@ -39,10 +43,15 @@ class Judgement:
     layouts: Mapping[str, str] = field(default_factory=dict)
 
 
-def judge_recordings(folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True) -> Judgement:
-    """Judge recordings in this process; raises RecordingError if there are none that can be judged."""
+def judge_recordings(
+    folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True, earlier: Result | None = None
+) -> Judgement:
+    """Judge recordings in this process; raises RecordingError if there are none that can be judged.
+
+    With an earlier result, nothing is judged again: it gets the adjustments that it has now.
+    """
     recordings = open_recordings(folder, rubric)
-    by_rubric, submission = judge(recordings, rubric), recordings.submission
+    by_rubric, submission = earlier or judge(recordings, rubric), recordings.submission
     moment = moment_of(submission.submitted_at)
     result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, moment)
     if not page:
@@ -72,10 +81,28 @@ def prepare(rubric: Rubric) -> None:
     report_page(judge(nobody, rubric), nobody, rubric)
 
 
+def evidence_of(result: Result, folder: Path, rubric: Rubric, what: str) -> str:
+    """Return the page of all evidence about a check, a criterion, or the whole; within the bound of judging."""
+    return in_process(partial(_evidence_of, result, folder, rubric, what), JUDGING_BOUND)
+
+
+def _evidence_of(result: Result, folder: Path, rubric: Rubric, what: str) -> str:
+    from grader.report.evidence_page import render
+
+    recordings = open_recordings(folder, rubric)
+    return render(result, what, _figures(recordings, rubric), recordings.sessions, recordings.submission)
+
+
 def report_page(result: Result, recordings: Recordings, rubric: Rubric, before: Result | None = None) -> str:
     """Return the HTML report of a result, with what changed since the student's result before."""
-    from grader.report.figures import draw
     from grader.report.submission_page import render
+
+    return render(result, _figures(recordings, rubric), recordings.sessions, recordings.submission, before)
+
+
+def _figures(recordings: Recordings, rubric: Rubric) -> dict[str, list[Figure]]:
+    """Draw the figures of each criterion, by its id."""
+    from grader.report.figures import draw
 
     figures = {}
     with patterns_bounded():
@@ -83,4 +110,4 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric, before: 
             there = [s for s in criterion.figures if s.session in recordings.sessions]
             drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
             figures[criterion.id] = [figure for figure in drawn if figure is not None]
-    return render(result, figures, recordings.sessions, recordings.submission, before)
+    return figures

@@ -26,8 +26,10 @@ OVERRIDES_FILE = "overrides.yaml"
 EVERYONE = "*"
 
 _WHAT = "the file of overrides"
-_CHANGES = ("set", "add", "excused", "bonus", "extension", "due", "submitted")
-_OF_A_PART = ("set", "add", "excused")
+_CHANGES = ("set", "add", "excused", "bonus", "extension", "due", "submitted", "reviewed", "appeal")
+_OF_A_PART = ("set", "add", "excused", "appeal")
+#: What needs no reason: it changes nothing.
+_WITHOUT_REASON = {"reviewed", "appeal", "comment"}
 
 
 def _points(value: Any) -> Any:
@@ -93,22 +95,34 @@ class Override(Strict):
     #: When it is due, and when it was handed in, in place of what is known.
     due: Moment | None = None
     submitted: Moment | None = None
-    reason: Words
+    #: A person has looked at a part or at the whole, and it stays as it is; a comment alone says so too.
+    reviewed: Literal[True] | None = None
+    #: What a student asks to be looked at again.
+    appeal: Words | None = None
+    #: What the student is told there.
+    comment: Words | None = None
+    reason: Words = ""
     who: Words
     when: Annotated[str, BeforeValidator(_date)]
+
+    @property
+    def change(self) -> str:
+        """What it does, by its key."""
+        given = self.model_dump(by_alias=True, include=self.model_fields_set)
+        return next((name for name in _CHANGES if name in given), "reviewed")
 
     @model_validator(mode="after")
     def _changes_one_thing(self) -> Override:
         given = self.model_dump(by_alias=True, include=self.model_fields_set)
         if empty := [key for key, value in given.items() if value is None]:
             raise mistakes_at(((key,), "a value is missing") for key in empty)
-        changes = [name for name in _CHANGES if name in given]
+        changes = [name for name in _CHANGES if name in given] or ["reviewed"] * ("comment" in given)
         parts = len({"check", "criterion"} & given.keys())
         if len(changes) != 1:
             raise ValueError(f"exactly one of {', '.join(_CHANGES)} is needed")
         if changes[0] in _OF_A_PART and parts != 1:
             raise ValueError(f"{changes[0]} needs either a check or a criterion")
-        if changes[0] not in _OF_A_PART and parts:
+        if changes[0] not in (*_OF_A_PART, "reviewed") and parts:
             raise ValueError(f"{changes[0]} is of the whole submission, not of a check or a criterion")
         return self
 
@@ -146,7 +160,11 @@ def load_overrides(path: Path, rubric: Rubric) -> Overrides:
 
     Raises RubricError with every mistake, each with file and line; also where it does not fit the rubric.
     """
-    text = read_text(path, _WHAT, "Check --overrides.")
+    return parse_overrides(path, read_text(path, _WHAT, "Check --overrides."), rubric)
+
+
+def parse_overrides(path: Path, text: str, rubric: Rubric) -> Overrides:
+    """Validate what stands in a file of overrides, or is to stand there; raises as `load_overrides`."""
     sha256 = hashlib.sha256(text.encode()).hexdigest()
     if not any(line.partition("#")[0].strip() for line in text.splitlines()):
         return Overrides(name=path.name, sha256=sha256)
@@ -154,7 +172,7 @@ def load_overrides(path: Path, rubric: Rubric) -> Overrides:
     for key in plain:
         if key != "overrides":
             mistakes.add((key,), "unknown key; the only key is overrides")
-    listed = plain.get("overrides", [])
+    listed = plain.get("overrides") if plain.get("overrides") is not None else []
     if not isinstance(listed, list):
         mistakes.add(("overrides",), "a list of entries is expected")
         listed = []
@@ -163,6 +181,8 @@ def load_overrides(path: Path, rubric: Rubric) -> Overrides:
         loc: Loc = ("overrides", number)
         if isinstance(raw, Mapping):
             _check_part(raw, loc, rubric, mistakes)
+            if "reason" not in raw and (raw.keys() - _WITHOUT_REASON) & {*_CHANGES}:
+                mistakes.add((*loc, "reason"), "this key is missing")
         try:
             entry = Override.model_validate(raw)
         except ValidationError as error:

@@ -17,14 +17,14 @@ from typing import TypeVar
 
 import regex
 
+from grader.result import FOR_A_PERSON
+
 T = TypeVar("T")
 
 #: What the patterns of a check, or of a page's figures, may take of computing. Over the recordings that are kept for
 #: tests, all patterns of a submission take 0.02 s together.
 BUDGET_S = 2.0
-NOTE = (
-    "Comparing the text with the rubric's patterns took too long, so the rest was not read; a person should look at it."
-)
+NOTE = f"{FOR_A_PERSON} comparing the text with the rubric's patterns took too long, so the rest was not read."
 
 
 @dataclass

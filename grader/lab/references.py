@@ -20,6 +20,7 @@ from pydantic import (
     AfterValidator,
     BeforeValidator,
     ConfigDict,
+    Field,
     GetCoreSchemaHandler,
     GetJsonSchemaHandler,
     StringConstraints,
@@ -598,6 +599,14 @@ Share = Annotated[
     BeforeValidator(_share),
     WithJsonSchema({"description": "A share, such as 2% or 0.02.", "anyOf": [_SHARE_NUMBER, _SHARE_TEXT]}),
 ]
+
+
+class Level(Parameters):
+    """A level by which a person grades."""
+
+    title: str
+    credit: Share = Field(description="Share of the points that it earns.")
+    description: str = Field("", description="What earns it.")
 
 
 #: A regular expression.

@@ -37,6 +37,7 @@ from grader.lab.references import (
     FileBeside,
     InterfaceFolder,
     Kinds,
+    Level,
     Loadable,
     Parameters,
     RosName,
@@ -53,6 +54,8 @@ from grader.recording.interfaces import InterfacePackage
 
 #: `file.py:function`, beside the rubric.
 _OWN_PATTERN = r"\.py:\w+$"
+#: The check that a person makes, and what it is given where it is written as `by: person`.
+BY_PERSON, _GRADED = "person", ("levels", "read")
 _REMEDY = "`grade checks` lists every check with its parameters."
 
 
@@ -238,9 +241,20 @@ class CheckSpec(_OfKind):
     hint: str = ""
     replaces: tuple[str, ...] = Field((), description="Ids of earlier checks that have become part of this one.")
 
+    @property
+    def by_person(self) -> bool:
+        """Whether a person grades it."""
+        return self.check == BY_PERSON
+
+    @property
+    def levels(self) -> tuple[Level, ...]:
+        """By what a person grades it."""
+        return tuple(getattr(self.parameters, "levels", ())) if self.by_person else ()
+
     @model_validator(mode="before")
     @classmethod
     def _follows(cls, value: Any, info: ValidationInfo) -> Any:
+        value = _by(value)
         if info.context is not None and isinstance(value, dict):
             info.context.begin_check(str(value.get("id")))
         return value
@@ -273,7 +287,7 @@ class FigureSpec(_OfKind):
 
 
 class CriterionSpec(Parameters):
-    """A row of the lab's point table."""
+    """A row of the lab's point table; one that is `by: person` as a whole has itself as its only check."""
 
     id: str = Field(min_length=1)
     title: str = Field(min_length=1)
@@ -281,6 +295,23 @@ class CriterionSpec(Parameters):
     description: str = ""
     checks: tuple[CheckSpec, ...] = Field(min_length=1)
     figures: tuple[FigureSpec, ...] = ()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _by_person(cls, value: Any) -> Any:
+        if not isinstance(value, dict) or "by" not in value or "checks" in value:
+            return value
+        own = {key: value[key] for key in ("id", "title", "points", "by", *_GRADED) if key in value}
+        kept = {key: value[key] for key in value if key not in ("by", *_GRADED)}
+        return {**kept, "checks": [own]}
+
+
+def _by(value: Any) -> Any:
+    """Return a check with its kind in place of `by: person`, and what that is given."""
+    if not isinstance(value, dict) or "check" in value or value.get("by") != BY_PERSON:
+        return value
+    kept = {key: value[key] for key in value if key not in ("by", *_GRADED)}
+    return {**kept, "check": BY_PERSON, "with": {key: value[key] for key in _GRADED if key in value}}
 
 
 def _with_ids(value: Any) -> Any:
@@ -377,6 +408,12 @@ def json_schema(kinds: Kinds) -> dict[str, Any]:
             {"if": {"properties": {spec.key: {"const": name}}}, "then": {"properties": {"with": ref(model)}}}
             for name, model in models.items()
         ]
+    person = ref(kinds.checks[BY_PERSON])["$ref"].rpartition("/")[2]
+    graded = {"by": {"const": BY_PERSON}, **{key: defs[person]["properties"][key] for key in _GRADED}}
+    for name, instead in (("CheckSpec", "check"), ("CriterionSpec", "checks")):
+        defs[name]["properties"] |= graded
+        defs[name]["required"].remove(instead)
+        defs[name]["anyOf"] = [{"required": [instead]}, {"required": ["by"]}]
     defs["SessionSpec"]["properties"].pop("id")
     defs["SessionSpec"]["required"].remove("id")
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "Rubric"}

@@ -31,7 +31,7 @@ def render_page(name: str, styles: tuple[str, ...], scripts: tuple[str, ...], **
     return page.encode("utf-8", "replace").decode("utf-8")
 
 
-@functools.lru_cache(maxsize=4)
+@functools.lru_cache(maxsize=8)
 def _template(name: str, styles: tuple[str, ...], scripts: tuple[str, ...]) -> Template:
     environment = Environment(
         loader=FileSystemLoader(_FOLDER),

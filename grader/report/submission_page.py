@@ -44,6 +44,7 @@ def render(
         most=views.points(result.final + result.still_undecided),
         judged=views.points(result.score.earned),
         adjustments=views.adjustments_of(result),
+        said=views.said_of(result),
         recorded=views.utc(min((record.started_ns for record in sessions.values()), default=0)),
         lost=losses,
         unreached=[c for c in result.checks if c.outcome is Outcome.NOT_REACHED and c.lost > 0],

@@ -14,6 +14,8 @@ from grader.recording.session import OutputLine, ProcessRun, SessionRecord
 from grader.recording.submission import ArtifactFact
 from grader.report.escape import line
 from grader.result import (
+    ANSWERS,
+    Adjustment,
     AdjustmentKind,
     CheckResult,
     CriterionResult,
@@ -188,6 +190,8 @@ class AdjustmentView:
     href: str
     reason: str
     by: str
+    comment: str = ""
+    is_appeal: bool = False
 
     @property
     def decided(self) -> str:
@@ -205,22 +209,44 @@ def adjustments_of(result: Result) -> list[AdjustmentView]:
     """Describe the adjustments, with a link to the check or criterion that each concerns."""
     titles = {check.id: (check.title, "check") for check in result.checks}
     titles |= {criterion.id: (criterion.title, "criterion") for criterion in result.criteria}
-    views = []
-    for each in result.adjustments:
-        title, kind = titles.get(each.what, ("", ""))
-        words = {
-            AdjustmentKind.POINTS: title or each.what,
-            AdjustmentKind.EXCUSED: f"{title or each.what}: excused",
-            AdjustmentKind.BONUS: "Bonus",
-            AdjustmentKind.SUBMITTED: f"Handed in {each.what}",
-            AdjustmentKind.EXTENSION: f"Extension: {each.what}",
-            AdjustmentKind.LATE: "Late" if each.points else "Lateness",
-        }
-        style = "gain" if each.points > 0 else "loss" if each.points else ""
-        href = "#" + anchor(kind, each.what) if kind else ""
-        by = ", ".join(part for part in (each.who, each.when) if part)
-        views.append(AdjustmentView(signed(each.points), style, words[each.kind], href, each.reason, by))
-    return views
+    return [_adjustment_view(each, titles) for each in result.adjustments]
+
+
+def _adjustment_view(each: Adjustment, titles: Mapping[str, tuple[str, str]]) -> AdjustmentView:
+    title, kind = titles.get(each.what, ("", ""))
+    words = {
+        AdjustmentKind.POINTS: title or each.what,
+        AdjustmentKind.EXCUSED: f"{title or each.what}: excused",
+        AdjustmentKind.REVIEWED: f"{title or 'The whole'}: looked at, stays as it is",
+        AdjustmentKind.APPEAL: f"{title or each.what}: appeal",
+        AdjustmentKind.BONUS: "Bonus",
+        AdjustmentKind.SUBMITTED: f"Handed in {each.what}",
+        AdjustmentKind.EXTENSION: f"Extension: {each.what}",
+        AdjustmentKind.LATE: "Late" if each.points else "Lateness",
+    }
+    style = "gain" if each.points > 0 else "loss" if each.points else ""
+    href = "#" + anchor(kind, each.what) if kind else ""
+    by = ", ".join(part for part in (each.who, each.when.replace("T", " ")) if part)
+    is_appeal = each.kind is AdjustmentKind.APPEAL
+    return AdjustmentView(signed(each.points), style, words[each.kind], href, each.reason, by, each.comment, is_appeal)
+
+
+def said_of(result: Result) -> dict[str, list[AdjustmentView]]:
+    """Return what people asked and decided, in its order, by the id of the check or criterion; `score` is the whole."""
+    said: dict[str, list[AdjustmentView]] = {}
+    for each, view in zip(result.adjustments, adjustments_of(result), strict=True):
+        if each.kind in (*ANSWERS, AdjustmentKind.APPEAL):
+            said.setdefault(each.what, []).append(view)
+    return said
+
+
+def appeal_text(result: Result, check: CheckResult) -> str:
+    """Return what a student can send to appeal against a check."""
+    facts = (f"Expected: {check.expected}", f"Measured: {check.measured}", f"The report says: {check.reason}")
+    known = [fact for fact in facts if not fact.endswith(": ")]
+    head = f"Appeal: {result.lab}, {result.submission}, check {check.id}"
+    title = f"{check.title}: {earned_text(check)} of {points(check.possible)} points"
+    return "\n".join([head, title, *known, "What I think is wrong: "])
 
 
 def cell_badge(result: Result, criterion: CriterionResult) -> Badge:

@@ -47,6 +47,8 @@ def adjusted(judged: Result) -> Result:
     changes = (
         adjustment(AdjustmentKind.POINTS, "publisher.rate", "-1.5"),
         adjustment(AdjustmentKind.EXCUSED, "documentation", "7.6"),
+        adjustment(AdjustmentKind.REVIEWED, "score", "0"),
+        adjustment(AdjustmentKind.APPEAL, "publisher.rate", "0", "My timer is <b>right</b>.", "ann"),
         adjustment(AdjustmentKind.BONUS, "score", "3"),
         adjustment(AdjustmentKind.SUBMITTED, "2026-11-22 10:00 +01:00", "0"),
         adjustment(AdjustmentKind.EXTENSION, "due 2026-11-21 23:59 +01:00", "0"),
@@ -102,7 +104,7 @@ def test_adjustments_link_to_what_they_concern(adjusted: Result) -> None:
     """A check and a criterion are a click away, and the links lead somewhere."""
     page = page_of(adjusted)
     hrefs = [view.href for view in adjustments_of(adjusted) if view.href]
-    assert hrefs == ["#check-publisher.rate", "#criterion-documentation"]
+    assert hrefs == ["#check-publisher.rate", "#criterion-documentation", "#check-publisher.rate"]
     assert all(f'id="{href[1:]}"' in page for href in [*hrefs, "#adjustments"])
 
 
@@ -167,7 +169,21 @@ def test_the_schema_describes_results(judged: Result, adjusted: Result) -> None:
         "reason": "so it was",
         "who": "J. Smith",
         "when": "2026-11-21",
+        "comment": "",
     }
+
+
+def test_question_and_answer_stand_at_their_check(judged: Result) -> None:
+    """In the order in which they were written, with who said it; also at what was passed, and at a criterion."""
+    answer = replace(adjustment(AdjustmentKind.POINTS, "publisher.rate", "-1", "", "J. Smith"), comment="It is 94 Hz.")
+    told = replace(adjustment(AdjustmentKind.REVIEWED, "publisher", "0", "", "J. Smith"), comment="Well structured.")
+    asked = adjustment(AdjustmentKind.APPEAL, "publisher.rate", "0", "My timer is <b>right</b>.", "ann")
+    page = page_of(replace(judged, adjustments=(asked, answer, told)))
+    section = page[page.index('id="check-publisher.rate"') :]
+    words = words_of(section[:6000])
+    assert words.index("Appeal ann, 2026-11-21 My timer is <b>right</b>.") < words.index("It is 94 Hz.")
+    assert "Well structured." in words_of(page[page.index('id="criterion-publisher"') :])[:600]
+    assert "Appeal: Lab 09-01" in words
 
 
 @pytest.mark.parametrize("key", ["score.final", "adjustments"])

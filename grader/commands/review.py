@@ -1,0 +1,93 @@
+"""`grade review RESULTS_DIR`: the review desk, in the browser."""
+
+from __future__ import annotations
+
+import argparse
+import getpass
+from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+
+from grader.commands.arguments import add_lab, add_path, parser_of, print_note
+
+if TYPE_CHECKING:
+    from grader.desk.decisions import Desk
+
+_DESCRIPTION = """\
+Decide, in the browser, what of a class needs a person: appeals, undecided points, what the rubric leaves to a person,
+interference with the grader, and notes. Beside each stands its evidence.
+
+What is decided is written to overrides.yaml beside the submissions' folders at once, where comments stay; results and
+reports follow. The desk can be seen from this machine alone, by whoever has the address that is printed. Ctrl-C ends
+it.
+"""
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = parser_of("grade review", _DESCRIPTION)
+    parser.add_argument("results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/")
+    parser.add_argument("--who", metavar="NAME", default=login(), help="who decides (default: %(default)s)")
+    parser.add_argument("--port", type=int, default=0, metavar="N", help="port on 127.0.0.1 (default: a free one)")
+    add_path(parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)")
+    add_lab(parser, "default: the one that most were judged by")
+    return parser
+
+
+def login() -> str:
+    """Return who is at work here."""
+    with suppress(OSError, KeyError):
+        return getpass.getuser()
+    return "instructor"
+
+
+def run(arguments: Sequence[str], console: Console) -> int:
+    """Serve the desk until Ctrl-C; returns the exit status."""
+    from grader.desk.server import serve
+
+    options = _parser().parse_args(arguments)
+    desk = desk_of(options.results, options.rubric, options.overrides, options.who)
+
+    def ready(address: str) -> None:
+        left = sum(not item.is_decided for item in desk.queue())
+        console.print(f"{left} to decide. Open this address, which is yours alone; Ctrl-C ends the desk:")
+        console.print(address, soft_wrap=True, markup=False)
+
+    with suppress(KeyboardInterrupt):
+        serve(desk, options.port, ready)
+    print_note(console, "Writing the results that have changed ...", "dim")
+    for name in desk.close():
+        print_note(console, f"{name} could not be written; `grade regrade {desk.results / name}` says why.")
+    if desk.written:
+        number = f"{len(desk.written)} decision{'s' * (len(desk.written) != 1)}"
+        console.print(
+            f"{number} written to {desk.overrides_file}; `grade report {desk.results}` renews the class page."
+        )
+    return 0
+
+
+def desk_of(results: Path, rubric: Path | None, overrides: Path | None, who: str) -> Desk:
+    """Return the desk of a class; raises GraderError if there are no results, or decisions beside them do not count."""
+    from grader.cohort.entries import entries_in
+    from grader.desk.decisions import Desk
+    from grader.errors import SubmissionError, UsageError
+    from grader.judging import rubrics
+    from grader.lab.overrides import OVERRIDES_FILE
+    from grader.result_folder import RECORDINGS
+    from grader.submission.separation import lies_within, made_from
+
+    results = results.resolve()
+    entries = entries_in(results)
+    if not entries or (results / RECORDINGS).is_dir():
+        remedy = "Give the folder that holds a folder of results for each submission, e.g. results/."
+        raise SubmissionError("there are no results of a class in it", location=str(results), remedy=remedy)
+    if overrides is None and lies_within(results, [made_from(results / entry.name) for entry in entries]):
+        problem = "these results lie in a submission, where overrides.yaml may be a student's and does not count"
+        raise UsageError(problem, location=str(results), remedy="Name a file of your own with --overrides.")
+    copy = None if rubric else rubrics.rubric_of_class(results, entries)
+    used = rubrics.recorded_rubric(copy) if copy else rubrics.read_rubric(rubric)
+    desk = Desk(results, used, (overrides or results / OVERRIDES_FILE).resolve(), " ".join(who.split()) or "instructor")
+    desk.overrides()  # Its mistakes are said before anything is decided.
+    return desk

@@ -1,0 +1,243 @@
+"""The review desk in a real browser: a class of forty, by keyboard, with a desk that is killed in between."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterator
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from playwright.sync_api import Browser, Page, expect
+
+from grader.result import load_result
+from grader.result_folder import RECORDINGS, RESULT_FILE
+from tests.browser.chromium import Visit, browser, visit
+from tests.desk.made_class import Served, add_alike, serve
+from tests.report.untrusted_texts import FRAGMENTS
+
+pytestmark = pytest.mark.browser
+
+OPEN, APPEALS = 15, 10
+#: What browsers, terminals and spreadsheets obey, and what the tests of all other sinks try.
+HOSTILE = (
+    "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
+    '"><svg onload="document.title=\'owned\'"><a href="javascript:document.title=\'owned\'">x</a>'
+    "<iframe src=http://evil.example></iframe><meta http-equiv=refresh content='0;url=http://evil.example'>"
+    "<form action=http://evil.example><base href=http://evil.example><link rel=stylesheet href=http://evil.example>"
+    "</style></script></textarea></title>{{ 7*7 }}{% raw %}" + "".join(FRAGMENTS)
+)
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Browser]:
+    """Give a browser to all tests of this file."""
+    with browser() as started:
+        yield started
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Lay out a class of forty: fifteen without a recording of the service, ten who appeal."""
+    folder = tmp_path_factory.mktemp("desk") / "results"
+    add_alike(folder, [f"open{n:02d}" for n in range(OPEN)], "solution", without="service")
+    add_alike(folder, [f"appeal{n:02d}" for n in range(APPEALS)], "signed_mean_statistics")
+    add_alike(folder, [f"fine{n:02d}" for n in range(40 - OPEN - APPEALS)], "solution")
+    appeals = [appeal_of(f"appeal{n:02d}", "I think that my mean is right.") for n in range(APPEALS)]
+    (folder / "overrides.yaml").write_text("# appeals by mail\n" + yaml.safe_dump({"overrides": appeals}))
+    return folder
+
+
+def appeal_of(name: str, text: str) -> dict[str, str]:
+    """Give an appeal as it stands in the file of overrides."""
+    return {"submission": name, "check": "subscriber.mean", "appeal": text, "who": name, "when": "2026-11-21"}
+
+
+def opened(chromium: Browser, desk: Served, path: str = "", *, dark: bool = False) -> Visit:
+    """Open a page of a desk; what it asks for elsewhere is noted, and what it complains of."""
+    context = chromium.new_context(viewport={"width": 1400, "height": 900}, color_scheme="dark" if dark else "light")
+    seen = Visit(context.new_page())
+    seen.page.on("request", lambda request: seen.requests.append(request.url))
+    seen.page.on("console", lambda message: seen.complaints.append(message.text))
+    seen.page.on("pageerror", lambda error: seen.complaints.append(str(error)))
+    seen.page.on("dialog", lambda dialog: seen.complaints.append(dialog.message))
+    seen.page.goto(desk.address + path)
+    return seen
+
+
+class Keyboard:
+    """Presses keys, and counts them."""
+
+    def __init__(self, page: Page) -> None:
+        self.page, self.pressed = page, 0
+
+    def press(self, *keys: str) -> None:
+        """Press keys one after the other."""
+        for key in keys:
+            self.page.keyboard.press(key)
+            self.pressed += 1
+
+    def type(self, text: str) -> None:
+        """Write a text."""
+        self.page.keyboard.type(text)
+        self.pressed += len(text)
+
+
+def expect_decided(page: Page, number: int) -> None:
+    """See that the desk comes to say how many items are decided."""
+    expect(page.locator("#progress")).to_contain_text(f"{number} of {APPEALS + 6 * OPEN} decided")
+
+
+def test_a_class_is_decided_by_keyboard(chromium: Browser, made: Path) -> None:
+    """Ten appeals, one by one, and fifteen undecided, most at once; the desk is killed after four; nothing is lost."""
+    desk = serve(made)
+    seen = opened(chromium, desk)
+    keys, began = Keyboard(seen.page), time.monotonic()
+    for n in range(4):
+        settle_appeal(keys, n)
+    expect_decided(seen.page, 4)
+    assert seen.complaints == []
+    assert all(url.startswith(desk.address) for url in seen.requests)
+    desk.kill()
+    seen.page.context.close()
+    desk = serve(made)
+    try:
+        seen = opened(chromium, desk)
+        keys.page = seen.page
+        expect_decided(seen.page, 4)
+        for n in range(4, APPEALS):
+            settle_appeal(keys, n)
+        settle_services(keys)
+        expect(seen.page.locator("#empty")).to_be_visible()
+        print(json.dumps({"keystrokes": keys.pressed, "seconds": round(time.monotonic() - began, 1)}))
+        assert keys.pressed < 150
+        assert seen.complaints == []
+        desk.until(lambda plain: not plain["waiting"])
+        for n in range(OPEN):
+            result = load_result(made / f"open{n:02d}" / RESULT_FILE)
+            assert (result.still_undecided, result.final) == (Decimal(0), result.score.possible)
+        for n in range(APPEALS):
+            kinds = [a.kind.value for a in load_result(made / f"appeal{n:02d}" / RESULT_FILE).adjustments]
+            assert kinds == ["appeal", "points" if n % 2 else "reviewed"]
+        text = (made / "overrides.yaml").read_text(encoding="utf-8")
+        assert text.startswith("# appeals by mail\n")
+        assert len(yaml.safe_load(text)["overrides"]) == 2 * APPEALS + 2
+    finally:
+        desk.kill()
+
+
+def settle_appeal(keys: Keyboard, n: int) -> None:
+    """Answer an appeal: every second one gets full points, the others stay as they are with a comment."""
+    expect(keys.page.locator("#about")).to_contain_text(f"appeal{n:02d} · appeal")
+    if n == 1:  # What is beside an item is its own evidence.
+        expect(keys.page.locator("#evidence")).to_be_visible()
+        expect(keys.page.frame_locator("#evidence").locator(".said.question")).to_contain_text("appeal01")
+    if n % 2:
+        keys.press("f")
+        if n == 1:
+            keys.press("r")
+            keys.type("mean accepted")
+        else:
+            keys.press("1")
+    else:
+        keys.press("a", "c")
+        keys.type("See line 40.")
+        keys.press("Escape")
+    keys.press("Enter")
+
+
+def settle_services(keys: Keyboard) -> None:
+    """Excuse one of a whole criterion, take that back and decide anew; then all others with the same, looked at."""
+    for is_final in (False, True):
+        expect(keys.page.locator("#about")).to_contain_text("open00 · undecided")
+        keys.press("e", "w", "1", "Enter")
+        expect_decided(keys.page, APPEALS + 6)
+        if not is_final:
+            keys.press("u")
+            expect_decided(keys.page, APPEALS)
+    expect(keys.page.locator("#about")).to_contain_text("open01 · undecided")
+    keys.press("e", "w", "1", "s")
+    rows = keys.page.locator("#effects tr")
+    expect(rows).to_have_count(OPEN)
+    expect(rows.first).to_contain_text("open01")
+    expect(rows.first).to_contain_text("0 → 20")
+    expect(rows.first).to_contain_text("The session 'service' was not recorded.")
+    expect(rows.nth(1)).to_contain_text("open00 (decided already)")
+    keys.press("Enter")
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_the_desk_can_be_used_by_all(chromium: Browser, made: Path, tmp_path: Path, dark: bool) -> None:
+    """No grave finding of axe-core: with decided items shown, the preview open, in evidence, and among the limits."""
+    desk = serve(made)
+    try:
+        seen = with_decided(chromium, desk, dark=dark)
+        assert seen.axe() == []
+        seen.page.keyboard.press("e")
+        seen.page.keyboard.press("r")
+        seen.page.keyboard.type("as agreed")
+        seen.page.keyboard.press("Escape")
+        seen.page.keyboard.press("s")
+        expect(seen.page.locator("#preview")).to_be_visible()
+        assert seen.axe() == []
+        evidence = tmp_path / "evidence.html"  # Where the desk shows it, axe-core could not run either.
+        evidence.write_bytes(desk.ask("GET", "evidence?name=appeal00&what=subscriber.mean")[1])
+        with visit(chromium, evidence, dark=dark) as alone:
+            assert alone.axe() == []
+        limits = opened(chromium, desk, "rubric.html", dark=dark)
+        expect(limits.page.locator("input").first).to_be_visible()
+        assert limits.axe() == []
+    finally:
+        desk.kill()
+
+
+def with_decided(chromium: Browser, desk: Served, *, dark: bool = False) -> Visit:
+    """Open a desk with all items."""
+    seen = opened(chromium, desk, dark=dark)
+    seen.page.locator("#decided").check()
+    seen.page.locator("#queue button").first.click()
+    return seen
+
+
+def test_students_texts_stay_texts(chromium: Browser, tmp_path: Path) -> None:
+    """Whatever stands in an appeal, a finding, a file or a program's output does nothing, on the desk and beside it."""
+    results = tmp_path / "results"
+    add_alike(results, ["eve"], "signed_mean_statistics")
+    for file in (results / "eve" / RESULT_FILE, *(results / "eve" / RECORDINGS).rglob("*.json")):
+        text = json.dumps(poisoned(json.loads(file.read_text(encoding="utf-8"))))
+        file.unlink()  # It may be a link to a kept recording.
+        file.write_text(text, encoding="utf-8")
+    entries = {"overrides": [appeal_of("eve", HOSTILE.encode("utf-8", "replace").decode())]}
+    (results / "overrides.yaml").write_text(yaml.safe_dump(entries), encoding="utf-8")
+    desk = serve(results)
+    try:
+        seen = with_decided(chromium, desk)
+        expect(seen.page.locator("#text")).to_contain_text("<script>document.title='owned'</script>")
+        evidence = seen.page.frame_locator("#evidence")
+        expect(evidence.locator(".said.question")).to_contain_text("<img src=x")
+        expect(evidence.locator(".reason").first).to_contain_text("<script>document.title='owned'</script>")
+        assert evidence.locator("img, script, iframe, form, base, link, [onerror], [onload]").count() == 0
+        assert (seen.page.title(), seen.complaints) == ("Review desk", [])
+        report = opened(chromium, desk, "report?name=eve")
+        expect(report.page.locator(".reason").first).to_contain_text("<script>document.title='owned'</script>")
+        assert "owned" not in report.page.title().replace(HOSTILE[:40], "")
+        for page in (seen, report):
+            assert [url for url in page.requests if not url.startswith(desk.address)] == []
+    finally:
+        desk.kill()
+
+
+#: Texts that come from students, by their keys in results and recordings.
+_STUDENTS = {"reason", "expected", "measured", "hint", "notes", "advisories", "text", "texts", "error", "counted"}
+
+
+def poisoned(value: Any, key: str = "") -> Any:
+    """Return results or a record with a hostile text behind each of a student's."""
+    if isinstance(value, dict):
+        return {k: poisoned(v, key if key == "texts" else k) for k, v in value.items()}
+    if isinstance(value, list):
+        return [poisoned(each, key) for each in value]
+    return value + HOSTILE if isinstance(value, str) and key in _STUDENTS else value

@@ -1,0 +1,107 @@
+"""`grade appeal`: the evidence as a page, judged again, and what the student reads of question and answer."""
+
+from __future__ import annotations
+
+import re
+from decimal import Decimal
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from grader.commands import appeal
+from grader.errors import UsageError
+from grader.judging.rubrics import read_rubric
+from grader.lab.overrides import load_overrides
+from grader.result import AdjustmentKind, Result, load_result
+from grader.result_folder import REPORT_FILE, RESULT_FILE
+from tests.desk.made_class import add_alike
+
+CHECK = "subscriber.mean"
+
+
+@pytest.fixture
+def alice(tmp_path: Path) -> Path:
+    """Give the results of one who loses two points at a check, in a class."""
+    add_alike(tmp_path / "results", ["alice"], "signed_mean_statistics")
+    return tmp_path / "results/alice"
+
+
+def run(folder: Path, *more: str, check: str = CHECK) -> str:
+    """Run the command; gives what it prints, in one line."""
+    console = Console(record=True, width=200)
+    assert appeal.run([str(folder), check, "--who", "J. Smith", *more], console) == 0
+    return " ".join(console.export_text().split())
+
+
+def listed(folder: Path) -> list[tuple[AdjustmentKind, Decimal, str, str, str]]:
+    """Give the adjustments of the result."""
+    result: Result = load_result(folder / RESULT_FILE)
+    return [(a.kind, a.points, a.reason, a.who, a.comment) for a in result.adjustments]
+
+
+def test_the_evidence_is_a_page_and_nothing_else_changes(alice: Path) -> None:
+    """With expected, measured, figure, timeline and output; judged again, which gives the same."""
+    before = {path: path.read_bytes() for path in alice.parent.rglob("*") if path.is_file()}
+    printed = run(alice)
+    assert "Judged again: failed, 0 of 2, as before." in printed
+    page = alice / "appeal-subscriber.mean.html"
+    assert f"Evidence: {page}" in printed
+    text = page.read_text(encoding="utf-8")
+    for words in (
+        "signed error",
+        "[0.2591 0.2684",
+        "Reported against true RMS error",
+        "Output of subscriber",
+        "Ctrl-C",
+    ):
+        assert words in text, (words, page)
+    assert "<script" not in text
+    links = set(re.findall(r'href="#([^"]+)"', text))
+    assert links <= set(re.findall(r' id="([^"]+)"', text))
+    after = {path: path.read_bytes() for path in alice.parent.rglob("*") if path.is_file() and path != page}
+    assert after == before
+
+
+def test_a_question_waits_and_is_shown(alice: Path) -> None:
+    """It changes no points; the report shows it at its check, and the file that the student asked."""
+    printed = run(alice, "--question", "My mean is <b>right</b>: see line 40.")
+    assert "Noted in" in printed
+    assert listed(alice) == [(AdjustmentKind.APPEAL, Decimal(0), "My mean is <b>right</b>: see line 40.", "alice", "")]
+    report = (alice / REPORT_FILE).read_text(encoding="utf-8")
+    assert "My mean is &lt;b&gt;right&lt;/b&gt;: see line 40." in report
+
+
+@pytest.mark.parametrize(
+    ("options", "kind", "points", "reason"),
+    [
+        ((), AdjustmentKind.REVIEWED, "0", ""),
+        (("--set", "1.5", "--reason", "half is right"), AdjustmentKind.POINTS, "1.5", "half is right"),
+        (("--excused",), AdjustmentKind.EXCUSED, "2", "appeal"),
+    ],
+    ids=["stays", "points", "excused"],
+)
+def test_question_and_answer_stand_in_the_next_report(
+    alice: Path, options: tuple[str, ...], kind: AdjustmentKind, points: str, reason: str
+) -> None:
+    """At the check, in this order, with who answered; the points follow, and comments in the file stay."""
+    (alice.parent / "overrides.yaml").write_text("# by mail\noverrides: []  # none yet\n", encoding="utf-8")
+    run(alice, "--question", "Why?", "--answer", "The recording shows it.", *options)
+    question = (AdjustmentKind.APPEAL, Decimal(0), "Why?", "alice", "")
+    assert listed(alice) == [question, (kind, Decimal(points), reason, "J. Smith", "The recording shows it.")]
+    report = (alice / REPORT_FILE).read_text(encoding="utf-8")
+    at_check = report[report.index('id="check-subscriber.mean"') :]
+    assert 0 < at_check.index("Why?") < at_check.index("The recording shows it.")
+    file = alice.parent / "overrides.yaml"
+    assert file.read_text(encoding="utf-8").startswith("# by mail\n")
+    assert "# none yet" in file.read_text(encoding="utf-8")
+    assert len(load_overrides(file, read_rubric(None)).entries) == 2
+
+
+def test_an_unknown_check_is_told(alice: Path) -> None:
+    """With what may be meant, and nothing is written."""
+    with pytest.raises(UsageError, match=r"did you mean 'subscriber\.mean'"):
+        run(alice, check="subscriber.maen")
+    with pytest.raises(UsageError, match="no result of this submission"):
+        run(alice.parent / "bob")
+    assert not (alice.parent / "overrides.yaml").exists()
