@@ -124,7 +124,10 @@ def timeline_of(recorded: Recorded, result: Result) -> Timeline:
     places = [n for role in ("student", "reference") for n, run in enumerate(runs) if run.role == role]
     lanes = (
         *_stacked("points", "lost or open", _losses(recorded.record.session, result)),
-        Lane("steps", "the lab", [m for step in recorded.record.steps for m in _of_step(recorded, step)]),
+        *(
+            Lane(name, "the lab", [m for step in steps for m in _of_step(recorded, step)])
+            for name, steps in _steps(recorded)
+        ),
         *(_of_process(recorded, place) for place in places[:_MOST_LANES]),
         *_of_actions(recorded),
         *_of_states(recorded),
@@ -158,6 +161,13 @@ def _losses(session: str, result: Result) -> Iterator[Moment]:
 
 
 # -- steps -------------------------------------------------------------------------------------
+
+
+def _steps(recorded: Recorded) -> Iterator[tuple[str, list[StepRun]]]:
+    """Return the steps, and apart from them those that went on beside others."""
+    steps = recorded.record.steps
+    yield "steps", [step for step in steps if step.kind != "link"]
+    yield "bad link", [step for step in steps if step.kind == "link"]
 
 
 def _of_step(recorded: Recorded, step: StepRun) -> Iterator[Moment]:

@@ -92,21 +92,34 @@ def require_what_profiles_promise(record: SessionRecord) -> None:
     assert 0 < result.cpu_s < 3
 
 
+def recorded_in(environment: Environment, folder: Path) -> SessionRecord:
+    """Grade the tool by the command in an environment, and return the record; fails if anything stays behind."""
+    lab = make_lab(folder, {"node": TOOL}, {"only": [{"start": {"student": "node"}}, *STEPS]})
+    for name in ("home", "tmp", "results"):
+        (folder / name).mkdir()
+    for path in (folder, lab.rubric_file, lab.submission, *lab.submission.iterdir()):
+        path.chmod(0o755)
+    grade = [sys.executable, "-m", "grader.cli", str(lab.submission), "--lab", str(lab.rubric_file)]
+    remains, _ = run_in(environment, folder, [*grade, "-o", str(lab.results)], 120)
+    assert remains.exit_status == 0, remains.errors
+    assert (remains.processes, remains.mounts, [*(folder / "tmp").iterdir()]) == ([], [], [])
+    return read_session(lab.results / "submission" / "recordings" / "only")
+
+
 @pytest.mark.parametrize("environment", [Environment.USER, Environment.ROOT] if os.geteuid() == 0 else [None])
 def test_profiles_do_on_the_link_what_they_are_for(environment: Environment | None, tmp_path: Path) -> None:
     """As root and as an ordinary user, with no process and no file left."""
-    lab = make_lab(tmp_path, {"node": TOOL}, {"only": [{"start": {"student": "node"}}, *STEPS]})
-    for name in ("home", "tmp", "results"):
-        (tmp_path / name).mkdir()
-    for path in (tmp_path, lab.rubric_file, lab.submission, *lab.submission.iterdir()):
-        path.chmod(0o755)
-    grade = [sys.executable, "-m", "grader.cli", str(lab.submission), "--lab", str(lab.rubric_file)]
-    remains, _ = run_in(environment or Environment.USER, tmp_path, [*grade, "-o", str(lab.results)], 120)
-    assert remains.exit_status == 0, remains.errors
-    assert (remains.processes, remains.mounts, [*(tmp_path / "tmp").iterdir()]) == ([], [], [])
-    record = read_session(lab.results / "submission" / "recordings" / "only")
+    record = recorded_in(environment or Environment.USER, tmp_path)
     assert record.problems == []
     require_what_profiles_promise(record)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can take the means from a command that it starts")
+def test_where_there_are_no_networks_it_is_left_out(tmp_path: Path) -> None:
+    """As in a plain container: the step says why, and the rest of the session goes on."""
+    (found,) = (step for step in recorded_in(Environment.CONTAINER, tmp_path).steps if step.kind == "link")
+    assert found.outcome == "failed"
+    assert found.result["problem"] == "this machine gives a session no networks of its own"
 
 
 def test_the_profiles_are_the_students(tmp_path: Path) -> None:
