@@ -40,6 +40,8 @@ class LinkResult:
 
     topics: list[LinkedTopic] = field(default_factory=list)
     delay_ms: float = 0.0
+    #: Of the packets 95 % were no more than this later than that: what the grading computer added.
+    late_ms: float = 0.0
     #: By what means it loses and delays.
     means: str = ""
     #: What it took of the grading computer.

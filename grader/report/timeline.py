@@ -71,6 +71,8 @@ class Timeline:
     def __init__(self, recorded: Recorded, lanes: Iterable[Lane]) -> None:
         record = recorded.record
         self.session, self.started_ns = record.session, record.started_ns
+        #: What each process is called, by its place in the record.
+        self.processes = [heading_of(record, place) for place in range(len(record.processes))]
         ends_ns = [record.ended_ns, *(s.ended_ns for s in record.steps), *(p.exited_ns or 0 for p in record.processes)]
         self.length_s = max(1e-3, *(recorded.since_start_s(t_ns) for t_ns in ends_ns))
         self.ticks = [(time_s, short(time_s)) for time_s in ticks(0.0, self.length_s, _MOST_TICKS)]

@@ -37,7 +37,7 @@ def two_profiles() -> LinkResult:
         LinkedTopic("/fast", "/fast", FLOATS, BEST_EFFORT, BEST_EFFORT, lossy),
         LinkedTopic("/safe", "/safest", FLOATS, LATCHED, LATCHED, safe),
     ]
-    return LinkResult(topics, 10.0, "a relay")
+    return LinkResult(topics, 10.0, means="a relay")
 
 
 def content(figure: Figure) -> LinkTable:
@@ -60,6 +60,16 @@ def test_what_arrived_and_how_late_is_drawn(tmp_path: Path) -> None:
     assert "All of it arrived in order." in figure.caption
     for width in (WIDE, NARROW):
         assert "nan" not in str(figure.svg("f", width))
+
+
+def test_a_busy_machine_is_named(tmp_path: Path) -> None:
+    """What it adds to the link's delay is none of the profiles'."""
+    result = two_profiles()
+    assert "busy" not in figure_of(tmp_path / "idle", result).caption
+    result.late_ms = 14.2
+    assert "The grading computer was busy meanwhile: packets were up to 14.2 ms later" in (
+        figure_of(tmp_path / "busy", result).caption
+    )
 
 
 def test_what_overtook_is_said(tmp_path: Path) -> None:

@@ -121,6 +121,8 @@ class _Relay:
         self._due: list[tuple[float, int, Callable[[], object]]] = []
         self._sent = [0] * len(loss)
         self._received: Any = None
+        #: By how much each packet was later than it was to be.
+        self.late_s: list[float] = []
 
     def run(self) -> tuple[list[int], Any]:
         """Carry until all levels are through; return how many messages were sent in each, and what was received."""
@@ -144,11 +146,15 @@ class _Relay:
         with suppress(BlockingIOError):
             while True:
                 packet = way.near.recv(_LARGEST_BYTES)
-                send = partial(_pass_on, way, packet)
                 if not way.lossy:
-                    send()
+                    _pass_on(way, packet)
                 elif self._random.random() >= self._losing:
-                    self._after(self._delay_s, send)
+                    due_s = time.monotonic() + self._delay_s
+                    self._after(self._delay_s, partial(self._pass_late, way, packet, due_s))
+
+    def _pass_late(self, way: _Way, packet: bytes, due_s: float) -> None:
+        self.late_s.append(time.monotonic() - due_s)
+        _pass_on(way, packet)
 
     def _hear(self, end: _End) -> None:
         line = end.lines.readline()
@@ -157,6 +163,7 @@ class _Relay:
         kind, *what = json.loads(line)
         if kind == "begin":
             self._losing = self._loss[what[0]]
+            print(json.dumps({"begun": what[0]}), flush=True)
         elif kind == "sent":
             level, self._sent[what[0]] = what
             for number in range(_LATE):
@@ -175,18 +182,21 @@ def _pass_on(way: _Way, packet: bytes) -> None:
 
 
 def carry(plan: LinkPlan, delay_s: float, seed: int) -> None:
-    """Be the link, its two ends being started here; prints what came of it as a line of JSON."""
+    """Be the link, and start its two ends; prints lines of JSON: that a level begins, and last what came of it."""
     from grader.live.ros_node import link_end
 
     receiver = _End(_SECOND, _FIRST, partial(link_end.receive, plan), "link-receiver")
     sender = _End(_FIRST, _SECOND, partial(link_end.send, plan), "link-sender")
-    sent, received = _Relay(sender, receiver, plan.loss, delay_s, seed).run()
+    relay = _Relay(sender, receiver, plan.loss, delay_s, seed)
+    sent, received = relay.run()
     sender.end()
     for _ in range(2):
         os.wait()
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     cpu_s = sum(each.ru_utime + each.ru_stime for each in used)
-    print(json.dumps({"sent": sent, "received": received, "cpu_s": round(cpu_s, 3)}), flush=True)
+    late_ms = 1e3 * sorted(relay.late_s)[int(0.95 * len(relay.late_s))] if relay.late_s else 0.0
+    found = {"sent": sent, "received": received, "cpu_s": round(cpu_s, 3), "late_ms": round(late_ms, 2)}
+    print(json.dumps(found), flush=True)
 
 
 # -- beside a session ------------------------------------------------------------------------------
@@ -248,19 +258,22 @@ class Link:
         loss = [float(share) for share in parameters["loss"]]
         plan = LinkPlan(carried, loss, float(parameters["rate_hz"]), float(parameters["duration_s"]))
         main = partial(carry, plan, self.result.delay_ms / 1e3, seed)
-        running = await RunningProcess.fork(
-            run, Program("link", main, environment, _TRUSTED_BYTES), on_message=said.append
-        )
+
+        def hear(line: bytes) -> None:
+            said.append(line)
+            running.put_standing()  # Now its timing counts; nobody else can give it work, so that it needs no watch.
+
+        running = await RunningProcess.fork(run, Program("link", main, environment, _TRUSTED_BYTES), on_message=hear)
         try:
             await asyncio.wait({running.exited})
         finally:
             await running.kill()
-        if not said:
+        found = json.loads(said[-1]) if said else {}
+        if "received" not in found:
             last = run.output[-1].text if run.output else "nothing was said"
             self.result.problem = f"the link ended early: {last}"
             return
-        found = json.loads(said[-1])
-        self.result.cpu_s = found["cpu_s"]
+        self.result.cpu_s, self.result.late_ms = found["cpu_s"], found["late_ms"]
         for topic, levels in zip(carried, found["received"], strict=True):
             each = zip(loss, found["sent"], levels, strict=True)
             topic.crossings = [Crossing(share, sent, **level) for share, sent, level in each]
