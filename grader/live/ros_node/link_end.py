@@ -1,7 +1,7 @@
 """The two ends of a link that loses and delays: one publishes with profiles as they were offered, one subscribes.
 
 Each is a program that `grader.live.session.link` starts on its side of the link. An end writes lines of JSON to its
-standard output, and is told by lines on its standard input when to go on. What it measures is measured here, by the
+standard output, and goes on by lines on its standard input. What it measures is measured here, by the
 trusted side; the profiles alone are the student's.
 """
 
@@ -92,7 +92,7 @@ def _node(name: str) -> Iterator[Node]:
 
 
 def send(plan: LinkPlan) -> None:
-    """Publish each topic; says when a level begins and how many messages were sent, and goes on when it is told to."""
+    """Publish each topic; says when a level begins and how many messages were sent, and goes on when it is asked to."""
     with _node("link_sender") as node:
         messages = [serialize_message(interface_named(topic.type)()) for topic in plan.topics]
         publishers = [
@@ -205,11 +205,11 @@ def receive(plan: LinkPlan) -> None:
     """Subscribe to each topic until the input ends; a number in it is a level to which it subscribes once more."""
     with _node("link_receiver") as node:
         receiver = _Receiver(node, plan)
-        told = select.poll()
-        told.register(0, select.POLLIN)
+        commands = select.poll()
+        commands.register(0, select.POLLIN)
         while True:
             receiver.wait()
-            if told.poll(0):
+            if commands.poll(0):
                 words = os.read(0, _READ_BYTES).split()
                 if not words:
                     break

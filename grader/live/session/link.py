@@ -79,7 +79,7 @@ class _End:
         self.lines: IO[bytes] = os.fdopen(from_it, "rb")
         self._to_it = to_it
 
-    def tell(self, word: str) -> None:
+    def write(self, word: str) -> None:
         """Write it a line."""
         with suppress(BrokenPipeError):
             os.write(self._to_it, f"{word}\n".encode())
@@ -167,9 +167,9 @@ class _Relay:
         elif kind == "sent":
             level, self._sent[what[0]] = what
             for number in range(_LATE):
-                join = partial(self._receiver.tell, str(level))
+                join = partial(self._receiver.write, str(level))
                 self._after(_FIRST_LATE_S + number * _LATE_EACH_S, join)
-            self._after(_LATE_END_S, partial(self._sender.tell, "go on"))
+            self._after(_LATE_END_S, partial(self._sender.write, "go on"))
         elif kind == "done":
             self._receiver.end()
         else:

@@ -155,18 +155,18 @@ def _problem(topic: LinkedTopic) -> str:
 
 def _caption(result: LinkResult, shown: Sequence[Profile]) -> str:
     worst = max(outcome.loss for outcome in shown[0].outcomes)
-    told = []
+    arrived = []
     for profile in shown:
         outcome = next(each for each in profile.outcomes if each.loss == worst)
         half = f", half of it within {svg.duration(outcome.median_s)}" if outcome.median_s is not None else ""
-        told.append(f"{line(profile.name, 40)} {percent(outcome.share)}{half}")
+        arrived.append(f"{line(profile.name, 40)} {percent(outcome.share)}{half}")
     ordered = all(outcome.in_order for profile in shown for outcome in profile.outcomes)
     busy = (
         f" The grading computer was busy meanwhile: packets were up to {svg.short(result.late_ms)} ms later still, and "
         "short queues lost messages to that too."
     )
     return (
-        f"Where {percent(worst)} of the packets are lost, this much arrives: {'; '.join(told)}. "
+        f"Where {percent(worst)} of the packets are lost, this much arrives: {'; '.join(arrived)}. "
         f"{'All of it arrived in order. ' if ordered else 'Not all of it arrived in order. '}"
         "These are your profiles, measured by the grader: messages of your topics' types, between two programs of its "
         f"own. The link is {result.means}: it loses packets at random, and the others are "
