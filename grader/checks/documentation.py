@@ -14,7 +14,7 @@ from pathlib import PurePosixPath
 from pydantic import Field
 
 from grader.checks.base import Context, apart, failed, graded, inconclusive, passed, percent
-from grader.evidence.text.markup import Block, Section, read_markdown
+from grader.evidence.text.markup import Block, Section, plain_text, read_markdown
 from grader.evidence.text.prose import (
     command_line,
     concepts,
@@ -45,6 +45,8 @@ _MOST_CHARACTERS = 300_000
 _ENDING = 3
 #: Lines that are listed of what does not count.
 _MOST_LISTED = 12
+#: Letters of a passage that are quoted.
+_QUOTED = 300
 
 
 def _documents(context: Context) -> list[PurePosixPath]:
@@ -315,4 +317,9 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     places = {name: _at(passage.file, passage.line) for name, passage in found.discussed.items()}
     listed = [f"{name}: {places.get(name, 'not recognised')}" for name in p.concepts]
     related = ", ".join(_at(passage.file, passage.line) for passage in found.related[:_MOST_LISTED])
-    return replace(finding, counted=(*listed, f"weighed with reasons: {related or 'not recognised'}"))
+    listed.append(f"weighed with reasons: {related or 'not recognised'}")
+    for passage in found.related[:1]:
+        quote = " ".join(plain_text(passage.text).split())
+        cut = quote if len(quote) <= _QUOTED else f"{quote[: _QUOTED - 1]}…"
+        listed.append(f"{_at(passage.file, passage.line)}: “{cut}”")
+    return replace(finding, counted=tuple(listed))

@@ -232,6 +232,24 @@ class PlanStep(Step):
     timeout_s: float = Field(10.0, gt=0, le=60)
 
 
+class LinkStep(Step):
+    """Carry messages between two programs of the grader's over a link that loses and delays, with a student's QoS.
+
+    Each topic has the profiles that the student's publisher offers and subscription requests, and messages of the
+    type with nothing in them. Lost are packets of data and those that acknowledge them, for each share anew; not those
+    by which both sides find each other. After the last message four subscriptions join late. It goes on beside the
+    steps that follow, and takes `duration_s` and 1 s for each share. It costs nobody points: a figure shows it.
+    """
+
+    words = "the student's profiles on a link that loses packets"
+
+    topics: tuple[ref.Topic, ...] = Field(min_length=1, max_length=8)
+    loss: tuple[ref.Share, ...] = Field(("5%", "30%"), min_length=1, max_length=4, validate_default=True)
+    delay_ms: float = Field(10.0, ge=0, le=500, description="Delay of each packet that is not lost.")
+    rate_hz: float = Field(100.0, gt=0, le=200, description="Messages a second on each topic.")
+    duration_s: float = Field(2.5, gt=0, le=30, description="For each share.")
+
+
 #: Kind of a step -> its model.
 STEPS: dict[str, type[Step]] = {
     "start": StartStep,
@@ -246,4 +264,5 @@ STEPS: dict[str, type[Step]] = {
     "interrupt": InterruptStep,
     "wait_exit": WaitExitStep,
     "plan": PlanStep,
+    "link": LinkStep,
 }

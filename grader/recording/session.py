@@ -7,7 +7,8 @@ are needed here. Standard library only, since the trusted processes in a sandbox
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -200,6 +201,24 @@ class Claim:
     line: int = 0
     qos: Qos | None = None
     value: Any = None
+
+
+def asked_for(endpoint: Endpoint, claims: Iterable[Claim]) -> Claim | None:
+    """Return the call by which a student's node asked for an endpoint, in whatever namespace: of several its own's."""
+    fitting = [c for c in claims if (c.kind, _plain(c.name)) == (endpoint.kind, _plain(endpoint.topic))]
+    return next(iter([c for c in fitting if _plain(c.node) == _plain(endpoint.node)] or fitting), None)
+
+
+def _plain(name: str) -> str:
+    return name.rsplit("/", 1)[-1]
+
+
+def completed(seen: Qos, claim: Claim | None) -> Qos:
+    """Return a profile from discovery with history and depth, which are not announced there, as they were asked for."""
+    if claim is None or claim.qos is None:
+        return seen
+    history = claim.qos.history if seen.history == "unknown" else seen.history
+    return replace(seen, history=history, depth=seen.depth or claim.qos.depth)
 
 
 @dataclass

@@ -19,6 +19,7 @@ from markupsafe import Markup
 
 from grader.report import views
 from grader.report.escape import line, shown
+from grader.report.figures.link import percent
 from grader.report.figures.svg import HALF, NARROW, WIDE, duration
 
 _FOLDER = Path(__file__).parent / "templates"
@@ -44,6 +45,7 @@ def _template(name: str, styles: tuple[str, ...], scripts: tuple[str, ...]) -> T
         keep_trailing_newline=True,
     )
     environment.filters.update(line=line, duration=duration, prose=prose, breakable=breakable, fields=views.fields)
+    environment.filters.update(percent=percent)
     environment.filters.update(points=views.points, tenths=views.tenths, signed=views.signed)
     environment.filters.update(tenths_signed=lambda value: views.signed(value.quantize(Decimal("0.1"))))
     environment.globals.update(

@@ -71,6 +71,8 @@ class Timeline:
     def __init__(self, recorded: Recorded, lanes: Iterable[Lane]) -> None:
         record = recorded.record
         self.session, self.started_ns = record.session, record.started_ns
+        #: What each process is called, by its place in the record.
+        self.processes = [heading_of(record, place) for place in range(len(record.processes))]
         ends_ns = [record.ended_ns, *(s.ended_ns for s in record.steps), *(p.exited_ns or 0 for p in record.processes)]
         self.length_s = max(1e-3, *(recorded.since_start_s(t_ns) for t_ns in ends_ns))
         self.ticks = [(time_s, short(time_s)) for time_s in ticks(0.0, self.length_s, _MOST_TICKS)]
@@ -124,7 +126,10 @@ def timeline_of(recorded: Recorded, result: Result) -> Timeline:
     places = [n for role in ("student", "reference") for n, run in enumerate(runs) if run.role == role]
     lanes = (
         *_stacked("points", "lost or open", _losses(recorded.record.session, result)),
-        Lane("steps", "the lab", [m for step in recorded.record.steps for m in _of_step(recorded, step)]),
+        *(
+            Lane(name, "the lab", [m for step in steps for m in _of_step(recorded, step)])
+            for name, steps in _steps(recorded)
+        ),
         *(_of_process(recorded, place) for place in places[:_MOST_LANES]),
         *_of_actions(recorded),
         *_of_states(recorded),
@@ -158,6 +163,13 @@ def _losses(session: str, result: Result) -> Iterator[Moment]:
 
 
 # -- steps -------------------------------------------------------------------------------------
+
+
+def _steps(recorded: Recorded) -> Iterator[tuple[str, list[StepRun]]]:
+    """Return the steps, and apart from them those that went on beside others."""
+    steps = recorded.record.steps
+    yield "steps", [step for step in steps if step.kind != "link"]
+    yield "bad link", [step for step in steps if step.kind == "link"]
 
 
 def _of_step(recorded: Recorded, step: StepRun) -> Iterator[Moment]:

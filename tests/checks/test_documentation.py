@@ -202,6 +202,9 @@ def test_concepts_that_are_weighed_pass() -> None:
     finding = static("concepts_explained", {**CONCEPTS, "artifacts": ["it"]}, of(source))
     assert finding.outcome is Outcome.PASSED
     assert finding.where[0].file == "it.py"
+    # What weighs them is quoted, as a reader sees it.
+    assert finding.counted[-1].startswith("it.py, line 1: “")
+    assert finding.counted[-1].endswith("”")
 
 
 def test_one_concept_is_too_little() -> None:

@@ -87,9 +87,7 @@ def test_the_page_gets_each_posture_at_its_time(figure: Figure) -> None:
 
 def test_the_still_is_where_the_tip_is_farthest_from_its_command(figure: Figure) -> None:
     """The picture without a script has links, joints and ghost of that moment, and the caption says how far it is."""
-    assert figure.caption == (
-        "The picture shows 2.60 s, when the tip is farthest from where it is commanded to be: 500 mm."
-    )
+    assert figure.caption == "At 2.60 s the tip is farthest from where it is commanded to be: 500 mm."
     motion = motion_of(figure)
     assert motion.still == 40
     links, places = marks(figure, "link"), projected(motion.solid[40])

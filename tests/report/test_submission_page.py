@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from decimal import Decimal
 from typing import Any
 
+import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -18,6 +19,8 @@ from grader.recording.bag import Bag
 from grader.recording.session import OutputLine, ProcessRun, Qos, SessionRecord, StepRun
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.figures.graph import Call
+from grader.report.figures.link import LinkTable, Profile
+from grader.report.figures.link import Outcome as Crossed
 from grader.report.figures.svg import Figure, text
 from grader.report.submission_page import render
 from grader.report.views import location_of
@@ -177,6 +180,19 @@ def test_a_figure_stands_beside_the_loss_that_it_shows() -> None:
     assert fix.count("<figure") == folded.count("<figure") == 1
 
 
+def test_a_bad_link_stands_beside_the_students_own_words() -> None:
+    """What arrived, what their program printed, and the passage that the check of the explanation found."""
+    outcome = Crossed(0.3, 0.688, np.array([0.010, 0.011, 0.012]), True, 4, 3)
+    table = LinkTable([Profile("fast", "best effort", "best effort", "", [outcome], "fast: 1001 msgs")], "a.good")
+    explained = check(
+        "a.good", Outcome.PASSED, "6", counted=("latency: README.md", "README.md, line 3: “It is fresh.”")
+    )
+    text = text_of(page_of(result_of([explained]), [Figure(table="link", content=table, title="Link")]))
+    assert "68.8 % half in 11 ms 95 % in 11.9 ms late joiners: 3 of 4" in text
+    assert "You printed, without losses: fast: 1001 msgs" in text
+    assert "What you wrote, README.md, line 3: “It is fresh.”" in text
+
+
 def test_the_ros_that_it_was_graded_on_is_named() -> None:
     """Where the handout was written for another distribution, both are named."""
     provenance: Any = {"versions": {"ros-jazzy-rclpy": "7.1.6"}, "handout_ros": "Humble"}
@@ -262,11 +278,13 @@ _PLAN = {
     "warnings": [(EVIL, EVIL)],
 }
 _QOS = {"topic": EVIL, "kind": "publisher", "qos": Qos(EVIL, EVIL, EVIL), "where": EVIL, "messages": 3}
+_LINK = LinkTable([Profile(EVIL, EVIL, "", EVIL, (), EVIL)], "a.bad", EVIL)
 FIGURES = (
     Figure(EVIL, lambda width: (90, [text(1, 2, EVIL)]), (("line-0", EVIL),), title="Joints", session="alone"),
     Figure(table="calls_table", content=[(EVIL, EVIL, [Call(0.0, 0.001, {EVIL: EVIL})])], title="Calls"),
     Figure(table="plan", content=_PLAN, title="Plan"),
     Figure(table="qos", content=[_QOS], title="QoS"),
+    Figure(table="link", content=_LINK, title="Link"),
 )
 
 
@@ -279,7 +297,7 @@ def hostile_page(evil: str) -> str:
         Location(file="node.py", line=1),
     )
     result = result_of(
-        [check("a.bad", Outcome.FAILED, "0", where=places, **finding)],
+        [check("a.bad", Outcome.FAILED, "0", where=places, counted=(f"“{evil}”",), **finding)],
         submission=evil,
         advisories=(evil,),
         problems=(evil,),

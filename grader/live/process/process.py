@@ -307,6 +307,10 @@ class PipeReader:
             if not block or len(self._data) >= self._limit:  # Who writes on gets an error, and keeps nobody busy here.
                 self.close()
 
+    def so_far(self) -> str:
+        """Return what has come, as long as it has not been handed on."""
+        return self._data.decode("utf-8", "replace") if self._fd >= 0 else ""
+
     def close(self) -> None:
         """Take what is left in the pipe, close it, and hand everything on."""
         if self._fd < 0:

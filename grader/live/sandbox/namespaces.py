@@ -82,6 +82,11 @@ def enter_sandbox(form: Form) -> None:
     call("mount", b"proc", b"/proc", b"proc", _NOSUID | _NODEV | _NOEXEC, None)
 
 
+def enter_own_network() -> None:
+    """Leave this process's network for a new one; only within a sandbox, where that takes no privilege."""
+    call("unshare", _NEW_NET)
+
+
 def _unshare(spaces: int) -> None:
     """Leave the namespaces of some kinds for new ones, mounts among them, in a user namespace where that takes one."""
     user, group, parent = os.geteuid(), os.getegid(), os.getppid()

@@ -16,7 +16,7 @@ import time
 from collections import Counter
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -32,10 +32,12 @@ from grader.live.sandbox.machine import sample_machine
 from grader.live.sandbox.packet_filter import PacketFilter
 from grader.live.session.director_client import Answer, DirectorClient
 from grader.live.session.launch_runner import LaunchRunner
+from grader.live.session.link import Link
 from grader.live.session.plan import SessionPlan
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.bag import recover
-from grader.recording.session import ProcessRun, write_session
+from grader.recording.link import LinkResult
+from grader.recording.session import Endpoint, ProcessRun, write_session
 from grader.recording.trusted_channel import collect_trusted_messages
 
 #: Address space of each of the grader's own processes.
@@ -65,6 +67,7 @@ class Session:
         self._launch = LaunchRunner(self.sandbox)
         self._filter = PacketFilter()
         self._watch = CpuWatch()
+        self._links: list[asyncio.Task[ProcessRun]] = []
 
     async def run(self) -> None:
         """Run the session and leave its record, whatever happens."""
@@ -105,6 +108,8 @@ class Session:
             await process.kill(limit="time")
 
     async def _finish(self) -> None:
+        for link in self._links:
+            link.cancel()
         self._launch.end()
         await self.sandbox.guard.look()  # while it can still be seen who took what
         for name, process in self.processes.items():
@@ -184,9 +189,7 @@ class Session:
 
     def _subscriptions(self) -> dict[str, int]:
         """Count the student's subscriptions by topic, those of a process that died included."""
-        ours = {spec["node"] for spec in self.plan.reference.values()}
-        endpoints = self.record.graph[-1].endpoints if self.record.graph else []
-        return dict(Counter(e.topic for e in endpoints if e.kind == "subscription" and e.node not in ours))
+        return dict(Counter(e.topic for e in self._students_endpoints() if e.kind == "subscription"))
 
     async def _sample(self) -> None:
         while True:
@@ -214,6 +217,8 @@ class Session:
             action = getattr(self, f"_step_{step.kind}", None) or partial(self._direct, step.kind)
             step.outcome, step.result = await action(step.parameters)
             step.ended_ns = time.time_ns()
+        for link in self._links:
+            self.record.processes.append(await link)
 
     async def _step_start(self, parameters: dict[str, Any]) -> Answer:
         if parameters["reference"]:
@@ -335,6 +340,22 @@ class Session:
         ended = {p.run.name: p.run.ended_by for p in chosen}
         stubborn = [n for n, how in ended.items() if how in ("terminate", "kill")]
         return ("timeout" if stubborn else "done"), {"ended_by": ended}
+
+    async def _step_link(self, parameters: dict[str, Any]) -> Answer:
+        """Begin what goes on beside the steps that follow, and is waited for after the last of them."""
+        if not self.plan.isolation.namespaces:
+            problem = "this machine gives a session no networks of its own"
+            return "failed", asdict(LinkResult(problem=problem))
+        link = Link(self.record.steps[-1], self._students_endpoints, self.sandbox.claims_so_far, self.record.names)
+        environment = trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id)
+        environment = self.sandbox.with_interfaces(environment)
+        self._links.append(asyncio.create_task(link.run(self.record.seed, environment)))
+        return "done", {}
+
+    def _students_endpoints(self) -> list[Endpoint]:
+        """Return those that are in the graph now."""
+        ours = {spec["node"] for spec in self.plan.reference.values()}
+        return [e for e in self.record.graph[-1].endpoints if e.node not in ours] if self.record.graph else []
 
     async def _step_wait_exit(self, parameters: dict[str, Any]) -> Answer:
         process = self.processes.get(parameters["process"])

@@ -31,7 +31,7 @@ from grader.live.sandbox.namespaces import adopt_orphans, bring_loopback_up, mou
 from grader.live.sandbox.scratch import remove_tree
 from grader.live.session.plan import SessionPlan
 from grader.live.student_tap.claims import claims_in
-from grader.recording.session import ProcessRun
+from grader.recording.session import Claim, ProcessRun
 from grader.submission.beneath import copy_tree, restore_way
 
 _WORKSPACE_BYTES = 256 * 1024 * 1024
@@ -68,6 +68,7 @@ class StudentSandbox:
         self.seen = self._room.seen(plan.isolation)
         #: Programs that never began, and how the session would be disturbed by that.
         self._unstarted: list[tuple[ProcessRun, str]] = []
+        self._taps: dict[str, PipeReader] = {}
         self._output = OutputRoom()
         self._group = sandbox_cgroup(plan.isolation, plan.slot)
         self.guard = Guard(
@@ -148,7 +149,7 @@ class StudentSandbox:
             raise
         finally:
             os.close(tap_write)
-        PipeReader(tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text))
+        self._taps[run.name] = PipeReader(tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text))
         self.processes[run.name] = running
         return running
 
@@ -202,8 +203,16 @@ class StudentSandbox:
     def _note_claims(self, run: ProcessRun, text: str) -> None:
         if run.artifact is not None and not text.startswith('{"kind": "started"'):
             self.note_unstarted(run, f"{run.name} could not be started")
-        claims = claims_in(text, run.name, f"{self.seen[WORKSPACE]}/src/")
+        claims = self._claims_in(run.name, text)
         self.record.claims += claims[: max(0, _MOST_CLAIMS - len(self.record.claims))]
+
+    def _claims_in(self, process: str, text: str) -> list[Claim]:
+        return claims_in(text, process, f"{self.seen[WORKSPACE]}/src/")
+
+    def claims_so_far(self) -> list[Claim]:
+        """Return what the student's processes have asked rclpy for, those that run included."""
+        running = (claim for name, tap in self._taps.items() for claim in self._claims_in(name, tap.so_far()))
+        return [*self.record.claims, *running]
 
     def note_unstarted(self, run: ProcessRun, what: str) -> None:
         """Note that a program of the student's never began; `blame_unstarted` says in the end whose doing that is."""

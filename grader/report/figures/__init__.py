@@ -9,6 +9,7 @@ from pathlib import Path
 from grader.evidence.recorded import Recorded
 from grader.lab.rubric import FigureSpec
 from grader.report.figures.graph import Calls, QosTable
+from grader.report.figures.link import Link
 from grader.report.figures.plan import PlanTree
 from grader.report.figures.posture import Posture
 from grader.report.figures.svg import Figure, FigureKind
@@ -26,6 +27,7 @@ FIGURES: Mapping[str, type[FigureKind]] = {
     "qos_table": QosTable,
     "latency": Latency,
     "posture": Posture,
+    "link": Link,
 }
 
 

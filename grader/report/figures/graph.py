@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from markupsafe import Markup
 
 from grader.evidence.recorded import Recorded
 from grader.lab import references as ref
-from grader.recording.session import Endpoint
+from grader.recording.session import Endpoint, asked_for, completed
 from grader.report.escape import line
 from grader.report.figures.svg import SINCE, Figure, FigureKind, duration, frame_in, padded, rule, tag, text
 from grader.report.views import fields, literal
@@ -119,18 +119,12 @@ class QosTable(FigureKind):
 
 
 def _qos_row(endpoint: Endpoint, recorded: Recorded) -> dict[str, Any]:
-    # Of several claims that of the same node.
-    node, claims = endpoint.node.rsplit("/", 1)[-1], recorded.claims_of(endpoint.kind, endpoint.topic)
-    claim = next(iter([c for c in claims if c.node.rsplit("/", 1)[-1] == node] or claims), None)
-    seen = endpoint.qos
-    if claim is not None and claim.qos is not None:
-        history = claim.qos.history if seen.history == "unknown" else seen.history
-        seen = replace(seen, history=history, depth=seen.depth or claim.qos.depth)
+    claim = asked_for(endpoint, recorded.record.claims)
     inside = claim is not None and claim.file and not claim.file.startswith("/")
     return {
         "topic": endpoint.topic,
         "kind": endpoint.kind,
-        "qos": seen,
+        "qos": completed(endpoint.qos, claim),
         "where": f"{claim.file}:{claim.line}" if claim is not None and inside else "",
         "messages": len(recorded.bag.stream(endpoint.topic)),
     }

@@ -138,9 +138,7 @@ def _caption(motion: Motion, unit_m: float) -> str:
     if not len(motion.ghost):
         return "No command reached it in this recording."
     at_s, off_m = motion.times_ms[motion.still] / 1000, float(motion.off.max()) * unit_m
-    return (
-        f"The picture shows {at_s:.2f} s, when the tip is farthest from where it is commanded to be: {_length(off_m)}."
-    )
+    return f"At {at_s:.2f} s the tip is farthest from where it is commanded to be: {_length(off_m)}."
 
 
 def _length(length_m: float) -> str:

@@ -1,0 +1,218 @@
+"""The two ends of a link that loses and delays: one publishes with profiles as they were offered, one subscribes.
+
+Each is a program that `grader.live.session.link` starts on its side of the link. An end writes lines of JSON to its
+standard output, and goes on by lines on its standard input. What it measures is measured here, by the
+trusted side; the profiles alone are the student's.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import sys
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.node import Node
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
+from rclpy.serialization import serialize_message
+from rclpy.subscription import Subscription
+
+from grader.live.ros_node.graph import interface_named, new_context, silent_node
+from grader.recording.link import LinkPlan
+from grader.recording.session import Qos
+
+#: How long the ends may take to find each other, and to know of it on both sides.
+_MATCH_S, _KNOWN_S = 3.0, 0.1
+_LOOK_S = 0.01
+_WAIT_NS = 20_000_000
+#: More than are sent: a longer queue would take memory and change nothing.
+_DEEPEST = 2000
+_READ_BYTES = 4096
+
+
+def profile_of(qos: Qos | None) -> QoSProfile:
+    """Return the profile of a recorded one; where history or depth are not known, those of most nodes."""
+    assert qos is not None
+    known = qos.history in ("keep_last", "keep_all")
+    more: dict[str, Any] = {
+        name: Duration(nanoseconds=value)
+        for name, value in (
+            ("deadline", qos.deadline_ns),
+            ("lifespan", qos.lifespan_ns),
+            ("liveliness_lease_duration", qos.liveliness_lease_ns),
+        )
+        if value is not None
+    }
+    if qos.liveliness in ("automatic", "manual_by_topic"):
+        more["liveliness"] = LivelinessPolicy[qos.liveliness.upper()]
+    return QoSProfile(
+        reliability=ReliabilityPolicy[qos.reliability.upper()],
+        durability=DurabilityPolicy[qos.durability.upper()],
+        history=HistoryPolicy[qos.history.upper()] if known else HistoryPolicy.KEEP_LAST,
+        depth=min(qos.depth, _DEEPEST) if known else 10,
+        **more,
+    )
+
+
+def _name(number: int, level: int) -> str:
+    return f"/link/topic_{number}/level_{level}"
+
+
+def _say(*what: object) -> None:
+    print(json.dumps(what), flush=True)
+
+
+@contextmanager
+def _node(name: str) -> Iterator[Node]:
+    context = new_context(0)
+    node = silent_node(name, context)
+    try:
+        yield node
+    finally:
+        node.destroy_node()
+        context.try_shutdown()
+
+
+# -- the end that sends ----------------------------------------------------------------------------
+
+
+def send(plan: LinkPlan) -> None:
+    """Publish each topic; says when a level begins and how many messages were sent, and goes on when it is asked to."""
+    with _node("link_sender") as node:
+        messages = [serialize_message(interface_named(topic.type)()) for topic in plan.topics]
+        publishers = [
+            [
+                node.create_publisher(interface_named(topic.type), _name(number, level), profile_of(topic.offered))
+                for number, topic in enumerate(plan.topics)
+            ]
+            for level in range(len(plan.loss))
+        ]
+        compatible = [
+            qos_check_compatible(profile_of(t.offered), profile_of(t.requested))[0] != QoSCompatibility.ERROR
+            for t in plan.topics
+        ]
+        end_s = time.monotonic() + _MATCH_S
+        while time.monotonic() < end_s and not all(
+            publisher.get_subscription_count() or not fits
+            for row in publishers
+            for publisher, fits in zip(row, compatible, strict=True)
+        ):
+            time.sleep(_LOOK_S)
+        time.sleep(_KNOWN_S)
+        for level, row in enumerate(publishers):
+            _say("begin", level)
+            _say("sent", level, _publish(list(zip(row, messages, strict=True)), plan.rate_hz, plan.duration_s))
+            if not sys.stdin.readline():
+                return
+        _say("done")
+        sys.stdin.readline()  # What was published last is there for who asks again.
+
+
+def _publish(each: Sequence[tuple[Any, bytes]], rate_hz: float, duration_s: float) -> int:
+    """Publish a message on each topic at a rate, and return how many on each; as a timer does, missed ones are left."""
+    due_s = time.monotonic()
+    end_s, count = due_s + duration_s, 0
+    while due_s < end_s:
+        for publisher, message in each:
+            publisher.publish(message)
+        count += 1
+        now_s = time.monotonic()
+        due_s += (max(0, (now_s - due_s) * rate_hz) // 1 + 1) / rate_hz
+        time.sleep(max(0.0, due_s - now_s))
+    return count
+
+
+# -- the end that receives -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, eq=False)
+class _Reader:
+    """A subscription, with what it has received: publication sequence number and latency in µs of each message."""
+
+    handle: Any
+    message_type: type
+    subscription: Subscription
+    number: int
+    level: int
+    late: bool
+    received: list[tuple[int, int]] = field(default_factory=list)
+
+    def take(self) -> None:
+        """Take what has come."""
+        while (message := self.handle.take_message(self.message_type, True)) is not None:
+            info: Mapping[str, int] = message[1]
+            latency_ns = time.time_ns() - info["source_timestamp"]
+            self.received.append((info["publication_sequence_number"], latency_ns // 1000))
+
+
+class _Receiver:
+    """All subscriptions, in one set that is waited for: rclpy's executors take thirty times as long for a message."""
+
+    def __init__(self, node: Node, plan: LinkPlan) -> None:
+        self._node, self._plan = node, plan
+        self.readers: list[_Reader] = []
+        for level in range(len(plan.loss)):
+            self.join(level, late=False)
+
+    def join(self, level: int, *, late: bool) -> None:
+        """Subscribe to all topics of a level."""
+        for number, topic in enumerate(self._plan.topics):
+            kind = interface_named(topic.type)
+            made = self._node.create_subscription(
+                kind, _name(number, level), lambda message: None, profile_of(topic.requested), raw=True
+            )
+            self.readers.append(_Reader(made.handle, kind, made, number, level, late))
+        context = self._node.context.handle
+        self._set = rclpy_implementation.WaitSet(len(self.readers), 0, 0, 0, 0, 0, context)
+
+    def wait(self) -> None:
+        """Wait for messages, and take them."""
+        self._set.clear_entities()
+        for reader in self.readers:
+            self._set.add_subscription(reader.handle)
+        self._set.wait(_WAIT_NS)
+        for reader in self.readers:
+            reader.take()
+
+    def received(self) -> list[list[dict[str, Any]]]:
+        """Return for each topic and level what came, and what came to each subscription that joined late."""
+        found: list[list[dict[str, Any]]] = [[{"late": []} for _ in self._plan.loss] for _ in self._plan.topics]
+        for reader in self.readers:
+            here = found[reader.number][reader.level]
+            if reader.late:
+                here["late"].append([number for number, _ in reader.received])
+            else:
+                here["received"] = reader.received
+        return found
+
+
+def receive(plan: LinkPlan) -> None:
+    """Subscribe to each topic until the input ends; a number in it is a level to which it subscribes once more."""
+    with _node("link_receiver") as node:
+        receiver = _Receiver(node, plan)
+        commands = select.poll()
+        commands.register(0, select.POLLIN)
+        while True:
+            receiver.wait()
+            if commands.poll(0):
+                words = os.read(0, _READ_BYTES).split()
+                if not words:
+                    break
+                for word in words:
+                    receiver.join(int(word), late=True)
+        _say("received", receiver.received())

@@ -1,0 +1,279 @@
+"""A link that loses and delays packets, between two programs of the grader's that use a student's QoS profiles.
+
+Each of the two has a network of its own, with loopback alone, in which this process stands for the other: it has the
+ports that the other has, and what comes to one of them it sends on into the other network, late or not at all. So it
+takes no privilege that a sandbox does not have, and all of it is gone when the processes are. Discovery passes as it
+is: what is to be seen is what profiles do with data, and with what acknowledges data.
+
+References
+----------
+DDSI-RTPS 2.5, section 9.6.2: which ports participants have. A participant of Fast DDS that finds those of the first
+taken has those of the second.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import heapq
+import itertools
+import json
+import os
+import random
+import resource
+import selectors
+import socket
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import IO, Any
+
+from grader.live.process.forked import Program, become
+from grader.live.process.process import RunningProcess
+from grader.live.sandbox.namespaces import bring_loopback_up, enter_own_network
+from grader.recording.link import Crossing, LinkedTopic, LinkPlan, LinkResult
+from grader.recording.session import Claim, Endpoint, ProcessRun, StepRun, asked_for, completed
+
+#: Ports of discovery and of data, of a domain's first participant and of its second; and where all announce themselves.
+_FIRST, _SECOND = (7410, 7411), (7412, 7413)
+_ANNOUNCED, _EVERYBODY, _HERE = 7400, "239.255.0.1", "127.0.0.1"
+_BUFFER_BYTES, _LARGEST_BYTES = 2**20, 2**16
+#: After the last message of a level so many subscriptions join, one after another, and then it ends.
+_LATE, _FIRST_LATE_S, _LATE_EACH_S, _LATE_END_S = 4, 0.1, 0.15, 1.0
+#: How long the student's endpoints, and what they were asked for, may take to be known.
+_KNOWN_S, _LOOK_S = 1.0, 0.02
+#: Address space of each of its processes.
+_TRUSTED_BYTES = 3 * 1024**3
+_MEANS = "a relay of the grader's between two networks"
+
+
+# -- the link itself -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Way:
+    """From a socket that stands for the far end, to the far end itself."""
+
+    near: socket.socket
+    onward: socket.socket
+    port: int
+    lossy: bool
+
+
+class _End:
+    """A program on its side of the link, with the sockets that stand there for the other side's."""
+
+    def __init__(self, ports: tuple[int, int], others: tuple[int, int], main: Callable[[], object], name: str) -> None:
+        enter_own_network()
+        bring_loopback_up()
+        self.ports = ports
+        # The ports of discovery, of data, and of announcements to all.
+        self.sockets = [_bound(_HERE, port) for port in others] + [_bound(_EVERYBODY, _ANNOUNCED)]
+        (stdin, to_it), (from_it, stdout) = os.pipe(), os.pipe()
+        parent = os.getpid()
+        if os.fork() == 0:
+            become(Program(name, main, dict(os.environ)), parent, (stdin, stdout, 2))
+        os.close(stdin)
+        os.close(stdout)
+        self.lines: IO[bytes] = os.fdopen(from_it, "rb")
+        self._to_it = to_it
+
+    def write(self, word: str) -> None:
+        """Write it a line."""
+        with suppress(BrokenPipeError):
+            os.write(self._to_it, f"{word}\n".encode())
+
+    def end(self) -> None:
+        """Let it know that there is no more."""
+        os.close(self._to_it)
+
+    def ways(self, far: _End) -> list[_Way]:
+        """Return the ways from here to the other end."""
+        discovery, data = far.ports
+        ports = (discovery, data, discovery)
+        onward = (far.sockets[0], far.sockets[1], far.sockets[0])
+        return [_Way(s, o, port, port == data) for s, o, port in zip(self.sockets, onward, ports, strict=True)]
+
+
+def _bound(address: str, port: int) -> socket.socket:
+    made = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+    made.setblocking(False)
+    if address == _EVERYBODY:
+        made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        group = socket.inet_aton(_EVERYBODY) + socket.inet_aton(_HERE)
+        made.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, group)
+    made.bind((address, port))
+    return made
+
+
+class _Relay:
+    """Carries packets between two ends, and what the one says to the other: when a level begins, and when it ends."""
+
+    def __init__(self, sender: _End, receiver: _End, loss: Sequence[float], delay_s: float, seed: int) -> None:
+        self._sender, self._receiver = sender, receiver
+        self._loss, self._delay_s = loss, delay_s
+        self._losing = 0.0
+        self._random = random.Random(seed)
+        self._order = itertools.count()
+        #: What is to be done at a time: (when, number, what).
+        self._due: list[tuple[float, int, Callable[[], object]]] = []
+        self._sent = [0] * len(loss)
+        self._received: Any = None
+        #: By how much each packet was later than it was to be.
+        self.late_s: list[float] = []
+
+    def run(self) -> tuple[list[int], Any]:
+        """Carry until all levels are through; return how many messages were sent in each, and what was received."""
+        with selectors.EpollSelector() as selector:
+            for way in (*self._sender.ways(self._receiver), *self._receiver.ways(self._sender)):
+                selector.register(way.near, selectors.EVENT_READ, partial(self._carry, way))
+            for end in (self._sender, self._receiver):
+                selector.register(end.lines, selectors.EVENT_READ, partial(self._hear, end))
+            while self._received is None:
+                left_s = self._due[0][0] - time.monotonic() if self._due else None
+                for key, _ in selector.select(left_s if left_s is None else max(0.0, left_s)):
+                    key.data()
+                while self._due and self._due[0][0] <= time.monotonic():
+                    heapq.heappop(self._due)[2]()
+        return self._sent, self._received
+
+    def _after(self, seconds: float, action: Callable[[], object]) -> None:
+        heapq.heappush(self._due, (time.monotonic() + seconds, next(self._order), action))
+
+    def _carry(self, way: _Way) -> None:
+        with suppress(BlockingIOError):
+            while True:
+                packet = way.near.recv(_LARGEST_BYTES)
+                if not way.lossy:
+                    _pass_on(way, packet)
+                elif self._random.random() >= self._losing:
+                    due_s = time.monotonic() + self._delay_s
+                    self._after(self._delay_s, partial(self._pass_late, way, packet, due_s))
+
+    def _pass_late(self, way: _Way, packet: bytes, due_s: float) -> None:
+        self.late_s.append(time.monotonic() - due_s)
+        _pass_on(way, packet)
+
+    def _hear(self, end: _End) -> None:
+        line = end.lines.readline()
+        if not line:
+            raise RuntimeError("an end of the link has ended")
+        kind, *what = json.loads(line)
+        if kind == "begin":
+            self._losing = self._loss[what[0]]
+            print(json.dumps({"begun": what[0]}), flush=True)
+        elif kind == "sent":
+            level, self._sent[what[0]] = what
+            for number in range(_LATE):
+                join = partial(self._receiver.write, str(level))
+                self._after(_FIRST_LATE_S + number * _LATE_EACH_S, join)
+            self._after(_LATE_END_S, partial(self._sender.write, "go on"))
+        elif kind == "done":
+            self._receiver.end()
+        else:
+            (self._received,) = what
+
+
+def _pass_on(way: _Way, packet: bytes) -> None:
+    with suppress(OSError):  # Nobody has that port yet, or any more.
+        way.onward.sendto(packet, (_HERE, way.port))
+
+
+def carry(plan: LinkPlan, delay_s: float, seed: int) -> None:
+    """Be the link, and start its two ends; prints lines of JSON: that a level begins, and last what came of it."""
+    from grader.live.ros_node import link_end
+
+    receiver = _End(_SECOND, _FIRST, partial(link_end.receive, plan), "link-receiver")
+    sender = _End(_FIRST, _SECOND, partial(link_end.send, plan), "link-sender")
+    relay = _Relay(sender, receiver, plan.loss, delay_s, seed)
+    sent, received = relay.run()
+    sender.end()
+    for _ in range(2):
+        os.wait()
+    used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    cpu_s = sum(each.ru_utime + each.ru_stime for each in used)
+    late_ms = 1e3 * sorted(relay.late_s)[int(0.95 * len(relay.late_s))] if relay.late_s else 0.0
+    found = {"sent": sent, "received": received, "cpu_s": round(cpu_s, 3), "late_ms": round(late_ms, 2)}
+    print(json.dumps(found), flush=True)
+
+
+# -- beside a session ------------------------------------------------------------------------------
+
+
+class Link:
+    """The link of a step, which goes on beside the steps that follow.
+
+    `endpoints` and `claims` give what of the student's is in the graph, and what it asked rclpy for, until now; `names`
+    are those that the student used for the rubric's.
+    """
+
+    def __init__(
+        self,
+        step: StepRun,
+        endpoints: Callable[[], Iterable[Endpoint]],
+        claims: Callable[[], Sequence[Claim]],
+        names: Mapping[str, str],
+    ) -> None:
+        self._step, self._endpoints, self._claims, self._names = step, endpoints, claims, names
+        self.result = LinkResult(delay_ms=float(step.parameters["delay_ms"]), means=_MEANS)
+
+    async def run(self, seed: int, environment: Mapping[str, str]) -> ProcessRun:
+        """Carry the topics that have two sides; what came of it stands in the step in the end, with when it ended."""
+        run = ProcessRun("link", "grader", ["python", "-m", __name__])
+        end_s = time.monotonic() + _KNOWN_S
+        while not (known := self._look()) and time.monotonic() < end_s:
+            await asyncio.sleep(_LOOK_S)
+        carried = [topic for topic in self.result.topics if topic.offered is not None and topic.requested is not None]
+        if carried:
+            await self._carry(run, carried, seed, environment)
+        elif not known:
+            self.result.problem = "none of the topics has both a publisher and a subscription of the student's"
+        self._step.outcome = "failed" if self.result.problem else "done"
+        self._step.result, self._step.ended_ns = asdict(self.result), time.time_ns()
+        return run
+
+    def _look(self) -> bool:
+        """Note the profiles of both sides of each topic, and say whether all of them are known."""
+        endpoints, claims = list(self._endpoints()), self._claims()
+        self.result.topics = []
+        known = []
+        for name in self._step.parameters["topics"]:
+            linked = LinkedTopic(name, self._names.get(name, name))
+            self.result.topics.append(linked)
+            for kind, side in (("publisher", "offered"), ("subscription", "requested")):
+                found = next((e for e in endpoints if (e.kind, e.topic) == (kind, linked.topic)), None)
+                claim = asked_for(found, claims) if found is not None else None
+                known.append(claim is not None)
+                if found is not None:
+                    linked.type = linked.type or found.type
+                    setattr(linked, side, completed(found.qos, claim))
+        return all(known)
+
+    async def _carry(
+        self, run: ProcessRun, carried: Sequence[LinkedTopic], seed: int, environment: Mapping[str, str]
+    ) -> None:
+        parameters, said = self._step.parameters, list[bytes]()
+        loss = [float(share) for share in parameters["loss"]]
+        plan = LinkPlan(carried, loss, float(parameters["rate_hz"]), float(parameters["duration_s"]))
+        main = partial(carry, plan, self.result.delay_ms / 1e3, seed)
+
+        def hear(line: bytes) -> None:
+            said.append(line)
+            running.put_standing()  # Now its timing counts; nobody else can give it work, so that it needs no watch.
+
+        running = await RunningProcess.fork(run, Program("link", main, environment, _TRUSTED_BYTES), on_message=hear)
+        try:
+            await asyncio.wait({running.exited})
+        finally:
+            await running.kill()
+        found = json.loads(said[-1]) if said else {}
+        if "received" not in found:
+            last = run.output[-1].text if run.output else "nothing was said"
+            self.result.problem = f"the link ended early: {last}"
+            return
+        self.result.cpu_s, self.result.late_ms = found["cpu_s"], found["late_ms"]
+        for topic, levels in zip(carried, found["received"], strict=True):
+            each = zip(loss, found["sent"], levels, strict=True)
+            topic.crossings = [Crossing(share, sent, **level) for share, sent, level in each]

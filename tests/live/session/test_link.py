@@ -1,0 +1,143 @@
+"""The link that loses and delays: what profiles do on it, that a student's are the ones, and that nothing stays."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+ROOT = Path(__file__).parents[3]
+sys.path.append(str(ROOT))
+
+from grader.live.sandbox.probing import probe_isolation  # noqa: E402
+from grader.recording.link import LinkedTopic, LinkResult  # noqa: E402
+from grader.recording.record import from_plain  # noqa: E402
+from grader.recording.session import SessionRecord, read_session  # noqa: E402
+from tests.live.small_lab import TEXT, make_lab, record_one  # noqa: E402
+from tests.live.test_attacks import Environment, run_in  # noqa: E402
+
+pytestmark = pytest.mark.live
+
+#: Three topics, of which the last has sides that are incompatible, and one to which nothing subscribes.
+TOOL = """
+import rclpy
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from std_msgs.msg import String
+
+LOSSY = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+KEPT = QoSProfile(depth=1, history=HistoryPolicy.KEEP_ALL, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+rclpy.init()
+node = Node('node')
+for topic, offered, requested in (('/lossy', LOSSY, LOSSY), ('/kept', KEPT, KEPT), ('/split', LOSSY, KEPT)):
+    node.create_publisher(String, topic, offered)
+    node.create_subscription(String, topic, lambda message: None, requested)
+node.create_publisher(String, '/alone', LOSSY)
+try:
+    rclpy.spin(node)
+except KeyboardInterrupt:
+    rclpy.try_shutdown()
+"""
+STEPS: list[dict[str, Any]] = [
+    *({"wait_for": {"publisher": topic, "type": TEXT, "timeout_s": 20}} for topic in ("/lossy", "/kept", "/split")),
+    {
+        "link": {
+            "topics": ["/lossy", "/kept", "/split", "/alone"],
+            "loss": [0.1],
+            "delay_ms": 20,
+            "rate_hz": 100,
+            "duration_s": 1.5,
+        },
+        "label": "link",
+    },
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _confined() -> None:
+    """Skip where no sandboxes can be made."""
+    isolation = probe_isolation(Path(sys.executable))
+    if not isolation.namespaces:
+        pytest.skip(f"no sandboxes here: {isolation.remedy}")
+
+
+def linked(record: SessionRecord) -> tuple[LinkResult, dict[str, LinkedTopic]]:
+    """Return what a session's link found, and its topics by name."""
+    (step,) = (step for step in record.steps if step.kind == "link")
+    result = from_plain(LinkResult, step.result)
+    assert (step.outcome, result.problem) == ("done", "")
+    return result, {topic.name: topic for topic in result.topics}
+
+
+def require_what_profiles_promise(record: SessionRecord) -> None:
+    """Fail unless each profile did on the link what it is for."""
+    result, topics = linked(record)
+    (lossy,), (kept,), (split,) = (topics[name].crossings for name in ("/lossy", "/kept", "/split"))
+    # 10 % of 150 with five times its standard deviation; a queue this deep loses nothing to a busy machine.
+    assert 0.77 < len(lossy.received) / lossy.sent < 1
+    assert min(latency for _, latency in lossy.received) >= 20_000, "a packet was not delayed"
+    assert len(kept.received) >= 0.9 * kept.sent
+    assert [number for number, _ in kept.received] == [n + 1 for n in range(len(kept.received))]
+    assert max(latency for _, latency in kept.received) > 40_000, "nothing was sent again"
+    assert lossy.late == [[], [], [], []], "who joins late got what is not kept"
+    assert max(map(len, kept.late)) >= 0.9 * kept.sent, "nobody who joined late got what was kept"
+    assert (split.received, split.late) == ([], [[], [], [], []]), "incompatible sides are matched"
+    assert topics["/alone"].crossings == []
+    assert 0 < result.cpu_s < 3
+
+
+def recorded_in(environment: Environment, folder: Path) -> SessionRecord:
+    """Grade the tool by the command in an environment, and return the record; fails if anything stays behind."""
+    lab = make_lab(folder, {"node": TOOL}, {"only": [{"start": {"student": "node"}}, *STEPS]})
+    for name in ("home", "tmp", "results"):
+        (folder / name).mkdir()
+    for path in (folder, lab.rubric_file, lab.submission, *lab.submission.iterdir()):
+        path.chmod(0o755)
+    grade = [sys.executable, "-m", "grader.cli", str(lab.submission), "--lab", str(lab.rubric_file)]
+    remains, _ = run_in(environment, folder, [*grade, "-o", str(lab.results)], 120)
+    assert remains.exit_status == 0, remains.errors
+    assert (remains.processes, remains.mounts, [*(folder / "tmp").iterdir()]) == ([], [], [])
+    return read_session(lab.results / "submission" / "recordings" / "only")
+
+
+@pytest.mark.parametrize("environment", [Environment.USER, Environment.ROOT] if os.geteuid() == 0 else [None])
+def test_profiles_do_on_the_link_what_they_are_for(environment: Environment | None, tmp_path: Path) -> None:
+    """As root and as an ordinary user, with no process and no file left."""
+    record = recorded_in(environment or Environment.USER, tmp_path)
+    assert record.problems == []
+    require_what_profiles_promise(record)
+
+
+@pytest.mark.skipif(os.geteuid() != 0, reason="only root can take the means from a command that it starts")
+def test_where_there_are_no_networks_it_is_left_out(tmp_path: Path) -> None:
+    """As in a plain container: the step says why, and the rest of the session goes on."""
+    (found,) = (step for step in recorded_in(Environment.CONTAINER, tmp_path).steps if step.kind == "link")
+    assert found.outcome == "failed"
+    assert found.result["problem"] == "this machine gives a session no networks of its own"
+
+
+def test_the_profiles_are_the_students(tmp_path: Path) -> None:
+    """Reliability and durability as announced, history and depth as the running program asked for."""
+    step = {"link": {**STEPS[-1]["link"], "topics": ["/lossy", "/kept"], "duration_s": 0.1}, "label": "link"}
+    record = record_one(tmp_path, TOOL, [*STEPS[:-1], step]).record
+    offered = {name: topic.offered for name, topic in linked(record)[1].items() if topic.offered is not None}
+    policies = {name: (q.reliability, q.durability, q.history, q.depth) for name, q in offered.items()}
+    assert policies["/lossy"] == ("best_effort", "volatile", "keep_last", 50)
+    assert policies["/kept"][:3] == ("reliable", "transient_local", "keep_all")
+    # None of its nodes was seen in the session's graph, nor its messages: it has networks of its own.
+    assert all("link" not in name for graph in record.graph for name in graph.nodes)
+
+
+def test_without_topics_of_two_sides_the_step_says_so(tmp_path: Path) -> None:
+    """Nothing is carried, and the session goes on."""
+    step = {"link": {**STEPS[-1]["link"], "topics": ["/alone"]}, "label": "link"}
+    record = record_one(tmp_path, TOOL, [*STEPS[:-1], step]).record
+    (found,) = (step for step in record.steps if step.kind == "link")
+    assert found.outcome == "failed"
+    assert found.result["problem"].startswith("none of the topics has both a publisher and a subscription")
