@@ -114,7 +114,9 @@ def test_without_answers_it_fails_and_without_inputs_nothing_can_be_said(tmp_pat
 def test_what_answers_nothing_is_said_to(tmp_path: Path) -> None:
     """Messages came, but with other stamps."""
     session = answered(tmp_path, lambda n: None)
-    session.typed("/out", STAMPED, [stamped(100.0 + n / 20) for n in range(COUNT)], [1.0 + n / 20 for n in range(COUNT)])
+    session.typed(
+        "/out", STAMPED, [stamped(100.0 + n / 20) for n in range(COUNT)], [1.0 + n / 20 for n in range(COUNT)]
+    )
     finding = judged("message_latency", BY_STAMP, session)
     assert finding.outcome is Outcome.FAILED
     assert finding.reason == "No message on /out answers one on /in."

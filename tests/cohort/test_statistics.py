@@ -215,5 +215,5 @@ def test_numbers_that_nothing_measured_are_to_do() -> None:
     plain = result_of(TWO, [0, 1])
     plain["criteria"][0]["checks"][0]["unmeasured"] = "All counts are constants of its source."
     (todo,) = summarise([entry_of("a", plain), *entries_of(TWO, [1, 1])], TWO).todos
-    assert (todo.need, todo.row, todo.points, todo.check_id) == (Need.UNMEASURED, 0, 4, "a.first")
+    assert (todo.need, todo.row, todo.points, todo.check_id) == (Need.UNMEASURED, 0, Decimal(4), "a.first")
     assert todo.texts == ("All counts are constants of its source.",)
