@@ -329,7 +329,10 @@ criteria:
         points: 0
         session: alone
         check: transform_tree
-        with: {process: arm, frames: [{child: laser, parent: odom}], poses: [{frame: laser, within: odom, xyz: [1, 0, 0]}]}
+        with:
+          process: arm
+          frames: [{child: laser, parent: odom}]
+          poses: [{frame: laser, within: odom, xyz: [1, 0, 0]}]
     figures:
       - {kind: rate, title: Rate, session: alone, with: {topic: /chat, rate_hz: 10}}
 """
