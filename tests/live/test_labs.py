@@ -22,6 +22,8 @@ LABS = sorted(path.parent for path in (Path(__file__).parents[1] / "labs").glob(
 WRITTEN = sorted(path.parent for path in (ROOT / "labs").glob("*/rubric.yaml"))
 SUBMISSIONS = [(lab, name) for lab in WRITTEN for name in ("solution", *sorted(p.name for p in lab.glob("fixtures/*")))]
 CHOSEN = part(SUBMISSIONS, 15, os.environ.get("FIXTURES", "") == "all")
+#: So often one is graded at most, each time with the repetitions of a grading.
+MOST_GRADINGS = 2
 #: Types that the wheels of ROS lack, and which are built.
 BUILT = "tf2_msgs/"
 
@@ -36,10 +38,13 @@ def test_a_lab_is_complete_in_its_folder(lab: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("lab", "name"), CHOSEN, ids=[f"{lab.name} {name}" for lab, name in CHOSEN])
 def test_a_written_lab_gets_its_verdicts(lab: Path, name: str, tmp_path: Path) -> None:
-    """Its solution has all points, and a fixture loses what it should."""
+    """Its solution has all points, and a fixture loses what it should; what other work left undecided is tried again."""
     if (lab / "interfaces").is_dir() and (lacking := lacking_toolchain()):
         pytest.skip(f"not here: {lacking}")
-    run = grade("selftest", "--rubric", lab / "rubric.yaml", "--jobs", "1", name, cwd=tmp_path)
+    for _ in range(MOST_GRADINGS):
+        run = grade("selftest", "--rubric", lab / "rubric.yaml", "--jobs", "1", name, cwd=tmp_path)
+        if "1 undecided: the machine was too busy" not in run.stdout:
+            break
     assert run.returncode == 0, run.stdout + run.stderr
 
 
