@@ -38,7 +38,7 @@ def test_a_lab_is_complete_in_its_folder(lab: Path, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("lab", "name"), CHOSEN, ids=[f"{lab.name} {name}" for lab, name in CHOSEN])
 def test_a_written_lab_gets_its_verdicts(lab: Path, name: str, tmp_path: Path) -> None:
-    """Its solution has all points, and a fixture loses what it should; what other work left undecided is tried again."""
+    """The solution has all points, a fixture loses what it should; what other work left undecided is graded again."""
     if (lab / "interfaces").is_dir() and (lacking := lacking_toolchain()):
         pytest.skip(f"not here: {lacking}")
     for _ in range(MOST_GRADINGS):
