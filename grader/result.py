@@ -135,6 +135,8 @@ class Finding:
     unmeasured: str | None = None
     #: Whether a crash, an end or a limit of the program explains it better, if there was one.
     unexplained: bool = False
+    #: Whether nothing reaches the program for it, so that what depends on it cannot be tested, though it earns a part.
+    cut_off: bool = False
     #: Where it fails, and what depends on it was judged all the same: the share that those checks earn of their credit.
     rest: Decimal | None = None
 

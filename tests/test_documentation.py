@@ -26,7 +26,7 @@ from tests.documentation import PAGES, ROOT, blocks, command_lines, inline
 OTHERS = {"--privileged", "--security-opt", "--user", "--memory", "--cpus", "--nthreads", "--exclusive", "--strict"}
 OTHERS |= {"--scheduler-file", "--plain"}
 #: Folders of the repository; what is set as code and lies in one has to be there.
-FOLDERS = ("grader", "reference", "fixtures", "submissions", "ci", "docs", "bench", "tests", "tools")
+FOLDERS = ("grader", "reference", "fixtures", "submissions", "ci", "docs", "bench", "tests", "tools", "labs")
 _OPTION = re.compile(r"(?<![\w-])--?[a-zA-Z][a-z-]*")
 
 named = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from grader.checks.launch import parameter_line
 from grader.evidence import environment_gap
 from grader.evidence.crash import diagnosis
+from grader.evidence.near_miss import likeness
 from grader.evidence.text import markup, printed, prose, result_rows, source, words
 from grader.judging.rubrics import read_rubric
 from grader.lab.patterns import Budget, patterns_bounded, search
 from grader.live.launch import parameter_text
-from grader.live.ros_node.near_miss import likeness
 from grader.recording.session import OutputLine
 from grader.report.escape import shown
 from grader.submission.file_names import UnfitError, clean_parts, displayed

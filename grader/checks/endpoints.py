@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from pydantic import Field
 
@@ -77,6 +78,17 @@ def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
     return None
 
 
+def unheard(context: Context, topic: str) -> str | None:
+    """Return the policy for which none of the student's subscriptions hears the grader's own publishers, or None.
+
+    None too where one side is not there.
+    """
+    offers = [e for e in context.session.endpoints_on(topic, "publisher") if e.node in context.reference_nodes]
+    requests = student_endpoints(context, topic, "subscription")
+    found = [clash(requested, offer.qos) for requested in requests for offer in offers]
+    return found[0] if found and all(found) else None
+
+
 def claim_of(context: Context, kind: str, name: str) -> Claim | None:
     """Return the first call by which the student's node asked for an endpoint, by the tap."""
     return next(iter(context.session.claims_of(kind, name)), None)
@@ -121,4 +133,5 @@ def qos_as_wanted(context: Context, p: QosWanted, kind: str, verb: str) -> Findi
     measured = f"{verb} {qos.reliability.upper()}, {qos.durability.upper()}"
     measured += f", depth {asked.depth} in the source" if asked is not None else ""
     where = (*claimed_at(claim), context.location(p.topic))
-    return graded(1 - len(wrong) / max(1, len(wanted)), expected, measured, reason, where=where, notes=notes)
+    finding = graded(1 - len(wrong) / max(1, len(wanted)), expected, measured, reason, where=where, notes=notes)
+    return replace(finding, cut_off=bool(wrong) and kind == "subscription" and unheard(context, p.topic) is not None)

@@ -128,6 +128,11 @@ class _Compared:
     wanted: int
     missing: int
 
+    @property
+    def right_ones(self) -> int:
+        """How many messages are right."""
+        return int((self.excess <= 0).sum())
+
 
 def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
     """Judge the share of right messages among those that came, and those that should have come."""
@@ -185,10 +190,14 @@ def _judged(context: Context, p: TopicEqualsOracle, found: _Compared, odd: int) 
 def _unsent(context: Context, p: TopicEqualsOracle, found: _Compared) -> int:
     """Return how many messages the recorder may have missed, or the node for the machine's delays."""
     timing = timing_of(context.session.stream(p.topic), p.span(context))
+    return (timing.lost if timing is not None else 0) + _unheard(context, p, found.wanted)
+
+
+def _unheard(context: Context, p: TopicEqualsOracle, wanted: int) -> int:
+    """Return how many of the messages that were to be answered the node may not have got for the machine's delays."""
     topics = [each.topic for each in p.streams.values()]
     times = max((context.session.stream(topic).source_ns for topic in topics), key=len)
-    lost = lost_share(context, context.session.students, topics, times)
-    return (timing.lost if timing is not None else 0) + int(np.ceil(lost * found.wanted))
+    return int(np.ceil(lost_share(context, context.session.students, topics, times) * wanted))
 
 
 def _old(context: Context, p: TopicEqualsOracle, found: _Compared) -> int:
@@ -236,14 +245,43 @@ def _in_order(context: Context, p: TopicEqualsOracle, published: NumericStream, 
     counted = published.sequence - stream.sequence.min()
     begun_ns = min(int(stream.source_ns.min()), int(wanted.times_ns[asked].min()) + LATE_NS)
     missed = int((wanted.times_ns[asked] <= begun_ns).sum())
-    tried = []
-    for start in range(min(max(missed, 1), _MOST_MISSED)):
-        places = np.where(counted + start < len(asked), asked[np.minimum(counted + start, len(asked) - 1)], -1)
-        tried.append(_by_place(context, p, published, wanted, places))
-    return max(tried, key=lambda found: int((found.excess <= 0).sum()))
+
+    def after(skipped: Integers | int) -> _Compared:
+        row = counted + skipped
+        places = np.where(row < len(asked), asked[np.minimum(row, len(asked) - 1)], -1)
+        return _by_place(context, p, published, wanted, places)
+
+    starts = [after(start) for start in range(min(max(missed, 1), _MOST_MISSED))]
+    start = int(np.argmax([found.right_ones for found in starts]))
+    unheard = min(_unheard(context, p, len(asked)), _MOST_MISSED)
+    if not unheard or starts[start].right_ones == len(counted):
+        return starts[start]
+    later = [starts[start], *(after(start + more) for more in range(1, unheard + 1))]
+    return after(start + _skipped(np.array([found.excess <= 0 for found in later])))
 
 
-#: So many messages a node may miss before it listens, at most.
+def _skipped(right: Booleans) -> Integers:
+    """Return how many rows were skipped before each message, by which of them are right after so many: the most are.
+
+    What was skipped once stays so: the count never falls.
+    """
+    most, counts = right.shape
+    whole = np.zeros(most, dtype=np.int64)
+    before = np.zeros((counts, most), dtype=np.int64)
+    for n in range(counts):
+        best = np.maximum.accumulate(whole)
+        # Where the best count so far was reached, of those that skip no more than this one.
+        before[n] = np.maximum.accumulate(np.where(whole == best, np.arange(most), 0))
+        whole = whole[before[n]] + right[:, n]
+    found = np.empty(counts, dtype=np.int64)
+    last = int(np.argmax(whole))
+    for n in reversed(range(counts)):
+        found[n] = last
+        last = before[n, last]
+    return found
+
+
+#: So many messages a node may miss, before it listens or for the machine's delays, at most.
 _MOST_MISSED = 500
 
 

@@ -108,7 +108,7 @@ def unseen(context: Context, p: Any, finding: Finding, kinds: Sequence[str]) -> 
 
     Then the discovery failed, or the program forged its request: both leave open what it would have done.
     """
-    for kind, wanted in itertools.product(kinds, _wanted(p)):
+    for kind, wanted in itertools.product(kinds, wanted_by(p)):
         used = context.session.used(wanted[_NAMED_BY[kind]])
         claims = [] if _is_in_graph(context, kind, used) else context.session.record.claims
         sought = ("node", used) if kind == "node" else (kind, used.lstrip("/"))
@@ -126,7 +126,7 @@ def unseen(context: Context, p: Any, finding: Finding, kinds: Sequence[str]) -> 
 _NAMED_BY = {"publisher": "topic", "subscription": "topic", "service": "service", "action": "action", "node": "node"}
 
 
-def _wanted(p: Any) -> list[dict[str, Any]]:
+def wanted_by(p: Any) -> list[dict[str, Any]]:
     """Return what each of several parts asks for, or the check itself."""
     plain = p.model_dump()
     return next((list(plain[name]) for name in ("topics", "nodes", "profiles") if name in plain), [plain])

@@ -48,7 +48,7 @@ class Signal(NumbersOf):
 
 
 class SignalProperty(InWindow):
-    """A property of signals holds, in signal temporal logic, e.g. always(implies(near < 1, eventually[0, 2](v < 0.1))).
+    """A property of signals in signal temporal logic holds, as always(implies(near < 1, eventually[0, 2](v < 0.1))).
 
     Its robustness earns credit: by how much it holds, or misses, in the unit of what is compared. It is that from the
     window's start on, or from the first message of the signal that begins last.

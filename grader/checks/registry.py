@@ -6,7 +6,7 @@ of points.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, get_type_hints
@@ -35,7 +35,15 @@ from grader.checks import (
 )
 from grader.checks.base import Context, undecided
 from grader.checks.own import find_own
-from grader.checks.preconditions import clock_set, explained, missing_artifact, not_assessable_here, proof, unseen
+from grader.checks.preconditions import (
+    clock_set,
+    explained,
+    missing_artifact,
+    not_assessable_here,
+    proof,
+    unseen,
+    wanted_by,
+)
 from grader.lab.lab_code import is_own
 from grader.lab.references import Parameters
 from grader.result import Finding, Outcome
@@ -59,6 +67,13 @@ class Check:
         """The model of its parameters, which its function names."""
         model: type[Parameters] = get_type_hints(self.find)["p"]
         return model
+
+    def topics_sought(self, p: BaseModel) -> Iterator[tuple[str, str, str]]:
+        """Return kind, name and type of the endpoints that have to be in the graph, as far as these are of topics."""
+        for kind in self.seeks:
+            for each in wanted_by(p):
+                if kind in ("publisher", "subscription") and each.keys() >= {"topic", "type"}:
+                    yield kind, each["topic"], each["type"]
 
     def judge(self, context: Context, p: BaseModel) -> Finding:
         """Judge one session or submission.

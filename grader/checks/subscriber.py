@@ -34,6 +34,7 @@ from grader.checks.endpoints import (
     clash,
     qos_as_wanted,
     student_endpoints,
+    unheard,
 )
 from grader.evidence.cpu_delay import Span
 from grader.evidence.flakiness import flaky_end
@@ -77,7 +78,8 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     parts = [_judge_subscription(context, p, wanted, each) for wanted, each in endpoints.items()]
     least = min(part.share for part in parts)
     parts = [replace(part, share=least) for part in parts]
-    return of_parts(expected, parts, costs=p.node_faults(p.node, nodes), where=(context.location(),))
+    finding = of_parts(expected, parts, costs=p.node_faults(p.node, nodes), where=(context.location(),))
+    return replace(finding, cut_off=any(unheard(context, wanted.topic) for wanted in p.topics))
 
 
 def _judge_subscription(
@@ -89,7 +91,7 @@ def _judge_subscription(
     used = context.session.used(wanted.topic)
     endpoint = next((e for e in endpoints if e.type == wanted.type), endpoints[0])
     wrong = p.faults("topic", (wanted.topic, wanted.type), (used, endpoint.type), [endpoint.node])
-    if (policy := clash(endpoint, p.offered)) is not None:
+    if (policy := clash(endpoint, p.offered) or unheard(context, wanted.topic)) is not None:
         arrives = "so no message would arrive from the lab's publisher."
         wrong.append((p.incompatible_costs, f"On {used} the two sides are incompatible in {policy}, {arrives}"))
     weaker = p.reliability == "reliable" and any(e.qos.reliability == "best_effort" for e in endpoints)

@@ -48,7 +48,7 @@ from grader.result import Finding
 class WantedFrame(Parameters):
     """A frame with its parent."""
 
-    child: str = Field(description="Name of the frame, without a leading slash.")
+    child: ref.GivenName = Field(description="Name of the frame, without a leading slash.")
     parent: str
     static: bool = Field(False, description="It is sent once, on the topic of static transforms.")
     rate_hz: float | None = Field(None, gt=0, description="How often it is sent.")
@@ -57,8 +57,8 @@ class WantedFrame(Parameters):
 class WantedPose(Parameters):
     """Where a frame lies in another, by numbers or by an oracle."""
 
-    frame: str
-    within: str = Field(description="The frame in which it lies.")
+    frame: ref.GivenName
+    within: ref.GivenName = Field(description="The frame in which it lies.")
     xyz: tuple[float, float, float] | None = Field(None, description="Position in m.")
     rpy: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="Roll, pitch and yaw in rad, as in URDF.")
     oracle: ref.Loadable | None = Field(

@@ -24,12 +24,13 @@ from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.flakiness import inconclusive_reason, may_be_flaky
 from grader.evidence.gaps import describe_gap, dropped, gaps_by_student, limits_hit
 from grader.evidence.integrity import tampering_in
+from grader.evidence.near_miss import Candidate, near_miss
 from grader.evidence.recorded import Recorded
 from grader.judging.score import score_criteria, total
 from grader.lab.kept_lab import identity_of
 from grader.lab.patterns import NOTE, patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
-from grader.recording.session import SESSION_FILE
+from grader.recording.session import SESSION_FILE, STANDARD_TOPICS
 from grader.recording.submission import SubmissionRecord, read_submission
 from grader.result import CriterionResult, Finding, Outcome, Provenance, Result, SessionProvenance, Violation
 
@@ -73,9 +74,28 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
                 location=str(folder / name),
                 remedy=f"It may be of another version. ({problem})",
             ) from problem
+        recorded.record.names.update(_names_not_awaited(recorded, rubric))
         sessions[name] = recorded
         problems += [f"{name}: {fault}" for fault in _faults(recorded)]
     return Recordings(submission, sessions, tuple(problems))
+
+
+def _names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
+    """Return the names that a student used for topics which checks seek, where no step waited for one and found it."""
+    record, references = recorded.record, [reference.node for reference in rubric.reference.values()]
+    checks = [spec for spec in rubric.checks() if spec.session == record.session]
+    sought = {each for spec in checks for each in check_named(spec.check).topics_sought(spec.parameters)}
+    waited = {(key, name) for step in record.steps if step.kind == "wait_for" for key, name in step.parameters.items()}
+    theirs = [e for e in recorded.endpoints if e.node not in references and e.topic not in STANDARD_TOPICS]
+    taken = {*(name for _, name, _ in sought), *recorded.awaited, *record.names.values()}
+    found: dict[str, str] = {}
+    for kind, name, topic_type in sorted(sought):
+        there = [Candidate(e.topic, e.type) for e in theirs if e.kind == kind]
+        if (kind, name) in waited or recorded.used(name) in {c.name for c in there}:
+            continue
+        if guess := near_miss(name, topic_type, [c for c in there if c.name not in {*taken, *found.values()}]):
+            found[name] = guess.name
+    return found
 
 
 def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ...]:
@@ -176,7 +196,8 @@ def _judge(spec: CheckSpec, context: Context, rubric: Rubric, violations: Sequen
 def _blocked(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -> Finding | None:
     """Pass on that an earlier check was lost or is undecided, None if all that this one requires went on."""
     earlier_ones = ((r, findings[r]) for r in spec.requires if r in findings)
-    required = next((r for r, found in earlier_ones if found.outcome not in _GOES_ON and not found.rest), None)
+    ends = (r for r, f in earlier_ones if f.cut_off or (f.outcome not in _GOES_ON and not f.rest))
+    required = next(ends, None)
     if required is None:
         return None
     title = next(check.title for check in rubric.checks() if check.id == required)
@@ -186,7 +207,8 @@ def _blocked(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -
     if earlier.outcome is Outcome.NOT_REACHED:
         # It names what is at the root of both.
         return dataclasses.replace(not_reached(earlier.reason), blocked_by=earlier.blocked_by)
-    return dataclasses.replace(not_reached(f"Not tested, because '{title}' failed."), blocked_by=required)
+    why = f"nothing arrives at your node, as '{title}' says" if earlier.cut_off else f"'{title}' failed"
+    return dataclasses.replace(not_reached(f"Not tested, because {why}."), blocked_by=required)
 
 
 def _failed_before(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -> str | None:

@@ -25,6 +25,8 @@ PARTICIPANT_DIGITS = 24
 PROCESS_DIGITS = 16
 #: What an action's topics and services have in their names, and how that ends which takes its goals.
 OF_ACTION, _GOAL_SERVICE = "/_action/", "/_action/send_goal"
+#: Topics that every node has, or that belong to the clock: a student's node means none of them by a name of its own.
+STANDARD_TOPICS = ("/rosout", "/parameter_events", "/clock")
 #: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
 GRADER_NAMESPACE = "/_grader"
 

@@ -82,6 +82,15 @@ def test_what_the_machine_delayed_is_in_doubt_and_no_more_than_that(tmp_path: Pa
     assert judged("message_latency", {**BY_STAMP, "limits": only}, every).outcome is Outcome.FAILED
 
 
+@pytest.mark.parametrize(("usual_s", "outcome"), [(0.005, Outcome.PASSED), (0.3, Outcome.FAILED)])
+def test_a_delay_of_one_message_decides_nothing(tmp_path: Path, usual_s: float, outcome: Outcome) -> None:
+    """One of eighty answers waited for the machine, and is the slowest: 95 % of them are known all the same."""
+    within = {"window": "window", "limits": [{"share": "95%", "full_within_s": 0.02, "none_beyond_s": 0.1}]}
+    session = answered(tmp_path, lambda n: usual_s + (0.03 if n == 50 else 0.0)).disturbed("it", (3.5, 0.03))
+    finding = judged("message_latency", {**BY_STAMP, **within}, session.window(2.0, 6.0))
+    assert finding.outcome is outcome
+
+
 def test_messages_that_the_machine_kept_away_are_in_doubt(tmp_path: Path) -> None:
     """Without room in a queue, a delay of two seconds loses what came in it."""
     session = answered(tmp_path, lambda n: None if 40 <= n < 80 else 0.005).disturbed("it", (3.0, 2.0))

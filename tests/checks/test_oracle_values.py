@@ -217,6 +217,22 @@ def test_in_order_a_window_may_begin_in_the_middle(tmp_path: Path) -> None:
     assert finding.measured == "30 of 30 messages right"
 
 
+def test_in_order_what_the_machine_kept_away_does_not_shift_what_follows(tmp_path: Path) -> None:
+    """Five inputs are lost in a delay; the answers after it are those of the inputs that came, and are right."""
+    heard = [n for n in range(COUNT) if not 40 <= n < 45]
+    times, values = [1.001 + n / 20 for n in heard], [2.0 * n for n in heard]
+    session = plain(tmp_path / "delayed", values, times).disturbed("it", (2.99, 0.25))
+    finding = judged("topic_equals_oracle", {**IN_ORDER, "full_from": "90%"}, session)
+    assert (finding.outcome, finding.measured) == (Outcome.PASSED, "95 of 100 messages right, 5 missing")
+    assert judged("topic_equals_oracle", IN_ORDER, session.recorded()).outcome is Outcome.INCONCLUSIVE
+    values[60] = -1.0
+    session = plain(tmp_path / "wrong", values, times).disturbed("it", (2.99, 0.25))
+    finding = judged("topic_equals_oracle", {**IN_ORDER, "full_from": "90%"}, session)
+    assert finding.measured == "94 of 100 messages right, 5 missing"
+    session = plain(tmp_path / "idle", values, times)
+    assert judged("topic_equals_oracle", {**IN_ORDER, "full_from": "90%"}, session).outcome is Outcome.PARTIAL
+
+
 @pytest.mark.parametrize(("missed", "outcome"), [(100, Outcome.PASSED), (350, Outcome.FAILED)])
 def test_in_order_it_may_begin_a_second_late_at_any_rate(tmp_path: Path, missed: int, outcome: Outcome) -> None:
     """At 100 Hz that is a hundred messages."""

@@ -10,8 +10,9 @@ import pytest
 from grader.judging.judge import Recordings, judge_checks
 from grader.judging.rubrics import rubric_kinds
 from grader.lab.rubric import load_rubric
+from grader.recording.session import Qos
 from grader.result import Finding, Outcome
-from tests.synthetic import Session, evenly, submission
+from tests.synthetic import BEST_EFFORT, RELIABLE, Session, evenly, submission
 
 RUBRIC = """\
 lab: {id: "1", title: One, points: 2}
@@ -70,3 +71,55 @@ def test_what_is_right_stays_as_it_is(tmp_path: Path) -> None:
     findings = judged(tmp_path, [5.0, 6.0], low=0.0, high=9.0)
     assert findings["scale"].outcome is Outcome.FAILED
     assert (findings["size"].outcome, findings["size"].notes) == (Outcome.PASSED, ())
+
+
+SENSOR = """\
+lab: {id: "1", title: One, points: 3}
+artifacts: {it: {file: it.py}}
+reference: {scanner: {file: scanner.py, node: /scanner}}
+sessions: {experiment: {steps: [{start: {student: it}}]}}
+criteria:
+  - id: all
+    title: All
+    points: 3
+    checks:
+      - id: hears
+        title: Hears the sensor
+        points: 1
+        session: experiment
+        check: CHECK
+        with: WITH
+      - {id: answers, points: 1, session: experiment, check: field_range, with: {topic: /y, field: data, high: 1},
+         requires: [hears]}
+      - {id: once, points: 1, session: experiment, check: field_range, with: {topic: /y, field: data, high: 1},
+         requires: [answers]}
+"""
+HEARS = {
+    "topics_subscribed": "{artifact: it, topics: [{topic: /x, type: std_msgs/msg/Float64MultiArray}]}",
+    "requested_qos": "{topic: /x, reliability: best_effort}",
+}
+
+
+@pytest.mark.parametrize("check", HEARS)
+@pytest.mark.parametrize(("requested", "reached"), [(RELIABLE, False), (BEST_EFFORT, True)])
+def test_reliable_of_a_best_effort_sensor_is_charged_where_it_is(
+    tmp_path: Path, check: str, requested: Qos, reached: bool
+) -> None:
+    """What needs the messages that never come is not tested, and names the cause, which costs once."""
+    (tmp_path / "scanner.py").write_text("", encoding="utf-8")
+    text = SENSOR.replace("CHECK", check).replace("WITH", HEARS[check])
+    (tmp_path / "lab.yaml").write_text(text, encoding="utf-8")
+    session = Session(tmp_path).process().endpoint("publisher", "/x", "/scanner", qos=BEST_EFFORT)
+    session.endpoint("subscription", "/x", qos=requested).messages("/x", [[1.0]] * 9, evenly(1, 8))
+    recordings = Recordings(submission(), {"experiment": session.recorded()})
+    findings = judge_checks(recordings, load_rubric(tmp_path / "lab.yaml", rubric_kinds()), [])
+    if reached:
+        assert findings["hears"].outcome is Outcome.PASSED
+        assert findings["answers"].outcome is Outcome.FAILED
+        return
+    assert findings["hears"].outcome in (Outcome.PARTIAL, Outcome.FAILED)
+    assert "RELIABLE" in findings["hears"].reason
+    for name in ("answers", "once"):
+        found = findings[name]
+        assert (found.outcome, found.blocked_by) == (Outcome.NOT_REACHED, "hears")
+        assert found.reason == "Not tested, because nothing arrives at your node, as 'Hears the sensor' says."

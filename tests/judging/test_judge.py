@@ -28,6 +28,7 @@ from grader.lab.rubric import Rubric
 from grader.recording.session import OutputLine, SessionRecord, Usage, read_session, write_session
 from grader.recording.submission import SUBMISSION_FILE, read_submission, write_submission
 from grader.result import CheckResult, Finding, Outcome, Result, Score, to_json
+from tests.synthetic import TEXT, Session, evenly, submission
 
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "tests/recordings"
@@ -475,3 +476,47 @@ def test_the_check_that_the_developers_page_shows_can_be_used(tmp_path: Path, mo
     rubric = read_rubric(tmp_path / "rubric.yaml")
     finding = findings_of(KEPT / "solution", rubric)["publisher.steady"]
     assert finding.reason == "Something publishes on /joint_commands."
+
+
+NOT_AWAITED = """\
+lab: {id: "1", title: One, points: 2}
+artifacts: {it: {file: it.py}}
+reference: {robot: {file: robot.py, node: /robot}}
+sessions: {experiment: {steps: [{start: {student: it}}]}}
+criteria:
+  - id: all
+    title: All
+    points: 2
+    checks:
+      - {id: publishes, points: 1, session: experiment, check: topic_published,
+         with: {artifact: it, topic: /speeds, type: std_msgs/msg/Float64MultiArray}}
+      - {id: holds, points: 1, session: experiment, check: field_range, requires: [publishes],
+         with: {topic: /speeds, field: data, high: 1}}
+"""
+
+
+@pytest.mark.parametrize(("name", "publishes"), [("/speed", Outcome.PARTIAL), ("/speeds", Outcome.PASSED)])
+def test_a_misspelt_topic_is_found_though_no_step_waited_for_it(tmp_path: Path, name: str, publishes: Outcome) -> None:
+    """The name costs a part, and the rest is judged on it; what a reference node publishes is meant by none."""
+    (tmp_path / "robot.py").write_text("", encoding="utf-8")
+    (tmp_path / "lab.yaml").write_text(NOT_AWAITED, encoding="utf-8")
+    session = Session(tmp_path).process().endpoint("publisher", name).messages(name, [[0.5]] * 9, evenly(1, 8))
+    session.endpoint("publisher", "/speed_limits", "/robot")
+    write_submission(tmp_path, submission())
+    session.recorded()
+    rubric = read_rubric(tmp_path / "lab.yaml")
+    checks = checks_of(judge(open_recordings(tmp_path, rubric), rubric))
+    assert (checks["publishes"].outcome, checks["holds"].outcome) == (publishes, Outcome.PASSED)
+
+
+def test_nothing_that_was_published_is_meant_where_no_name_is_like_it(tmp_path: Path) -> None:
+    """A topic of another type and name stays one of its own."""
+    (tmp_path / "robot.py").write_text("", encoding="utf-8")
+    (tmp_path / "lab.yaml").write_text(NOT_AWAITED, encoding="utf-8")
+    session = Session(tmp_path).process().endpoint("publisher", "/chatter", topic_type=TEXT)
+    session.texts("/chatter", ["hello"] * 9, evenly(1, 8))
+    write_submission(tmp_path, submission())
+    session.recorded()
+    rubric = read_rubric(tmp_path / "lab.yaml")
+    checks = checks_of(judge(open_recordings(tmp_path, rubric), rubric))
+    assert (checks["publishes"].outcome, checks["holds"].outcome) == (Outcome.FAILED, Outcome.NOT_REACHED)

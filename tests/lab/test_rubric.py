@@ -217,6 +217,7 @@ def test_reference_files_may_lie_in_the_labs_folder(tmp_path: Path) -> None:
 
 LAB = """\
 lab: {id: "2", title: Two, points: 15}
+interfaces: interfaces
 artifacts:
   talk: {file: talk.py, executable: talk}
   launch: {file: all.launch.py}
@@ -241,6 +242,7 @@ sessions:
       - interrupt: {process: talk}
       - wait_exit: {process: talk}
         label: ended
+      - publish: {topic: /seen, type: lab_msgs/msg/Sight, message: {range_m: 1.0}}
   together:
     steps:
       - plan: {launch: launch}
@@ -317,6 +319,20 @@ criteria:
         session: together
         check: launch_loads
         with: {artifact: launch, step: plan}
+      - id: calm
+        points: 0
+        session: alone
+        check: checks/mine.py:calm
+        with: {heard: /chat, span: window, most_m: 0.3}
+        excused_by: [values]
+      - id: frames
+        points: 0
+        session: alone
+        check: transform_tree
+        with:
+          process: arm
+          frames: [{child: laser, parent: odom}]
+          poses: [{frame: laser, within: odom, xyz: [1, 0, 0]}]
     figures:
       - {kind: rate, title: Rate, session: alone, with: {topic: /chat, rate_hz: 10}}
 """
@@ -398,12 +414,48 @@ MISTYPED: list[tuple[str, str, str]] = [
     ("- start: {student: talk}", "- start: {student: talk, with: {a: 1}}", "only a reference takes it"),
     ("field: data\n          length", "field: data[0][1]\n          length", "a float64 has no elements, so that [1]"),
     ("field: data\n          length", "field: data[x]\n          length", "'data[x]' is no path of a field such as"),
+    ("interfaces: interfaces", "interfaces: interface", "no folder 'interface' beside the rubric"),
+    ("lab_msgs/msg/Sight", "lab_msgs/msg/Sigth", "did you mean 'lab_msgs/msg/Sight'?"),
+    ("message: {range_m: 1.0}", "message: {range: 1.0}", "Sight has no field 'range'; did you mean 'range_m'?"),
+    (
+        "checks/mine.py:calm",
+        "checks/mine.py:clam",
+        "no function or class 'clam' in checks/mine.py; did you mean 'calm'?",
+    ),
+    ("checks/mine.py:calm", "checks/mien.py:calm", "did you mean 'checks/mine.py'?"),
+    ("heard: /chat, span", "heard: /chta, span", "'/chta' is not known"),
+    ("heard: /chat, span: window", "heard: /chat, span: widow", "no step labelled 'widow' in session 'alone'"),
+    ("most_m: 0.3", "most_mm: 0.3", "unknown key; did you mean 'most_m'?"),
+    ("excused_by: [values]", "excused_by: [valeus]", "no check 'valeus'; did you mean 'values'?"),
+    (
+        "poses: [{frame: laser",
+        "poses: [{frame: lazer",
+        "'lazer' stands here alone; did you mean 'laser', as elsewhere?",
+    ),
 ]
+#: What the lab has of its own.
+MINE = """\
+from dataclasses import dataclass
+
+from grader.own_checks import Context, Finding, Topic, Window, passed
+
+@dataclass
+class Parameters:
+    heard: Topic
+    span: Window
+    most_m: float
+
+def calm(context: Context, p: Parameters) -> Finding:
+    return passed("calm", "calm")
+"""
 
 
 def lab_folder_of(folder: Path) -> Path:
     """Lay the files beside `LAB` that it names."""
     (folder / "arm.py").write_text(ARM, encoding="utf-8")
+    for name, text in {"checks/mine.py": MINE, "interfaces/lab_msgs/msg/Sight.msg": "float64 range_m\n"}.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, encoding="utf-8")
     (folder / "oracles.py").write_text("LIMIT = 1\n\ndef numbers(streams, parameters, seed):\n    return []\n")
     return folder
 
@@ -411,7 +463,7 @@ def lab_folder_of(folder: Path) -> Path:
 def test_the_lab_without_a_mistake_loads(tmp_path: Path) -> None:
     """The rubric in which the following test makes its mistakes has none."""
     (lab_folder_of(tmp_path) / "lab.yaml").write_text(LAB, encoding="utf-8")
-    assert len(list(load_rubric(tmp_path / "lab.yaml", rubric_kinds()).checks())) == 9
+    assert len(list(load_rubric(tmp_path / "lab.yaml", rubric_kinds()).checks())) == 11
 
 
 @pytest.mark.parametrize(("old", "new", "words"), MISTYPED, ids=[f"{n} {m[1]:.30}" for n, m in enumerate(MISTYPED)])

@@ -36,7 +36,6 @@ def graded(folder: Path, text: str) -> Result:
     """Grade a controller in the lab."""
     lab, submission, results = folder / "lab", folder / "submission", folder / "results"
     shutil.copytree(LAB, lab)
-    shutil.copy(next(ROOT.glob("*/reference_node.py")), lab)
     submission.mkdir()
     (submission / "controller.py").write_text(text, encoding="utf-8")
     rubric = rubrics.read_rubric(lab / "rubric.yaml")

@@ -32,16 +32,17 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rclpy.service_introspection import ServiceIntrospectionState
 
+from grader.evidence.near_miss import Candidate, near_miss
 from grader.live.ros_node.deadline import Deadline
 from grader.live.ros_node.goals import ActionProbe, GoalStep
 from grader.live.ros_node.graph import GraphWatch, interface_named, new_context, silent_node
-from grader.live.ros_node.near_miss import Candidate, near_miss
 from grader.live.ros_node.plain import plain
 from grader.live.ros_node.recorder import DEFAULT_LIMIT_BYTES, Recorder
 from grader.recording.bag import BagWriter
 from grader.recording.session import (
     GRADER_NAMESPACE,
     OF_ACTION,
+    STANDARD_TOPICS,
     UNKNOWN_NODE,
     Endpoint,
     GraphSnapshot,
@@ -57,7 +58,6 @@ _NEAR_MISS_AFTER_S = 2.0
 #: Keys of what is waited for.
 _NAMED = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: Topics, and types of services, that every node has; never what a lab asks for.
-_STANDARD = ("/rosout", "/parameter_events", "/clock")
 _STANDARD_SERVICE_TYPES = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 _NO_ANSWER = "the node's parameter services do not answer"
 _NO_LIFECYCLE = "it offers no get_state service that answers, as a lifecycle node does"
@@ -110,7 +110,7 @@ class Director:
         self._executor.add_node(self._node)
         self._limit_bytes = min(DEFAULT_LIMIT_BYTES, shutil.disk_usage(folder).free // _SHARE_OF_FREE)
         self._recorder = Recorder(BagWriter(folder, name), domain_id, limit_bytes=self._limit_bytes)
-        self._watch = GraphWatch(self._node, self._on_change, {*expected, *_STANDARD})
+        self._watch = GraphWatch(self._node, self._on_change, {*expected, *STANDARD_TOPICS})
         self._problems: list[str] = []
         self._reference_nodes, self._expected = reference_nodes, expected
         self._names: dict[str, str] = {}
@@ -263,7 +263,7 @@ class Director:
             for e in graph.endpoints
             if e.kind == kind
             and e.node not in self._reference_nodes
-            and e.topic not in _STANDARD
+            and e.topic not in STANDARD_TOPICS
             and (OF_ACTION in e.topic) == of_action
             and UNKNOWN_NODE not in e.node
             and e.gid not in self._forgotten

@@ -21,8 +21,8 @@ from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from grader.evidence.near_miss import LEAST_RATIO, likeness
 from grader.live.process.process import PipeReader, RunningProcess
-from grader.live.ros_node.near_miss import LEAST_RATIO, likeness
 from grader.live.sandbox.isolation import LAUNCHING, PARAMETERS, WORKSPACE
 from grader.live.sandbox.scratch import remove_tree
 from grader.live.session.student_sandbox import StudentSandbox

@@ -6,11 +6,8 @@ import math
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 
-sys.path.insert(0, str(Path(__file__).resolve().parent))
-
-from reference_node import Configuration, StopRequest, reference_node, run, sleep_until
+from grader.reference_node import Configuration, StopRequest, reference_node, run, sleep_until
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from pathlib import Path
 from typing import Any
@@ -185,11 +184,9 @@ def test_whatever_a_server_sends_is_kept_within_bounds(tmp_path: Path, name: str
 REFERENCE = """
 import sys
 from dataclasses import dataclass
-from pathlib import Path
-sys.path.insert(0, str(Path(__file__).resolve().parent))
 from rclpy.action import ActionServer
 from rclpy.executors import SingleThreadedExecutor
-from reference_node import reference_node, run
+from grader.reference_node import reference_node, run
 from test_msgs.action import Fibonacci
 
 @dataclass
@@ -264,7 +261,6 @@ def test_a_students_client_has_a_reference_server(tmp_path: Path) -> None:
     submission = tmp_path / "submission"
     submission.mkdir()
     (submission / "node.py").write_text(CLIENT, encoding="utf-8")
-    shutil.copy(ROOT / "reference" / "reference_node.py", tmp_path)
     (tmp_path / "server.py").write_text(REFERENCE, encoding="utf-8")
     (tmp_path / "rubric.yaml").write_text(yaml.safe_dump(plain), encoding="utf-8")
     recorded = Lab(tmp_path / "rubric.yaml", submission, tmp_path / "results").record()["only"]

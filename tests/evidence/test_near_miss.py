@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.live.ros_node.near_miss import Candidate, likeness, near_miss
+from grader.evidence.near_miss import Candidate, likeness, near_miss
 
 FLOATS, TEXT = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String"
 NAMES = st.from_regex(r"(/[a-z][a-z0-9_]{0,12}){1,3}", fullmatch=True)
