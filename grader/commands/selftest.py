@@ -106,6 +106,7 @@ def _run(
     from grader.classroom.progress import RunProgress
     from grader.classroom.scheduler import Machine
     from grader.classroom.selftest import run_fixtures
+    from grader.classroom.worker import Workers
     from grader.live.sandbox.probing import probe_isolation
 
     interpreter = Path(sys.executable)
@@ -116,6 +117,6 @@ def _run(
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
     folder = tempfile.TemporaryDirectory() if options.output is None else nullcontext(str(options.output))
-    with folder as path, RunProgress(console, machine.slots, "fixtures") as display:
-        here = Here(isolation, machine)
+    with folder as path, Workers() as workers, RunProgress(console, machine.slots, "fixtures") as display:
+        here = Here(isolation, machine, workers)
         return asyncio.run(run_fixtures(fixtures, rubric, live, here, Path(path), display))
