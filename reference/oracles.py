@@ -318,3 +318,12 @@ def tracking_statistics(
         found["rms"] = found["mean"]
     scale = float(parameters.get("scale", 1.0))
     return {key: {kind: [scale * x for x in row] for kind, row in rows.items()} for key, rows in found.items()}
+
+
+def controlled(streams: Mapping[str, Stream], parameters: Mapping[str, Any], seed: int) -> Mapping[str, NDArray[Any]]:
+    """Commands of a controller with the gain `kp`, at the times of the states; none before it knows a goal."""
+    goal, state = streams["goal"], streams["state"]
+    place = np.searchsorted(goal.source_ns, state.source_ns, side="right") - 1
+    command = state.values + parameters["kp"] * (goal.values[np.maximum(place, 0)] - state.values)
+    command[place < 0] = np.nan
+    return {"times_ns": state.source_ns, "values": command}

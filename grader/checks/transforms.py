@@ -250,7 +250,7 @@ _EXCHANGED_HINT = (
     "header.frame_id is the parent, child_frame_id the child; the pose is that of the child in the parent."
 )
 _SLASH = "Frame names were sent with a leading slash, with which tf2 does not look them up."
-_SLASH_HINT = "Write frame names without a slash: 'base_link', not '/base_link'."
+_SLASH_HINT = "Write frame names without a slash: 'sensor', not '/sensor'."
 
 
 def _tree(seen: _Seen) -> list[Part]:

@@ -79,7 +79,7 @@ def report_page(result: Result, recordings: Recordings, rubric: Rubric, before: 
 
     figures = {}
     with patterns_bounded():
-        for criterion in rubric.criteria:
+        for criterion in (*rubric.criteria, *rubric.bonus):
             there = [s for s in criterion.figures if s.session in recordings.sessions]
             drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
             figures[criterion.id] = [figure for figure in drawn if figure is not None]

@@ -47,9 +47,12 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
         if fact.path is None:
             fact.path = _by_entry_point(rubric.artifacts[fact.name].executable, record.packages, record.texts)
             fact.found_by = "near miss" if fact.path is not None else fact.found_by
+    for fact in record.artifacts:
+        fact.bonus = fact.name in rubric.bonus_artifacts
+    record.artifacts = [fact for fact in record.artifacts if fact.path is not None or not fact.bonus]
     _require_readable(intake, record)
     if all(a.path is None for a in record.artifacts):
-        wanted = ", ".join(spec.file for spec in rubric.artifacts.values())
+        wanted = ", ".join(spec.file for name, spec in rubric.artifacts.items() if name not in rubric.bonus_artifacts)
         remedy = f"At least one of these files is expected: {wanted}. For a folder of several submissions, add --each."
         raise SubmissionError("nothing in it looks like a submission", location=source.location, remedy=remedy)
     digest = hashlib.sha256()
