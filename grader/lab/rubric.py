@@ -313,7 +313,7 @@ class RubricFile(Parameters):
         return self
 
     @model_validator(mode="after")
-    def _bonus_is_handed_in(self) -> RubricFile:
+    def _bonus_has_sessions(self) -> RubricFile:
         """Each of its checks needs a session that starts something: else nothing says whether it was handed in."""
         checks = [(n, m, check) for n, each in enumerate(self.bonus) for m, check in enumerate(each.checks)]
         if idle := [(n, m) for n, m, check in checks if not self.needed_first(check)]:
