@@ -133,14 +133,19 @@ def stamps(streams, parameters, seed):
     return streams["target"].values
 
 
+def latest_of(frames, time_ns):
+    """The latest stamp, in ns, of the frames that were published until a time."""
+    place = np.searchsorted(frames.source_ns, time_ns) - 1
+    return round(float(frames.values[max(place, 0), 0]) * 1e9)
+
+
 def seen(streams, parameters, seed):
     """The pose of each target in the camera's frame, the position or the orientation; `mistake` gives known ones."""
     mistake, rows, times = parameters.get("mistake"), [], []
     stream = streams["target"]
     for stamp_s, source_ns in zip(stream.values[:, 0], stream.source_ns, strict=True):
         stamp_ns = round(stamp_s * 1e9)
-        # The frames that are known when a target arrives are as old as the joint states that they come from.
-        looked_ns = int(source_ns) - 40_000_000 if mistake == "latest" else stamp_ns
+        looked_ns = latest_of(streams["frames"], source_ns) if mistake == "latest" else stamp_ns
         lens, target = camera_in_base(angles_at(seed, looked_ns)), target_at(seed, stamp_ns)
         pose = within(lens if mistake == "inverse" else inverse(lens), target)
         pose = target if mistake == "unchanged" else pose

@@ -150,7 +150,7 @@ def test_states_stand_over_the_messages(tmp_path: Path) -> None:
     for n, (asked, before, after) in enumerate(
         [("configure", "unconfigured", "inactive"), ("activate", "inactive", "active")], 1
     ):
-        times = {"called_ns": at(5.0 * n), "answered_ns": at(5.0 * n + 0.1)}
+        times: dict[str, Any] = {"called_ns": at(5.0 * n), "answered_ns": at(5.0 * n + 0.1)}
         session.step("change_state", asked, parameters={"transition": asked}, before=before, after=after, **times)
     figure = shown("states", session, topic="/x")
     assert [text for text in words(figure) if text in ("unconfigured", "inactive", "active")] == [
