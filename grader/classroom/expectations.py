@@ -217,8 +217,8 @@ def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict
             wanted = expected.checks.get(check.id, ExpectedCheck(outcome="passed"))
             differences += wanted.differences(check)
             undecided = undecided or not check.outcome.decided
-    possible = {criterion.id: criterion.points for criterion in rubric.criteria}
-    for criterion in result.criteria:
+    possible = {criterion.id: criterion.points for criterion in (*rubric.criteria, *rubric.bonus)}
+    for criterion in listed:
         if criterion.id in expectation.teacher and criterion.possible == possible[criterion.id]:
             undecided = undecided or bool(criterion.undecided)
             differences += _from_teacher(expectation, criterion)

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 
+from grader.classroom.expectations import fixtures_in
 from grader.errors import RubricError
 from grader.judging.adjust import adjust
 from grader.judging.judge import Recordings, judge
-from grader.judging.rubrics import rubric_kinds
+from grader.judging.rubrics import read_rubric, rubric_kinds
 from grader.lab.overrides import load_overrides
 from grader.lab.rubric import Rubric, load_rubric
 from grader.recording.submission import ArtifactFact
@@ -22,9 +23,10 @@ from grader.result import Outcome, Result, read_result, to_json
 from grader.submission.artifacts import read_submission_folder
 from tests.synthetic import Session, evenly, submission
 
+ROOT = Path(__file__).resolve().parents[2]
 RUBRIC = """\
 lab: {id: "1", title: One, points: 2}
-artifacts: {it: {file: it.py}, more: {file: more.py, contains: [Beyond, LAB]}}
+artifacts: {it: {file: it.py}, more: {file: more_or.py, contains: [Beyond, LAB]}}
 sessions:
   experiment: {steps: [{start: {student: it}}]}
   beyond: {steps: [{start: {student: more}}]}
@@ -59,7 +61,7 @@ def judged(folder: Path, beyond: float | None, *, handed_in: bool = True) -> Res
             sessions[name] = session.recorded()
     of = submission()
     of.artifacts = [ArtifactFact("it", "it.py", "it.py", "name")]
-    of.artifacts += [ArtifactFact("more", "more.py", "more.py", "name", bonus=True)] if handed_in else []
+    of.artifacts += [ArtifactFact("more", "more_or.py", "more_or.py", "name", bonus=True)] if handed_in else []
     return judge(Recordings(of, sessions), rubric(folder))
 
 
@@ -96,10 +98,20 @@ def test_a_file_of_another_name_is_found_by_what_it_holds(tmp_path: Path) -> Non
     lab, folder = rubric(tmp_path), tmp_path / "handed"
     folder.mkdir()
     (folder / "it.py").write_text("LAB = 1\n")
+    (folder / "more_or_less.py").write_text("LAB = 2\n")
     assert [fact.name for fact in read_submission_folder(folder, lab).artifacts] == ["it"]
     (folder / "own.py").write_text("class Beyond:\n    LAB = 1\n")
     facts = read_submission_folder(folder, lab).artifacts
     assert [(fact.name, fact.path, fact.bonus) for fact in facts] == [("it", "it.py", False), ("more", "own.py", True)]
+
+
+def test_nobody_is_taken_to_have_handed_in_an_extension(tmp_path: Path) -> None:
+    """Of the fixtures of Lab 09-01, which others wrote before there were any, none has one."""
+    lab = read_rubric(None)
+    fixtures = [fixture for fixture in fixtures_in(ROOT / "fixtures") if not fixture.name.startswith("extension")]
+    found = [(f.name, [a.name for a in read_submission_folder(f.lay_out(tmp_path), lab).artifacts]) for f in fixtures]
+    assert len(found) > 100
+    assert [(name, names) for name, names in found if lab.bonus_artifacts & {*names}] == []
 
 
 @pytest.mark.parametrize(
