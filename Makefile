@@ -26,7 +26,7 @@ thorough: $(DEV_STAMP) system-dev
 
 # Every fixture; some six minutes. `make test` grades the sixth of them that the commit's name chooses.
 fixtures: $(DEV_STAMP) system
-	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py
+	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py tests/live/test_labs.py
 
 # Every attack of fixtures/attacks in all three environments; some fifty minutes. `make test` tries a part of them.
 attacks: $(DEV_STAMP) system

@@ -215,9 +215,12 @@ def record(
         with scheduler.work(what) if scheduler is not None else nullcontext(), watch.stage(what):
             yield
 
+    chosen = chosen_sessions(rubric, options, submission)
+    types = given_in_steps(rubric, "type", sessions=chosen)
+    server = ForkServer(types) if scheduler is None else scheduler.fork_server()
     # It begins to import while the isolation is tried.
     with (
-        ForkServer(given_in_steps(rubric, "type")) if scheduler is None else scheduler.fork_server() as forks,
+        server as forks,
         tempfile.TemporaryDirectory(prefix=scratch_prefix()) as interfaces,
     ):
         with watch.stage("testing the sandbox"):
@@ -225,12 +228,11 @@ def record(
         require(isolation, Level.of(options.least_isolation))
         native = find_native_launch(options.interpreter, options.launch)
         recordings = results / RECORDINGS
-        chosen = chosen_sessions(rubric, options, submission)
-        for name in [name for name in options.sessions_of(rubric) if name not in chosen]:
+        for name in [name for name in options.sessions_of(rubric) if name not in {*chosen, *rubric.bonus_sessions}]:
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
         wanted = in_bounds(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
         submission.absent_modules = absent_modules(options.interpreter, wanted)
-        needed = in_bounds(partial(needed_interfaces, rubric, submission), submission.source, _READING_BOUND)
+        needed = in_bounds(partial(needed_interfaces, rubric, submission, chosen), submission.source, _READING_BOUND)
         with work("building interfaces") if needed.packages else nullcontext():
             lacking = provide_interfaces(needed, rubric, submission, Path(interfaces), isolation, options.interpreter)
         if options.scope is not Scope.UNDECIDED:

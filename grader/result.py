@@ -342,6 +342,8 @@ class Result:
     provenance: Provenance = field(default_factory=Provenance)
     #: In the order in which they were applied.
     adjustments: tuple[Adjustment, ...] = ()
+    #: Extensions that were handed in, whose points are in no sum.
+    bonus: tuple[CriterionResult, ...] = ()
     violations: tuple[Violation, ...] = ()
 
     @property
@@ -351,8 +353,13 @@ class Result:
 
     @property
     def checks(self) -> tuple[CheckResult, ...]:
-        """All checks, in the rubric's order."""
+        """All checks that the points are of, in the rubric's order."""
         return tuple(check for criterion in self.criteria for check in criterion.checks)
+
+    @property
+    def every_check(self) -> tuple[CheckResult, ...]:
+        """All checks, with those of the bonus."""
+        return (*self.checks, *(check for criterion in self.bonus for check in criterion.checks))
 
     def final_of(self, criterion: CriterionResult) -> Decimal:
         """Return the points earned in a criterion, with what people decided of it and its checks."""

@@ -258,7 +258,7 @@ def _entry_for(context: Context, plan: Plan, node: str, executable: str = "") ->
     short, stem = node.rsplit("/", 1)[-1], executable.removesuffix(".py")
     by_name = [e for e in plan.processes if e.called == short]
     by_program = [e for e in plan.processes if stem and e.runs.removesuffix(".py") == stem]
-    single = {artifact.expected.removesuffix(".py") for artifact in context.submission.artifacts}
+    single = {artifact.expected.removesuffix(".py") for artifact in context.submission.artifacts if not artifact.bonus}
     programs = (e for e in plan.processes if e.kind == "node" and e.called is None and not e.absent)
     several = [e for e in programs if e.runs.removesuffix(".py") not in single]
     return next(iter(by_name or by_program or (several if len(several) == 1 else [])), None)

@@ -250,7 +250,7 @@ _EXCHANGED_HINT = (
     "header.frame_id is the parent, child_frame_id the child; the pose is that of the child in the parent."
 )
 _SLASH = "Frame names were sent with a leading slash, with which tf2 does not look them up."
-_SLASH_HINT = "Write frame names without a slash: 'base_link', not '/base_link'."
+_SLASH_HINT = "Write frame names without a slash: 'sensor', not '/sensor'."
 
 
 def _tree(seen: _Seen) -> list[Part]:
@@ -403,7 +403,7 @@ def _pose(seen: _Seen, p: WantedPose) -> Part:
     if share == 1:
         return Part(1.0, text)
     reason = f"{p.frame} in {p.within} is off by {off}; {p.tolerance_m:g} m and {p.tolerance_deg:g}° are allowed."
-    slips = _slips(seen, p, tree, times_ns, poses) if share < 1 - _EXPLAINS else ()
+    slips = _slips(seen, p, tree, times_ns, poses) if share < _EXPLAINS else ()
     explaining = ((known, meaning, hint) for right, known, meaning, hint in slips if right.mean() >= _EXPLAINS)
     known, meaning, hint = next(explaining, (0.0, "", ""))
     credit = max(share, known)

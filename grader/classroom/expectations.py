@@ -104,7 +104,8 @@ class Expectation(Strict):
         for n, name in enumerate(self.sessions):
             if name not in rubric.sessions:
                 yield ("sessions", n), f"the rubric has no session {name!r}{suggestion(name, rubric.sessions)}"
-        checks = {criterion.id: [check.id for check in criterion.checks] for criterion in rubric.criteria}
+        listed = (*rubric.criteria, *rubric.bonus)
+        checks = {criterion.id: [check.id for check in criterion.checks] for criterion in listed}
         for part, name in [*(("criteria", name) for name in self.criteria), *(("teacher", n) for n in self.teacher)]:
             if name not in checks:
                 yield (part, name), f"the rubric has no criterion {name!r}{suggestion(name, checks)}"
@@ -202,7 +203,8 @@ def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict
     """
     differences: list[str] = []
     undecided = False
-    judged = {criterion.id: {check.id: check for check in criterion.checks} for criterion in result.criteria}
+    listed = (*result.criteria, *result.bonus)
+    judged = {criterion.id: {check.id: check for check in criterion.checks} for criterion in listed}
     in_sessions = {check.id for check in rubric.checks() if check.session is not None}
     for name, expected in expectation.criteria.items():
         checks = judged.get(name, {})
@@ -215,8 +217,8 @@ def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict
             wanted = expected.checks.get(check.id, ExpectedCheck(outcome="passed"))
             differences += wanted.differences(check)
             undecided = undecided or not check.outcome.decided
-    possible = {criterion.id: criterion.points for criterion in rubric.criteria}
-    for criterion in result.criteria:
+    possible = {criterion.id: criterion.points for criterion in (*rubric.criteria, *rubric.bonus)}
+    for criterion in listed:
         if criterion.id in expectation.teacher and criterion.possible == possible[criterion.id]:
             undecided = undecided or bool(criterion.undecided)
             differences += _from_teacher(expectation, criterion)

@@ -78,7 +78,7 @@ def _solution_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
     if not folder.is_dir():
         yield ("lab", "solution"), f"there is no folder {rubric.lab.solution!r} beside the rubric"
     for name, artifact in rubric.artifacts.items() if rubric.lab.solution and folder.is_dir() else ():
-        if not any(folder.rglob(artifact.file)):
+        if name not in rubric.bonus_artifacts and not any(folder.rglob(artifact.file)):
             yield ("artifacts", name, "file"), f"there is no {artifact.file} in the solution"
 
 
@@ -105,7 +105,7 @@ def _failure(loc: Loc, work: Callable[[], object], named: str, built_later: Coll
     try:
         work()
     except SystemExit as end:  # A program may end; a file of checks would end the judging.
-        return describe_failure(end, named) if loc[0] == "criteria" else ""
+        return describe_failure(end, named) if loc[0] in ("criteria", "bonus") else ""
     except Exception as problem:
         module = (getattr(problem, "name", None) or "") if isinstance(problem, ModuleNotFoundError) else ""
         return "" if module.partition(".")[0] in built_later else describe_failure(problem, named)
@@ -123,11 +123,12 @@ def _works(rubric: Rubric) -> Iterator[tuple[Loc, Callable[[], object], str]]:
             if reference is not None and reference.settings is not None:
                 loc = ("sessions", session.id, "steps", n, step.kind)
                 yield loc, partial(_settle, folder, reference.settings, step.parameters["with"]), reference.settings
-    for n, criterion in enumerate(rubric.criteria):
+    placed = [(key, n, each) for key in ("criteria", "bonus") for n, each in enumerate(getattr(rubric, key))]
+    for key, n, criterion in placed:
         for kind, parts in (("checks", criterion.checks), ("figures", criterion.figures)):
             for m, part in enumerate(parts):
                 for function in functions_of(part):
-                    yield ("criteria", n, kind, m, "with"), partial(_call, folder, function, part), function
+                    yield (key, n, kind, m, "with"), partial(_call, folder, function, part), function
 
 
 def _settle(folder: Path, settings: str, values: dict[str, Any]) -> None:

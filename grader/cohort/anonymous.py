@@ -11,7 +11,7 @@ from dataclasses import replace
 
 from grader.cohort.entries import ClassEntry
 from grader.lab.rubric import Rubric
-from grader.result import BY_HAND, Adjustment, CheckResult, Result, Violation
+from grader.result import BY_HAND, Adjustment, CheckResult, CriterionResult, Result, Violation
 
 HIDDEN = "‹name›"
 #: Shortest parts of a name, in letters and in digits, that are hidden.
@@ -50,10 +50,8 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
         submission=pseudonym,
         lab=result.lab,
         score=result.score,
-        criteria=tuple(
-            replace(criterion, checks=tuple(_unquoted(check, hide) for check in criterion.checks))
-            for criterion in result.criteria
-        ),
+        criteria=_without_quotes(result.criteria, hide),
+        bonus=_without_quotes(result.bonus, hide),
         problems=tuple(hide(problem) for problem in result.problems),
         violations=tuple(Violation(v.kind, v.session, hide(v.text), certain=v.certain) for v in result.violations),
         adjustments=tuple(
@@ -62,6 +60,10 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
         provenance={"rubric_sha256": result.rubric_sha256, "lab_sha256": result.lab_sha256},
     )
     return ClassEntry(pseudonym, hidden)
+
+
+def _without_quotes(criteria: Sequence[CriterionResult], hide: _Hider) -> tuple[CriterionResult, ...]:
+    return tuple(replace(c, checks=tuple(_unquoted(check, hide) for check in c.checks)) for c in criteria)
 
 
 def _unquoted(check: CheckResult, hide: _Hider) -> CheckResult:

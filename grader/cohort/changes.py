@@ -81,7 +81,7 @@ def changes_between(before: Result | None, after: Result) -> Changes:
 
 
 def _parts(before: Result, after: Result) -> Iterator[Change]:
-    for was, now in _pairs(before.criteria, after.criteria):
+    for was, now in _pairs((*before.criteria, *before.bonus), (*after.criteria, *after.bonus)):
         pairs = _pairs(was.checks if was else (), now.checks if now else ())
         checks = [check for pair in pairs if _differs(check := _change("check", *pair))]
         criterion = _change("criterion", was, now)

@@ -217,7 +217,8 @@ def _grade_one(
     output, watch = options.output, Stopwatch()
     results = output / source.name
     before = text_of(results / result_folder.RESULT_FILE)
-    with ProgressDisplay(console, source.name, live.sessions or list(rubric.sessions)) as display:
+    sessions = live.sessions or [name for name in rubric.sessions if name not in rubric.bonus_sessions]
+    with ProgressDisplay(console, source.name, sessions) as display:
 
         def show(p: Progress) -> None:
             display.note(p.session, p.text, p.step, p.steps, p.ended)

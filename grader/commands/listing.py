@@ -20,7 +20,7 @@ _KINDS = {"string": "text", "number": "number", "integer": "whole number", "bool
 #: What stands in an example for a key of this name, unless its type says more than that it is a text or a number.
 _NAMED: Mapping[str, Any] = {
     **{"topic": "/chatter", "service": "/enable", "action": "/fibonacci", "node": "/talker", "name": "rate"},
-    **{"child": "base_link", "parent": "odom", "names": ["rate"]},
+    **{"child": "robot", "parent": "odom", "names": ["rate"]},
     **{"rate_hz": 10, "tick_s": 0.1, "least_s": 1, "most_s": 5, "within_s": 0.5, "tolerance": 0.01, "index": 0},
     **{"full_within": "2%", "zero_beyond": "20%", "full_within_s": 0.003, "zero_beyond_s": 0.01},
     **{"message": {"data": "hello"}, "request": {"data": True}, "response": {"success": True}},

@@ -47,7 +47,7 @@ def retry_undecided(
 
 def undecided_sessions(result: Result, chosen: Sequence[str]) -> list[str]:
     """Return the recorded sessions with a check whose outcome the recording leaves open."""
-    undecided = {check.session for check in result.checks if not check.outcome.decided and check.retry}
+    undecided = {check.session for check in result.every_check if not check.outcome.decided and check.retry}
     return [session for session in chosen if session in undecided]
 
 
@@ -86,4 +86,4 @@ def _exchange(recordings: Path, retry: Path, sessions: Sequence[str]) -> None:
 
 
 def _undecided_points(result: Result, session: str) -> Decimal:
-    return sum((check.undecided for check in result.checks if check.session == session), Decimal(0))
+    return sum((check.undecided for check in result.every_check if check.session == session), Decimal(0))

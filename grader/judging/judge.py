@@ -114,7 +114,11 @@ def judge_checks(recordings: Recordings, rubric: Rubric, violations: Sequence[Vi
     findings: dict[str, Finding] = {}
     references = frozenset(reference.node for reference in rubric.reference.values())
     context = Context(recordings.submission, None, recordings.sessions, findings, references, rubric.folder)
+    beside = {check.id for criterion in rubric.bonus for check in criterion.checks}
     for spec in rubric.checks():
+        # What is of the bonus is not missed where it was not handed in.
+        if spec.id in beside and context.path_of(rubric.needed_first(spec)) is None:
+            continue
         if chosen is None or spec.session is None or spec.session in chosen:
             recorded = recordings.sessions.get(spec.session or "")
             finding = _judge(spec, dataclasses.replace(context, recorded=recorded), rubric, violations)
@@ -273,13 +277,14 @@ def judge(recordings: Recordings, rubric: Rubric) -> Result:
         for spec in rubric.checks()
         if spec.id in findings
     }
-    criteria = score_criteria(rubric, findings, commands)
+    criteria, bonus = (score_criteria(specs, findings, commands) for specs in (rubric.criteria, rubric.bonus))
     return Result(
         submission=recordings.submission.name,
         lab=f"Lab {rubric.lab.id}: {rubric.lab.title}",
         score=total(criteria),
         criteria=criteria,
-        advisories=_advisories(recordings, criteria),
+        bonus=bonus,
+        advisories=_advisories(recordings, (*criteria, *bonus)),
         problems=recordings.problems,
         provenance=_provenance(recordings, rubric),
         violations=violations,

@@ -106,7 +106,7 @@ def _figures(recordings: Recordings, rubric: Rubric) -> dict[str, list[Figure]]:
 
     figures = {}
     with patterns_bounded():
-        for criterion in rubric.criteria:
+        for criterion in (*rubric.criteria, *rubric.bonus):
             there = [s for s in criterion.figures if s.session in recordings.sessions]
             drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
             figures[criterion.id] = [figure for figure in drawn if figure is not None]

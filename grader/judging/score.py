@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from decimal import ROUND_HALF_UP, Decimal
 
-from grader.lab.rubric import CheckSpec, Rubric
+from grader.lab.rubric import CheckSpec, CriterionSpec
 from grader.result import CheckResult, CriterionResult, Finding, Score
 
 TENTH = Decimal("0.1")
@@ -20,11 +20,11 @@ def score_check(spec: CheckSpec, finding: Finding, commands: tuple[str, ...] = (
 
 
 def score_criteria(
-    rubric: Rubric, findings: Mapping[str, Finding], commands: Mapping[str, tuple[str, ...]]
+    specs: Sequence[CriterionSpec], findings: Mapping[str, Finding], commands: Mapping[str, tuple[str, ...]]
 ) -> tuple[CriterionResult, ...]:
     """Add up each criterion over the checks that were judged; criteria without any are left out."""
     criteria = []
-    for criterion in rubric.criteria:
+    for criterion in specs:
         judged = [spec for spec in criterion.checks if spec.id in findings]
         checks = tuple(score_check(spec, findings[spec.id], commands.get(spec.id, ())) for spec in judged)
         if checks:

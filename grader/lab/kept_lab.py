@@ -65,7 +65,7 @@ def is_shipped(rubric: Path) -> bool:
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
     """Return the files beside a rubric that it names: programs, oracles and checks of its own, interfaces."""
     parts: list[Any] = [*rubric.reference.values(), *rubric.checks()]
-    parts += [figure for criterion in rubric.criteria for figure in criterion.figures if figures]
+    parts += [figure for criterion in (*rubric.criteria, *rubric.bonus) for figure in criterion.figures if figures]
     functions = (function.partition(":")[0] for part in parts for function in functions_of(part))
     defined = read_folder(rubric.folder / rubric.interfaces) if rubric.interfaces is not None else {}
     interfaces = (f"{rubric.interfaces}/{name}" for name in defined)

@@ -198,10 +198,15 @@ def parse_overrides(path: Path, text: str, rubric: Rubric) -> Overrides:
 
 def _check_part(raw: Mapping[str, Any], loc: Loc, rubric: Rubric, mistakes: Mistakes) -> None:
     """Note a check or criterion that the rubric does not have, or points that it cannot have."""
-    for kind, parts in (("check", rubric.checks()), ("criterion", rubric.criteria)):
+    checks = [check for criterion in rubric.criteria for check in criterion.checks]
+    beside = {id_ for criterion in rubric.bonus for id_ in (criterion.id, *(check.id for check in criterion.checks))}
+    for kind, parts in (("check", checks), ("criterion", rubric.criteria)):
         possible = {part.id: part.points for part in parts}
         identity = raw.get(kind)
         if not isinstance(identity, str):
+            continue
+        if identity in beside:
+            mistakes.add((*loc, kind), f"{identity!r} is beside the points; the key bonus adds to these")
             continue
         if identity not in possible:
             part_of = next((c.id for c in rubric.checks() if kind == "check" and identity in c.replaces), None)

@@ -112,7 +112,8 @@ class Scope:
     @cached_property
     def check_ids(self) -> list[str]:
         """Return the ids of all checks."""
-        criteria = (_mapping(criterion) for criterion in _list(self.plain.get("criteria")))
+        listed = (each for key in ("criteria", "bonus") for each in _list(self.plain.get(key)))
+        criteria = map(_mapping, listed)
         return [str(_mapping(check).get("id")) for criterion in criteria for check in _list(criterion.get("checks"))]
 
     def settings_of(self, reference: str) -> str:

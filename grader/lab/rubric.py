@@ -70,10 +70,10 @@ Points = Annotated[Decimal, BeforeValidator(_points), WithJsonSchema({"type": "n
 
 def _wrong_sums(plain: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
     """Find points that are not those of their parts together; what is no number is a mistake of its own."""
-    criteria = plain.get("criteria")
-    wholes: list[tuple[Loc, Any, str, Any]] = [(("lab",), plain.get("lab"), "criteria", criteria)]
-    listed = enumerate(criteria if isinstance(criteria, list) else ())
-    wholes += [(("criteria", n), each, "checks", each.get("checks")) for n, each in listed if isinstance(each, dict)]
+    wholes: list[tuple[Loc, Any, str, Any]] = [(("lab",), plain.get("lab"), "criteria", plain.get("criteria"))]
+    for key in ("criteria", "bonus"):
+        listed = enumerate(rows if isinstance(rows := plain.get(key), list) else ())
+        wholes += [((key, n), each, "checks", each.get("checks")) for n, each in listed if isinstance(each, dict)]
     for loc, whole, of, parts in wholes:
         with suppress(KeyError, TypeError, ValueError):
             total = sum((_points(part["points"]) for part in parts), Decimal(0))
@@ -330,14 +330,45 @@ class RubricFile(Parameters):
     reference: dict[str, ReferenceSpec] = Field(default_factory=dict, description="Nodes of our own.")
     sessions: Annotated[dict[str, SessionSpec], BeforeValidator(_with_ids)] = Field(default_factory=dict)
     criteria: tuple[CriterionSpec, ...] = Field(min_length=1)
+    bonus: tuple[CriterionSpec, ...] = Field(
+        (), description="Extensions, in the same form: judged where they are handed in, and shown beside the points."
+    )
     policy: Policy = Policy()
 
     @model_validator(mode="after")
     def _criteria_are_different(self) -> RubricFile:
-        names = [criterion.id for criterion in self.criteria]
+        locs = [(key, n, "id") for key in ("criteria", "bonus") for n in range(len(getattr(self, key)))]
+        names = [criterion.id for criterion in (*self.criteria, *self.bonus)]
         if again := [n for n, name in enumerate(names) if name in names[:n]]:
-            raise mistakes_at((("criteria", n, "id"), f"the criterion {names[n]!r} stands here twice") for n in again)
+            raise mistakes_at((locs[n], f"the criterion {names[n]!r} stands here twice") for n in again)
         return self
+
+    @model_validator(mode="after")
+    def _bonus_has_sessions(self) -> RubricFile:
+        """Each of its checks needs a session that starts something: else nothing says whether it was handed in."""
+        checks = [(n, m, check) for n, each in enumerate(self.bonus) for m, check in enumerate(each.checks)]
+        if idle := [(n, m) for n, m, check in checks if not self.needed_first(check)]:
+            words = "a check of the bonus needs a session that starts an artifact"
+            raise mistakes_at((("bonus", n, "checks", m, "session"), words) for n, m in idle)
+        return self
+
+    def needed_first(self, check: CheckSpec) -> str:
+        """Return the first artifact that a check's session starts; empty if there is none."""
+        session = self.sessions.get(check.session or "")
+        return next(iter(session.needs), "") if session is not None else ""
+
+    @property
+    def bonus_sessions(self) -> frozenset[str]:
+        """Sessions that nothing but the bonus looks at."""
+        shown = {check.session for criterion in self.criteria for check in criterion.checks}
+        return frozenset(str(check.session) for criterion in self.bonus for check in criterion.checks) - shown
+
+    @property
+    def bonus_artifacts(self) -> frozenset[str]:
+        """Artifacts that nothing but the bonus is about: where they were not handed in, nothing is missing."""
+        bonus = self.bonus_sessions
+        shown = {name for id_, session in self.sessions.items() if id_ not in bonus for name in session.needs}
+        return frozenset(name for id_ in bonus for name in self.sessions[id_].needs) - shown
 
 
 class Rubric(RubricFile):
@@ -357,8 +388,8 @@ class Rubric(RubricFile):
         return interfaces_in(self.folder, self.interfaces)
 
     def checks(self) -> Iterable[CheckSpec]:
-        """All checks, in the rubric's order."""
-        return (check for criterion in self.criteria for check in criterion.checks)
+        """All checks, in the rubric's order, those of the bonus last."""
+        return (check for criterion in (*self.criteria, *self.bonus) for check in criterion.checks)
 
 
 def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:

@@ -89,6 +89,8 @@ class ArtifactFact:
     found_by: str = "missing"
     #: Other files that could have been meant.
     candidates: list[str] = field(default_factory=list)
+    #: Whether nothing but the bonus is about it.
+    bonus: bool = False
 
 
 @dataclass

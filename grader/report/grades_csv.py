@@ -16,7 +16,7 @@ from typing import Literal
 
 from grader.cohort.statistics import ClassSummary
 from grader.report.escape import line
-from grader.report.views import points
+from grader.report.views import bonus_lines, points
 from grader.result import CriterionResult
 
 BYTE_ORDER_MARK = "\ufeff"
@@ -67,13 +67,13 @@ def render(summary: ClassSummary) -> str:
 
     Columns are: submission, student_id, submitted_at (ISO 8601); total (with all adjustments), earned (without),
     possible and undecided points; the points of each criterion, under its id, and its outcome, under the id with
-    `_outcome`; adjustments, and what needs a person.
+    `_outcome`; adjustments, extensions, whose points are in no sum, and what needs a
+    person.
     """
     ids = [column.id for column in summary.columns]
     head = ["submission", "student_id", "submitted_at", "total", "earned", "possible", "undecided"]
-    rows: list[list[str | Decimal]] = [
-        [*head, *ids, *(f"{name}_outcome" for name in ids), "adjustments", "needs", "problem"]
-    ]
+    last = ["adjustments", "extensions", "needs", "problem"]
+    rows: list[list[str | Decimal]] = [[*head, *ids, *(f"{name}_outcome" for name in ids), *last]]
     for number, row in enumerate(summary.rows):
         submitted, result = row.entry.submitted_at, row.result
         sums: list[str | Decimal] = [""] * 4
@@ -89,6 +89,7 @@ def render(summary: ClassSummary) -> str:
                 *(cell.earned if cell else "" for cell in row.cells),
                 *map(_outcome, row.cells),
                 "; ".join(f"{a.kind.value} {points(a.points)}: {a.reason}".rstrip(": ") for a in adjustments),
+                "; ".join(bonus_lines(result)) if result else "",
                 ", ".join(todo.need.value for todo in summary.todos if todo.row == number),
                 row.entry.problem,
             ]

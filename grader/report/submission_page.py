@@ -58,9 +58,7 @@ def render(
         versions=views.versions_of(result),
         submission=submission,
         views=views,
-        locations={
-            c.id: views.locations_of(c, submission.texts, anchors) for part in result.criteria for c in part.checks
-        },
+        locations={c.id: views.locations_of(c, submission.texts, anchors) for c in result.every_check},
         violations=[
             (v, views.location_of(v.where, {}, anchors), views.titles_of(v, result)) for v in result.violations
         ],

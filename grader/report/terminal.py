@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from grader.report.escape import terminal_text
-from grader.report.views import adjustments_of, badge_of, earned_text, note_of, points, titles_of
+from grader.report.views import BONUS, adjustments_of, badge_of, earned_text, note_of, points, titles_of
 from grader.result import CheckResult, CriterionResult, Outcome, Result, Violation
 
 #: What took less was not run at all.
@@ -71,6 +71,10 @@ def print_result(console: Console, result: Result) -> None:
     table.add_row("", "", "")
     total = Text(f"{points(score.earned)} / {points(score.possible)}", "bold")
     table.add_row("", Text(f"{terminal_text(result.submission, 80)}: {result.lab}", "bold"), total)
+    if result.bonus:
+        table.add_row("", Text(BONUS, "bold"), "")
+    for criterion in result.bonus:
+        _add_criterion(table, criterion)
     if result.still_undecided:
         most = points(result.final + result.still_undecided)
         note = f"{points(result.final)} now, up to {most}: {points(result.still_undecided)} points are undecided."

@@ -160,6 +160,16 @@ def losses_of(result: Result) -> list[Loss]:
     return sorted(found, key=lambda loss: -(loss.check.lost + loss.opens))
 
 
+def bonus_lines(result: Result) -> list[str]:
+    """Return a line for each extension that was handed in, whose points are in no sum."""
+    lines = [(part, f"{part.title}: {points(part.earned)} of {points(part.possible)}") for part in result.bonus]
+    return [f"{text} ({points(part.undecided)} undecided)" if part.undecided else text for part, text in lines]
+
+
+#: Heads what `bonus_lines` gives.
+BONUS = "Extensions, beside the points"
+
+
 def figures_by_loss(losses: Sequence[Loss], figures: Sequence[Figure]) -> dict[str, list[Figure]]:
     """Return the figures that show a loss, each by the id of the first check of which it does."""
     found: dict[str, list[Figure]] = {}

@@ -41,15 +41,19 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
             "the submission is empty", location=source.location, remedy="Put the lab's files into it."
         )
     paths = [PurePosixPath(f.path) for f in record.files]
-    record.artifacts = find_artifacts(paths, record.texts, rubric.artifacts)
+    record.artifacts = find_artifacts(paths, record.texts, rubric.artifacts, rubric.bonus_artifacts)
     record.packages = find_packages(record.texts, [f.path for f in record.files])
     for fact in record.artifacts:
         if fact.path is None:
             fact.path = _by_entry_point(rubric.artifacts[fact.name].executable, record.packages, record.texts)
             fact.found_by = "near miss" if fact.path is not None else fact.found_by
+    for fact in record.artifacts:
+        fact.bonus = fact.name in rubric.bonus_artifacts
+    # What nobody has to hand in is not missing.
+    record.artifacts = [fact for fact in record.artifacts if fact.path is not None or not fact.bonus]
     _require_readable(intake, record)
     if all(a.path is None for a in record.artifacts):
-        wanted = ", ".join(spec.file for spec in rubric.artifacts.values())
+        wanted = ", ".join(spec.file for name, spec in rubric.artifacts.items() if name not in rubric.bonus_artifacts)
         remedy = f"At least one of these files is expected: {wanted}. For a folder of several submissions, add --each."
         raise SubmissionError("nothing in it looks like a submission", location=source.location, remedy=remedy)
     digest = hashlib.sha256()
@@ -117,11 +121,15 @@ def decode_text(content: bytes) -> str:
 
 
 def find_artifacts(
-    paths: list[PurePosixPath], texts: dict[str, str], specs: dict[str, ArtifactSpec]
+    paths: list[PurePosixPath],
+    texts: dict[str, str],
+    specs: dict[str, ArtifactSpec],
+    bonus: frozenset[str] = frozenset(),
 ) -> list[ArtifactFact]:
     """Find each artifact: by the rubric's patterns, else by a similar name, else by its contents.
 
-    One file may hold several, as nodes that are composed in one process do.
+    One file may hold several, as nodes that are composed in one process do. What is of the bonus is not found by a
+    similar name: nobody has to hand it in, so that the file is more likely another.
     """
     facts = {name: _by_pattern(name, spec, paths) for name, spec in specs.items()}
     for name, spec in specs.items():
@@ -129,7 +137,8 @@ def find_artifacts(
             taken = {fact.path for fact in facts.values()}
             free = [p for p in paths if str(p) not in taken and p.suffix in (".py", "")]
             programs = [p for p in paths if p.suffix == ".py"] if spec.executable is not None else []
-            near = _similar(spec, free) or _holding(spec, free, texts) or _holding(spec, programs, texts)
+            alike = _similar(spec, free) if name not in bonus else []
+            near = alike or _holding(spec, free, texts) or _holding(spec, programs, texts)
             if near:
                 facts[name] = ArtifactFact(name, spec.file, str(near[0]), "near miss", list(map(str, near[1:])))
     return list(facts.values())

@@ -47,9 +47,10 @@ def common() -> list[Files]:
 
 @pytest.fixture(scope="module")
 def class_of_fixtures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Files]:
-    """Give the Python files of all fixtures."""
+    """Give the Python files of all fixtures but for the extensions, which are copies of a few files by intent."""
     target = tmp_path_factory.mktemp("class")
-    return {fixture.name: files_of(fixture.lay_out(target)) for fixture in fixtures_in(ROOT / "fixtures")}
+    fixtures = [fixture for fixture in fixtures_in(ROOT / "fixtures") if not fixture.name.startswith("extension")]
+    return {fixture.name: files_of(fixture.lay_out(target)) for fixture in fixtures}
 
 
 @pytest.fixture(scope="module")

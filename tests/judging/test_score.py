@@ -70,7 +70,7 @@ def test_points_add_up(table: list[list[tuple[Decimal, Finding]]]) -> None:
     """Checks add up to criteria and criteria to the score, to the last tenth."""
     whole = rubric([[points for points, _ in row] for row in table])
     findings = {f"{n}.{m}": finding for n, row in enumerate(table) for m, (_, finding) in enumerate(row)}
-    criteria = score_criteria(whole, findings, {})
+    criteria = score_criteria(whole.criteria, findings, {})
     score = total(criteria)
     checks = [check for criterion in criteria for check in criterion.checks]
     assert len(checks) == len(findings)
@@ -100,7 +100,7 @@ def test_halves_of_a_tenth_round_up(points: str, credit: str, earned: str) -> No
 def test_criteria_without_a_judged_check_are_left_out() -> None:
     """Where only some sessions ran, only what they decide counts."""
     whole = rubric([[Decimal(2), Decimal(3)], [Decimal(5)]])
-    criteria = score_criteria(whole, {"0.1": Finding(Outcome.PASSED, Decimal(1))}, {})
+    criteria = score_criteria(whole.criteria, {"0.1": Finding(Outcome.PASSED, Decimal(1))}, {})
     assert [criterion.id for criterion in criteria] == ["0"]
     assert total(criteria).possible == Decimal(3)
 

@@ -115,10 +115,11 @@ def test_the_columns_are_those_of_a_grade_book() -> None:
         "pub_outcome": "partial",
         "doc_outcome": "undecided",
         "adjustments": "late -2.5: A day late.",
+        "extensions": "",
         "needs": "undecided",
         "problem": "",
     }
-    assert missing == ["bob", *[""] * 11, "not graded", "No files."]
+    assert missing == ["bob", *[""] * 12, "not graded", "No files."]
 
 
 def test_the_file_opens_in_spreadsheets() -> None:

@@ -69,6 +69,7 @@ def test_the_contract() -> None:
         "score",
         "criteria",
         "adjustments",
+        "bonus",
         "violations",
         "advisories",
         "problems",

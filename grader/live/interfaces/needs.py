@@ -34,11 +34,16 @@ class Needed:
         return [*self.labs, *self.shipped, *self.students]
 
 
-def needed_interfaces(rubric: Rubric, submission: SubmissionRecord) -> Needed:
-    """Return the packages that a lab and a submission define, and those of the grader's own that they name."""
+def needed_interfaces(rubric: Rubric, submission: SubmissionRecord, sessions: Sequence[str]) -> Needed:
+    """Return the packages that a lab and a submission define, and those of the grader's own that they name.
+
+    The lab's are needed where a session that is recorded, or something that was handed in, names one of them.
+    """
     sources = [text for path, text in submission.texts.items() if path.endswith(_SOURCES)]
     shipped = shipped_for([rubric.text, *kept_lab.files_of(rubric).values(), *sources])
-    return Needed(rubric.interface_packages, shipped, list(interface_packages(submission)))
+    named = [*sources, *(_texts_of(rubric.sessions[name], rubric) for name in sessions)]
+    ours = [package for package in rubric.interface_packages if any(package.name in text for text in named)]
+    return Needed(rubric.interface_packages if ours else [], shipped, list(interface_packages(submission)))
 
 
 def provide_interfaces(

@@ -14,6 +14,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import queue
+import re
 import shutil
 import socket
 import sys
@@ -547,10 +548,18 @@ def _known(message: Any, values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name in message.get_fields_and_field_types()}
 
 
+_ELEMENT = re.compile(r"(\w+)/(\w+)")
+
+
 def _fill(message: Any, values: Mapping[str, Any]) -> Any:
     for name, value in values.items():
         if isinstance(value, Mapping):
             _fill(getattr(message, name), value)
+        elif isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping):
+            # An array of messages, whose type stands as `sequence<package/Name>` or `package/Name[3]`.
+            element = _ELEMENT.search(message.get_fields_and_field_types()[name])
+            made = interface_named("{}/msg/{}".format(*element.groups())) if element is not None else dict
+            setattr(message, name, [_fill(made(), each) for each in value])
         else:
             setattr(message, name, value)
     return message

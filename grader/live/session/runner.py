@@ -59,9 +59,10 @@ def sessions_at_a_time(isolation: Isolation) -> int:
 _NAMING = ("node", "publisher", "subscription", "service", "action", "action_client", "first_message_on")
 
 
-def given_in_steps(rubric: Rubric, *keys: str) -> list[str]:
-    """Return what the rubric's steps give under some keys: names, or by `type` those of interfaces."""
-    steps = [step for session in rubric.sessions.values() for step in session.steps]
+def given_in_steps(rubric: Rubric, *keys: str, sessions: Sequence[str] | None = None) -> list[str]:
+    """Return what steps of all or some sessions give under some keys: names, or by `type` those of interfaces."""
+    listed = rubric.sessions.values() if sessions is None else [rubric.sessions[name] for name in sessions]
+    steps = [step for session in listed for step in session.steps]
     return sorted({str(step.parameters[key]) for step in steps for key in keys if step.parameters.get(key)})
 
 

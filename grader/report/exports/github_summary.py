@@ -17,7 +17,7 @@ from grader.report.exports.graded import (
     proof_lines,
     violation_texts,
 )
-from grader.report.views import EXPLANATION, HEADING, adjustments_of, badge_of, points
+from grader.report.views import BONUS, EXPLANATION, HEADING, adjustments_of, badge_of, bonus_lines, points
 from grader.result import Outcome
 
 LONGEST_BYTES = 1024 * 1024
@@ -44,6 +44,7 @@ def fitting(parts: Iterable[str], longest_bytes: int) -> str:
 def _parts(graded: Graded) -> Iterable[str]:
     yield _head(graded)
     yield _criteria(graded)
+    yield from _listed(BONUS, map(markdown_text, bonus_lines(graded)))
     judged = f"As judged: {points(graded.score.earned)}. With all adjustments: **{points(graded.final)}**."
     yield from _listed("Adjustments", (markdown_text(view.text) for view in adjustments_of(graded)), judged)
     yield from _listed(HEADING, map(markdown_text, violation_texts(graded)), EXPLANATION)

@@ -26,7 +26,7 @@ from grader.report.exports.graded import (
     full_text,
     violation_texts,
 )
-from grader.report.views import HEADING, adjustments_of, points
+from grader.report.views import BONUS, HEADING, adjustments_of, bonus_lines, points
 from grader.result import number
 
 
@@ -63,6 +63,7 @@ def _overall(graded: Graded) -> list[str]:
             "the instructor can run the autograder again, or decide."
         )
     remarks: dict[str, Sequence[str]] = {
+        BONUS: bonus_lines(graded),
         "Adjustments": [view.text for view in adjustments_of(graded)],
         HEADING: violation_texts(graded),
         "On the grader's side": graded.problems[:MOST_REMARKS],

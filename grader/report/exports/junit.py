@@ -3,7 +3,8 @@
 Lost points are a `failure`. What is undecided is `skipped`, not an `error`: both systems show it as such,
 and neither counts it against the student, since it is the grader's doing. There are no properties on cases
 and no file names (the xUnit plugin's schema knows neither), nor any output, in which both systems look for
-references to files. No `type` is written, since GitLab's parser would convert by it.
+references to files. What is beside the points is left out. No `type` is written, since GitLab's parser would
+convert by it.
 
 References
 ----------

@@ -11,7 +11,7 @@ from grader.cohort.entries import ClassEntry
 from grader.recording.submission import Person
 from grader.report.escape import line
 from grader.report.exports.graded import graded
-from grader.report.views import Loss, adjustments_of, losses_of, points
+from grader.report.views import BONUS, Loss, adjustments_of, bonus_lines, losses_of, points
 from grader.result import Result
 from grader.result_folder import REPORT_FILE
 
@@ -74,6 +74,8 @@ def comment(result: Result) -> str:
         total += f" With adjustments: {', '.join(f'{view.title} {view.points}' for view in adjustments_of(result))}."
     if result.still_undecided:
         total += f" {points(result.still_undecided)} more are undecided; your instructor decides."
+    if result.bonus:
+        total += f" {BONUS}: {'; '.join(bonus_lines(result))}."
     if losses := losses_of(graded(result))[:_MOST_NAMED]:
         total += f" Fix first: {'; '.join(f'{loss.check.title} ({_gain(loss)})' for loss in losses)}."
     return line(total, 480).translate(_MARKUP)

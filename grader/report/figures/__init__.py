@@ -8,10 +8,12 @@ from pathlib import Path
 
 from grader.evidence.recorded import Recorded
 from grader.lab.rubric import FigureSpec
+from grader.report.figures.frames import Frames
 from grader.report.figures.graph import Calls, QosTable
 from grader.report.figures.link import Link
 from grader.report.figures.plan import PlanTree
 from grader.report.figures.posture import Posture
+from grader.report.figures.progress import Goals, States
 from grader.report.figures.svg import Figure, FigureKind
 from grader.report.figures.timing import Intervals, Latency, Rate
 from grader.report.figures.values import FieldOverTime, Reports, Series
@@ -28,6 +30,9 @@ FIGURES: Mapping[str, type[FigureKind]] = {
     "latency": Latency,
     "posture": Posture,
     "link": Link,
+    "frames": Frames,
+    "goals": Goals,
+    "states": States,
 }
 
 
