@@ -24,7 +24,8 @@ class OracleStream(NumbersOf):
     """Numbers that an oracle gets."""
 
     finite: bool = Field(
-        True, description="Whether it gets messages of finite numbers only; else all, as of a laser's infinite ranges."
+        True,
+        description="Whether it gets messages of finite numbers only; else all, as where infinite means nothing near.",
     )
 
 

@@ -37,7 +37,7 @@ class Limit:
 
 
 def limits_of(rubric: Rubric) -> list[Limit]:
-    """Return the points of all checks, and the numbers that they are given."""
+    """Return the points of all checks but those of the bonus, and the numbers that they are given."""
     titles = {check.id: check.title for check in rubric.checks()}
     found = []
     for place, criterion, check, key, node in _numbers(rubric.text):

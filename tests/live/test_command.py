@@ -35,7 +35,7 @@ def test_all_files_are_written(alice: Graded) -> None:
     assert {p.name for p in recordings.iterdir()} == {*sessions, "submission.json", "rubric.yaml", "rubric.files"}
     for session in sessions:
         names = {p.name for p in (recordings / session).iterdir()}
-        assert names == {"metadata.yaml", f"{session}.mcap", "session.json"}
+        assert names == {"metadata.yaml", f"{session}.mcap", "session.json", "foxglove.json"}
 
 
 def test_the_result_keeps_its_contract(alice: Graded) -> None:

@@ -548,7 +548,7 @@ def _known(message: Any, values: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in values.items() if name in message.get_fields_and_field_types()}
 
 
-_ELEMENT = re.compile(r"(\w+)/(\w+)")
+_ELEMENT = re.compile(r"(?<!\w)(\w+)/(\w+)")
 
 
 def _fill(message: Any, values: Mapping[str, Any]) -> Any:
