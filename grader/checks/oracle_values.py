@@ -25,7 +25,7 @@ class OracleStream(NumbersOf):
 
     finite: bool = Field(
         True,
-        description="Whether it gets messages of finite numbers only; else all, as where infinite means nothing near.",
+        description="Whether it gets messages of finite numbers only; else all: infinite may mean something.",
     )
 
 
