@@ -122,6 +122,10 @@ def _export_class(
     if not any(entry.result for entry in entries):
         remedy = "Give the folder of a class's results, e.g. results/, or of one submission's."
         raise RecordingError("there are no results to export", location=str(results), remedy=remedy)
+    labs = sorted({entry.result.provenance.get("lab", "") for entry in entries if entry.result is not None})
+    if len(labs) > 1:
+        remedy = "A column is of one lab: move the results of each into a folder of its own."
+        raise RecordingError(f"these are results of Labs {' and '.join(labs)}", location=str(results), remedy=remedy)
     given = ReturnedClass(
         entries, results.resolve().parent if single else results, options.column, options.sender or ""
     )

@@ -13,6 +13,7 @@ import pytest
 
 from grader.cli import main
 from grader.commands.grade import is_results
+from grader.errors import RecordingError
 from grader.files import UNFINISHED
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
@@ -265,3 +266,15 @@ def test_nothing_is_written_through_a_link_among_results(
     assert status == 2
     assert "is a link" in err
     assert [*(tmp_path / "elsewhere").iterdir()] == []
+
+
+def test_results_of_two_labs_are_no_column(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Points of one would stand in the other's column, so nothing is written."""
+    other = every_outcome()
+    other["provenance"]["lab"] = "another"
+    (results.parent / "ben").mkdir()
+    (results.parent / "ben" / RESULT_FILE).write_text(json.dumps(other), encoding="utf-8")
+    status, _, errors = run(capsys, results.parent, "--to=canvas")
+    assert status == RecordingError.exit_status
+    assert "results of Labs" in errors
+    assert not list(results.parent.glob("*.csv"))
