@@ -8,7 +8,7 @@ RUN apt-get update \
  && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /opt/grader
-COPY pyproject.toml constraints.txt README.md rubric.yaml ./
+COPY pyproject.toml constraints.txt README.md rubric.yaml rubric.schema.json ./
 COPY grader grader
 COPY reference reference
 RUN python3 -m venv /opt/venv \
