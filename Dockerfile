@@ -11,6 +11,8 @@ WORKDIR /opt/grader
 COPY pyproject.toml constraints.txt README.md rubric.yaml rubric.schema.json ./
 COPY grader grader
 COPY reference reference
+# Apart from the interpreter's folder, of which students' code may read all.
+COPY labs /opt/grade-labs
 RUN python3 -m venv /opt/venv \
  && /opt/venv/bin/python -m pip install --no-cache-dir --disable-pip-version-check -c constraints.txt . \
  && find /opt/venv -name '__pycache__' -prune -exec rm -rf {} + \
