@@ -8,9 +8,11 @@ RUN apt-get update \
  && rm -rf /var/lib/apt/lists/*
 
 WORKDIR /opt/grader
-COPY pyproject.toml constraints.txt README.md rubric.yaml ./
+COPY pyproject.toml constraints.txt README.md rubric.yaml rubric.schema.json ./
 COPY grader grader
 COPY reference reference
+# Apart from the interpreter's folder, of which students' code may read all.
+COPY labs /opt/grade-labs
 RUN python3 -m venv /opt/venv \
  && /opt/venv/bin/python -m pip install --no-cache-dir --disable-pip-version-check -c constraints.txt . \
  && find /opt/venv -name '__pycache__' -prune -exec rm -rf {} + \

@@ -3,7 +3,8 @@
 #
 #   install.sh SOURCE
 #
-# It goes to /opt/grade and belongs to root, so that no student's code can change it.
+# It goes to /opt/grade and belongs to root, so that no student's code can change it. The labs besides the one that travels
+# with it go to /opt/grade-labs: below /opt/grade, with the interpreter, students' code could read their solutions.
 set -euo pipefail
 source=$1
 as_root() { if [[ $(id -u) == 0 ]]; then "$@"; else sudo -- "$@"; fi; }
@@ -14,3 +15,5 @@ as_root env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-r
 as_root python3 -m venv /opt/grade
 as_root /opt/grade/bin/python -m pip install --quiet --disable-pip-version-check --no-cache-dir \
   --constraint "$source/constraints.txt" "$source"
+as_root rm -rf /opt/grade-labs
+as_root cp -R "$source/labs" /opt/grade-labs

@@ -68,7 +68,8 @@ def _discard_output() -> None:
 
 
 def _epilog() -> str:
-    lines = [f"  grade {name:<10}{text}" for name, text in COMMANDS.items()]
+    width = max(map(len, COMMANDS))
+    lines = [f"  grade {name:<{width}}  {text}" for name, text in COMMANDS.items()]
     return "other commands (each with --help):\n" + "\n".join(lines) + "\n\n" + _EXIT_STATUS
 
 

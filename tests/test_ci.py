@@ -62,6 +62,16 @@ def test_shell_scripts_are_sound(script: str) -> None:
     assert (ROOT / script).stat().st_mode & 0o111
 
 
+@pytest.mark.parametrize("file", ["Dockerfile", ".dockerignore", "docs/ci.md"])
+def test_all_that_an_installation_is_made_of_goes_along(file: str) -> None:
+    """The image and Gradescope's archive have what the package's build includes by name, and the other labs."""
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    included = set(re.findall(r'^"([^"]+)" = "grader/', project, re.MULTILINE))
+    assert {"rubric.yaml", "reference"} <= included
+    words = set(re.split(r"[\s!]+", (ROOT / file).read_text(encoding="utf-8")))
+    assert included | {"labs", "grader", "constraints.txt"} <= words
+
+
 @pytest.mark.parametrize("file", [*SCRIPTS, "ci/classroom50/autograder.py", "docs/ci.md"])
 def test_every_option_is_one_of_the_command(file: str) -> None:
     """What the scripts and the page say, `grade` or `grade export` knows."""

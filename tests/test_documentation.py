@@ -24,7 +24,7 @@ from tests.documentation import PAGES, ROOT, blocks, command_lines, inline
 
 #: Options of other programs, which pages name in sentences.
 OTHERS = {"--privileged", "--security-opt", "--user", "--memory", "--cpus", "--nthreads", "--exclusive", "--strict"}
-OTHERS |= {"--scheduler-file", "--plain"}
+OTHERS |= {"--scheduler-file", "--plain", "--network"}
 #: Folders of the repository; what is set as code and lies in one has to be there.
 FOLDERS = ("grader", "reference", "fixtures", "submissions", "ci", "docs", "bench", "tests", "tools", "labs")
 _OPTION = re.compile(r"(?<![\w-])--?[a-zA-Z][a-z-]*")

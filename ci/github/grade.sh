@@ -19,7 +19,7 @@ as_root rm -rf -- "$RESULTS"
 token=$(od -An -N16 -tx1 /dev/urandom | tr -d ' \n')
 echo "::stop-commands::$token"
 status=0
-# As root: each cell's student then has a user id of its own, without the runner's right to use sudo.
+# As root: each session's student then has a user id of its own, without the runner's right to use sudo.
 as_root "$GRADE" "${arguments[@]}" || status=$?
 echo "::$token::"
 

@@ -26,6 +26,11 @@ exit status:
   0 all in order    1 something is not as expected, or undecided
   2 wrong usage     4 there are mistakes, listed with file and line
 """
+_COMMANDS = {
+    "new": "make the smallest lab that works, to be changed into one's own",
+    "check": "find every mistake that can be known before a run, and checks that nobody can fail",
+    "try": "grade its solution and fixtures, and compare with what must come of them",
+}
 #: Beside the rubric: where `grade lab try` keeps what it graded.
 TRIED = "tried"
 _TEMPLATE = Path(__file__).parents[1] / "lab/template"
@@ -35,11 +40,11 @@ _STYLES = {"✓": "green", "!": "yellow"}
 def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade lab", _DESCRIPTION, _EPILOG)
     commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    new = commands.add_parser("new", help="make the smallest lab that works, to be changed into one's own")
-    new.add_argument("folder", type=Path, metavar="DIR", help="folder to make, e.g. labs/09-02")
-    words = "find every mistake that can be known before a run, and checks that nobody can fail"
-    check = commands.add_parser("check", help=words)
-    trying = commands.add_parser("try", help="grade its solution and fixtures, and compare with what must come of them")
+    new, check, trying = (
+        commands.add_parser(name, help=words, description=f"{words[:1].upper()}{words[1:]}.")
+        for name, words in _COMMANDS.items()
+    )
+    new.add_argument("folder", type=Path, metavar="DIR", help="folder to make, e.g. labs/09-03")
     for command in (check, trying):
         command.add_argument("folder", nargs="?", type=Path, default=Path(), metavar="DIR", help="default: this folder")
     trying.add_argument("names", nargs="*", metavar="NAME", help="only these: solution, or names of fixtures")

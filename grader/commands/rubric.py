@@ -16,7 +16,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.judging.rubrics import read_rubric, rubric_kinds
     from grader.lab.rubric import json_schema
 
-    parser = argparse.ArgumentParser(prog="grade rubric", description=__doc__.split(": ", 1)[1] if __doc__ else "")
+    parser = argparse.ArgumentParser(
+        prog="grade rubric", description="Check a rubric, or print the JSON Schema by which editors check one."
+    )
     parser.add_argument(
         "rubric",
         nargs="?",
