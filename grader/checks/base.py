@@ -261,6 +261,10 @@ def percent(share: float) -> str:
     return f"{100 * share:g}%"
 
 
+#: Share of a time for which a process was delayed, from which all that happened in it may depend on that.
+MANY_DELAYS = 0.25
+
+
 def cpu_delay_doubt(delay_s: float, length_s: float) -> str:
     """Say that the machine's delay may be why something is not as it should be."""
     return f"Not your fault: the grading computer was too busy to measure this ({delay_s:.2f} s of {length_s:.1f} s)."

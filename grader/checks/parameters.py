@@ -36,6 +36,7 @@ class ParameterEffect(Parameters):
     """A parameter that is set while the node runs changes a rate, a field or an answer as told."""
 
     example: ClassVar = {"topic": "/chatter", "old": 1.0, "new": 2.0}
+    exactly_one = ("topic", "answer")
 
     process: ref.Process
     set_step: ref.SetLabel = Field(description="The step that sets the parameter.")
@@ -57,8 +58,6 @@ class ParameterEffect(Parameters):
 
     @model_validator(mode="after")
     def _is_of_one_kind(self) -> ParameterEffect:
-        if (self.topic is None) == (self.answer is None):
-            raise ValueError("exactly one of topic, answer is needed")
         if self.is_rate and isinstance(self.old, (bool, str)) | isinstance(self.new, (bool, str)):
             raise ValueError("a rate is a number of Hz")
         return self

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from grader.checks.base import (
     CREDIT_LEVELS,
@@ -42,6 +42,7 @@ class SilentUntil(Parameters):
     """Nothing is published on a topic before a step, another topic's first message, or a condition; then it begins."""
 
     example: ClassVar = {"step": "step"}
+    exactly_one = ("step", "message_on", "condition")
 
     topic: ref.Topic
     step: ref.AnyStep | None = Field(None, description="Label of the step that begins it.")
@@ -49,12 +50,6 @@ class SilentUntil(Parameters):
     condition: Condition | None = Field(None, description="What a field has to be for the first time.")
     tolerance_s: float = Field(0.05, ge=0, description="How much earlier a message may be stamped.")
     begins_within_s: float | None = Field(5.0, gt=0, description="How soon it then begins; null if it need not.")
-
-    @model_validator(mode="after")
-    def _has_one(self) -> SilentUntil:
-        if sum(each is not None for each in (self.step, self.message_on, self.condition)) != 1:
-            raise ValueError("exactly one of step, message_on, condition is needed")
-        return self
 
     def begins_ns(self, context: Context) -> int | None:
         """Return from when on it may publish; None if that never came."""
