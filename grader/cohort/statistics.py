@@ -107,10 +107,8 @@ class CheckStatistics:
 
     Notes
     -----
-    The discrimination is the corrected item-total correlation: Pearson's correlation between the check's credit
-    and the share of points earned in all other decided checks, before adjustments. (Where credit is only all or
-    nothing, this is the point-biserial correlation.) The check itself is left out of the total, since it would
-    otherwise correlate with itself. Undecided checks are left out of both. There is none for fewer than
+    The discrimination is the corrected item-total correlation: Pearson's, between the check's credit and the share of
+    points earned in all other decided checks, before adjustments. There is none for fewer than
     `LEAST_FOR_DISCRIMINATION` submissions, nor where all have the same credit or the same rest.
 
     References

@@ -1,7 +1,6 @@
 """A recorded session as the checks see it: numbers and facts, no judgement.
 
-Names are those of the rubric; where the student used another (a near miss that the live half found
-and used), it is followed silently. Times handed out as floats are seconds since the session's start.
+Names are those of the rubric; where the student used another, it is followed. Floats are seconds since the start.
 """
 
 from __future__ import annotations
@@ -435,9 +434,8 @@ def _grown_s(samples: Sequence[tuple[int, int]], span: Span) -> float:
 def _run_delay_s(run: ProcessRun, span: Span) -> float:
     """Return the greatest run-queue delay that a process may have had within a span, in s.
 
-    Between two samples only the sum is known: all of it may lie in the part that belongs to the span, if it is long
-    enough. In what follows the last sample of a process that ended by itself, the delay is taken to have been as
-    usual.
+    Between two samples only the sum is known: all of it may lie in the part that belongs to the span. After the last
+    sample of a process that ended by itself, the delay is taken to have been as usual.
     """
     samples = [(u.t_ns, u.run_delay_ns) for u in run.usage]
     if run.usage[-1].t_ns == run.exited_ns:  # added when it had ended, and could not be asked any more

@@ -1,8 +1,7 @@
 """What a student put into words: how to run the work, what each part does, why it is as it is.
 
-A text counts by its own words: not by headings, names, links, code, places held for a later text, or the same
-sentence said of everything. Any language counts; what to look for is given by the rubric, in as many
-languages as it likes.
+A text counts by its own words: not by headings, names, links, code, places held for a later text, or the same sentence
+said of everything. Any language counts; what to look for is given by the rubric.
 """
 
 from __future__ import annotations

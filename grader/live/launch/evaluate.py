@@ -1,10 +1,8 @@
 """Evaluates one launch file, as a script in a process that somebody else confines.
 
-Reads a request as JSON from standard input: `{"file": ..., "arguments": {...}, "root": ...,
-"native": false}`; `native` asks for the real `launch` instead of the stand-in beside this script. Writes the plan
-as JSON to the file descriptor that follows --result-fd. The launch file's own output goes where it would.
-Nothing of the rest of the grader is imported, so that the script and the stand-in beside it can be all that
-the process sees.
+Reads a request as JSON from standard input: `{"file": ..., "arguments": {...}, "root": ..., "native": false}`;
+`native` asks for the real `launch`. Writes the plan as JSON to the descriptor that follows --result-fd. Nothing of the
+rest of the grader is imported: this script and the stand-in beside it can be all that the process sees.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Records the traffic of a sandbox: raw subscriptions, written to a bag as they come.
 
-The recorder has contexts of its own, since one participant cannot hold two types on one topic. It does not
-spin an executor: the middleware stamps each message when it receives it, so that it does not matter when the
-recorder takes it. A thread empties all queues every few milliseconds, which costs a tenth of what waking for
-each message does, and leaves the cores to the experiment.
+It has contexts of its own, since one participant cannot hold two types on one topic. The middleware stamps each message
+when it receives it, so that a thread may empty all queues every few milliseconds, which costs a tenth of what waking
+for each message does.
 """
 
 from __future__ import annotations

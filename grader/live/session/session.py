@@ -1,8 +1,7 @@
 """A session, as the first process of its sandbox: start, steps, stop → recording.
 
-Forked by `grader.live.session.fork_server` with a `SessionPlan`. It starts the director, the
-reference nodes and the student's processes, runs the steps, and writes `session.json` beside the
-bag. It touches no ROS itself. Progress goes to standard output, one JSON line each.
+Forked by `grader.live.session.fork_server` with a `SessionPlan`. It touches no ROS itself. Progress goes to standard
+output, one JSON line each.
 """
 
 from __future__ import annotations
