@@ -17,6 +17,7 @@ from grader.lab import references as ref
 from grader.lab.lab_code import Settings
 from grader.lab.references import Parameters
 from grader.lab.yaml_with_lines import mistakes_at
+from grader.recording.session import AWAITED
 
 
 class Step(Parameters):
@@ -70,7 +71,7 @@ class WaitForStep(Step):
     """Wait for a node, an endpoint, a service, an action or a line of output; near misses of a name are found."""
 
     words = "waiting for {key} {target}"
-    exactly_one = ("node", "publisher", "subscription", "service", "action", "action_client", "output_of")
+    exactly_one = (*AWAITED, "output_of")
     example: ClassVar = {"publisher": "/chatter", "type": "std_msgs/msg/String"}
 
     node: ref.RosName | None = None

@@ -27,6 +27,8 @@ PROCESS_DIGITS = 16
 OF_ACTION, _GOAL_SERVICE = "/_action/", "/_action/send_goal"
 #: Topics that every node has, or that belong to the clock: a student's node means none of them by a name of its own.
 STANDARD_TOPICS = ("/rosout", "/parameter_events", "/clock")
+#: Keys of a step, one of which names what in the graph is waited for.
+AWAITED = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
 GRADER_NAMESPACE = "/_grader"
 

@@ -176,6 +176,19 @@ class Frame:
             parts += [rule(at, self.bottom, at, self.bottom + 4, "axis"), text(at, self.bottom + 17, short(value))]
         return [*parts, text((self.left + self.right) / 2, self.bottom + 36, label, class_="label")]
 
+    def log_axis(self, top: float, bottom: float, *, dense: bool) -> list[Markup]:
+        """Return the lines of times whose logarithms are on the x axis: powers of ten, and if dense what is between."""
+        parts = []
+        low, high = self.x
+        for power in range(math.floor(low), math.ceil(high) + 1):
+            for factor in (1, 2, 5) if dense else (1,):
+                value = math.log10(factor) + power
+                if low <= value <= high:
+                    at = self.px(value)
+                    parts.append(rule(at, top, at, bottom, "grid"))
+                    parts.append(text(at, bottom + 14, duration(factor * 10.0**power)))
+        return parts
+
 
 def frame_in(width: float, height: float, x: tuple[float, float], y: tuple[float, float], top: float) -> Frame:
     """Return the frame of a picture of one frame."""
