@@ -196,8 +196,7 @@ class ReferenceNode:
     ) -> None:
         """Wait until the recorder has subscribed to each topic of this node, and `ready` holds of each publisher.
 
-        To be called before the first message. Once the time is up it goes on anyway, and what is lost then counts as
-        lost: whoever holds up the recorder gains nothing by it.
+        To be called before the first message. Once the time is up it goes on, and what is lost then counts as lost.
         """
         self._recorded = True
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
@@ -207,11 +206,7 @@ class ReferenceNode:
             sleep_until(min(now_ns + MATCH_POLL_NS, deadline_ns), stop)
 
     def report_participant(self) -> None:
-        """Print by which gids its endpoints are known.
-
-        They are read from the graph, on a topic whose name nobody else can know: on all others, another node
-        might have taken this one's name.
-        """
+        """Print by which gids its endpoints are known: by those on a topic whose name no other node can know."""
         from std_msgs.msg import Empty
 
         topic = f"/_grader/_{secrets.token_hex(8)}"

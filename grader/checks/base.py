@@ -185,8 +185,7 @@ CREDIT_LEVELS = 10
 def quantise(share: float, levels: int = CREDIT_LEVELS) -> float:
     """Return a measured share as credit in even levels, rounded down; what is as good as full is full.
 
-    Two recordings of the same program never measure exactly the same. Levels keep the score the same, except
-    where the measurement lies at a level's edge, which `graded` leaves undecided.
+    Two recordings never measure the same. Levels keep the score the same but at their edges, see `graded`.
     """
     if share >= float(_AS_GOOD_AS_FULL):
         return 1.0

@@ -81,8 +81,8 @@ class _Scope:
     def _values(self, name: str) -> Sequence[str]:
         """Return what stands for a name.
 
-        That is the command of the step that the parameter names, the parameter's value, or the values of that name
-        within other parameters: of several, those that the reason mentions.
+        It is the command of the step that the parameter names, its value, or the values within others of that name: of
+        several, those that the reason mentions.
         """
         value = self._own.get(name)
         if (step := self._steps.get(value) if isinstance(value, str) else None) is not None:

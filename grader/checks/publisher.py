@@ -394,8 +394,7 @@ class Sinusoids(Parameters):
 def sinusoids(context: Context, p: Sinusoids) -> Finding:
     """Judge amplitude and frequency, both by the clock and by counting messages.
 
-    A node whose rate is wrong is charged for the rate: its sinusoid may be right by either reckoning. What sends a
-    joint where it must not go earns nothing, however right the rest of it is.
+    A wrong rate is charged elsewhere. What sends a joint where it must not go earns nothing.
     """
     wanted = ", ".join(f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components)
     expected = f"{wanted}, the others 0"

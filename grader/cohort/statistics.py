@@ -79,8 +79,7 @@ class Bar:
 class Spread:
     """How points are spread over those that were graded.
 
-    Quartiles lie between the two nearest values in proportion (the method of spreadsheets' QUARTILE.INC).
-    What is undecided is not counted.
+    Quartiles are those of spreadsheets' QUARTILE.INC. What is undecided is not counted.
     """
 
     count: int

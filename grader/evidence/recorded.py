@@ -138,8 +138,7 @@ class Recorded:
     def published_on(self, topic: str) -> tuple[Published, ...]:
         """Return what the grader reported that it published on a topic (of the graph).
 
-        Nothing, unless all of its publishers there reported it, and the steps do not expect the student to publish
-        there.
+        Nothing, unless all of its publishers there reported it, and no step expects the student to publish there.
         """
         published = tuple(entry for entry in self.record.published if entry.topic == topic)
         reporting = {entry.process for entry in published}
@@ -164,8 +163,7 @@ class Recorded:
     def rows(self, name: str, field: str) -> tuple[Floats | None, ...]:
         """Return the numbers in a field of each message, as `numbers_of` finds them; None where a message has none.
 
-        Where the type is not the one that the field belongs to, the first field that holds an array of
-        numbers stands in, since a wrong type is charged elsewhere.
+        In a wrong type, which is charged elsewhere, the first field that holds an array of numbers stands in.
         """
         stream, own = self.stream(name), field_steps(field)[0]
         if any(hasattr(message, str(own)) for message in stream.messages):
@@ -308,11 +306,9 @@ class Recorded:
     def _sampled_delay_s(self, run: ProcessRun, span: Span) -> float:
         """Return the same of a process that was not watched, in s, from samples twice a second.
 
-        Taken from the run-queue delay of its threads and the time that a virtual machine's host took; or where that is
-        more, from the time in which the grader itself stalled, as all does that is frozen or suspended.
-        Threads of one process also wait for each other, and for other programs of the student's; so it is at most the
-        time for which somebody else was on the core. A process that is busy all the time has itself to blame:
-        others can have had the core no longer than it was not in use.
+        It is the run-queue delay of its threads and the time that a virtual machine's host took; or where that is more,
+        the time in which the grader itself stalled. Threads also wait for each other, and for other programs of the
+        student's; so it is at most the time for which somebody else was on the core.
         """
         if len(run.usage) < 2:
             return 0.0

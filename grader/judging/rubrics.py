@@ -23,8 +23,8 @@ from grader.submission.separation import lies_within
 def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
     """Load a rubric that the user names, by default that of the lab which travels with the grader.
 
-    A copy that lies elsewhere finds the files that it names beside `kept`, which is the copy of a rubric among results,
-    or in the grader's own lab, if these are of the same lab. Raises RubricError with all its mistakes.
+    A copy that lies elsewhere finds its files beside `kept`, the copy of a rubric among results, or in the grader's own
+    lab, if these are of the same lab. Raises RubricError with all its mistakes.
     """
     path = path or lab_folder() / "rubric.yaml"
     if (path.parent / kept_lab.KEPT).is_dir():

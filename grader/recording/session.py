@@ -1,8 +1,7 @@
 """`session.json`: all of a session that is not ROS traffic.
 
-Times are integer nanoseconds of the system clock (CLOCK_REALTIME), the clock of DDS timestamps.
-The models are read by the judging half and written by the live half; neither ROS nor processes
-are needed here. Standard library only, since the trusted processes in a sandbox import it too.
+Times are integer nanoseconds of the system clock (CLOCK_REALTIME), the clock of DDS timestamps. Standard library only,
+since the trusted processes in a sandbox import it too.
 """
 
 from __future__ import annotations

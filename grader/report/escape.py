@@ -75,8 +75,7 @@ def command_property(text: str, longest: int = LONGEST) -> str:
 def uncommanded(text: str) -> str:
     """Return a text of which no part is a command, at whatever place its lines are broken when it is printed.
 
-    Two colons are parted by a blank where a name and two colons follow; likewise `##` and a bracket. C++ names
-    such as `std::vector` stay, unless they have three parts.
+    A blank parts two colons where a name and two more follow, and `##` from a bracket; names of two parts in C++ stay.
     """
     last = text.rfind("::")
     parted = _COLONS.sub(lambda found: ": " if found.start() + 2 <= last else ":", text)

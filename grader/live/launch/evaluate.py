@@ -41,8 +41,7 @@ def main() -> int:
 def evaluation(*, native: bool) -> Any:
     """The function that evaluates, with the stand-in or else with the `launch` that Python finds.
 
-    A launch file must not be able to import this script's neighbours by their bare names: they are in a package
-    of a name of their own.
+    Its neighbours are in a package of their own, so that no launch file imports them by their bare names.
     """
     package = ModuleType("grader_launching")
     package.__path__ = [str(HERE)]

@@ -156,8 +156,7 @@ class Recorder:
     def follow(self, publishers: Sequence[Endpoint]) -> None:
         """Record every topic of these publishers; to be called with all of them whenever the graph changed.
 
-        Topics followed before stay so when their publishers are gone. Endpoints that are not publishers are
-        passed over.
+        Topics followed before stay so when their publishers are gone; other endpoints are passed over.
         """
         topics: dict[tuple[str, str], list[Endpoint]] = {}
         for publisher in publishers:

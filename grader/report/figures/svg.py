@@ -1,7 +1,6 @@
 """Pictures as inline SVG: axes, lines and marks.
 
-Colours and letters come from the page's style sheet by class, so that a picture follows light, dark and
-print. A picture that is wide on a desk has a narrow form for a phone, so that its letters stay legible.
+Colours and letters come from the page's style sheet by class. A wide picture has a narrow form for a phone.
 """
 
 from __future__ import annotations
