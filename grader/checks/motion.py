@@ -137,13 +137,13 @@ def reaches(context: Context, p: Reaches) -> Finding:
     expected = f"{p.field} within {p.tolerance:g} of its target after {p.within_s:g} s at most{hold}"
     span = p.counts(context)
     if span is None:
-        return not_reached("The step after which it counts was not reached.", expected=expected)
+        return not_reached("Not tested: the step after which the motion counts was not reached.", expected=expected)
     series = p.series(context.session, span)
     target = p.target.at(context, series.source_ns) if series is not None else None
     if series is None:
         return nothing_came(context, p.topic, expected)
     if target is None:
-        return not_reached("There is nothing to compare with: the target was not recorded.", expected=expected)
+        return not_reached("Not tested: the target was not recorded.", expected=expected)
     if target.shape[1] not in (1, series.values.shape[1]):
         reason = f"{p.field} holds {series.values.shape[1]} numbers, the target {target.shape[1]}."
         return failed(expected, f"{series.values.shape[1]} numbers", reason)
@@ -173,13 +173,13 @@ def _arrival(context: Context, p: Reaches, span: Span, series: NumericStream, of
     if came:
         delay_s = context.session.longest_delay_s(Span(span.start_ns, here.end_ns))
         share, best = p.timely(late_s), p.timely(late_s - delay_s)
-        reason = f"It comes there after {after} s, {p.within_s:g} s are allowed." if share < 1 else ""
+        reason = f"The target is reached after {after} s; {p.within_s:g} s are allowed." if share < 1 else ""
     else:
         delay_s = context.session.longest_delay_s(span)
         share = p.near_credit * ramp(float(held[near]), p.tolerance, p.none_beyond or p.tolerance)
         best = 1.0 if delay_s > MANY_DELAYS * span.duration_s else share
         stays = f" that it keeps for {p.hold_s:g} s" if p.hold_s else ""
-        reason = f"The nearest{stays} is {shown}, at {at_s:.2f} s; {p.tolerance:g} is near enough."
+        reason = f"Not reached: the nearest{stays} is {shown}, at {at_s:.2f} s; {p.tolerance:g} is near enough."
     doubt = cpu_delay_doubt(delay_s, span.duration_s)
     text = f"within {shown} after {after} s"
     return Part(share, text, reason, best, doubt, where=(context.location(p.topic, here),))

@@ -143,7 +143,7 @@ def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
         return nothing_came(context, p.topic, expected)
     wanted = p.wanted(context)
     if wanted is None or not wanted.asked.any():
-        return not_reached("Nothing was recorded from which the right values follow.", expected=expected)
+        return not_reached("Not tested: nothing was recorded from which the right values follow.", expected=expected)
     width, own = wanted.values.shape[1], published.values.shape[1]
     if width != own:
         return failed(expected, f"{own} numbers a message", f"A message holds {own} numbers, not {width}.")

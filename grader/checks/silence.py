@@ -77,7 +77,7 @@ def silent_until(context: Context, p: SilentUntil) -> Finding:
     if len(early):
         at_s, span = moment(context, p.topic, int(early.min()))
         then = f"{p.words} came at {context.session.since_start_s(begins_ns):.2f} s" if begins_ns else "that never came"
-        reason = f"It publishes from {at_s:.2f} s on; {then}."
+        reason = f"Messages come from {at_s:.2f} s on; {then}."
         return failed(expected, f"{len(early)} messages too early", reason, where=(context.location(p.topic, span),))
     if begins_ns is None:
         return not_reached(f"Not tested, because this never came: {p.words}.", expected=expected)
@@ -86,11 +86,11 @@ def silent_until(context: Context, p: SilentUntil) -> Finding:
         return passed(expected, first)
     span = Span(begins_ns, begins_ns + round(p.begins_within_s * 1e9))
     delay_s = context.session.longest_delay_s(span)
-    reason = f"It publishes nothing in the {p.begins_within_s:g} s after that either, so its silence proves nothing."
+    reason = f"Nothing comes in the {p.begins_within_s:g} s after that either, so the silence proves nothing."
     came_ns = int(times.min(initial=context.session.record.ended_ns))  # What is not seen may come after the end.
     best = float((came_ns - span.end_ns) / 1e9 <= delay_s)
     return unexplained(
-        graded(0.0, expected, "nothing then either", reason, best=best, doubt=cpu_delay_doubt(delay_s, span.duration_s))
+        graded(0.0, expected, "nothing afterwards", reason, best=best, doubt=cpu_delay_doubt(delay_s, span.duration_s))
     )
 
 
