@@ -24,7 +24,7 @@ class OracleStream(NumbersOf):
     """Numbers that an oracle gets."""
 
     finite: bool = Field(
-        True, description="Whether it gets messages of finite numbers only; else all, as of a laser's infinite ranges."
+        True, description="Whether it gets messages of finite numbers only; else all, where infinity says something."
     )
 
 
