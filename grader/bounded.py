@@ -1,8 +1,7 @@
 """Runs work on what students wrote in processes of its own, each with a bound on its time and memory.
 
-A process is a copy of this one (`fork`), so that nothing is imported anew and work may be any function; what it
-returns, or raises, comes back through a pipe. Where there is no safe `fork` (on other systems than Linux, where
-results are judged again but nothing is graded) the work is done here, unbounded.
+A process is a fork of this one; what it returns, or raises, comes back through a pipe. On other systems than Linux,
+where nothing is graded, the work is done here, unbounded.
 """
 
 from __future__ import annotations

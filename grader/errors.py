@@ -1,7 +1,6 @@
 """The exceptions of the grader: no fair score exists, so none is written.
 
-A student's fault is a finding, never an exception. Each class has an exit status of its own; the
-command line catches them once and prints problem, where and remedy.
+A student's fault is a finding, never an exception. Each class has its exit status; the command line catches them once.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Writes exports while a submission is still being graded.
 
-Some systems show nothing of a job that runs out of time. So what is known is written after each session, with
-the rest as undecided. That is judged by another process, which yields to all others, so that it takes no core
-from the sessions that are being timed.
+Some systems show nothing of a job that runs out of time. So what is known is written after each session, judged by a
+process that yields to all others.
 """
 
 from __future__ import annotations

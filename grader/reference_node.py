@@ -23,10 +23,8 @@ It is started with one argument, `{"seed": 1, "names": {...}, "with": {...}}`, o
 from standard input then: who may see the command line learns nothing from it. It prints `ready` once all its endpoints
 exist, runs until SIGINT or SIGTERM, and exits with status 0.
 
-What travels over DDS can be forged by students' nodes, standard output cannot. So it also prints who it is in
-the graph (`participant GID_PREFIX`, the first thing) and what it published (`published TOPIC TYPE DIGESTS`, the
-last; a digest a message). By these the judging half knows its endpoints and its messages from all others. A node that
-published nothing before `wait_until_recorded` adds ` recorded`: then the whole of it has to be in the recording.
+It also prints who it is in the graph, and what it published (see `grader.recording.trusted_channel`). All that a node
+published has to be in the recording if it published nothing before `wait_until_recorded`.
 """
 
 from __future__ import annotations
@@ -65,26 +63,16 @@ class ConfigurationError(ValueError):
 
 @dataclass(frozen=True)
 class Configuration:
-    """A reference node's only input.
+    """A reference node's only input."""
 
-    Attributes
-    ----------
-    seed : int
-        All that is drawn by lot is drawn from it.
-    names : dict
-        Topic or service name in the rubric -> name that the student used.
-    settings : dict
-        The rubric's `with`.
-    subscriptions : dict
-        Topic on the graph -> number of the student's subscriptions to it. Those of a process that died may
-        be among them: DDS counts them until their lease has run out.
-    types : dict
-        Topic on the graph -> type to which the student subscribes.
-    """
-
+    #: All that is drawn by lot is drawn from it.
     seed: int = 0
+    #: Topic or service name in the rubric -> name that the student used.
     names: dict[str, str] = field(default_factory=dict)
+    #: The rubric's `with`.
     settings: dict[str, Any] = field(default_factory=dict)
+    #: Topic on the graph -> number of the student's subscriptions to it, and the type of these. DDS counts those of a
+    #: process that died until their lease has run out.
     subscriptions: dict[str, int] = field(default_factory=dict)
     types: dict[str, str] = field(default_factory=dict)
 
@@ -94,13 +82,7 @@ class Configuration:
 
 
 def parse_configuration(text: str) -> Configuration:
-    """Read the JSON object of the command line.
-
-    Raises
-    ------
-    ConfigurationError
-        If it is not such an object.
-    """
+    """Read the JSON object of the command line; raises ConfigurationError if it is not such an object."""
     try:
         plain = json.loads(text)
     except ValueError as problem:
@@ -117,13 +99,7 @@ def parse_configuration(text: str) -> Configuration:
 
 
 def build_settings(kind: type[T], plain: dict[str, Any]) -> T:
-    """Build a settings dataclass from the rubric's `with`.
-
-    Raises
-    ------
-    ConfigurationError
-        If a key is unknown, or the dataclass refuses a value.
-    """
+    """Build a settings dataclass from the rubric's `with`; raises ConfigurationError if one of these does not fit."""
     known = sorted(f.name for f in fields(kind))  # type: ignore[arg-type]
     for key in plain:
         if key not in known:
@@ -220,8 +196,7 @@ class ReferenceNode:
     ) -> None:
         """Wait until the recorder has subscribed to each topic of this node, and `ready` holds of each publisher.
 
-        To be called before the first message. Once the time is up it goes on anyway, and what is lost then counts as
-        lost: whoever holds up the recorder gains nothing by it.
+        To be called before the first message. Once the time is up it goes on, and what is lost then counts as lost.
         """
         self._recorded = True
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
@@ -231,11 +206,7 @@ class ReferenceNode:
             sleep_until(min(now_ns + MATCH_POLL_NS, deadline_ns), stop)
 
     def report_participant(self) -> None:
-        """Print by which gids its endpoints are known.
-
-        They are read from the graph, on a topic whose name nobody else can know: on all others, another node
-        might have taken this one's name.
-        """
+        """Print by which gids its endpoints are known: by those on a topic whose name no other node can know."""
         from std_msgs.msg import Empty
 
         topic = f"/_grader/_{secrets.token_hex(8)}"

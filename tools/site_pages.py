@@ -23,8 +23,8 @@ from mkdocs.structure.pages import Page
 from rich.console import Console
 
 from grader.checks.registry import REGISTRY
-from grader.commands import COMMANDS, checks, figures, steps
-from grader.commands.listing import Entry, Parameter, parameters_in
+from grader.commands import COMMANDS
+from grader.commands.listing import Entry, Parameter, entries_of, parameters_in
 from grader.judging.rubrics import rubric_kinds
 from grader.lab.rubric import json_schema
 from grader.lab.steps import STEPS
@@ -99,8 +99,8 @@ def _plain(text: str) -> str:
 def described_steps() -> str:
     """Return a section for each kind of step; of some keys of a step exactly one is given."""
     one = " Exactly one of {} is given."
-    entries = steps.entries()
-    targets = {entry.name: ", ".join(f"`{key}`" for key in STEPS[entry.name].targets) for entry in entries}
+    entries = entries_of("steps")
+    targets = {entry.name: ", ".join(f"`{key}`" for key in STEPS[entry.name].exactly_one) for entry in entries}
     return _sections(
         replace(entry, description=entry.description + (one.format(targets[entry.name]) if targets[entry.name] else ""))
         for entry in entries
@@ -118,14 +118,14 @@ def _sections(entries: Iterable[Entry], level: int = 2) -> str:
 def grouped_checks() -> str:
     """Return a section for each check, below a heading for each of their modules."""
     groups: dict[str, list[Entry]] = {}
-    for entry in checks.entries():
+    for entry in entries_of("checks"):
         groups.setdefault(REGISTRY[entry.name].find.__module__, []).append(entry)
     return "\n".join(f"## {_heading(module)}\n\n{_sections(group, 3)}" for module, group in groups.items())
 
 
 def overview() -> str:
     """Return a table of all checks, each with the first sentence of what it says of itself."""
-    first = {entry.name: re.split(r"[.;] ", entry.description)[0].rstrip(".") for entry in checks.entries()}
+    first = {entry.name: re.split(r"[.;] ", entry.description)[0].rstrip(".") for entry in entries_of("checks")}
     rows = (f"| [{name}](#{name}) | {_plain(said)}. |" for name, said in first.items())
     return "\n".join(["| check | |", "|---|---|", *rows])
 
@@ -193,7 +193,7 @@ GENERATED: Mapping[str, Callable[..., str]] = {
     "overview": overview,
     "checks": grouped_checks,
     "steps": described_steps,
-    "figures": lambda: _sections(figures.entries()),
+    "figures": lambda: _sections(entries_of("figures")),
     "part": part,
     "commands": commands_said,
     "code": code,

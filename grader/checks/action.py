@@ -468,7 +468,7 @@ def _too_early(sent: _Sent, what: str, key: str) -> Part:
     if not sent.has_ended:
         raise _NotTested(f"the moment at which the {sent.words} was to be {what} never came")
     ended = f"The {sent.words} had ended as {sent.status} before it could be {what}."
-    found = Part(0.0, "ended before", ended, hint="The execute callback must take its time over a goal such as this.")
+    found = Part(0.0, "ended before", ended, hint="Let the execute callback work until it is asked to end.")
     after_s, end_ns = sent.step.parameters.get(key), sent.record["ended_ns"]
     if after_s is None or end_ns is None:
         return found

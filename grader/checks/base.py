@@ -185,8 +185,7 @@ CREDIT_LEVELS = 10
 def quantise(share: float, levels: int = CREDIT_LEVELS) -> float:
     """Return a measured share as credit in even levels, rounded down; what is as good as full is full.
 
-    Two recordings of the same program never measure exactly the same. Levels keep the score the same, except
-    where the measurement lies at a level's edge, which `graded` leaves undecided.
+    Two recordings never measure the same. Levels keep the score the same but at their edges, see `graded`.
     """
     if share >= float(_AS_GOOD_AS_FULL):
         return 1.0
@@ -259,6 +258,10 @@ def apart(value: float, *limits: float, places: int) -> str:
 def percent(share: float) -> str:
     """Return a share from a rubric as it is written there."""
     return f"{100 * share:g}%"
+
+
+#: Share of a time for which a process was delayed, from which all that happened in it may depend on that.
+MANY_DELAYS = 0.25
 
 
 def cpu_delay_doubt(delay_s: float, length_s: float) -> str:

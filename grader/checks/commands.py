@@ -20,46 +20,30 @@ _MOST = 4
 #: Parameters that name a file of the submission.
 _FILES = ("artifact", "launch")
 #: Plays what the grader sent once more, from the folder of the report.
+_ECHO, _STEP = ("ros2 topic echo {topic}",), ("{step}",)
 _REPLAY = ("ros2 bag play recordings/{session} --topics {streams}",)
 #: Kind of a check -> commands that show its fault while the program runs. `{name}` is a parameter, a name within one,
 #: or what does the same as the step that a parameter names.
 _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "topic_published": ("ros2 topic list -t",),
-    "topic_rate": ("ros2 topic hz {topic}",),
-    "topic_jitter": ("ros2 topic hz {topic}",),
+    **dict.fromkeys(("topic_rate", "topic_jitter", "topics_carry_traffic"), ("ros2 topic hz {topic}",)),
     "message_values": ("ros2 topic echo --once {topic}",),
-    "sinusoids": ("ros2 topic echo {topic}",),
-    "field_range": ("ros2 topic echo {topic}",),
-    "field_matches": ("ros2 topic echo {topic}",),
-    "reaches": ("ros2 topic echo {topic}",),
-    "topic_equals_oracle": ("ros2 topic echo {topic}",),
-    "silent_until": ("ros2 topic echo {topic}",),
-    "stops_publishing": ("ros2 topic echo {topic}",),
-    "requested_qos": ("ros2 topic info -v {topic}",),
-    "offered_qos": ("ros2 topic info -v {topic}",),
+    **dict.fromkeys(("sinusoids", "field_range", "field_matches", "reaches", "topic_equals_oracle"), _ECHO),
+    **dict.fromkeys(("silent_until", "stops_publishing"), _ECHO),
+    **dict.fromkeys(("requested_qos", "offered_qos", "qos_profiles"), ("ros2 topic info -v {topic}",)),
     "topics_subscribed": ("ros2 node info {node}",),
-    "reported_series": _REPLAY,
-    "reported_statistics": _REPLAY,
-    "survives": ("{step}",),
+    **dict.fromkeys(("reported_series", "reported_statistics"), _REPLAY),
+    **dict.fromkeys(("survives", "call_answered", "parameters_declared", "calls_in_time", "call_value"), _STEP),
+    **dict.fromkeys(("parameter_rejected", "launch_loads"), _STEP),
     "service_offered": ("ros2 service list -t",),
-    "call_answered": ("{step}",),
     "call_gated": ("{set_step}", "{refused_step}"),
-    "parameters_declared": ("{step}",),
-    "calls_in_time": ("{step}",),
     "action_server": ("ros2 action info -t {action}", "{step}"),
-    "call_value": ("{step}",),
     "parameter_effect": ("{set_step}",),
-    "parameter_rejected": ("{step}",),
     "lifecycle": ("ros2 lifecycle nodes",),
     "transform_tree": ("ros2 topic echo {topic}", "ros2 run tf2_tools view_frames"),
-    "launch_loads": ("{step}",),
     "launch_arguments": ("{step} --show-args",),
-    "launch_nodes": ("{step} --print",),
-    "launch_parameters": ("{step} --print",),
-    "ends_by_itself": ("python3 {artifact}",),
-    "topics_carry_traffic": ("ros2 topic hz {topic}",),
-    "qos_profiles": ("ros2 topic info -v {topic}",),
-    "reported_traffic": ("python3 {artifact}",),
+    **dict.fromkeys(("launch_nodes", "launch_parameters"), ("{step} --print",)),
+    **dict.fromkeys(("ends_by_itself", "reported_traffic"), ("python3 {artifact}",)),
 }
 
 
@@ -97,8 +81,8 @@ class _Scope:
     def _values(self, name: str) -> Sequence[str]:
         """Return what stands for a name.
 
-        That is the command of the step that the parameter names, the parameter's value, or the values of that name
-        within other parameters: of several, those that the reason mentions.
+        It is the command of the step that the parameter names, its value, or the values within others of that name: of
+        several, those that the reason mentions.
         """
         value = self._own.get(name)
         if (step := self._steps.get(value) if isinstance(value, str) else None) is not None:

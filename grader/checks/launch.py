@@ -10,6 +10,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from grader.checks.base import (
+    MANY_DELAYS,
     Context,
     Part,
     apart,
@@ -516,6 +517,8 @@ class TogetherCommands(_Doer):
 class TogetherFollows(_Doer):
     """What a reference node simulates moves as it is commanded."""
 
+    exactly_one = ("command", "commanded")
+
     topic: ref.Topic
     field: ref.FieldPath
     command: ref.Topic | None = Field(None, description="Topic of the commands, in the same field.")
@@ -525,12 +528,6 @@ class TogetherFollows(_Doer):
     unit: str = Field("", description="Unit of the field.")
     off_share: Share = Field(0.5, description="By how much of the command's size it may be off; one that rests is 1.")
     off: float = Field(0.05, ge=0, description="By how much it may be off besides.")
-
-    @model_validator(mode="after")
-    def _has_one_command(self) -> TogetherFollows:
-        if (self.command is None) == (self.commanded is None):
-            raise ValueError("exactly one of command, commanded is needed")
-        return self
 
     @property
     def follows(self) -> NumbersOf:
@@ -615,7 +612,7 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     span = context.session.window(p.commands.window) if p.commands is not None else None
     whole = span if p.commands is not None else Span(record.started_ns, record.ended_ns)
     delay_s, length_s = (context.session.longest_delay_s(whole), whole.duration_s) if whole is not None else (0.0, 0.0)
-    late = delay_s > _MANY_DELAYS * length_s
+    late = delay_s > MANY_DELAYS * length_s
     doers = p.doers
     parts = [doer.judged(context, span, delay_s, late=late) for doer in doers]
     # The nodes under whatever names, and the processes of the launch file that run them.
@@ -639,7 +636,3 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
         return not_reached(reason, expected=expected)
     topic = next((doer.topic for doer in (p.commands, p.follows) if doer is not None), None)
     return of_parts(expected, judged, where=(context.location(topic),), doubt=cpu_delay_doubt(delay_s, length_s))
-
-
-#: Share of a window for which a process was delayed, from which what others do may depend on that.
-_MANY_DELAYS = 0.25

@@ -10,6 +10,7 @@ from pydantic import Field, model_validator
 
 from grader.checks.base import (
     CREDIT_LEVELS,
+    MANY_DELAYS,
     Context,
     Part,
     apart,
@@ -57,17 +58,13 @@ Distance = Literal["straight", "angle", "rotation"]
 class Target(Parameters):
     """Where a field has to come: a value, another topic's field at the same time, or what an oracle says."""
 
+    exactly_one = ("value", "field", "oracle")
+
     value: float | tuple[float, ...] | None = Field(None, description="A number, or one for each of the field's.")
     field: NumbersOf | None = Field(None, description="Topic and field that is followed as it moves.")
     oracle: ref.Loadable | None = Field(None, description="file.py:function beside the rubric, that returns a value.")
     streams: Mapping[str, NumbersOf] = Field(default_factory=dict, description="Role that the oracle knows -> field.")
     parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
-
-    @model_validator(mode="after")
-    def _is_one(self) -> Target:
-        if sum(each is not None for each in (self.value, self.field, self.oracle)) != 1:
-            raise ValueError("exactly one of value, field, oracle is needed")
-        return self
 
     def at(self, context: Context, times_ns: np.typing.NDArray[np.int64]) -> Floats | None:
         """Return the target at some times, a row each; None where it was not recorded."""
@@ -140,13 +137,13 @@ def reaches(context: Context, p: Reaches) -> Finding:
     expected = f"{p.field} within {p.tolerance:g} of its target after {p.within_s:g} s at most{hold}"
     span = p.counts(context)
     if span is None:
-        return not_reached("The step after which it counts was not reached.", expected=expected)
+        return not_reached("Not tested: the step after which the motion counts was not reached.", expected=expected)
     series = p.series(context.session, span)
     target = p.target.at(context, series.source_ns) if series is not None else None
     if series is None:
         return nothing_came(context, p.topic, expected)
     if target is None:
-        return not_reached("There is nothing to compare with: the target was not recorded.", expected=expected)
+        return not_reached("Not tested: the target was not recorded.", expected=expected)
     if target.shape[1] not in (1, series.values.shape[1]):
         reason = f"{p.field} holds {series.values.shape[1]} numbers, the target {target.shape[1]}."
         return failed(expected, f"{series.values.shape[1]} numbers", reason)
@@ -176,20 +173,16 @@ def _arrival(context: Context, p: Reaches, span: Span, series: NumericStream, of
     if came:
         delay_s = context.session.longest_delay_s(Span(span.start_ns, here.end_ns))
         share, best = p.timely(late_s), p.timely(late_s - delay_s)
-        reason = f"It comes there after {after} s, {p.within_s:g} s are allowed." if share < 1 else ""
+        reason = f"The target is reached after {after} s; {p.within_s:g} s are allowed." if share < 1 else ""
     else:
         delay_s = context.session.longest_delay_s(span)
         share = p.near_credit * ramp(float(held[near]), p.tolerance, p.none_beyond or p.tolerance)
-        best = 1.0 if delay_s > _MANY_DELAYS * span.duration_s else share
+        best = 1.0 if delay_s > MANY_DELAYS * span.duration_s else share
         stays = f" that it keeps for {p.hold_s:g} s" if p.hold_s else ""
-        reason = f"The nearest{stays} is {shown}, at {at_s:.2f} s; {p.tolerance:g} is near enough."
+        reason = f"Not reached: the nearest{stays} is {shown}, at {at_s:.2f} s; {p.tolerance:g} is near enough."
     doubt = cpu_delay_doubt(delay_s, span.duration_s)
     text = f"within {shown} after {after} s"
     return Part(share, text, reason, best, doubt, where=(context.location(p.topic, here),))
-
-
-#: Share of a time for which a process was delayed, from which a motion in it may depend on that.
-_MANY_DELAYS = 0.25
 
 
 def _most_within(series: NumericStream, off: Floats, hold_s: float) -> Floats:

@@ -24,8 +24,7 @@ class OracleStream(NumbersOf):
     """Numbers that an oracle gets."""
 
     finite: bool = Field(
-        True,
-        description="Whether it gets messages of finite numbers only; else all: infinite may mean something.",
+        True, description="Whether it gets messages of finite numbers only; else all, where infinity says something."
     )
 
 
@@ -144,7 +143,7 @@ def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
         return nothing_came(context, p.topic, expected)
     wanted = p.wanted(context)
     if wanted is None or not wanted.asked.any():
-        return not_reached("Nothing was recorded from which the right values follow.", expected=expected)
+        return not_reached("Not tested: nothing was recorded from which the right values follow.", expected=expected)
     width, own = wanted.values.shape[1], published.values.shape[1]
     if width != own:
         return failed(expected, f"{own} numbers a message", f"A message holds {own} numbers, not {width}.")

@@ -36,6 +36,7 @@ class ParameterEffect(Parameters):
     """A parameter that is set while the node runs changes a rate, a field or an answer as told."""
 
     example: ClassVar = {"topic": "/chatter", "old": 1.0, "new": 2.0}
+    exactly_one = ("topic", "answer")
 
     process: ref.Process
     set_step: ref.SetLabel = Field(description="The step that sets the parameter.")
@@ -57,8 +58,6 @@ class ParameterEffect(Parameters):
 
     @model_validator(mode="after")
     def _is_of_one_kind(self) -> ParameterEffect:
-        if (self.topic is None) == (self.answer is None):
-            raise ValueError("exactly one of topic, answer is needed")
         if self.is_rate and isinstance(self.old, (bool, str)) | isinstance(self.new, (bool, str)):
             raise ValueError("a rate is a number of Hz")
         return self
@@ -118,7 +117,7 @@ def parameter_effect(context: Context, p: ParameterEffect) -> Finding:
     elif p.fits(after, p.new):
         finding = passed(expected, measured, where=where)
     else:
-        finding = failed(expected, measured, f"It is {_shown(after)} when the parameter is set.", where=where)
+        finding = failed(expected, measured, f"After the parameter was set, {p.what} is {_shown(after)}.", where=where)
     if finding.outcome is Outcome.INCONCLUSIVE:
         return finding
     credit, reason, hint = _mistake(p, before, after, restarted)
@@ -153,7 +152,12 @@ def _mistake(p: ParameterEffect, before: Any, after: Any, restarted: Any) -> tup
     summed = p.is_rate and before is not None and p.fits(after, before + float(p.new))
     rows: tuple[tuple[bool, float, str, str], ...] = (
         (unchanged and p.fits(restarted, p.new), p.restart_credit, at_start, _TIMER_HINT if p.is_rate else _READ_HINT),
-        (unchanged and p.fits(after, p.new), 0.0, f"It was {_shown(before)} before, so nothing changed.", ""),
+        (
+            unchanged and p.fits(after, p.new),
+            0.0,
+            f"It was {_shown(before)} before, so nothing changed.",
+            "",
+        ),
         (unchanged and restarted is not None, 0.0, f"{stays}, after a restart too: it is declared but ignored.", ""),
         (unchanged, 0.0, f"{stays}.", _TIMER_HINT if p.is_rate else _READ_HINT),
         (summed, 0.0, "The old timer runs on beside the new one, so that their rates add up.", _TIMER_HINT),
@@ -181,7 +185,7 @@ def _nothing(context: Context, p: ParameterEffect, expected: str, measured: str)
     delay_s = context.session.machine_delay_s(run, span) if span is not None and run is not None else 0.0
     late = span is not None and delay_s > _MUCH * span.duration_s
     doubt = cpu_delay_doubt(delay_s, span.duration_s) if span is not None and late else ""
-    reason = f"After the parameter was set there is nothing of {p.what}."
+    reason = f"After the parameter was set, nothing was seen of {p.what}."
     return unexplained(graded(0.0, expected, measured, reason, best=1.0 if doubt else None, doubt=doubt))
 
 

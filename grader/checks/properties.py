@@ -126,12 +126,12 @@ def _judged(
     if p.none_below is not None:
         share = quantise(ramp(-found.value, -p.full_from, -p.none_below), CREDIT_LEVELS)
     if share == 1.0 and found.never:
-        reason = f"It says nothing of this run, since '{found.never[0]}' was never true."
+        reason = f"Not tested in this run: '{found.never[0]}' was never true."
         return graded(p.vacuous_credit, p.property, measured, reason, where=where, notes=(reason,))
     about = Span(here.start_ns - _ABOUT_NS, here.end_ns + _ABOUT_NS)
     delay_s = context.session.longest_delay_s(about)
     best = 1.0 if delay_s > _MANY_DELAYS * about.duration_s else share
-    reason = f"At {at_s:.2f} s it does not hold: {shown}."
+    reason = f"The property does not hold at {at_s:.2f} s: {shown}."
     doubt = cpu_delay_doubt(delay_s, about.duration_s)
     return graded(share, p.property, measured, reason, where=where, best=best, doubt=doubt)
 

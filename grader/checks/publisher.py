@@ -10,6 +10,7 @@ from pydantic import Field
 
 from grader.checks.base import (
     CREDIT_LEVELS,
+    MANY_DELAYS,
     Context,
     Part,
     apart,
@@ -242,8 +243,6 @@ def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float
 
 
 _SILENT_HINT = "Publish for as long as the node runs; its output shows what ended or stopped it."
-#: Share of a span for which a process was delayed, from which its usual interval may be longer by that.
-_MANY_DELAYS = 0.25
 
 
 def _bounds_hz(
@@ -256,7 +255,7 @@ def _bounds_hz(
     """
     usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
     least_hz = max(timing.rate_hz * length_s / (length_s + before_s), usual_hz, wanted_hz)
-    longer_s = 2 * delay_s / max(len(timing.intervals_s), 1) if delay_s > _MANY_DELAYS * length_s else 0.0
+    longer_s = 2 * delay_s / max(len(timing.intervals_s), 1) if delay_s > MANY_DELAYS * length_s else 0.0
     usual_hz = 1 / (timing.median_s - longer_s) if timing.median_s > longer_s else float("inf")
     most_hz = min(without_delay(timing.rate_hz, delay_s, length_s), usual_hz, wanted_hz)
     return min(timing.rate_hz, least_hz), max(timing.rate_hz, most_hz)
@@ -395,8 +394,7 @@ class Sinusoids(Parameters):
 def sinusoids(context: Context, p: Sinusoids) -> Finding:
     """Judge amplitude and frequency, both by the clock and by counting messages.
 
-    A node whose rate is wrong is charged for the rate: its sinusoid may be right by either reckoning. What sends a
-    joint where it must not go earns nothing, however right the rest of it is.
+    A wrong rate is charged elsewhere. What sends a joint where it must not go earns nothing.
     """
     wanted = ", ".join(f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components)
     expected = f"{wanted}, the others 0"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import ClassVar
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from grader.checks.base import (
     CREDIT_LEVELS,
@@ -42,6 +42,7 @@ class SilentUntil(Parameters):
     """Nothing is published on a topic before a step, another topic's first message, or a condition; then it begins."""
 
     example: ClassVar = {"step": "step"}
+    exactly_one = ("step", "message_on", "condition")
 
     topic: ref.Topic
     step: ref.AnyStep | None = Field(None, description="Label of the step that begins it.")
@@ -49,12 +50,6 @@ class SilentUntil(Parameters):
     condition: Condition | None = Field(None, description="What a field has to be for the first time.")
     tolerance_s: float = Field(0.05, ge=0, description="How much earlier a message may be stamped.")
     begins_within_s: float | None = Field(5.0, gt=0, description="How soon it then begins; null if it need not.")
-
-    @model_validator(mode="after")
-    def _has_one(self) -> SilentUntil:
-        if sum(each is not None for each in (self.step, self.message_on, self.condition)) != 1:
-            raise ValueError("exactly one of step, message_on, condition is needed")
-        return self
 
     def begins_ns(self, context: Context) -> int | None:
         """Return from when on it may publish; None if that never came."""
@@ -82,7 +77,7 @@ def silent_until(context: Context, p: SilentUntil) -> Finding:
     if len(early):
         at_s, span = moment(context, p.topic, int(early.min()))
         then = f"{p.words} came at {context.session.since_start_s(begins_ns):.2f} s" if begins_ns else "that never came"
-        reason = f"It publishes from {at_s:.2f} s on; {then}."
+        reason = f"Messages come from {at_s:.2f} s on; {then}."
         return failed(expected, f"{len(early)} messages too early", reason, where=(context.location(p.topic, span),))
     if begins_ns is None:
         return not_reached(f"Not tested, because this never came: {p.words}.", expected=expected)
@@ -91,11 +86,11 @@ def silent_until(context: Context, p: SilentUntil) -> Finding:
         return passed(expected, first)
     span = Span(begins_ns, begins_ns + round(p.begins_within_s * 1e9))
     delay_s = context.session.longest_delay_s(span)
-    reason = f"It publishes nothing in the {p.begins_within_s:g} s after that either, so its silence proves nothing."
+    reason = f"Nothing comes in the {p.begins_within_s:g} s after that either, so the silence proves nothing."
     came_ns = int(times.min(initial=context.session.record.ended_ns))  # What is not seen may come after the end.
     best = float((came_ns - span.end_ns) / 1e9 <= delay_s)
     return unexplained(
-        graded(0.0, expected, "nothing then either", reason, best=best, doubt=cpu_delay_doubt(delay_s, span.duration_s))
+        graded(0.0, expected, "nothing afterwards", reason, best=best, doubt=cpu_delay_doubt(delay_s, span.duration_s))
     )
 
 

@@ -582,9 +582,8 @@ _ALIKE = 0.01
 def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> list[Report]:
     """Return the reports without lines that say again what the one before said.
 
-    A node that fell behind reports on several messages at once, and may say the same of each. But of messages that
-    came together after a silence it cannot say more than came until then. Where more is said than the time in which
-    the grader stalled explains, lines are repeated: those that follow each other faster than messages count once.
+    A node that fell behind reports on several messages at once, but on no more than came until then. Where more is said
+    than the time in which the grader stalled explains, what follows faster than messages counts once.
     """
     streams = context.session.streams(p.streams, p.field).values()
     begun_ns = max((int(stream.source_ns[0]) for stream in streams), default=0)

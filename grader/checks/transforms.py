@@ -57,6 +57,8 @@ class WantedFrame(Parameters):
 class WantedPose(Parameters):
     """Where a frame lies in another, by numbers or by an oracle."""
 
+    exactly_one = ("xyz", "oracle")
+
     frame: ref.GivenName
     within: ref.GivenName = Field(description="The frame in which it lies.")
     xyz: tuple[float, float, float] | None = Field(None, description="Position in m.")
@@ -72,12 +74,6 @@ class WantedPose(Parameters):
     at_s: tuple[float, ...] = Field((), description="Times after the window opens; by default all that were sent.")
     tolerance_m: float = Field(0.01, gt=0)
     tolerance_deg: float = Field(1.0, gt=0)
-
-    @model_validator(mode="after")
-    def _is_known(self) -> WantedPose:
-        if (self.xyz is None) == (self.oracle is None):
-            raise ValueError("exactly one of xyz, oracle is needed")
-        return self
 
 
 class Weights(Parameters):

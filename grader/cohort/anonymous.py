@@ -27,10 +27,9 @@ _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "å": "a
 def anonymous(entries: Sequence[ClassEntry], rubric: Rubric) -> list[ClassEntry]:
     """Return the entries under pseudonyms, in the order of these; the rubric's words are no names, even in one.
 
-    Pseudonyms are numbers in an order that a keyed hash of the names gives. The key comes from the hashes of what
-    was handed in, so that a list of the class is not enough to find the order again; it stays the same as long as
-    the submissions do. Of a result only outcomes, points and what the grader says of them stay; names, and parts
-    of them, are hidden in these texts. Links, student ids, times of submission and words of adjustments go.
+    Pseudonyms are numbers in an order that a keyed hash of the names gives. The key comes from the hashes of what was
+    handed in, so that a list of the class is not enough to find the order again. Of a result only outcomes, points and
+    what the grader says of them stay, in which names, and parts of them, are hidden.
     """
     submitted = (entry.result.provenance.get("submission_sha256", "") if entry.result else "" for entry in entries)
     key = hashlib.sha256("\n".join(sorted(submitted)).encode()).digest()

@@ -79,8 +79,7 @@ class Bar:
 class Spread:
     """How points are spread over those that were graded.
 
-    Quartiles lie between the two nearest values in proportion (the method of spreadsheets' QUARTILE.INC).
-    What is undecided is not counted.
+    Quartiles are those of spreadsheets' QUARTILE.INC. What is undecided is not counted.
     """
 
     count: int
@@ -107,10 +106,8 @@ class CheckStatistics:
 
     Notes
     -----
-    The discrimination is the corrected item-total correlation: Pearson's correlation between the check's credit
-    and the share of points earned in all other decided checks, before adjustments. (Where credit is only all or
-    nothing, this is the point-biserial correlation.) The check itself is left out of the total, since it would
-    otherwise correlate with itself. Undecided checks are left out of both. There is none for fewer than
+    The discrimination is the corrected item-total correlation: Pearson's, between the check's credit and the share of
+    points earned in all other decided checks, before adjustments. There is none for fewer than
     `LEAST_FOR_DISCRIMINATION` submissions, nor where all have the same credit or the same rest.
 
     References

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.padding import Padding
 from rich.text import Text
 
+from grader.commands import COMMANDS
 from grader.commands.arguments import add_flag, parser_of
 from grader.lab.references import Parameters
 from grader.lab.yaml_with_lines import meant
@@ -52,13 +53,20 @@ class Entry:
     example: str
 
 
-def entries_of(models: Mapping[str, type[Parameters]], around: Mapping[str, Any], key: str) -> list[Entry]:
-    """Describe models by the names under which a rubric knows them.
+def entries_of(command: str) -> list[Entry]:
+    """Describe what a command lists, by the names under which a rubric knows it."""
+    from grader.judging.rubrics import rubric_kinds
+    from grader.lab.steps import STEPS
 
-    In an example, `around` is what stands beside the name, behind `key`, and the parameters, behind `with`; without a
-    key the parameters stand behind the name.
-    """
-    found = []
+    kinds, found = rubric_kinds(), []
+    check = {"id": "talker.right", "title": "It is right", "points": 5, "session": "talking"}
+    # In an example, what stands beside the name, behind a key, and the parameters, behind `with`; or these alone.
+    listed: Mapping[str, tuple[Mapping[str, type[Parameters]], Mapping[str, Any], str]] = {
+        "checks": (kinds.checks, check, "check"),
+        "steps": (STEPS, {}, ""),
+        "figures": (kinds.figures, {"title": "What was published", "session": "talking"}, "kind"),
+    }
+    models, around, key = listed[command]
     for name, model in models.items():
         schema = model.model_json_schema()
         values = {**_example_of(schema, schema), **model.example}
@@ -69,9 +77,10 @@ def entries_of(models: Mapping[str, type[Parameters]], around: Mapping[str, Any]
     return found
 
 
-def run_listing(command: str, words: str, entries: Sequence[Entry], arguments: Sequence[str], console: Console) -> int:
-    """Print what is asked for of the entries; returns the exit status."""
-    parser = parser_of(command, words)
+def run_listing(command: str, arguments: Sequence[str], console: Console) -> int:
+    """Print what is asked for of what a command lists; returns the exit status."""
+    entries, words = entries_of(command), COMMANDS[command]
+    parser = parser_of(f"grade {command}", f"{words[:1].upper()}{words[1:]}.")
     parser.add_argument("names", nargs="*", metavar="NAME", help="only these, each with an example")
     add_flag(parser, "--json", "as JSON, with all examples")
     options = parser.parse_args(arguments)
@@ -89,7 +98,7 @@ def run_listing(command: str, words: str, entries: Sequence[Entry], arguments: S
         if options.names:
             console.print(Padding(Text(f"\n{entry.example}"), (0, 0, 0, 4), expand=False))
     if not options.names:
-        console.print(Text(f"\n`{command} NAME` shows an example, `--json` everything for programs.", "dim"))
+        console.print(Text(f"\n`grade {command} NAME` shows an example, `--json` everything for programs.", "dim"))
     return 0
 
 

@@ -54,8 +54,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     entries = _require_results(entries_in(options.results), options.results)
     if options.before is not None:
         entries = compared_with(entries, _require_results(entries_in(options.before), options.before))
-    copy = None if options.rubric else rubrics.rubric_of_class(options.results, entries)
-    rubric = rubrics.recorded_rubric(copy) if copy else rubrics.read_rubric(options.rubric)
+    rubric = rubrics.rubric_of_class(options.results, entries, options.rubric)
     remedy = "Move the results of each lab into a folder of its own."
     for entry in entries:
         rubrics.require_lab(options.results / entry.name, rubric, remedy)

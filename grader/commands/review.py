@@ -73,7 +73,7 @@ def desk_of(results: Path, rubric: Path | None, overrides: Path | None, who: str
     from grader.cohort.entries import entries_in
     from grader.desk.decisions import Desk
     from grader.errors import SubmissionError, UsageError
-    from grader.judging import rubrics
+    from grader.judging.rubrics import rubric_of_class
     from grader.lab.overrides import OVERRIDES_FILE
     from grader.result_folder import RECORDINGS
     from grader.submission.separation import lies_within, made_from
@@ -86,8 +86,7 @@ def desk_of(results: Path, rubric: Path | None, overrides: Path | None, who: str
     if overrides is None and lies_within(results, [made_from(results / entry.name) for entry in entries]):
         problem = "these results lie in a submission, where overrides.yaml may be a student's and does not count"
         raise UsageError(problem, location=str(results), remedy="Name a file of your own with --overrides.")
-    copy = None if rubric else rubrics.rubric_of_class(results, entries)
-    used = rubrics.recorded_rubric(copy) if copy else rubrics.read_rubric(rubric)
+    used = rubric_of_class(results, entries, rubric)
     desk = Desk(results, used, (overrides or results / OVERRIDES_FILE).resolve(), " ".join(who.split()) or "instructor")
     desk.overrides()  # Its mistakes are said before anything is decided.
     return desk

@@ -40,15 +40,14 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.classroom.similarity import common_folders, compare, write_similarity
     from grader.cohort.entries import entries_in
     from grader.errors import SubmissionError
-    from grader.judging import rubrics
+    from grader.judging.rubrics import rubric_of_class
 
     options = _parser().parse_args(arguments)
     folders = recorded_in(options.results)
     if len(folders) < 2:
         remedy = "Give the folder that holds a folder of results for each submission, e.g. results/."
         raise SubmissionError("there are no two submissions in it", location=str(options.results), remedy=remedy)
-    copy = None if options.rubric else rubrics.rubric_of_class(options.results, entries_in(options.results))
-    rubric = rubrics.recorded_rubric(copy) if copy else rubrics.read_rubric(options.rubric)
+    rubric = rubric_of_class(options.results, entries_in(options.results), options.rubric)
     common = common_folders(folders, rubric, options.common)
     if not common:
         print_note(

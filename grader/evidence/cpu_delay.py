@@ -111,10 +111,9 @@ class Calm:
     def rate_hz(self) -> tuple[float, float]:
         """Return the bounds of the rate.
 
-        The error of a mean of n is that of one by √n, twice. A timer that keeps to its schedule makes up for what was
-        late: then whole stretches differ less from the mean than that, and their deviations tell. Long intervals are
-        affected more often than short ones: in a stretch of m, that makes the mean too small by the square of their
-        relative spread, by m.
+        The error of a mean of n is that of one by √n, twice; where a timer makes up for what was late, the deviations
+        of whole stretches tell. Long intervals are affected more often than short ones: in a stretch of m, that makes
+        the mean too small by the square of their relative spread, by m.
         """
         mean_s, count = float(self.intervals_s.mean()), len(self.intervals_s)
         spread = float(self.intervals_s.std()) / mean_s
@@ -155,9 +154,8 @@ _PAUSE = 3.0
 def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floats, harmless_s: float) -> Calm:
     """Return the intervals that no delay affected which is longer than what is harmless.
 
-    A delay makes one interval longer and the next one shorter, and what was missed may follow at once: so of what
-    follows a delay a part is left out, and one interval more. A pause of the program's own is likely to be touched
-    somewhere, the more so the longer it is: it counts by what the delays in it do not explain.
+    A delay makes one interval longer and the next one shorter, and what was missed may follow at once: so a part of
+    what follows it is left out. A pause of the program's own counts by what the delays in it do not explain.
     """
     starts_ns = ends_ns - np.round(intervals_s * 1e9).astype(np.int64)
     touched = np.zeros(len(ends_ns), dtype=bool)

@@ -1,8 +1,7 @@
 """What would run on a student's machine and does not here: libraries that are missing, and newer syntax.
 
-That is no mistake of the student's as long as the lab does not forbid it, and for a person to decide. What a program
-prints of it can be made up, so that it only points at the place: the evidence is the submitted source, and what the
-grader itself did not find when it recorded.
+That is for a person to decide. What a program prints of it can be made up: the evidence is the submitted source, and
+what the grader itself did not find when it recorded.
 """
 
 from __future__ import annotations
@@ -140,8 +139,7 @@ _FIELD = regex.compile(r"\{\{|\\.|(?P<field>\{(?>[^{}]|(?&field))*\})", regex.DO
 def is_newer_python(text: str) -> bool:
     """Whether a text is right by the syntax of Python 3.12, and not by an older one's.
 
-    Type aliases, type parameters, and f-strings that hold their own quotation marks are written as before 3.12;
-    what is then right was right, but for what stands in such a string: that a person will see.
+    Type aliases, type parameters, and f-strings that hold their own quotation marks are written as before 3.12.
     """
     text = normalise(text)
     older = _TYPE_PARAMETERS.sub(r"\1", _TYPE_ALIAS.sub(r"\1\2 =", text))

@@ -8,7 +8,7 @@ from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.diagnosis import ended_by_limit
 from grader.evidence.crash.tracebacks import tracebacks
 from grader.evidence.recorded import Recorded
-from grader.recording.session import ProcessRun
+from grader.recording.session import AWAITED, ProcessRun
 
 _KILLED = (-9, 137)
 #: What programs say when they may have no more threads or processes. The kernel counts those of a user, and in
@@ -21,7 +21,6 @@ _FLAKY_RECORDINGS = 2
 _STALLED = 0.5
 #: Shorter delays are those of any start.
 _LEAST_STALL_S = 0.6
-_WAITED_FOR = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: What pybind11 says when a signal's exception strikes while it converts an argument.
 _HIT_IN_A_CALL = "RuntimeError: Unable to convert call argument"
 #: Within these a program waits, and has to expect Ctrl-C.
@@ -102,7 +101,7 @@ def _came_late(recorded: Recorded) -> str | None:
         # What was sent, and got no answer, came to a service or an action's server that was up.
         sent = step.result.get("calls") or step.result.get("goals")
         if step.outcome == "timeout" and step.kind in ("wait_for", "call", "send_goal") and not sent:
-            wanted = next((step.parameters[kind] for kind in _WAITED_FOR if step.parameters.get(kind)), "")
+            wanted = next((step.parameters[kind] for kind in AWAITED if step.parameters.get(kind)), "")
             if came_ns.get(recorded.used(wanted), 0) > step.ended_ns:
                 return str(wanted)
     return None

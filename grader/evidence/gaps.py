@@ -22,10 +22,9 @@ _MOST_KEPT = 4
 def gaps_by_student(recorded: Recorded) -> list[RecordingGap]:
     """Return the gaps of a recording that come of the student's processes; others cannot be laid at their door.
 
-    Topics share the room of a recording, so that it counts who filled the whole. What the grader's own processes
-    reported that they published is theirs, and all else is the student's; where one of them reported nothing, nobody
-    can say. A topic of which nothing was recorded, since there were too many or it is of an unknown type, is the
-    student's unless the grader publishes it.
+    Topics share the room of a recording, so that it counts who filled the whole. Where one of the grader's own
+    processes did not report what it published, nobody can say. A topic of which nothing was recorded is the student's
+    unless the grader publishes it.
     """
     ours = {(entry.topic, entry.type) for entry in recorded.record.published}
     known = [] if recorded.silent_references else recorded.record.unrecorded
@@ -87,10 +86,8 @@ _MATCHED_WITHIN_S = 5.0
 def dropped(recorded: Recorded) -> Mapping[str, str]:
     """Return the topics on which messages of the grader's own processes are missing, and say so in words.
 
-    What they reported that they published is compared with what is recorded of it.
-
-    Whoever can send packets in the network of a session can send them in another's name, and pretend
-    that messages are gone, or that others stand in their place. What was reported came through the trusted channel.
+    Whoever can send packets there can pretend that messages are gone, or that others stand in their place. So what was
+    reported through the trusted channel is compared with what is recorded of it.
     """
     record = recorded.record
     limited = {gap.topic for gap in record.unrecorded}

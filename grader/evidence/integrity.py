@@ -1,11 +1,9 @@
 """The integrity of a session: what of the grader's own the student's processes tampered with.
 
 The grader's endpoints and messages are known by what its processes reported through the trusted channel; whatever else
-is in the graph is the student's. Where a recording does not hold these reports, as older ones do not, nothing is found.
-
-What is found has honest causes too: a publisher on a wrong topic, or an arm simulator of the student's own.
-So it is stated as seen, and the grader's own messages are separated from others (see `grader.evidence.authorship`)
-wherever that suffices to measure all the same.
+is in the graph is the student's. Where there are no reports, nothing is found. What is has honest causes too, such as a
+publisher on a wrong topic: so it is stated as seen, and where the grader's own messages can be told apart, all the same
+is measured by them.
 """
 
 from __future__ import annotations

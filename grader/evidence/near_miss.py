@@ -36,8 +36,7 @@ def likeness(wanted: str, name: str) -> float:
 def near_miss(wanted: str, wanted_type: str | None, candidates: Iterable[Candidate]) -> Candidate | None:
     """Choose the candidate that was meant, or None.
 
-    If one is the only one of the wanted type it is taken whatever its name: a node that offers exactly one such topic
-    or service can mean no other.
+    The only one of the wanted type is taken whatever its name: it can mean no other.
     """
     found = sorted(set(candidates), key=lambda c: (c.type != wanted_type, -likeness(wanted, c.name), c.name))
     if not found:

@@ -1,7 +1,6 @@
 """A recorded session as the checks see it: numbers and facts, no judgement.
 
-Names are those of the rubric; where the student used another (a near miss that the live half found
-and used), it is followed silently. Times handed out as floats are seconds since the session's start.
+Names are those of the rubric; where the student used another, it is followed. Floats are seconds since the start.
 """
 
 from __future__ import annotations
@@ -139,8 +138,7 @@ class Recorded:
     def published_on(self, topic: str) -> tuple[Published, ...]:
         """Return what the grader reported that it published on a topic (of the graph).
 
-        Nothing, unless all of its publishers there reported it, and the steps do not expect the student to publish
-        there.
+        Nothing, unless all of its publishers there reported it, and no step expects the student to publish there.
         """
         published = tuple(entry for entry in self.record.published if entry.topic == topic)
         reporting = {entry.process for entry in published}
@@ -165,8 +163,7 @@ class Recorded:
     def rows(self, name: str, field: str) -> tuple[Floats | None, ...]:
         """Return the numbers in a field of each message, as `numbers_of` finds them; None where a message has none.
 
-        Where the type is not the one that the field belongs to, the first field that holds an array of
-        numbers stands in, since a wrong type is charged elsewhere.
+        In a wrong type, which is charged elsewhere, the first field that holds an array of numbers stands in.
         """
         stream, own = self.stream(name), field_steps(field)[0]
         if any(hasattr(message, str(own)) for message in stream.messages):
@@ -309,11 +306,9 @@ class Recorded:
     def _sampled_delay_s(self, run: ProcessRun, span: Span) -> float:
         """Return the same of a process that was not watched, in s, from samples twice a second.
 
-        Taken from the run-queue delay of its threads and the time that a virtual machine's host took; or where that is
-        more, from the time in which the grader itself stalled, as all does that is frozen or suspended.
-        Threads of one process also wait for each other, and for other programs of the student's; so it is at most the
-        time for which somebody else was on the core. A process that is busy all the time has itself to blame:
-        others can have had the core no longer than it was not in use.
+        It is the run-queue delay of its threads and the time that a virtual machine's host took; or where that is more,
+        the time in which the grader itself stalled. Threads also wait for each other, and for other programs of the
+        student's; so it is at most the time for which somebody else was on the core.
         """
         if len(run.usage) < 2:
             return 0.0
@@ -435,9 +430,8 @@ def _grown_s(samples: Sequence[tuple[int, int]], span: Span) -> float:
 def _run_delay_s(run: ProcessRun, span: Span) -> float:
     """Return the greatest run-queue delay that a process may have had within a span, in s.
 
-    Between two samples only the sum is known: all of it may lie in the part that belongs to the span, if it is long
-    enough. In what follows the last sample of a process that ended by itself, the delay is taken to have been as
-    usual.
+    Between two samples only the sum is known: all of it may lie in the part that belongs to the span. After the last
+    sample of a process that ended by itself, the delay is taken to have been as usual.
     """
     samples = [(u.t_ns, u.run_delay_ns) for u in run.usage]
     if run.usage[-1].t_ns == run.exited_ns:  # added when it had ended, and could not be asked any more

@@ -15,8 +15,7 @@ have to know of the time after the last sample is not asked; one without bounds 
 The robustness of a comparison is the difference of its sides, in their unit; positive where it holds. Of `not` it is
 the negative, of `and` and `always` the least, of `or` and `eventually` the greatest.
 
-The library rtamt has the same semantics, but for the end: there an `eventually` that cannot be seen is false. It is not
-used since its parser needs a Python before 3.13, and since it does not tell which moment decides.
+The library rtamt is not used: its parser needs a Python before 3.13, and it does not tell which moment decides.
 
 References
 ----------

@@ -86,10 +86,9 @@ _UNEVEN_WAY_S, _MOST_STALLED = 0.003, 0.7
 def timing_of(stream: Stream, span: Span | None) -> Timing | None:
     """Measure a topic's timing within a span; None with fewer than three samples in it.
 
-    Samples of several publishers interleave in one stream, so only the longest run of rising sequence
-    numbers can be measured; a single publisher gives one run. The error of the rate is the jitter of the
-    two samples at the ends over the span: below 0.1 % for a span of seconds. Where samples come in bursts, it
-    depends on where in a burst the two lie, so that the slope of all samples is taken instead.
+    Samples of several publishers interleave, so that only the longest run of rising sequence numbers is measured. The
+    error of the rate is the jitter of the two samples at the ends over the span: below 0.1 % for a span of seconds.
+    Where samples come in bursts, the slope of all is taken instead.
     """
     order = np.argsort(stream.source_ns, kind="stable")
     source, received, sequence = stream.source_ns[order], stream.received_ns[order], stream.sequence[order]

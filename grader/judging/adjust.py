@@ -26,12 +26,9 @@ def adjust(
 ) -> Result:
     """Return a result with its adjustments; those that it had are replaced.
 
-    They come of the entries about this submission, in the order in which they are applied, of what lateness costs by
-    the rubric, and of when it was handed in, if that is known.
-
-    A check's points stay from 0 to what it has, and so do a criterion's; only a bonus goes beyond. Checks come
-    before criteria, then what is of the whole, and lateness last, so that a share is taken of what would stand
-    without it. The total is never below 0.
+    A check's points stay from 0 to what it has, and so do a criterion's; only a bonus goes beyond. Checks come before
+    criteria, then what is of the whole, and lateness last, so that a share is taken of what would stand without it. The
+    total is never below 0.
     """
     listed = list(entries)
     parts: dict[tuple[str, str | None], CheckResult | CriterionResult] = {("check", c.id): c for c in result.checks}

@@ -23,8 +23,8 @@ from grader.submission.separation import lies_within
 def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
     """Load a rubric that the user names, by default that of the lab which travels with the grader.
 
-    A copy that lies elsewhere finds the files that it names beside `kept`, which is the copy of a rubric among results,
-    or in the grader's own lab, if these are of the same lab. Raises RubricError with all its mistakes.
+    A copy that lies elsewhere finds its files beside `kept`, the copy of a rubric among results, or in the grader's own
+    lab, if these are of the same lab. Raises RubricError with all its mistakes.
     """
     path = path or lab_folder() / "rubric.yaml"
     if (path.parent / kept_lab.KEPT).is_dir():
@@ -131,9 +131,12 @@ def rubric_files(folder: Path, rubric: Rubric) -> dict[Path, str | None]:
     return {folder / RUBRIC_COPY: rubric.text, **files}
 
 
-def rubric_of_class(results: Path, entries: Sequence[ClassEntry]) -> Path | None:
-    """Return the copy of the rubric by which most of a class were judged; None if there is no copy of it."""
+def rubric_of_class(results: Path, entries: Sequence[ClassEntry], path: Path | None) -> Rubric:
+    """Load the rubric that the user names for a class, by default the copy of that by which most were judged."""
+    if path is not None:
+        return read_rubric(path)
     judged_by = Counter(entry.result.rubric_sha256 for entry in entries if entry.result is not None)
     copies = [copy for entry in entries for copy in _rubric_copies(results / entry.name)]
     hashes = {hashlib.sha256(copy.read_bytes()).hexdigest(): copy for copy in reversed(copies)}
-    return next((hashes[sha256] for sha256, _ in judged_by.most_common() if sha256 in hashes), None)
+    copy = next((hashes[sha256] for sha256, _ in judged_by.most_common() if sha256 in hashes), None)
+    return recorded_rubric(copy) if copy is not None else read_rubric(None)

@@ -27,6 +27,7 @@ from pydantic import (
     ValidationInfo,
     WithJsonSchema,
     field_validator,
+    model_validator,
 )
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
@@ -60,6 +61,8 @@ class Parameters(Strict):
     example: ClassVar[Mapping[str, Any]] = {}
     #: Whether it says something of a session's recording, so that it cannot be without one.
     of_session: ClassVar[bool] = True
+    #: Keys of which exactly one is given.
+    exactly_one: ClassVar[tuple[str, ...]] = ()
 
     @field_validator("*", mode="before")
     @classmethod
@@ -69,6 +72,12 @@ class Parameters(Strict):
         if isinstance(value, dict):
             return {key: tuple(inner) if isinstance(inner, list) else inner for key, inner in value.items()}
         return tuple(value) if isinstance(value, list) else value
+
+    @model_validator(mode="after")
+    def _one_is_given(self) -> Parameters:
+        if self.exactly_one and sum(getattr(self, key) is not None for key in self.exactly_one) != 1:
+            raise ValueError(f"exactly one of {', '.join(self.exactly_one)} is needed")
+        return self
 
 
 class StepText(NamedTuple):

@@ -17,27 +17,21 @@ from grader.lab import references as ref
 from grader.lab.lab_code import Settings
 from grader.lab.references import Parameters
 from grader.lab.yaml_with_lines import mistakes_at
+from grader.recording.session import AWAITED
 
 
 class Step(Parameters):
     """Base of the steps."""
 
-    #: What it does, for the progress display and the report.
+    #: What it does, for the progress display and the report; of `exactly_one`, `{key}` and `{target}` stand for the
+    #: name and what it holds.
     words: ClassVar[str]
-    #: Keys of which exactly one is given; `{key}` and `{target}` in the words are its name and what it holds.
-    targets: ClassVar[tuple[str, ...]] = ()
     #: What does the same in a terminal, with names of its parameters; empty where nothing does.
     command: ClassVar[str] = ""
 
-    @model_validator(mode="after")
-    def _has_one_target(self) -> Step:
-        if self.targets and sum(getattr(self, key) is not None for key in self.targets) != 1:
-            raise ValueError(f"exactly one of {', '.join(self.targets)} is needed")
-        return self
-
     def describe(self) -> str:
         """Say in a few words what it does."""
-        key = next((key for key in self.targets if getattr(self, key) is not None), "")
+        key = next((key for key in self.exactly_one if getattr(self, key) is not None), "")
         return self.words.format(key=key.replace("_", " "), target=getattr(self, key, ""), **vars(self))
 
     def commands(self) -> Sequence[str]:
@@ -49,7 +43,7 @@ class StartStep(Step):
     """Start a student's artifact, the processes of a launch plan, or a reference node."""
 
     words = "starting {target}"
-    targets = ("student", "launch", "reference")
+    exactly_one = ("student", "launch", "reference")
     example: ClassVar = {"student": "talker"}
 
     student: ref.Artifact | None = None
@@ -77,7 +71,7 @@ class WaitForStep(Step):
     """Wait for a node, an endpoint, a service, an action or a line of output; near misses of a name are found."""
 
     words = "waiting for {key} {target}"
-    targets = ("node", "publisher", "subscription", "service", "action", "action_client", "output_of")
+    exactly_one = (*AWAITED, "output_of")
     example: ClassVar = {"publisher": "/chatter", "type": "std_msgs/msg/String"}
 
     node: ref.RosName | None = None

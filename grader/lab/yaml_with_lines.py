@@ -26,11 +26,7 @@ _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]*)$")
 
 
 class _Loader(_SAFE):  # type: ignore[misc]
-    """Leaves dates as they are written: their mistakes are reported with their lines, by whoever reads them.
-
-    So it does with numbers that no person writes as such: YAML 1.1 takes `0123456`, a student's number, for an octal
-    one, and `12_34` and `12:34` for whole ones.
-    """
+    """Leaves dates as they are written, and what is a number only in YAML 1.1: `0123456`, `12_34` and `12:34`."""
 
     yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, Any]]]] = {
         first: [(tag, _WHOLE if tag == _INT else pattern) for tag, pattern in pairs if tag != _TIMESTAMP]

@@ -1,8 +1,7 @@
 """The rosbag2 bag of a recording: one MCAP file and its `metadata.yaml`.
 
-A message's `log_time` is when it was received, its `publish_time` the writer's DDS source timestamp, and its
-`sequence` the publication sequence number, which counts from 1 for each publisher. With these three, rates
-and losses can be told exactly. The bag opens with `ros2 bag` and Foxglove as well.
+A message's `log_time` is when it was received, its `publish_time` the writer's DDS source timestamp, and its `sequence`
+the publication sequence number, which counts from 1 for each publisher. The bag opens with `ros2 bag` and Foxglove.
 
 References
 ----------
@@ -138,8 +137,7 @@ def _metadata_yaml(file_name: str, channels: Sequence[TopicInfo], start_ns: int,
 class BagWriter:
     """Writes a bag into a folder, which is made if it is not there. One thread at a time may use it.
 
-    Chunks are not compressed: it is the cheapest to write beside a running experiment, each reader takes it,
-    and of a chunk cut short by a kill the beginning can still be read.
+    Chunks are not compressed: that is the cheapest, and of one cut short by a kill the beginning can be read.
     """
 
     def __init__(self, folder: Path, name: str) -> None:

@@ -31,10 +31,10 @@ class InterfacePackage:
     def problem(self) -> str:
         """Why it is not built: its names are none that ROS takes, or it is too large; empty if there is no reason."""
         if not _NAME.fullmatch(self.name) or len(self.name) > _LONGEST_NAME:
-            return f"{self.name[:_LONGEST_NAME]!r} is no name for a package of interfaces"
+            return f"{self.name[:_LONGEST_NAME]!r} is not a valid name of an interface package"
         wrong = next((name for name in self.files if not _FILE.fullmatch(name)), None)
         if wrong is not None:
-            return f"{wrong} is no name for an interface; it has to be such as msg/Num.msg"
+            return f"{wrong} is not a valid name of an interface; msg/Num.msg is one"
         if len(self.files) > _MOST_FILES or sum(map(len, self.files.values())) > _MOST_CHARACTERS:
             return f"it has more than {_MOST_FILES} interfaces, or more than {_MOST_CHARACTERS} characters of them"
         return ""

@@ -1,8 +1,7 @@
 """`session.json`: all of a session that is not ROS traffic.
 
-Times are integer nanoseconds of the system clock (CLOCK_REALTIME), the clock of DDS timestamps.
-The models are read by the judging half and written by the live half; neither ROS nor processes
-are needed here. Standard library only, since the trusted processes in a sandbox import it too.
+Times are integer nanoseconds of the system clock (CLOCK_REALTIME), the clock of DDS timestamps. Standard library only,
+since the trusted processes in a sandbox import it too.
 """
 
 from __future__ import annotations
@@ -27,6 +26,8 @@ PROCESS_DIGITS = 16
 OF_ACTION, _GOAL_SERVICE = "/_action/", "/_action/send_goal"
 #: Topics that every node has, or that belong to the clock: a student's node means none of them by a name of its own.
 STANDARD_TOPICS = ("/rosout", "/parameter_events", "/clock")
+#: Keys of a step, one of which names what in the graph is waited for.
+AWAITED = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
 GRADER_NAMESPACE = "/_grader"
 

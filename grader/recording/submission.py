@@ -1,7 +1,6 @@
 """`submission.json`: the static facts of a submission, kept beside the recorded sessions.
 
-It holds the texts that the judging half parses (sources, README, package manifests), so that
-regrading needs neither the submission nor ROS.
+It holds the texts that the judging half parses, so that regrading needs neither the submission nor ROS.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """What the grader's own processes report through their pipes, which no student's process can write to.
 
-All that travels over DDS can be read and forged by the student's processes. So the grader's processes
-report who they are and what they published by another way: the director in its messages, a reference node in lines on
-standard output:
+Students' processes can read and forge all that travels over DDS. So the grader's report who they are and what they
+published by another way: the director in its messages, a reference node in lines on standard output:
 
     participant GID_PREFIX
     published TOPIC TYPE DIGESTS [recorded]

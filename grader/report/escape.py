@@ -28,9 +28,8 @@ _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 def shown(text: str, longest: int = LONGEST) -> str:
     """Return a text as it can be shown, cut after so many characters, with a mark that says so.
 
-    Terminal sequences are left out. Control characters, characters that change the direction of text or have
-    no width, lone surrogates and characters that no text may hold are shown by their number, e.g. ⟨U+202E⟩.
-    Line ends and tabs stay. At most three combining marks stay on a letter.
+    Terminal sequences are left out; what is hidden, or changes the direction of text, is shown by its number, e.g.
+    ⟨U+202E⟩. Line ends and tabs stay, and at most three combining marks on a letter.
     """
     if len(text) <= longest and text.isascii() and text.isprintable():
         return text  # Nearly all is, and there is much of it.
@@ -76,8 +75,7 @@ def command_property(text: str, longest: int = LONGEST) -> str:
 def uncommanded(text: str) -> str:
     """Return a text of which no part is a command, at whatever place its lines are broken when it is printed.
 
-    Two colons are parted by a blank where a name and two colons follow; likewise `##` and a bracket. C++ names
-    such as `std::vector` stay, unless they have three parts.
+    A blank parts two colons where a name and two more follow, and `##` from a bracket; names of two parts in C++ stay.
     """
     last = text.rfind("::")
     parted = _COLONS.sub(lambda found: ": " if found.start() + 2 <= last else ":", text)
@@ -89,11 +87,7 @@ def _percent(text: str) -> str:
 
 
 def terminal_text(text: str, limit: int = 400) -> str:
-    """Return a text as one line that neither a terminal nor a CI job's log obeys, cut to a length.
-
-    The same command prints to both, and a table breaks lines where it must; so nothing in the text may look
-    like a workflow command, even if a line began there.
-    """
+    """Return a text as one line that neither a terminal nor a CI log obeys, wherever it is broken, cut to a length."""
     whole = uncommanded(line(text, limit))
     return whole if len(whole) <= limit else whole[: limit - 1] + "…"
 
@@ -117,14 +111,10 @@ _INERT = frozenset(",.;:%()'\"?/+-= ")
 
 
 def markdown_text(text: str, longest: int = 600) -> str:
-    """Return one line of Markdown that is rendered as `line` shows the text, and does nothing.
+    """Return one line of Markdown that is rendered as `line` shows the text, and does nothing; in a table too.
 
-    Notes
-    -----
-    Escapes of Markdown are not enough: mentions, e-mail addresses and issue numbers are made into links
-    in the text that comes out of it. So a word that could become one is set as code, which is left alone,
-    and elsewhere every character that could be markup is written by its number. The result holds no
-    backquote, `|` or `$` but those that begin and end code spans, so it has the same meaning in a table.
+    Escapes are not enough: mentions, addresses and issue numbers become links in what comes out of Markdown. So a word
+    that could become one is set as code, and elsewhere what could be markup is written by its number.
 
     References
     ----------

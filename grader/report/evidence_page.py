@@ -29,8 +29,7 @@ def render(
 ) -> str:
     """Return the page about a check's or a criterion's id, or `score` for the whole; equal arguments give equal bytes.
 
-    It shows the checks with their source lines, the figures that show one of them, or else those of their sessions, the
-    files that they name, and what was recorded in their sessions.
+    The figures are those that show one of the checks, or else those of their sessions.
     """
     anchors = views.anchors_of({name: recorded.record for name, recorded in recordings.items()})
     checks = [c for part in result.criteria for c in part.checks if what in (c.id, part.id)]

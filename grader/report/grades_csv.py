@@ -1,8 +1,7 @@
 """`grades.csv`: a class for the grade book, a line a student.
 
-It is written for Excel and LibreOffice as they open a file by a double click: UTF-8 with a byte order mark, without
-which Excel takes it for the system's code page, commas, and CR LF. In Python, `encoding="utf-8-sig"` reads it. Where
-Excel's list separator is the semicolon, it has to be imported (Data, From Text/CSV).
+It is written for spreadsheets as they open a file by a double click: UTF-8 with a byte order mark, without which Excel
+takes it for the system's code page, commas, and CR LF.
 """
 
 from __future__ import annotations
@@ -31,14 +30,10 @@ _GOES_ON = re.compile(rf"([,;|][\s{_QUOTES}]*)(?=[{_FORMULA}])")
 
 
 def csv_cell(value: str | int | Decimal) -> str | int | Decimal:
-    """Return a value as a cell that no spreadsheet takes for a formula.
+    """Return a value as a cell that no spreadsheet takes for a formula; text becomes one line that can be shown.
 
-    Notes
-    -----
-    Numbers stay numbers. Text becomes one line that can be shown. Text that begins like a formula, with an equals,
-    plus, minus or at sign, in their full-width forms too, also behind blanks and quotes, gets an apostrophe before
-    it. So does what stands behind a comma or semicolon in it, since a spreadsheet with another separator would
-    divide the text there.
+    An apostrophe stands before text that begins like a formula, and before what does so behind a comma or semicolon in
+    it, where a spreadsheet with another separator would divide it.
 
     References
     ----------
@@ -65,10 +60,7 @@ def csv_text(rows: Iterable[Sequence[str | int | Decimal]], quoting: Literal[0, 
 def render(summary: ClassSummary) -> str:
     """Return the text of `grades.csv`, to be written as UTF-8; equal summaries give equal bytes.
 
-    Columns are: submission, student_id, submitted_at (ISO 8601); total (with all adjustments), earned (without),
-    possible and undecided points; the points of each criterion, under its id, and its outcome, under the id with
-    `_outcome`; adjustments, extensions, whose points are in no sum, and what needs a
-    person.
+    The total is with all adjustments, the points that were earned without; those of extensions are in no sum.
     """
     ids = [column.id for column in summary.columns]
     head = ["submission", "student_id", "submitted_at", "total", "earned", "possible", "undecided"]

@@ -1,7 +1,6 @@
 """A page of HTML that needs nothing else: style and script within it, named by their hashes in its policy.
 
-All that comes from students passes `shown`, through the template engine's last stage, before it is escaped;
-and the page's content security policy allows its own style and script and nothing else.
+All that comes from students passes `shown`, through the template engine's last stage, before it is escaped.
 """
 
 from __future__ import annotations

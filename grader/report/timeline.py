@@ -211,10 +211,7 @@ _MADE_OF: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
 
 def _of_calls(recorded: Recorded, step: StepRun, label: str) -> Iterator[Moment]:
     """Return calls with their answers, those together that were answered alike one after the other."""
-    calls = (
-        Call(recorded.since_start_s(c["started_ns"]), (c["ended_ns"] - c["started_ns"]) / 1e9, c["response"])
-        for c in step.result["calls"]
-    )
+    calls = (Call.of(recorded, call) for call in step.result["calls"])
     request = fields(step.parameters.get("request", {})) or "an empty request"
     for (style, _), alike in itertools.groupby(calls, key=lambda call: (call.key[0], str(call.response))):
         group = list(alike)

@@ -108,8 +108,7 @@ def restore_way(top: Path, folder: PurePosixPath, rights: int) -> None:
 def copy_tree(source: Path, target: Path, owner: int | None = None) -> None:
     """Copy a folder's files, folders and links into a folder, while somebody else may be changing the source.
 
-    Links are copied as links. What is neither, and folders beyond a depth that nobody has, are left out. `owner` is the
-    user and group that the copies shall belong to.
+    Links are copied as links; what is neither, and folders too deep, are left out. The copies belong to `owner`.
     """
     with _opened(source) as here, _opened(target) as there:
         _copy_below(here, there, owner, _DEEPEST)

@@ -164,10 +164,9 @@ def open_submission(
 
     Raises SubmissionError if there is nothing, or it cannot be read to its end, or is more than anyone hands in.
 
-    Of members with the same name the last counts, as it does for `unzip` and `tar`. Of names that differ only in
-    case or in the form of their letters, which Windows and macOS cannot keep apart, the first counts. Hard links in a
-    tar are left out; in a folder they cannot be told from files, and are copied as such. One archive beside which
-    no program lies is unpacked, also within an archive; others are left out.
+    Of members with the same name the last counts, as it does for `unzip` and `tar`; of names that Windows and macOS
+    cannot keep apart, the first. Hard links in a tar are left out. One archive beside which no program lies is
+    unpacked, also within an archive; others are left out.
     """
     if isinstance(source, Path):
         source = SubmissionSource.of(source)

@@ -41,10 +41,9 @@ class UnfitError(ValueError):
 def clean_parts(name: str) -> tuple[str, ...]:
     """Return the parts of the path under which a file is kept; raises UnfitError if there is none.
 
-    Undecodable bytes of its name are lone surrogates, as `os.fsdecode` leaves them. Backslashes separate folders,
-    since some Windows tools write them so. Text is brought to Unicode's form NFC, as Python's imports expect it.
-    Characters that nobody sees or that reorder what is shown, and dots and spaces at the end of a name (which Windows
-    cannot have) are dropped; letters of any script stay.
+    Backslashes separate folders, since some Windows tools write them so. Text is brought to Unicode's form NFC, as
+    Python's imports expect it. Characters that nobody sees or that reorder what is shown, and dots and spaces at the
+    end of a name, are dropped.
     """
     if len(name) > _MOST_CHARACTERS:
         raise UnfitError("its path is too long")

@@ -1,7 +1,6 @@
 """When the last commit of a git repository was made.
 
-`git` itself is not asked: a repository's configuration can make it run programs (pagers, signature checks, file
-system monitors, helpers that fetch missing objects), and a repository that a student handed in is the student's.
+`git` itself is not asked: a repository's configuration, which is the student's, can make it run programs.
 """
 
 from __future__ import annotations

@@ -13,8 +13,7 @@ _FORMATTED = re.compile(r"(?<![A-Za-z0-9_])(?:[fF][rR]?|[rR][fF])(\"\"\"|'''|\"|
 def parse_python(text: str) -> ast.Module:
     """Return the syntax tree of a file.
 
-    Raises SyntaxError, ValueError, RecursionError or MemoryError if Python refuses it, or if it is nothing that anybody
-    has written.
+    Raises SyntaxError, ValueError, RecursionError or MemoryError if Python refuses it, or nobody writes such a text.
     """
     for opening in _FORMATTED.finditer(text):
         end = text.find(opening[1] if len(opening[1]) > 1 else "\n", opening.end())

@@ -3,14 +3,10 @@
     name,student_id,submitted_at
     alice,20260017,2026-03-02T23:41:00+01:00
 
-`name` is the submission's name, or the one that a learning-management system wrote. All other columns, and their
-values, may be missing: `student_id`, `login`, `email`, `section`, `team` (those of one team hand in together),
-`submitted_at`; there may be more. A time without offset from UTC is this machine's local time. Of several lines of a
-student with an id, the last time counts.
-
-What the grade books of Moodle, Canvas, Blackboard and Brightspace export is such a list too, by the columns that they
-have. Brightspace writes `#` before ids, so that spreadsheets keep zeros; Moodle writes `Participant` before its number;
-Canvas has a line of possible points; Blackboard writes UTF-16.
+`name` is the submission's name, or the one that a learning-management system wrote. All other columns may be missing:
+`student_id`, `login`, `email`, `section`, `team` (those of one team hand in together), `submitted_at`. A time without
+offset from UTC is local. Of several lines of a student with an id, the last time counts. What the grade books of
+Moodle, Canvas, Blackboard and Brightspace export is such a list too, with a form of its own for each.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Keeps what a grader decides and writes apart from what a student handed in.
 
 In a student's repository, results lie within the submission. What lies there may have come with it: nothing in it is
-taken for anybody's decision, and no link in it is written through. And a submission says itself what it is called,
-by the names of its folders or by what looks like a learning-management system's files; so results remember the path
-that they were made from, and another path's do not take their place unawares.
+taken for anybody's decision, and no link in it is written through. And since a submission says itself what it is
+called, results remember the path that they were made from, and another path's do not take their place unawares.
 """
 
 from __future__ import annotations

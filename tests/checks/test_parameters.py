@@ -70,7 +70,7 @@ def test_a_topic_that_falls_silent_fails_unless_the_machine_delayed_it(tmp_path:
     """A timer that was cancelled and not made anew publishes nothing."""
     finding = judged("parameter_effect", RATE, rates(windows(tmp_path), 10.0, 0.0))
     assert finding.outcome is Outcome.FAILED
-    assert "After the parameter was set there is nothing of the rate of /chatter" in finding.reason
+    assert "After the parameter was set, nothing was seen of the rate of /chatter" in finding.reason
     delayed = rates(windows(tmp_path / "delayed"), 10.0, 0.0).disturbed("it", (5.0, 2.0))
     assert judged("parameter_effect", RATE, delayed).outcome is Outcome.INCONCLUSIVE
 
@@ -104,7 +104,7 @@ def test_a_rate_to_compare_with_that_the_machine_lowered_leaves_it_undecided(
     [
         (2.5, {}, "1", ""),
         (2.59, {}, "1", ""),
-        (2.61, {}, "0", "It is 2.61 when the parameter is set."),
+        (2.61, {}, "0", "After the parameter was set, data is 2.61."),
         (1.0, {}, "0", "data stays at 1."),
         (1.0, RESTARTED, "0.5", "takes effect only after a restart"),
     ],

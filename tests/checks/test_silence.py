@@ -39,7 +39,7 @@ def test_who_waits_passes_and_who_does_not_is_shown(tmp_path: Path, kind: str) -
     finding = judged("silent_until", UNTIL[kind], spoken(tmp_path / "wrong", begins - 0.06, begins + 0.1))
     assert finding.outcome is Outcome.FAILED
     assert finding.measured == "1 messages too early"
-    assert f"It publishes from {begins - 0.06:.2f} s on" in finding.reason
+    assert f"Messages come from {begins - 0.06:.2f} s on" in finding.reason
 
 
 def test_silence_for_ever_proves_nothing_unless_it_may(tmp_path: Path) -> None:

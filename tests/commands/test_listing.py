@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import yaml
 
 from grader.checks.registry import REGISTRY
 from grader.cli import main
-from grader.commands.listing import Entry
+from grader.commands.listing import Entry, entries_of
 from grader.judging.rubrics import rubric_kinds
 from grader.lab.rubric import load_rubric
 from grader.lab.steps import STEPS
@@ -21,19 +20,13 @@ from grader.report.figures import FIGURES
 KNOWN: dict[str, Any] = {"checks": REGISTRY, "steps": STEPS, "figures": FIGURES}
 
 
-def entries(command: str) -> list[Entry]:
-    """Give what a command lists."""
-    found: list[Entry] = importlib.import_module(f"grader.commands.{command}").entries()
-    return found
-
-
-CASES = [(command, entry) for command in KNOWN for entry in entries(command)]
+CASES = [(command, entry) for command in KNOWN for entry in entries_of(command)]
 
 
 @pytest.mark.parametrize("command", KNOWN)
 def test_everything_is_listed_with_all_its_parameters(command: str) -> None:
     """Also those within others, by the names that a rubric gives them; each says what it is."""
-    found = {entry.name: entry for entry in entries(command)}
+    found = {entry.name: entry for entry in entries_of(command)}
     assert found.keys() == KNOWN[command].keys()
     for name, entry in found.items():
         model = KNOWN[command][name] if command != "checks" else REGISTRY[name].parameters
@@ -58,7 +51,7 @@ def test_each_example_can_be_used_as_it_is(command: str, entry: Entry) -> None:
 def test_the_example_of_a_rate_fits_the_new_lab(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """What is said of the same names in the examples and in the lab that `grade lab new` makes is the same."""
     assert main(["lab", "new", str(tmp_path / "lab")]) == 0
-    (example,) = (entry.example for entry in entries("checks") if entry.name == "topic_rate")
+    (example,) = (entry.example for entry in entries_of("checks") if entry.name == "topic_rate")
     rubric = tmp_path / "lab/rubric.yaml"
     text = rubric.read_text(encoding="utf-8").replace("points: 10\n", "points: 15\n")
     indented = "".join(f"      {line}\n" for line in example.splitlines())

@@ -1,7 +1,6 @@
 """Python tracebacks read out of a process's output lines.
 
-Other output may stand between their lines, as a process writes to two streams and logs from several threads.
-All styles from Python 3.10 to 3.14 are read, with chained exceptions and exception groups.
+Other output may stand between their lines. All styles from Python 3.10 to 3.14 are read, with chains and groups.
 """
 
 from __future__ import annotations

@@ -61,8 +61,7 @@ class Report:
 def reports(recorded: Recorded, artifact: str, patterns: Sequence[str]) -> list[Report]:
     """Return the number that a pattern finds in each line of an artifact's output, until it was interrupted.
 
-    Where standard output and error show none, the node's log on /rosout is read instead. The first of the patterns
-    counts that finds any.
+    Where it shows none, the node's log on /rosout is read instead. The first of the patterns counts that finds any.
     """
     return next((found for pattern in patterns if (found := _reports(recorded, artifact, pattern))), [])
 

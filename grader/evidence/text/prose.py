@@ -1,8 +1,7 @@
 """What a student put into words: how to run the work, what each part does, why it is as it is.
 
-A text counts by its own words: not by headings, names, links, code, places held for a later text, or the same
-sentence said of everything. Any language counts; what to look for is given by the rubric, in as many
-languages as it likes.
+A text counts by its own words: not by headings, names, links, code, places held for a later text, or the same sentence
+said of everything. Any language counts; what to look for is given by the rubric.
 """
 
 from __future__ import annotations
@@ -114,8 +113,8 @@ def mention(blocks: Sequence[Block], names: Terms, synonyms: Terms) -> int | Non
 def command_line(blocks: Sequence[Block], patterns: Sequence[str]) -> tuple[int, str] | None:
     """Return the first line with a command that matches one of `patterns`, and the command.
 
-    Lines of code, code spans and lines of text are searched, as many a README has its commands unmarked. A
-    pattern is a regular expression of the rubric, searched regardless of case.
+    Lines of code, code spans and lines of text are searched, regardless of case: many a README has its commands
+    unmarked.
     """
     for block in blocks:
         for offset, line in enumerate(block.text.split("\n")):

@@ -55,8 +55,7 @@ tree_of = functools.lru_cache(maxsize=8)(expression_tree)
 def spans(text: str) -> list[re.Match[str]]:
     """Comments (whose group `comment` matches) and string literals of normalised `text`, whether it is Python or not.
 
-    A literal in an f-string's replacement field that reuses the string's own quotes (Python 3.12) is taken
-    for the string's end; such a mistake ends with the line.
+    A literal within an f-string that reuses its quotes (Python 3.12) is taken for its end, until the line ends.
     """
     return list(_SPAN.finditer(text))
 

@@ -1,8 +1,7 @@
 """Words in any script: counting them, folding them, and finding terms among them.
 
-Documentation is judged by its substance, whatever its language. So words are counted alike for scripts
-that part words by spaces and for those that do not, and terms are found regardless of case and accents.
-Every function is linear in the length of its text.
+Words are counted alike for scripts that part words by spaces and for those that do not, and terms are found regardless
+of case and accents. Every function is linear in the length of its text.
 """
 
 from __future__ import annotations

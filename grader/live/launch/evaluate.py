@@ -1,10 +1,8 @@
 """Evaluates one launch file, as a script in a process that somebody else confines.
 
-Reads a request as JSON from standard input: `{"file": ..., "arguments": {...}, "root": ...,
-"native": false}`; `native` asks for the real `launch` instead of the stand-in beside this script. Writes the plan
-as JSON to the file descriptor that follows --result-fd. The launch file's own output goes where it would.
-Nothing of the rest of the grader is imported, so that the script and the stand-in beside it can be all that
-the process sees.
+Reads a request as JSON from standard input: `{"file": ..., "arguments": {...}, "root": ..., "native": false}`;
+`native` asks for the real `launch`. Writes the plan as JSON to the descriptor that follows --result-fd. Nothing of the
+rest of the grader is imported: this script and the stand-in beside it can be all that the process sees.
 """
 
 from __future__ import annotations
@@ -43,8 +41,7 @@ def main() -> int:
 def evaluation(*, native: bool) -> Any:
     """The function that evaluates, with the stand-in or else with the `launch` that Python finds.
 
-    A launch file must not be able to import this script's neighbours by their bare names: they are in a package
-    of a name of their own.
+    Its neighbours are in a package of their own, so that no launch file imports them by their bare names.
     """
     package = ModuleType("grader_launching")
     package.__path__ = [str(HERE)]

@@ -1,9 +1,8 @@
 """One evaluation of a launch file, by the stand-in or by the real `launch`: what would be started, and when.
 
-No process is started. Instead each one that would be is noted with what it waits for, and the events that its
-start and its end would bring about are played in virtual time: first everything that happens at once, then the
-timers by their time, then the ends of processes, then the shutdown. Both implementations of `launch` have the same
-public interface, so that the same functions serve as `execute` of the actions of either.
+No process is started. Each that would be is noted with what it waits for, and the events that its start and its end
+would bring about are played in virtual time: first what happens at once, then timers by their time, then the ends of
+processes, then the shutdown. The same functions serve as `execute` of the actions of either.
 """
 
 from __future__ import annotations

@@ -1,11 +1,9 @@
 """Watches when the machine keeps a session's processes from their cores: a process of the grader's in its sandbox.
 
-On each core that a student's process is held to, a thread wakes up every few milliseconds. That it came late, and did
-not wait for the core in the kernel's queue, says that the core itself stalled: its host took it, or all that is in
-the sandbox was stopped. Every second time it reads for how long the threads of the watched processes waited.
-
-A process waits for itself too, since its threads share a core, and for other programs of the student's. So a wait
-counts only where one thread alone had a notable one, and for no longer than the student's programs left of that time.
+On each core that a student's process is held to, a thread wakes up every few milliseconds: if late, without waiting in
+the kernel's queue, the core itself stalled. Every second time it reads for how long the threads of watched processes
+waited. They wait for each other too: so a wait counts only where one thread alone had a notable one, and for no longer
+than the student's programs left of that time.
 """
 
 from __future__ import annotations

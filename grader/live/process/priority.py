@@ -1,13 +1,10 @@
 """Lets what stands in a sandbox have its core when it wants it, so that other work delays little of what is measured.
 
-What is starting is other work too, since a start takes a whole core for a while and nothing of it is timed. All
-students' processes are treated alike. None of it is needed, and what the machine does not permit is left: then delays
-are excused or left undecided.
+What is starting is other work too. What the machine does not permit is left: then delays are excused or left undecided.
 
-The grader's own processes are scheduled in real time where that is permitted. They could then keep all others from
-their cores, if somebody floods them: so the watch (`cpu_watch`), which goes before them, takes it from who uses more
-than a node needs, and the kernel ends who goes on for seconds. The student's are not: on an idle machine a tool with
-13 threads on its core then waited for 1.6 s of 10 s there, and for 0.5 s as an ordinary process.
+The grader's own processes are scheduled in real time where that is permitted; from one that uses more than a node needs
+the watch (`cpu_watch`), which goes before them, takes it. The student's are not: on an idle machine a tool with 13
+threads on its core then waited for 1.6 s of 10 s there, and for 0.5 s as an ordinary process.
 """
 
 from __future__ import annotations

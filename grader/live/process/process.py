@@ -245,10 +245,9 @@ class RunningProcess:
     def hold_to_core(self, core: int, user: int | None) -> None:
         """Let all its threads, and those to come, run on one core only.
 
-        CPython runs one thread at a time, and on several cores its threads hand the interpreter's lock to
-        each other badly: a subscription under rclpy's MultiThreadedExecutor was seen to handle 27 of 400
-        messages on two cores, and 400 of 400 on one. It is done from outside and once the node stands, so
-        that the node sees all cores when it decides how many threads to have. `user` is a user id of its own.
+        On several cores CPython's threads hand the interpreter's lock to each other badly: a subscription under rclpy's
+        MultiThreadedExecutor was seen to handle 27 of 400 messages on two cores, and 400 of 400 on one. It is done once
+        the node stands, and has seen all cores. `user` is a user id of its own.
         """
         for pid in self.descendants():
             try:

@@ -41,6 +41,7 @@ from grader.live.ros_node.plain import plain
 from grader.live.ros_node.recorder import DEFAULT_LIMIT_BYTES, Recorder
 from grader.recording.bag import BagWriter
 from grader.recording.session import (
+    AWAITED,
     GRADER_NAMESPACE,
     OF_ACTION,
     STANDARD_TOPICS,
@@ -56,8 +57,6 @@ from grader.recording.trusted_channel import digest
 
 #: Once a student's node shows other endpoints, how long the wanted name may still take to appear.
 _NEAR_MISS_AFTER_S = 2.0
-#: Keys of what is waited for.
-_NAMED = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: Topics, and types of services, that every node has; never what a lab asks for.
 _STANDARD_SERVICE_TYPES = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 _NO_ANSWER = "the node's parameter services do not answer"
@@ -211,7 +210,7 @@ class Director:
     # -- waiting ------------------------------------------------------------------------------
 
     def _do_wait_for(self, request: Mapping[str, Any]) -> Answer:
-        kind = next(k for k in _NAMED if request.get(k))
+        kind = next(k for k in AWAITED if request.get(k))
         wanted, wanted_type = request[kind], request.get("type")
         started_s = time.monotonic()
         since_s: float | None = None  # when a node of the student's was first there without the wanted name

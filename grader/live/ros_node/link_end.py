@@ -1,8 +1,7 @@
 """The two ends of a link that loses and delays: one publishes with profiles as they were offered, one subscribes.
 
-Each is a program that `grader.live.session.link` starts on its side of the link. An end writes lines of JSON to its
-standard output, and goes on by lines on its standard input. What it measures is measured here, by the
-trusted side; the profiles alone are the student's.
+Each is a program that `grader.live.session.link` starts on its side of the link; it writes lines of JSON, and goes on
+by lines that it reads.
 """
 
 from __future__ import annotations

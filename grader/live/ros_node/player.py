@@ -51,7 +51,7 @@ class Player:
         """Add a publisher; returns what it will publish, or why there is none."""
         try:
             if info.type_hash and type_hash_of(info.topic_type) not in ("", info.type_hash):
-                raise ImportError(f"{info.topic_type} is defined otherwise here")
+                raise ImportError(f"{info.topic_type} has another definition here")
             kind = interface_named(info.topic_type)
             publisher = self._node.create_publisher(kind, info.topic, _offered(info.qos_text))
         except Exception as problem:  # Names and types are a student's, and rcl has many ways to refuse them.

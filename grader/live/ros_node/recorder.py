@@ -1,9 +1,8 @@
 """Records the traffic of a sandbox: raw subscriptions, written to a bag as they come.
 
-The recorder has contexts of its own, since one participant cannot hold two types on one topic. It does not
-spin an executor: the middleware stamps each message when it receives it, so that it does not matter when the
-recorder takes it. A thread empties all queues every few milliseconds, which costs a tenth of what waking for
-each message does, and leaves the cores to the experiment.
+It has contexts of its own, since one participant cannot hold two types on one topic. The middleware stamps each message
+when it receives it, so that a thread may empty all queues every few milliseconds, which costs a tenth of what waking
+for each message does.
 """
 
 from __future__ import annotations
@@ -157,8 +156,7 @@ class Recorder:
     def follow(self, publishers: Sequence[Endpoint]) -> None:
         """Record every topic of these publishers; to be called with all of them whenever the graph changed.
 
-        Topics followed before stay so when their publishers are gone. Endpoints that are not publishers are
-        passed over.
+        Topics followed before stay so when their publishers are gone; other endpoints are passed over.
         """
         topics: dict[tuple[str, str], list[Endpoint]] = {}
         for publisher in publishers:

@@ -1,7 +1,6 @@
 """Memory and process limits of a sandbox's students by control groups, version 1 or 2, where these can be made.
 
-Each sandbox has one group for all of the student's processes in it. Its name comes from the sandbox's number, so
-that what a killed grader left behind is taken over by the next.
+A sandbox's group has its number in its name, so that what a killed grader left behind is taken over by the next.
 """
 
 from __future__ import annotations

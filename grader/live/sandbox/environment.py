@@ -1,7 +1,6 @@
 """Environments of the processes in a sandbox, built from nothing.
 
-What the caller has sourced or exported (a ROS installation, PYTHONPATH, a DDS profile, a domain)
-reaches no process of a session.
+What the caller has sourced or exported reaches no process of a session.
 """
 
 from __future__ import annotations

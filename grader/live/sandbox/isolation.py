@@ -1,11 +1,9 @@
 """The one place that decides how a sandbox and the student's processes in it are confined.
 
-A *sandbox* is a set of namespaces of its own (network with only loopback up, mounts, IPC, processes)
-in which a session's processes run. Inside it each student's process is confined further by
-bubblewrap: read-only root, own process ids, no capabilities, a system call filter, limits. Two forms
-work: R, started as root, which gives each sandbox a user id of its own; and U, started as an ordinary
-user, in a user namespace. Where neither does, Landlock and the system call filter remain. What a
-machine permits is found by `grader.live.sandbox.probing`, which tries it with the real argument lists.
+A *sandbox* is a set of namespaces (network with only loopback up, mounts, IPC, processes) in which a session runs;
+inside it bubblewrap confines each student's process further. Started as root, each sandbox has a user id of its own; an
+ordinary user has it in a user namespace. Where neither works, Landlock and the system call filter remain. What is
+permitted is found by `grader.live.sandbox.probing`.
 """
 
 from __future__ import annotations
@@ -161,10 +159,9 @@ def free_slot() -> Iterator[int]:
 def first_student_uid() -> int:
     """Return the user id from which those of sandboxes in this network are counted.
 
-    Sandboxes are numbered within a network. A grader in another container numbers its own alike, and where both have
-    the users of the machine, the kernel would count the processes of both students as one's, and each could signal the
-    other where process ids are shared too. So each network has its own ids, by the number of its namespace. In a
-    container with users of its own only few ids are mapped; nobody outside has them, and the kernel counts apart.
+    A grader in another container numbers its sandboxes alike, and where both have the users of the machine, the kernel
+    would take both students for one. So each network has its own ids, by the number of its namespace. A container with
+    users of its own has only few, and nobody outside has them.
     """
     many, few = STUDENT_UIDS
     namespace = Path("/proc/self/ns/net").stat().st_ino

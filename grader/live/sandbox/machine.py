@@ -86,8 +86,7 @@ def _times_of_cores() -> dict[str, list[int]]:
 def network_bytes(user: int | None = None) -> int:
     """Return what lies in the sockets of this process's network, or in those of one user there, in bytes.
 
-    All networks of a machine share the memory for it: what one keeps, others lack. No control group of version 1
-    counts it.
+    All networks of a machine share the memory for it, and no control group of version 1 counts it.
     """
     with suppress(OSError):
         pages = re.findall(r"^(?:UDP|TCP): .*\bmem (\d+)", Path("/proc/net/sockstat").read_text(), re.MULTILINE)

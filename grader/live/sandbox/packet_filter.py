@@ -1,10 +1,9 @@
 """Keeps packets in the grader's name, and those that would hang it, from the sockets of its own processes.
 
-Whatever is in a sandbox can write to every UDP socket there. The grader's own sockets are marked, to which the
-student's processes have no right, and a filter looks at what comes without the mark: it may not bear the name of a
-reference node, nor hold a GAP of more numbers than any session has, all of which Fast DDS 2.14 goes through
-(CVE-2025-64438). It is done from outside, once a process has its sockets, and never stops what the grader itself sends.
-What gets past it is seen in the recording, see `grader.evidence.integrity`.
+Whatever is in a sandbox can write to every UDP socket there. The grader's own sockets are marked, and a filter looks at
+what comes without the mark: it may not bear the name of a reference node, nor hold a GAP of more numbers than any
+session has, all of which Fast DDS 2.14 goes through (CVE-2025-64438). What gets past it is seen by
+`grader.evidence.integrity`.
 
 References
 ----------

@@ -38,8 +38,7 @@ def remove_stale() -> list[str]:
 def remove_tree(folder: Path) -> None:
     """Remove a folder as far as that is permitted, whatever is in it.
 
-    Students' processes may have made folders within folders, deeper than Python's own functions follow, and
-    closed them to their owner.
+    Students' processes may have nested them deeper than Python's functions follow, and closed them to their owner.
     """
     with suppress(RecursionError):
         shutil.rmtree(folder, ignore_errors=True)

@@ -94,16 +94,10 @@ class FilterProgram(ctypes.Structure):
 def filter_program(*, own_spaces: bool = True, own_user: bool = True) -> bytes:
     """Return the filter as an array of `struct sock_filter`, which bubblewrap and the kernel take.
 
-    Parameters
-    ----------
-    own_spaces : bool
-        Whether the processes have process ids, a network and a read-only system of their own. Else a signal to all
-        processes is denied, and of sockets of a network all but datagrams: Landlock knows neither of TCP's relatives
-        nor of a connection that is made by sending.
-    own_user : bool
-        Whether they have a user id of their own, in case they do not have these. Else sockets of the family AF_UNIX
-        are denied, by which services of the machine are reached that trust the user id, such as a container engine
-        (pairs of them lead nowhere, and are always permitted), and changing attributes of files of that user.
+    Without `own_spaces` (process ids, a network, a read-only system) a signal to all processes is denied, and of a
+    network's sockets all but datagrams: Landlock knows neither TCP's relatives nor connecting by sending. Without
+    `own_user` besides, AF_UNIX is denied, by which services are reached that trust the user id, and changing that
+    user's files.
     """
     program = [
         step(_LOAD, _ARCHITECTURE),

@@ -1,9 +1,8 @@
 """Launch files in a session: evaluated in confinement, then really run.
 
-The stand-ins for `launch` and `launch_ros` make a *plan* of what `ros2 launch` would start; its processes
-are then started like any other of the student's. One mistake must not hide all else, so a misnamed executable or
-package, an argument that is not declared and a keyword of another ROS are repaired on a copy after they were
-noted, and the evaluation goes on.
+The stand-ins for `launch` and `launch_ros` make a *plan* of what `ros2 launch` would start. One mistake must not hide
+all else, so a misnamed executable or package, an argument that is not declared and a keyword of another ROS are
+repaired on a copy after they were noted, and the evaluation goes on.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """A link that loses and delays packets, between two programs of the grader's that use a student's QoS profiles.
 
-Each of the two has a network of its own, with loopback alone, in which this process stands for the other: it has the
-ports that the other has, and what comes to one of them it sends on into the other network, late or not at all. So it
-takes no privilege that a sandbox does not have, and all of it is gone when the processes are. Discovery passes as it
-is: what is to be seen is what profiles do with data, and with what acknowledges data.
+Each of the two has a network of its own, with loopback alone, in which this process stands for the other: what comes to
+one of its ports it sends on into the other network, late or not at all. That takes no privilege that a sandbox does not
+have. Discovery passes as it is.
 
 References
 ----------

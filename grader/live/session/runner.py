@@ -117,8 +117,7 @@ class SessionRunner:
     ) -> None:
         """Record the chosen sessions; returns when all have ended.
 
-        A session that cannot be run to its end leaves a recording that says so. If the grader is ended by
-        Ctrl-C or by a signal that asks for it, the sandboxes end too, and nothing of their sessions stays.
+        One that cannot be run to its end leaves a recording that says so; nothing stays if the grader is asked to end.
         """
         run_to_an_end(self._record_all(chosen, on_progress, at_a_time or sessions_at_a_time(self.isolation)))
 

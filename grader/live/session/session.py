@@ -1,8 +1,7 @@
 """A session, as the first process of its sandbox: start, steps, stop → recording.
 
-Forked by `grader.live.session.fork_server` with a `SessionPlan`. It starts the director, the
-reference nodes and the student's processes, runs the steps, and writes `session.json` beside the
-bag. It touches no ROS itself. Progress goes to standard output, one JSON line each.
+Forked by `grader.live.session.fork_server` with a `SessionPlan`. It touches no ROS itself. Progress goes to standard
+output, one JSON line each.
 """
 
 from __future__ import annotations
@@ -37,7 +36,7 @@ from grader.live.session.plan import SessionPlan
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.bag import recover
 from grader.recording.link import LinkResult
-from grader.recording.session import Endpoint, ProcessRun, write_session
+from grader.recording.session import AWAITED, Endpoint, ProcessRun, write_session
 from grader.recording.trusted_channel import collect_trusted_messages
 
 #: Address space of each of the grader's own processes.
@@ -52,7 +51,6 @@ _SAMPLED_SHARE = 0.7
 _AFTER_EXIT_S = 0.3
 #: What a measurement needs of its time undisturbed, and the pieces by which it is made longer for that.
 _CALM_S, _MORE_S = 0.7, 0.5
-_NAMED = ("node", "publisher", "subscription", "service", "action", "action_client")
 
 
 class Session:
@@ -134,13 +132,15 @@ class Session:
 
     # -- the grader's own processes -----------------------------------------------------------
 
+    def _environment(self) -> dict[str, str]:
+        """Return that of the grader's own ROS nodes."""
+        return self.sandbox.with_interfaces(trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id))
+
     async def _start_trusted(
         self, run: ProcessRun, main: Callable[[], object], hear: Callable[[bytes], None] | None = None
     ) -> RunningProcess:
         self.record.processes.append(run)
-        environment = trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id)
-        environment = self.sandbox.with_interfaces(environment)
-        program = Program(run.name, main, environment, _TRUSTED_BYTES)
+        program = Program(run.name, main, self._environment(), _TRUSTED_BYTES)
         running = await RunningProcess.fork(run, program, on_message=hear)
         self.sandbox.trusted.append(running)
         return running
@@ -263,7 +263,7 @@ class Session:
             )
         else:
             outcome, result = await self._direct("wait_for", parameters)
-            wanted = next(parameters[k] for k in _NAMED if parameters.get(k))
+            wanted = next(parameters[k] for k in AWAITED if parameters.get(k))
             if result.get("name", wanted) != wanted:
                 self.record.names[wanted] = result["name"]
         self._hold_students_to_cores()
@@ -347,9 +347,7 @@ class Session:
             problem = "this machine gives a session no networks of its own"
             return "failed", asdict(LinkResult(problem=problem))
         link = Link(self.record.steps[-1], self._students_endpoints, self.sandbox.claims_so_far, self.record.names)
-        environment = trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id)
-        environment = self.sandbox.with_interfaces(environment)
-        self._links.append(asyncio.create_task(link.run(self.record.seed, environment)))
+        self._links.append(asyncio.create_task(link.run(self.record.seed, self._environment())))
         return "done", {}
 
     def _students_endpoints(self) -> list[Endpoint]:

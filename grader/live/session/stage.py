@@ -1,9 +1,7 @@
 """A submission → a throw-away workspace, as `colcon build` would leave it.
 
-Below the workspace's folder stand `src/` (a copy of the student's files) and `install/`, an ament
-prefix whose executables are wrappers around the files in `src/`. Paths inside are relative, so the
-workspace can be mounted anywhere. File names with or without `.py`, executable bits and CRLF line
-ends make no difference.
+In it stand `src/` (a copy of the student's files) and `install/`, an ament prefix whose executables are wrappers around
+the files in `src/`. Paths inside are relative, so that it can be mounted anywhere.
 """
 
 from __future__ import annotations

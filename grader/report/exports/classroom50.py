@@ -1,12 +1,8 @@
 """Classroom 50's `result.json` (schema `classroom50/result/v1`).
 
-Scores there are whole numbers, and the total is the sum of the tests' scores. So the total is rounded, half
-a point up, and the tests' scores are rounded such that they add up to it: each loses less than one point of
-its own by that, and none exceeds its maximum. An undecided check has the score 0 of all its points, as what it is
-worth is not earned before somebody has decided; its name says so. Adjustments are spread over the other tests.
-
-The runner of Classroom 50 writes `owner`, `assignment_type` and the time of submission itself. It compares
-`classroom` and `assignment` with its own, and prints a test's name into a table of Markdown.
+Scores there are whole numbers that add up to the total. So the total is rounded, half a point up, and the tests'
+scores such that they add up to it. An undecided check has the score 0, and its name says so; adjustments are spread
+over the other tests. What the system's runner writes itself is left out. It prints a test's name as Markdown.
 
 References
 ----------

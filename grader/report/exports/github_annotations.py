@@ -1,8 +1,7 @@
 """Workflow commands that mark lines of the student's files on GitHub.
 
-A failed check is an error, a partial one a warning; what was not reached or is undecided is a notice. GitHub
-shows ten of a kind for each step, in the order in which they come: these are the costliest. Its limits for
-an annotation's texts are 255 characters for the title and 64 KB for the message.
+GitHub shows ten of a kind for each step, in the order in which they come: these are the costliest. A title has at most
+255 characters, a message 64 KB.
 """
 
 from __future__ import annotations

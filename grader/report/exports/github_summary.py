@@ -1,7 +1,6 @@
 """Markdown for GitHub's job summary: the score, what cost points and why, and all checks.
 
-GitHub takes at most 1 MiB from a step, and shows nothing of more. The parts come in the order of their worth,
-and what does not fit any more is left out whole, with a line that says so.
+GitHub shows nothing of more than 1 MiB from a step: what does not fit is left out whole, with a line that says so.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """GitLab's code quality report: checks that cost points, on the line of the student's file that they point at.
 
 Checks without a file are left out, since GitLab shows findings on files alone; the JUnit report has them.
-A finding's fingerprint is made of check and file, so it is the same after the student has moved the line,
-and GitLab can tell what a merge request fixes.
+A finding's fingerprint is made of check and file, so it is the same after the student has moved the line.
 
 References
 ----------

@@ -33,8 +33,7 @@ class GradedCheck(CheckResult):
     """A check with what a person decided of it.
 
     `undecided` are the points that nobody has decided, `given` those that a person's decision added, and `location` is
-    the first place of its proof that is a file of the student's repository, with its line from 1: 1 where only the file
-    is known. The path never leads out of the repository, and has no characters that cannot be shown.
+    the first place of its proof that is a file of the student's repository, with its line, 1 where that is not known.
     """
 
     given: Decimal = Decimal(0)

@@ -1,9 +1,7 @@
 """Gradescope's `results.json`.
 
-Every test is visible, since Gradescope hides the total where one is not. An undecided check has no score of
-its own and no status, so that it is shown neither as passed nor as failed; the text on top says how many
-points are open. The total is the score with all adjustments. All texts are of the format `text`, of which
-Gradescope renders nothing.
+Every test is visible, since Gradescope hides the total where one is not. An undecided check has neither score nor
+status, so that it is shown neither as passed nor as failed. The total is the score with all adjustments.
 
 References
 ----------

@@ -1,10 +1,8 @@
 """JUnit XML, as Jenkins (JUnit and xUnit plugins) and GitLab read it: a criterion is a suite, a check a case.
 
-Lost points are a `failure`. What is undecided is `skipped`, not an `error`: both systems show it as such,
-and neither counts it against the student, since it is the grader's doing. There are no properties on cases
-and no file names (the xUnit plugin's schema knows neither), nor any output, in which both systems look for
-references to files. What is beside the points is left out. No `type` is written, since GitLab's parser would
-convert by it.
+Lost points are a `failure`. What is undecided is `skipped`, which neither system counts against the student. Properties
+on cases and file names are not in the xUnit plugin's schema; in output both look for references to files; GitLab's
+parser converts by a `type`: none of these is written.
 
 References
 ----------

@@ -27,6 +27,12 @@ class Call:
     latency_s: float
     response: Any
 
+    @classmethod
+    def of(cls, recorded: Recorded, call: Mapping[str, Any]) -> Call:
+        """Return one of a step's."""
+        start_s, latency_s = recorded.since_start_s(call["started_ns"]), (call["ended_ns"] - call["started_ns"]) / 1e9
+        return cls(start_s, latency_s, call["response"])
+
     @property
     def key(self) -> tuple[str, str]:
         """Style class of its mark and what it means: the first truth value says whether the service did as asked."""
@@ -58,12 +64,7 @@ class Calls(FigureKind):
         groups = []
         for step in record.steps:
             if step.kind == "call" and step.result.get("service") == service and step.result.get("calls"):
-                group = [
-                    Call(
-                        recorded.since_start_s(c["started_ns"]), (c["ended_ns"] - c["started_ns"]) / 1e9, c["response"]
-                    )
-                    for c in step.result["calls"]
-                ]
+                group = [Call.of(recorded, call) for call in step.result["calls"]]
                 groups.append((step.label or "call", fields(step.parameters.get("request", {})), group))
         calls = [call for _, _, group in groups for call in group]
         if not calls:

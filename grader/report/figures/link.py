@@ -187,7 +187,8 @@ def _paint(shown: Sequence[Profile], width: int) -> tuple[float, list[Markup]]:
         svg.text(bars.left, 13, "arrived", "start", "label"),
         svg.text(delays.left, 13, "time until it arrived" if wide else "after", "start", "label"),
         svg.text(width - svg.RIGHT, 13, "late joiners" if wide else "late", "end", "label"),
-        *_axis(delays, bottom, wide),
+        *delays.log_axis(_TOP, bottom, dense=wide),
+        svg.text((delays.left + delays.right) / 2, bottom + 34, "logarithmic", class_="tick"),
     ]
     top = float(_TOP)
     for profile in shown:
@@ -199,20 +200,6 @@ def _paint(shown: Sequence[Profile], width: int) -> tuple[float, list[Markup]]:
             parts += _row(outcome, top + _ROW / 2, bars, delays, width)
             top += _ROW
     return bottom + 40, parts
-
-
-def _axis(frame: Frame, bottom: float, wide: bool) -> list[Markup]:
-    """Return the times' lines, a power of ten and what lies between."""
-    parts = []
-    low, high = frame.x
-    for power in range(math.floor(low), math.ceil(high) + 1):
-        for factor in (1, 2, 5):
-            at = math.log10(factor) + power
-            if low <= at <= high and (factor == 1 or wide):
-                parts.append(svg.rule(frame.px(at), _TOP, frame.px(at), bottom, "grid"))
-                parts.append(svg.text(frame.px(at), bottom + 16, svg.duration(factor * 10.0**power)))
-    middle = (frame.left + frame.right) / 2
-    return [*parts, svg.text(middle, bottom + 34, "logarithmic", class_="tick")]
 
 
 def _row(outcome: Outcome, middle: float, bars: Frame, delays: Frame, width: int) -> list[Markup]:

@@ -1,7 +1,6 @@
 """Pictures as inline SVG: axes, lines and marks.
 
-Colours and letters come from the page's style sheet by class, so that a picture follows light, dark and
-print. A picture that is wide on a desk has a narrow form for a phone, so that its letters stay legible.
+Colours and letters come from the page's style sheet by class. A wide picture has a narrow form for a phone.
 """
 
 from __future__ import annotations
@@ -175,6 +174,19 @@ class Frame:
             at = self.px(value / scale)
             parts += [rule(at, self.bottom, at, self.bottom + 4, "axis"), text(at, self.bottom + 17, short(value))]
         return [*parts, text((self.left + self.right) / 2, self.bottom + 36, label, class_="label")]
+
+    def log_axis(self, top: float, bottom: float, *, dense: bool) -> list[Markup]:
+        """Return the lines of times whose logarithms are on the x axis: powers of ten, and if dense what is between."""
+        parts = []
+        low, high = self.x
+        for power in range(math.floor(low), math.ceil(high) + 1):
+            for factor in (1, 2, 5) if dense else (1,):
+                value = math.log10(factor) + power
+                if low <= value <= high:
+                    at = self.px(value)
+                    parts.append(rule(at, top, at, bottom, "grid"))
+                    parts.append(text(at, bottom + 14, duration(factor * 10.0**power)))
+        return parts
 
 
 def frame_in(width: float, height: float, x: tuple[float, float], y: tuple[float, float], top: float) -> Frame:

@@ -149,13 +149,7 @@ class Latency(FigureKind):
             row, top = 62, 8
             height = top + row * len(delays) + svg.BOTTOM + 4
             frame = Frame(14, top, width - svg.RIGHT, height - svg.BOTTOM, x, (0, 1))
-            parts = []
-            for power in range(math.floor(x[0]), math.ceil(x[1]) + 1):
-                for factor in (1, 2, 5):
-                    at = math.log10(factor) + power
-                    if x[0] <= at <= x[1] and (factor == 1 or width > svg.NARROW or x[1] - x[0] < 2):
-                        parts.append(svg.rule(frame.px(at), top, frame.px(at), frame.bottom + 4, "grid"))
-                        parts.append(svg.text(frame.px(at), frame.bottom + 17, svg.duration(factor * 10.0**power)))
+            parts = frame.log_axis(top, frame.bottom + 4, dense=width > svg.NARROW or x[1] - x[0] < 2)
             for n, (topic, all_s) in enumerate(delays.items()):
                 label = f"{line(topic, 40)} ({len(all_s)})"
                 parts.append(svg.text(frame.left, top + row * n + 14, label, "start", "label"))

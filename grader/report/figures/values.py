@@ -50,6 +50,11 @@ class _Line:
     def moves(self) -> bool:
         return bool(self.values.max() > self.values.min())
 
+    def path(self, frame: Frame, width: int, colour: int) -> Markup:
+        """Return the line, with fewer points in a narrow picture."""
+        step = max(1, len(self.times) // svg.NARROW_POINTS) if width == svg.NARROW else 1
+        return frame.path(self.times[::step], self.values[::step], f"line line-{colour}")
+
 
 def _lines(recorded: Recorded, role: str, stream: NumericStream, indices: Sequence[int]) -> Iterator[_Line]:
     """Give the lines of some elements, as far as they can be drawn to scale."""
@@ -103,10 +108,7 @@ class Series(FigureKind):
             middle = here[0].values[0]
             frame = Frame(svg.LEFT, top, width - svg.RIGHT, top + high - 12, x, y if high > 26 else (middle, middle))
             parts += frame.y_axis(4 if high > 100 else 3)
-            for line in here:
-                step = max(1, len(line.times) // svg.NARROW_POINTS) if width == svg.NARROW else 1
-                style = f"line line-{roles.index(line.role) % 4}"
-                parts.append(frame.path(line.times[::step], line.values[::step], style))
+            parts += [line.path(frame, width, roles.index(line.role) % 4) for line in here]
             label = f"{self.field}[{index}]" + (f", {self.unit}" if self.unit and n == 0 else "")
             parts.append(svg.text(frame.left + 6, top + (1 if high > 26 else 6), label, "start", "label"))
             top += high
@@ -150,9 +152,7 @@ class FieldOverTime(FigureKind):
             parts = [*frame.y_axis(5), svg.text(4, 16, self.unit or "value", "start", "label")]
             for limit in self.limits:
                 parts.append(svg.rule(frame.left, frame.py(limit), frame.right, frame.py(limit), "expected"))
-            for line in drawn:
-                step = max(1, len(line.times) // svg.NARROW_POINTS) if width == svg.NARROW else 1
-                parts.append(frame.path(line.times[::step], line.values[::step], f"line line-{names.index(line.role)}"))
+            parts += [line.path(frame, width, names.index(line.role)) for line in drawn]
             return 260, parts + frame.x_axis(SINCE)
 
         ranges = (f"{line.role} {svg.short(line.values.min())} to {svg.short(line.values.max())}" for line in drawn)

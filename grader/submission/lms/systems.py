@@ -260,8 +260,8 @@ def _by(submitted: _Submitted, known: Delivered) -> Delivered:
 def _submitted_in(text: str) -> dict[str, _Submitted]:
     """Read who handed in which folder, and when.
 
-    It is read by its lines, as Gradescope always writes it: with all test results of a class it has megabytes, of
-    which most are written by students, and a reader of YAML would take minutes, or break where they nest it deeply.
+    It is read by its lines, as Gradescope always writes it: of its megabytes most are students', who could break a
+    reader of YAML.
     """
     found: dict[str, _Submitted] = {}
     folder, part = _Submitted(), ""

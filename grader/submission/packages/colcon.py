@@ -1,7 +1,6 @@
 """ROS packages in a submission: what `colcon build` would install, read by parsing alone.
 
-`package.xml` gives name and build type; `setup.py` is read as a syntax tree (never executed) for its
-console scripts; `CMakeLists.txt` for installed programs.
+`setup.py` is read as a syntax tree, and never executed.
 """
 
 from __future__ import annotations

@@ -1,9 +1,7 @@
 """The tap: notes what a student's node asks rclpy for, with its source line, and changes nothing else.
 
-Discovery carries neither history nor depth, and no line numbers. This module lies on the path of
-students' processes, wraps a few methods of rclpy's classes when their modules are imported, and
-writes one JSON line a call to the descriptor named by GRADER_TAP_FD. What it writes is a claim by
-the student's process, never evidence of behaviour.
+Discovery carries neither history nor depth, and no lines. So it wraps a few methods of rclpy's classes when their
+modules are imported, and writes one JSON line a call to the descriptor named by GRADER_TAP_FD: a claim, no evidence.
 """
 
 import importlib.abc
