@@ -206,8 +206,8 @@ def _json(make: Callable[[], dict[str, Any]]) -> Response:
     except GraderError as error:
         problem, remedy, status = error.problem, error.remedy, 409 if isinstance(error, ChangedSince) else 400
         mistakes = list(error.mistakes) if isinstance(error, RubricError) else []
-    told = {"problem": problem, "mistakes": mistakes, "remedy": remedy}
-    return _answer(json.dumps(told).encode(), ".json", status=status)
+    reported = {"problem": problem, "mistakes": mistakes, "remedy": remedy}
+    return _answer(json.dumps(reported).encode(), ".json", status=status)
 
 
 def _plain(value: Any) -> dict[str, Any]:

@@ -35,7 +35,7 @@ from grader.pipeline import Options
 from grader.result import Result, Score
 from grader.submission.extraction import SubmissionSource
 from tests.classroom.small_class import SLEEPS, Family, SmallClass, make_class
-from tests.live.small_lab import TALKER, below, command_of, name_of, remains, until
+from tests.live.small_lab import TALKER, name_of, remains, until
 
 pytestmark = pytest.mark.live
 
@@ -191,23 +191,3 @@ def quotes(submission: Submission) -> Finding:
     assert not (case.small.folder / "harmed").exists()
     assert isinstance(ending, Result)
     assert ending.score.earned == 2
-
-
-def test_where_the_server_of_sandboxes_is_killed_the_next_one_is_graded(case: Case) -> None:
-    """As by a system that runs out of memory: another takes its place."""
-    case.small.hand_in("ann", TALKER)
-
-    def servers() -> list[int]:
-        return [p for p in below(os.getpid()) if "live.session.fork_server" in command_of(p) and name_of(p)]
-
-    async def scenario() -> list[Ending]:
-        endings = []
-        with Workers() as workers:
-            for _ in range(2):
-                endings.append(await grade_in_process(case.job, workers, lambda phase: None))
-                (server,) = servers()
-                os.kill(server, signal.SIGKILL)
-                until(lambda: not servers())
-        return endings
-
-    assert all(isinstance(ending, Result) for ending in asyncio.run(scenario()))
