@@ -20,9 +20,14 @@ def json_text(value: Any) -> str:
     return json.dumps(_readable(value), indent=2, ensure_ascii=True, allow_nan=False) + "\n"
 
 
+def readable(text: str) -> str:
+    """Return a text with halves of surrogate pairs shown by their numbers."""
+    return _LONE.sub(lambda found: f"⟨U+{ord(found[0]):04X}⟩", text)
+
+
 def _readable(value: Any) -> Any:
     if isinstance(value, str):
-        return _LONE.sub(lambda found: f"⟨U+{ord(found[0]):04X}⟩", value)
+        return readable(value)
     if isinstance(value, dict):
         return {_readable(key): _readable(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):

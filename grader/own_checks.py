@@ -30,7 +30,8 @@ parameters stand behind `with`, as those of the built-in checks do:
 - A check of files alone, without a session, takes `submission: Submission` in place of the context.
 - It returns what `passed`, `failed`, `graded` or `inconclusive` give: what was expected, what was measured, and why
   points are lost. `inconclusive` is for what the grading computer may have caused (`Context.delay_s`); it costs none.
-- An exception, or more than 10 s of computing, makes it an error that names file and line; that costs nothing either.
+- An exception, more than 10 s of computing, or more than 30 s in all makes it an error that names file and line; that
+  costs nothing either.
 - Messages and output are what students' programs make of them: expect any, also of another type. An error that a
   message brings about costs its author nothing.
 - A file imports installed packages, not its neighbours: it alone is kept with each recording.

@@ -215,6 +215,12 @@ def record(
         with scheduler.work(what) if scheduler is not None else nullcontext(), watch.stage(what):
             yield
 
+    def still_building() -> None:
+        """Say so where it is counted for how long nothing is said."""
+        if scheduler is not None:
+            with scheduler.work("building interfaces"):
+                pass
+
     chosen = chosen_sessions(rubric, options, submission)
     types = given_in_steps(rubric, "type", sessions=chosen)
     server = ForkServer(types) if scheduler is None else scheduler.fork_server()
@@ -234,7 +240,9 @@ def record(
         submission.absent_modules = absent_modules(options.interpreter, wanted)
         needed = in_bounds(partial(needed_interfaces, rubric, submission, chosen), submission.source, _READING_BOUND)
         with work("building interfaces") if needed.packages else nullcontext():
-            lacking = provide_interfaces(needed, rubric, submission, Path(interfaces), isolation, options.interpreter)
+            lacking = provide_interfaces(
+                needed, rubric, submission, Path(interfaces), isolation, options.interpreter, still_building
+            )
         if options.scope is not Scope.UNDECIDED:
             _start_afresh(recordings, submission, rubric)
             replace_files({recordings / EARLIER_FILE: before})

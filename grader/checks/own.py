@@ -32,9 +32,9 @@ from grader.recording.bag import Stream
 from grader.recording.session import Endpoint, ProcessRun
 from grader.result import Finding, Location, Outcome
 
-#: What one call of a lab's own check may compute, and how soon it is ended again if it goes on; judging all of a
-#: submission has 30 s.
-_MOST_CPU_S, _AGAIN_S = 10.0, 0.1
+#: What one call of a lab's own check may compute and how long it may take, and how soon it is ended again if it goes
+#: on; judging all of a submission has 30 s and 100 s.
+_MOST_CPU_S, _MOST_S, _AGAIN_S = 10.0, 30.0, 1.0
 #: What is kept of a text that a lab's own check gives: it may quote what a student's program wrote.
 _MOST_TEXT = 1000
 
@@ -290,19 +290,28 @@ def _plain(location: Location) -> Location:
 
 @contextmanager
 def _bounded() -> Iterator[None]:
-    """Raise `_TooLong` within the block when it has computed for too long; in a main thread, where that can be."""
-
-    def stop(number: int, frame: FrameType | None) -> None:
-        raise _TooLong(f"it took more than {_MOST_CPU_S:g} s of CPU time")
-
-    if threading.current_thread() is not threading.main_thread() or not hasattr(signal, "setitimer"):
+    """Raise `_TooLong` within the block when it has computed, or waited, for too long; not on Windows."""
+    if not hasattr(signal, "setitimer"):
         yield
         return
-    before = signal.signal(signal.SIGVTALRM, stop)
+    # Nothing could end it in another thread, where nothing is judged but nobody's submission, to be prepared.
+    if threading.current_thread() is not threading.main_thread():
+        raise _TooLong("it is called in a main thread only")
+    computing = _timer(signal.ITIMER_VIRTUAL, signal.SIGVTALRM, _MOST_CPU_S, f"{_MOST_CPU_S:g} s of CPU time")
+    with computing, _timer(signal.ITIMER_REAL, signal.SIGALRM, _MOST_S, f"{_MOST_S:g} s"):
+        yield
+
+
+@contextmanager
+def _timer(timer: int, number: int, most_s: float, words: str) -> Iterator[None]:
+    def stop(number: int, frame: FrameType | None) -> None:
+        raise _TooLong(f"it took more than {words}")
+
+    before = signal.signal(number, stop)
     # Again: the first may come within an `except` for all that there is.
-    signal.setitimer(signal.ITIMER_VIRTUAL, _MOST_CPU_S, _AGAIN_S)
+    signal.setitimer(timer, most_s, _AGAIN_S)
     try:
         yield
     finally:
-        signal.setitimer(signal.ITIMER_VIRTUAL, 0)
-        signal.signal(signal.SIGVTALRM, before)
+        signal.setitimer(timer, 0)
+        signal.signal(number, before)

@@ -1,8 +1,8 @@
 """One submission in a process of its own, so that nothing it holds can end the grading of the others.
 
-Both ends: `grade_in_process` asks for a process with a job in a file, and ends it when it hangs; the process says on
-its standard output what it is doing, and at last how that ended. For each session, and for its own work, it waits for
-one of the machine's slots. All of a class are forks of one process, `Workers`, which has imported what they need.
+Both ends: `grade_in_process` asks for a process with a job in a file, and ends it when it hangs; the process says
+through a pipe what it is doing, and at last how that ended. For each session, and for its own work, it waits for one of
+the machine's slots. All of a class are forks of one process, `Workers`, which has imported what they need.
 """
 
 from __future__ import annotations
@@ -145,19 +145,22 @@ def main() -> None:
 def _grade(job: Job, folder: Path, forks: ForkServer) -> None:
     os.chdir(folder)
     limit_memory(MOST_MEMORY_BYTES)
+    # A lab's own code may print, also what a student wrote: none of that is a message, which is unpickled.
+    send = partial(_send, os.dup(1))
+    os.dup2(2, 1)
     try:
         assert job.isolation is not None
-        scheduler = _WorkerScheduler(job, job.isolation, forks)
-        ending: Ending = pipeline.grade(job.source, job.rubric, job.results, job.options, _send, scheduler)
+        scheduler = _WorkerScheduler(job, job.isolation, forks, send)
+        ending: Ending = pipeline.grade(job.source, job.rubric, job.results, job.options, send, scheduler)
     except Exception as error:
         traceback.print_exc()
         ending = problem_of(error)
     # Not through a file: that the disk is full may be what has to be said.
-    _send(ending)
+    send(ending)
 
 
-def _send(what: Progress | Ending) -> None:
-    write_all(sys.stdout.fileno(), base64.b64encode(pickle.dumps(what)) + b"\n")
+def _send(channel: int, what: Progress | Ending) -> None:
+    write_all(channel, base64.b64encode(pickle.dumps(what)) + b"\n")
 
 
 @dataclass
@@ -171,6 +174,7 @@ class _WorkerScheduler:
     job: Job
     isolation: Isolation
     forks: ForkServer
+    send: Callable[[Progress], None]
     _own: Callable[[], None] | None = None
     _alone_s: float = 0.0
 
@@ -203,14 +207,14 @@ class _WorkerScheduler:
         if self._own is None:
             self._own = asyncio.run(self._take(Progress("", what)))
         else:
-            _send(Progress("", what))
+            self.send(Progress("", what))
         yield
 
     async def _take(self, progress: Progress, *, alone: bool = False) -> Callable[[], None]:
         assert self.job.machine is not None
         waiting = asyncio.ensure_future(self.job.machine.take(alone=alone))
         while not waiting.done():
-            _send(progress)
+            self.send(progress)
             await asyncio.wait({waiting}, timeout=_STILL_WAITS_S)
         return waiting.result()
 

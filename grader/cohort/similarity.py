@@ -20,7 +20,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
-from itertools import combinations, groupby
+from itertools import combinations, groupby, islice
 
 import numpy as np
 import numpy.typing as npt
@@ -231,7 +231,7 @@ def _pair(a: _Prints, b: _Prints, own_a: int, own_b: int) -> Pair:
     shared = sum(length for _, _, length in runs)
     shares = (shared / own_a if own_a else 0.0, shared / own_b if own_b else 0.0)
     lines = (_lines(a.program, [run[0::2] for run in runs]), _lines(b.program, [run[1:] for run in runs]))
-    spans = tuple(_spans(a.program, b.program, runs))[:MOST_SPANS]
+    spans = tuple(islice(_spans(a.program, b.program, runs), MOST_SPANS))
     return Pair((a.program.name, b.program.name), shared, shares, lines, spans)
 
 

@@ -22,6 +22,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from grader.cohort.entries import ClassEntry, entries_in
 from grader.desk.queue import Item, part_of, queue_of, state_of
 from grader.errors import GraderError, UsageError
+from grader.json_text import readable
 from grader.judging.adjust import adjust
 from grader.lab.overrides import Overrides, load_overrides, parse_overrides
 from grader.lab.overrides_text import locked, rewrite, with_entry, without_entry
@@ -75,6 +76,7 @@ class Desk:
     who: str
     #: What this desk has written, the last one last.
     written: list[tuple[Decision, dict[str, Any]]] = field(default_factory=list)
+    #: By the folder's name, as text: a browser neither sends nor shows what is no Unicode.
     _entries: dict[str, tuple[int, ClassEntry]] = field(default_factory=dict)
     _settling: Any = None
     #: What was read of the file last.
@@ -109,11 +111,16 @@ class Desk:
         }
         return {kind: [text for text, _ in texts.most_common(_MOST_OFFERED)] for kind, texts in used.items()}
 
+    def folder_of(self, name: str) -> Path:
+        """Return the folder of a submission that was judged."""
+        return self.results / self._entries[name][1].name
+
     def _graded(self) -> Iterable[tuple[str, ClassEntry]]:
         """Read results that are new or have changed."""
-        changed = {p.parent.name: p.stat().st_mtime_ns for p in self.results.glob(f"*/{RESULT_FILE}")}
+        changed = {readable(p.parent.name): p.stat().st_mtime_ns for p in self.results.glob(f"*/{RESULT_FILE}")}
         if any(self._entries.get(name, (0,))[0] != time for name, time in changed.items()):
-            self._entries = {e.name: (changed.get(e.name, 0), e) for e in entries_in(self.results)}
+            named = ((readable(entry.name), entry) for entry in entries_in(self.results))
+            self._entries = {name: (changed.get(name, 0), entry) for name, entry in named}
         return [(name, entry) for name, (_, entry) in self._entries.items() if entry.result is not None]
 
     def _adjusted(self, entry: ClassEntry, decided: Overrides) -> Result:
@@ -210,7 +217,7 @@ class Desk:
         stale = self.stale()
         waiting = {name: sha256 for name, sha256 in stale.items() if self._tried.get(name) != sha256}
         if not running and waiting:
-            folders = [self.results / name for name in waiting]
+            folders = [self.folder_of(name) for name in waiting]
             # A copy of this process, which has no threads: it ends by itself, also where this one is killed.
             context = multiprocessing.get_context("fork")
             self._settling = context.Process(target=_write, args=(folders, self.overrides_file))

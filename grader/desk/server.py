@@ -22,7 +22,7 @@ import uvicorn
 from pydantic import TypeAdapter, ValidationError
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 from starlette.routing import Route
 from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -136,8 +136,9 @@ class Server:
 
     def _of(self, name: str, file: str) -> tuple[Result | None, Path]:
         """Return a submission's result, None if there is none or a link leads out of the class, and a path beside."""
-        result, path = self.desk.judged().get(name), self.desk.results / name / file
-        return result if result is not None and path.resolve() == path else None, path
+        result = self.desk.judged().get(name)
+        path = self.desk.folder_of(name) / file if result is not None else Path()
+        return result if path.resolve() == path else None, path
 
     async def _preview(self, request: Request) -> Response:
         decision = await _decision(request)
@@ -205,7 +206,8 @@ def _json(make: Callable[[], dict[str, Any]]) -> Response:
     except GraderError as error:
         problem, remedy, status = error.problem, error.remedy, 409 if isinstance(error, ChangedSince) else 400
         mistakes = list(error.mistakes) if isinstance(error, RubricError) else []
-    return JSONResponse({"problem": problem, "mistakes": mistakes, "remedy": remedy}, status, headers=_HEADERS)
+    reported = {"problem": problem, "mistakes": mistakes, "remedy": remedy}
+    return _answer(json.dumps(reported).encode(), ".json", status=status)
 
 
 def _plain(value: Any) -> dict[str, Any]:
@@ -221,9 +223,9 @@ def _number(value: Any) -> Any:
     return views.points(value) if isinstance(value, Decimal) else list(value)
 
 
-def _answer(content: bytes, ending: str, policy: str = _OWN_POLICY) -> Response:
+def _answer(content: bytes, ending: str, policy: str = _OWN_POLICY, status: int = 200) -> Response:
     kind = _TYPES.get(ending, "application/json")
-    return Response(content, headers={**_HEADERS, "Content-Security-Policy": policy}, media_type=kind)
+    return Response(content, status, headers={**_HEADERS, "Content-Security-Policy": policy}, media_type=kind)
 
 
 def _not_found() -> Response:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import shutil
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from grader.checks import own
 from grader.cli import main
 from grader.errors import RubricError
 from grader.judging.judge import Recordings, judge
+from grader.judging.judgement import prepare
 from grader.judging.rubrics import read_rubric, recorded_rubric, rubric_files
 from grader.lab import references
 from grader.lab.kept_lab import KEPT, named_files
@@ -185,6 +187,44 @@ def rises(context: Context, p: Parameters) -> Finding:
     found = judged(lab(tmp_path, body), session(tmp_path))
     assert found.outcome is Outcome.ERROR
     assert "it took more than 0.1 s of CPU time" in found.reason
+
+
+def test_one_that_waits_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It computes nothing, so that its time counts; also where it catches all that there is once."""
+    monkeypatch.setattr(own, "_MOST_S", 0.1)
+    body = """\
+def rises(context: Context, p: Parameters) -> Finding:
+    import time
+    try:
+        time.sleep(20)
+    except:
+        time.sleep(20)
+    return passed("", "")
+"""
+    found = judged(lab(tmp_path, body), session(tmp_path))
+    assert found.outcome is Outcome.ERROR
+    assert "it took more than 0.1 s" in found.reason
+
+
+def test_nothing_is_kept_waiting_where_a_check_could_not_be_ended(tmp_path: Path) -> None:
+    """What judging needs is prepared in a thread, which no signal ends: it is not called there."""
+    text = RUBRIC.replace("        session: experiment\n", "").replace("topic: /commands, window: window, ", "")
+    body = """\
+from grader.own_checks import Submission
+
+@dataclass
+class Least:
+    least: int
+
+def rises(submission: Submission, p: Least) -> Finding:
+    import time
+    time.sleep(20)
+"""
+    rubric = read_rubric(lab(tmp_path, body, text))
+    preparing = threading.Thread(target=prepare, args=[rubric])
+    preparing.start()
+    preparing.join(10)
+    assert not preparing.is_alive()
 
 
 def test_another_version_is_refused(tmp_path: Path) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import base64
 import os
+import pickle
 import re
 import signal
 import sys
@@ -16,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 pytest.importorskip("rclpy")
 
@@ -153,3 +156,38 @@ def test_a_submission_does_not_keep_the_others_from_the_machine(case: Case) -> N
     assert [phase for phase in case.phases if phase.startswith("waits")][:2] == ["waits", "waits to run alone"]
     assert case.phases.count("waits to run alone") == 1
     assert case.phases.count("waits") == 2
+
+
+class Harmful:
+    """Makes a folder when it is unpickled."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Say what unpickling calls."""
+        return os.mkdir, (str(self.folder),)
+
+
+def test_what_a_labs_own_check_prints_is_no_message(case: Case) -> None:
+    """Processes speak to the class in pickled lines: a student's line that a check prints must not be one."""
+    case.small.hand_in("ann", TALKER)
+    line = base64.b64encode(pickle.dumps(Harmful(case.small.folder / "harmed"))).decode()
+    (case.small.submissions / "ann" / "notes.txt").write_text(f"{line}\n", encoding="utf-8")
+    check = """
+def quotes(submission: Submission) -> Finding:
+    print(submission.text("notes.txt"), flush=True)
+    return passed("", "")
+"""
+    (case.small.rubric.parent / "own.py").write_text(
+        f"from grader.own_checks import Finding, Submission, passed\n{check}", encoding="utf-8"
+    )
+    plain = yaml.safe_load(case.small.rubric.read_text(encoding="utf-8"))
+    plain["criteria"][0]["checks"].append({"id": "quotes", "points": 1, "check": "own.py:quotes"})
+    plain["criteria"][0]["points"] = plain["lab"]["points"] = 2
+    case.small.rubric.write_text(yaml.safe_dump(plain), encoding="utf-8")
+    case.job = replace(case.job, rubric=read_rubric(case.small.rubric))
+    ending = case.ends()
+    assert not (case.small.folder / "harmed").exists()
+    assert isinstance(ending, Result)
+    assert ending.score.earned == 2

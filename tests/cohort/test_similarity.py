@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import random
+import time
 from collections import Counter
 from itertools import combinations
 from pathlib import Path
@@ -13,6 +15,7 @@ from grader.cohort.similarity import (
     LEAST_NODES,
     LENGTH,
     MOST_NODES,
+    MOST_SPANS,
     Program,
     Similarity,
     copies_of,
@@ -193,6 +196,24 @@ def test_any_text_is_compared(text: str) -> None:
     one, other = program("ada", {"a.py": text}), program("bob", {"a.py": text, "b.py": "x = 1"})
     assert len(one.kinds) <= MOST_NODES
     assert all(pair.nodes <= MOST_NODES for pair in pairs_of([one, other]))
+
+
+def _fragments(between: str, number: int = 6000) -> str:
+    """Give a long file of short runs that are the same in two of them, with other code and many lines between."""
+    chosen = random.Random(1)
+    runs = ("\n".join(chosen.choices(("x = 1", "del x", "f(x)", "assert x"), k=7)) for _ in range(number))
+    return "".join(f"{run}\n{between}\n\n\n\n\n" for run in runs)
+
+
+def test_thousands_of_places_cost_no_more_than_those_that_are_shown() -> None:
+    """Ten who agree on such files would use up the time that the whole class has."""
+    pair = [
+        program(n, {"a.py": _fragments(between)}) for n, between in (("ada", "while x: y"), ("bob", "for x in y: z"))
+    ]
+    began_s = time.process_time()
+    (found,) = pairs_of(pair)
+    assert len(found.spans) == MOST_SPANS
+    assert time.process_time() - began_s < 10.0
 
 
 def test_too_much_is_cut_from_the_largest_file() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -271,3 +272,23 @@ def test_a_killed_desk_has_lost_nothing(made: Path, desk: Served) -> None:
         assert "to decide" not in second.stop()
     finally:
         second.kill()
+
+
+def test_a_folder_whose_name_is_no_text_can_be_decided(tmp_path: Path) -> None:
+    """Its name, as an old archive leaves it, is neither in a browser's texts nor in its addresses."""
+    from urllib.parse import quote
+
+    results = tmp_path / "results"
+    add_alike(results, ["alice"], "solution", without="service")
+    folder = (results / "alice").rename(results / os.fsdecode(b"caf\xe9"))
+    served = serve(results)
+    try:
+        name = served.queue()["items"][0]["name"]
+        for path in ("report?name=", f"evidence?what={CHECK}&name="):
+            assert served.ask("GET", path + quote(name, safe=""))[0] == 200
+        assert served.ask("POST", "decide", decision(served, name))[0] == 200
+        assert served.ask("POST", "decide", decision(served, name, seen={name: "of before"}))[0] == 409
+        served.until(lambda plain: not plain["waiting"])
+        assert [a.what for a in load_result(folder / RESULT_FILE).adjustments] == [CHECK]
+    finally:
+        served.kill()

@@ -13,12 +13,12 @@ import sys
 import sysconfig
 import tempfile
 import time
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 from grader.live.sandbox.environment import OWN_INTERPRETER, ros_environment
 from grader.live.sandbox.isolation import HOME, INTERFACES, TEMPORARY, Isolation, Room, free_slot
@@ -33,6 +33,10 @@ _SUBSETS = Path(__file__).parent / "subsets"
 _NEEDED_FOR = {"tf2_msgs": ("tf2_msgs", "tf2_ros")}
 #: Of one submission; a package with three interfaces takes 9 s of a core, which a busy machine may give late.
 _MOST_PACKAGES, _MOST_S = 20, 300.0
+#: Of one package; less than a class waits for a word of a grading (`classroom.job.Job.silence_s`).
+_MOST_EACH_S = 100.0
+#: How often is looked whether another grading still builds.
+_LOOK_S = 0.5
 #: What a built package has at most; ten interfaces take some 1 MB.
 _MOST_FILES, _MOST_BYTES = 10_000, 128 * 1024**2
 _MOST_CACHED = 500
@@ -70,11 +74,16 @@ def shipped_for(texts: Iterable[str]) -> list[InterfacePackage]:
 
 
 def provide(
-    packages: Sequence[InterfacePackage], folder: Path, isolation: Isolation, before: Built | None = None
+    packages: Sequence[InterfacePackage],
+    folder: Path,
+    isolation: Isolation,
+    before: Built | None = None,
+    on_progress: Callable[[], object] = lambda: None,
 ) -> Built:
     """Put the prefixes of some packages into a folder, from the cache or built now, to those that there were `before`.
 
-    Of several packages of one name the first counts.
+    Of several packages of one name the first counts. `on_progress` is called before each that is built, and again and
+    again while others build.
     """
     built = before or Built()
     tried = {*built.prefixes, *built.missing, *built.invalid}
@@ -83,7 +92,7 @@ def provide(
         try:
             if number >= _MOST_PACKAGES:
                 raise _NotBuilt(f"there are more than {_MOST_PACKAGES} packages of interfaces")
-            built.prefixes[package.name] = _prefix_of(package, built, folder, isolation)
+            built.prefixes[package.name] = _prefix_of(package, built, folder, isolation, on_progress)
         except _NotBuilt as reason:
             (built.invalid if reason.invalid else built.missing)[package.name] = str(reason)
     if "tf2_msgs" in built.prefixes.keys() - tried and importlib.util.find_spec("tf2_ros") is None:
@@ -97,7 +106,9 @@ class _NotBuilt(Exception):
         self.invalid = invalid
 
 
-def _prefix_of(package: InterfacePackage, built: Built, folder: Path, isolation: Isolation) -> Path:
+def _prefix_of(
+    package: InterfacePackage, built: Built, folder: Path, isolation: Isolation, on_progress: Callable[[], object]
+) -> Path:
     if package.problem:
         raise _NotBuilt(package.problem)
     if (_SUBSETS / package.name).is_dir():
@@ -112,11 +123,13 @@ def _prefix_of(package: InterfacePackage, built: Built, folder: Path, isolation:
         return target
     if lacks := lacking_toolchain():
         raise _NotBuilt(f"the grading computer lacks what builds it ({lacks})")
-    with _alone(cached.parent):
+    with _alone(cached.parent, on_progress):
         if _from_cache(cached, target):  # another grading has built it meanwhile
             return target
+        on_progress()
         began_s = time.monotonic()
-        _build(package, target, list(built.prefixes.values()), isolation, _MOST_S - built.took_s)
+        left_s = min(_MOST_EACH_S, _MOST_S - built.took_s)
+        _build(package, target, list(built.prefixes.values()), isolation, left_s)
         built.took_s += time.monotonic() - began_s
         _keep(target, cached)
     return target
@@ -235,13 +248,25 @@ def _from_cache(cached: Path, target: Path) -> bool:
 
 
 @contextmanager
-def _alone(folder: Path) -> Iterator[None]:
+def _alone(folder: Path, on_wait: Callable[[], object]) -> Iterator[None]:
     """Wait until no other grading builds: it takes all cores, and maybe for the same. Without a home none is known."""
     with ExitStack() as held:
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            fcntl.flock(held.enter_context((folder / ".lock").open("w")), fcntl.LOCK_EX)
+            lock = held.enter_context((folder / ".lock").open("w"))
+            while not _locked(lock):
+                on_wait()
+                time.sleep(_LOOK_S)
         yield
+
+
+def _locked(file: IO[str]) -> bool:
+    """Lock a file, and return whether that was possible."""
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
 
 
 def _keep(prefix: Path, cached: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -53,21 +53,22 @@ def provide_interfaces(
     folder: Path,
     isolation: Isolation,
     interpreter: Path,
+    on_progress: Callable[[], object] = lambda: None,
 ) -> dict[str, str]:
     """Put what can be had into a folder, and note in the submission's record what cannot.
 
     Returns for each session that needs more than there is what it lacks. A package of the lab's counts before one of
-    the grader's own, and both before a student's of the same name.
+    the grader's own, and both before a student's of the same name. For `on_progress` see `provide`.
     """
     ours = [*needed.labs, *needed.shipped]
     if needed.packages and not _is_like_ours(interpreter):
         why = "students' programs run with another Python than the grader's"
         built = Built(missing=dict.fromkeys(_names(needed.packages), why))
     else:
-        built = provide(ours, folder, isolation)
+        built = provide(ours, folder, isolation, on_progress=on_progress)
         # A mistake in one of these is not a student's, nor is what follows from it.
         built = Built(built.prefixes, {**built.missing, **built.invalid}, took_s=built.took_s)
-        built = provide(needed.students, folder, isolation, built)
+        built = provide(needed.students, folder, isolation, built, on_progress)
     submission.not_built = built.missing
     if submission.absent_modules is not None:
         absent = {*submission.absent_modules, *built.missing} - built.prefixes.keys()

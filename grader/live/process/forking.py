@@ -88,9 +88,10 @@ class ForkingServer:
         Returns what it says, until all has ended: first its process id, or why it could not be started; at last, on a
         line, `ended` and its exit status (negative: the signal that ended it).
         """
-        reader, writer = os.pipe()
-        with errors.open("wb") as file, suppress(ConnectionError):  # Then nothing will be said.
-            socket.send_fds(self._link, [request], [writer, file.fileno()])
+        with errors.open("wb") as file:
+            reader, writer = os.pipe()
+            with suppress(ConnectionError):  # Then nothing will be said.
+                socket.send_fds(self._link, [request], [writer, file.fileno()])
         os.close(writer)
         return await read_pipe(reader)
 
@@ -135,18 +136,27 @@ def serve(link: socket.socket, program_of: Callable[[bytes], Program]) -> None:
             os.close(descriptors[0])
     signal.set_wakeup_fd(-1)
     for pid in outputs:
-        with suppress(OSError):
-            os.killpg(pid, signal.SIGKILL)
+        for kill in (os.killpg, os.kill):  # One that has just begun leads no group yet.
+            with suppress(OSError):
+                kill(pid, signal.SIGKILL)
     _reap(outputs, 0)
 
 
 def _reap(outputs: dict[int, int], options: int) -> None:
     """Take note of forks that have ended, so that their CPU time counts as the server's, and say so."""
     with suppress(ChildProcessError):
-        while (ended := os.waitpid(-1, options))[0]:
-            output = outputs.pop(ended[0])
-            with suppress(OSError):  # Nobody may read any more, and nobody shall be waited for.
-                said = os.open(f"/proc/self/fd/{output}", os.O_WRONLY | os.O_NONBLOCK)
-                os.write(said, f"ended {os.waitstatus_to_exitcode(ended[1])}\n".encode())
-                os.close(said)
-            os.close(output)
+        while outputs and (ended := os.waitpid(-1, options))[0]:
+            # The program may have started others of its own, such as a server.
+            if (output := outputs.pop(ended[0], None)) is not None:
+                _say_end(output, os.waitstatus_to_exitcode(ended[1]))
+                os.close(output)
+
+
+def _say_end(output: int, status: int) -> None:
+    """Say it without waiting: nobody may read any more, or what was said before may fill the pipe still."""
+    with suppress(OSError):
+        said = os.open(f"/proc/self/fd/{output}", os.O_WRONLY | os.O_NONBLOCK)
+        try:
+            os.write(said, f"ended {status}\n".encode())
+        finally:
+            os.close(said)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import json
 import subprocess
 import sys
@@ -16,7 +17,7 @@ from grader.judging.rubrics import read_rubric
 from grader.live.interfaces.build import Built, lacking_toolchain, provide
 from grader.live.interfaces.needs import Needed, provide_interfaces
 from grader.live.sandbox.environment import OWN_INTERPRETER, ros_environment, with_prefixes
-from grader.live.sandbox.isolation import Isolation
+from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.probing import probe_isolation
 from grader.recording.interfaces import InterfacePackage
 from grader.recording.submission import SubmissionRecord
@@ -87,6 +88,26 @@ def run(program: str, found: Built) -> str:
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
+
+
+class Said(Exception):
+    """Something was said."""
+
+
+def test_one_that_waits_for_others_says_so(tmp_path: Path, cache: Path) -> None:
+    """One grading builds at a time; a class gives up one that says nothing, which is not to be for another's work."""
+
+    def say() -> None:
+        raise Said
+
+    lock = cache / "grade/interfaces/.lock"
+    lock.parent.mkdir(parents=True, exist_ok=True)
+    with lock.open("w") as held:
+        fcntl.flock(held, fcntl.LOCK_EX)
+        with pytest.raises(Said):
+            provide(
+                [InterfacePackage("slow_msgs", {"msg/A.msg": "int8 x\n"})], tmp_path, Isolation(Level.NONE), None, say
+            )
 
 
 def test_messages_services_and_actions_are_built_once(tmp_path: Path, isolation: Isolation) -> None:
