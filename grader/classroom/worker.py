@@ -126,6 +126,8 @@ def main() -> None:
     """Fork a process for each job whose file is named through the socket of the number in argv[1]."""
     end_with_parent()  # If that has ended already, so has the other side of the socket.
     folder = Path.cwd()
+    # Python finds it by writing a file there, which one that is killed at that moment would leave.
+    tempfile.gettempdir()
     servers: list[ForkServer] = []
     with ExitStack() as stack, socket.socket(fileno=int(sys.argv[1])) as link:
 
