@@ -155,15 +155,6 @@ class ReportingPublisher:
         """How many subscriptions are matched."""
         return int(self._publisher.get_subscription_count())
 
-    @property
-    def has_recorder(self) -> bool:
-        """Whether a subscription of the recorder's is in the graph."""
-        try:
-            found = self._node.get_subscriptions_info_by_topic(self.topic)
-        except (UnicodeDecodeError, RuntimeError):  # A student's node may have a name that is no text.
-            return False
-        return (GRADER_NAMESPACE, self.topic_type) in {(info.node_namespace, info.topic_type) for info in found}
-
     def publish(self, message: Any) -> None:
         """Publish a message."""
         data = self._serialize(message)
@@ -184,26 +175,51 @@ class ReferenceNode:
     def __init__(self, node: Node) -> None:
         self.node = node
         self._publishers: list[ReportingPublisher] = []
+        #: Names and types of what it publishes, those of its actions too.
+        self._topics: dict[str, str] = {}
         self._recorded = False
 
     def open_publisher(self, message_class: type, topic: str, qos: QoSProfile) -> ReportingPublisher:
         """Open a publisher. Each publisher of a reference node must be opened so."""
-        self._publishers.append(ReportingPublisher(self.node, message_class, topic, qos))
-        return self._publishers[-1]
+        publisher = ReportingPublisher(self.node, message_class, topic, qos)
+        self._publishers.append(publisher)
+        self._topics[publisher.topic] = publisher.topic_type
+        return publisher
+
+    def open_action_server(self, action_class: type, name: str, execute: Callable[[Any], Any], **more: Any) -> Any:
+        """Open an action server, rclpy's with all that it takes; each one of a reference node must be opened so.
+
+        Goals are answered while the node spins. Feedback is in the recording if it spins after `wait_until_recorded`.
+        """
+        from rclpy.action import ActionServer
+
+        server = ActionServer(self.node, action_class, name, execute, **more)
+        action = f"{self.node.resolve_topic_name(name)}/_action"
+        package, folder, *_ = action_class.__module__.split(".")
+        self._topics[f"{action}/feedback"] = f"{package}/{folder}/{action_class.__name__}_FeedbackMessage"
+        self._topics[f"{action}/status"] = "action_msgs/msg/GoalStatusArray"
+        return server
 
     def wait_until_recorded(
         self, stop: StopRequest, timeout_s: float, ready: Callable[[ReportingPublisher], bool] = lambda publisher: True
     ) -> None:
-        """Wait until the recorder has subscribed to each topic of this node, and `ready` holds of each publisher.
+        """Wait until the recorder has subscribed to each topic and action of this node, and each publisher is `ready`.
 
         To be called before the first message. Once the time is up it goes on, and what is lost then counts as lost.
         """
         self._recorded = True
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
         while not stop and (now_ns := time.monotonic_ns()) < deadline_ns:
-            if all(publisher.has_recorder and ready(publisher) for publisher in self._publishers):
+            if all(self._is_recorded(*topic) for topic in self._topics.items()) and all(map(ready, self._publishers)):
                 return
             sleep_until(min(now_ns + MATCH_POLL_NS, deadline_ns), stop)
+
+    def _is_recorded(self, topic: str, topic_type: str) -> bool:
+        try:
+            found = self.node.get_subscriptions_info_by_topic(topic)
+        except (UnicodeDecodeError, RuntimeError):  # A student's node may have a name that is no text.
+            return False
+        return (GRADER_NAMESPACE, topic_type) in {(info.node_namespace, info.topic_type) for info in found}
 
     def report_participant(self) -> None:
         """Print by which gids its endpoints are known: by those on a topic whose name no other node can know."""

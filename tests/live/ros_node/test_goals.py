@@ -184,7 +184,6 @@ def test_whatever_a_server_sends_is_kept_within_bounds(tmp_path: Path, name: str
 REFERENCE = """
 import sys
 from dataclasses import dataclass
-from rclpy.action import ActionServer
 from rclpy.executors import SingleThreadedExecutor
 from grader.reference_node import reference_node, run
 from test_msgs.action import Fibonacci
@@ -206,10 +205,11 @@ def play(configuration, settings, stop):
             results.publish(result)
             return result
 
-        server = ActionServer(reference.node, Fibonacci, configuration.name('/fibonacci'), execute)
+        server = reference.open_action_server(Fibonacci, configuration.name('/fibonacci'), execute)
         executor = SingleThreadedExecutor()
         executor.add_node(reference.node)
         print('ready', flush=True)
+        reference.wait_until_recorded(stop, 5.0)
         while not stop:
             executor.spin_once(timeout_sec=0.02)
         server.destroy()
