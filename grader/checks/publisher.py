@@ -28,6 +28,7 @@ from grader.checks.base import (
 from grader.checks.endpoints import OfEndpoint, QosWanted, claim_of, claimed_at, qos_as_wanted, student_endpoints
 from grader.evidence.cpu_delay import Calm, Span, calm_intervals, shares_around
 from grader.evidence.recorded import Floats, NumericStream
+from grader.evidence.schedule import kept_schedule
 from grader.evidence.sinusoid import Sinusoid, fit_sinusoid
 from grader.evidence.timing import Timing, timing_of
 from grader.lab import references as ref
@@ -196,10 +197,14 @@ def _rate_between(
     least_hz, most_hz = _bounds_hz(timing, length_s, delay_s, before_s, p.rate_hz)
     error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
     bounds_hz = (least_hz - error_hz, most_hz + error_hz)
-    calm = p.calm(context, timing, by, delay_s, _HARMLESS * timing.median_s)
-    if calm is None:
+    harmless_s = _HARMLESS * timing.median_s
+    calm = p.calm(context, timing, by, delay_s, harmless_s)
+    if calm is None or run is None:
         return bounds_hz, error_hz, by
     bounds_hz = _within(calm.rate_hz(), bounds_hz)  # what the undisturbed intervals say alone
+    delays = [delay for delay in context.session.delays(run) if delay.delay_ns > harmless_s * 1e9]
+    if (schedule := kept_schedule(calm, delays, timing)) is not None:
+        bounds_hz = _within(schedule.bounds_hz(), bounds_hz)
     return bounds_hz, (bounds_hz[1] - bounds_hz[0]) / 2, calm.said
 
 

@@ -97,6 +97,8 @@ class Calm:
     #: Share of their time in which the machine delayed the process all the same, for moments that do no
     #: harm by themselves.
     delayed_share: float
+    #: bool[m]: Which of all intervals they are.
+    undisturbed: NDArray[np.bool_]
 
     @property
     def is_enough(self) -> bool:
@@ -146,7 +148,7 @@ def shares_around(share: float, count: int) -> tuple[float, float]:
 #: Intervals, and the time that they fill together, from which those that were not affected stand for all.
 _ENOUGH, _ENOUGH_S = 20, 0.5
 #: Who was kept from a core makes up for it within this part of the time.
-_MADE_UP = 0.5
+MADE_UP = 0.5
 #: An interval of so many usual ones, without the delays in it, was not made by these.
 _PAUSE = 3.0
 
@@ -168,7 +170,7 @@ def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floa
         # Of a long one nobody knows which interval had it; harmless ones count in the sum.
         within_ns[first:last] += np.minimum(shared, delay.delay_ns if long else delay.delay_ns / max(1, last - first))
         if long:
-            touched[first : int(np.searchsorted(starts_ns, delay.end_ns + _MADE_UP * delay.delay_ns))] = True
+            touched[first : int(np.searchsorted(starts_ns, delay.end_ns + MADE_UP * delay.delay_ns))] = True
     touched[1:] |= touched[:-1]
     calm = ~touched
     share = float(within_ns[calm].sum()) / 1e9 / max(float(intervals_s[calm].sum()), 1e-9)
@@ -177,4 +179,4 @@ def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floa
     unexplained_s = intervals_s - within_ns / 1e9
     pauses_s = unexplained_s[touched & (unexplained_s > _PAUSE * np.median(intervals_s))]
     apart = len(begins) + np.arange(len(pauses_s))
-    return Calm(np.concatenate((intervals_s[calm], pauses_s)), np.concatenate((stretch, apart)), share)
+    return Calm(np.concatenate((intervals_s[calm], pauses_s)), np.concatenate((stretch, apart)), share, calm)

@@ -33,6 +33,8 @@ class Timing:
     intervals_s: Floats
     #: int64[n]: Source timestamps of the samples that end the intervals.
     times_ns: Integers
+    #: int64[n]: Their sequence numbers.
+    numbers: Integers
     #: Error of the rate where samples come in bursts; None where they do not.
     burst_error_hz: float | None = None
     #: The same samples by the times at which the recorder received them.
@@ -111,12 +113,13 @@ def _timed(times: Integers, sequence: Integers) -> Timing | None:
         return None
     written = int(sequence[-1] - sequence[0])
     steps = np.diff(sequence)
+    ends, numbers = times[1:][steps == 1], sequence[1:][steps == 1]
     intervals = np.diff(times)[steps == 1] / 1e9
     rate_hz, error_hz = written / ((times[-1] - times[0]) / 1e9), None
     if len(intervals) and np.median(intervals) < _BURSTS / rate_hz:
         rate_hz, error_hz = _slope(times, sequence)
     lost = written + 1 - len(times)
-    return Timing(float(rate_hz), written + 1, lost, intervals, times[1:][steps == 1], error_hz)
+    return Timing(float(rate_hz), written + 1, lost, intervals, ends, numbers, error_hz)
 
 
 #: Where the usual interval is shorter than this part of the mean one, samples come in bursts.

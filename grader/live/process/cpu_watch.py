@@ -205,12 +205,13 @@ class _Watch:
         with suppress(OSError):
             os.sched_setaffinity(threading.get_native_id(), {core})
         queue = os.open("/proc/thread-self/schedstat", os.O_RDONLY)
-        woke_ns, waited_ns = time.monotonic_ns(), 0
-        looked_ns = time.time_ns()
+        looked_ns, waited_ns = time.time_ns(), 0
+        woke_ns = looked_ns
         stalled_ns = wakes = 0
         while not self._ended.is_set():
             time.sleep(_PERIOD_S)
-            now_ns, before_ns = time.monotonic_ns(), waited_ns
+            # Read once: a stop between the reading for a sample's end and that for its delay came here in 1 of 500.
+            now_ns, before_ns = time.time_ns(), waited_ns
             waited_ns = int(os.pread(queue, 100, 0).split()[1])
             late_ns = now_ns - woke_ns - round(_PERIOD_S * 1e9) - (waited_ns - before_ns)
             woke_ns, wakes = now_ns, wakes + 1
@@ -218,7 +219,7 @@ class _Watch:
                 stalled_ns += late_ns
             if wakes % _WAKES_PER_SAMPLE == 0 or stalled_ns:
                 with self._lock:
-                    self._look(core, looked_ns, now_ns := time.time_ns(), stalled_ns)
+                    self._look(core, looked_ns, now_ns, stalled_ns)
                 looked_ns, stalled_ns = now_ns, 0
 
     def _look(self, core: int, looked_ns: int, now_ns: int, stalled_ns: int) -> None:
