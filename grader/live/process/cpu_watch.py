@@ -230,6 +230,11 @@ class _Watch:
         for watched in held:
             own = [w for w in held if w.role == "student" or w is watched]
             self._judge(watched, own, *waits[id(watched)], looked_ns, now_ns, stalled_ns)
+        for watched in [w for w in self.watched.values() if w.core not in (core, None)]:
+            # A stop of all makes another core's thread late by so much less as that had woken up later.
+            more_ns = stalled_ns - watched.noted_since(looked_ns)
+            if _LEAST_NS < more_ns < _PERIOD_S * 1e9 + _LEAST_NS:
+                watched.note(looked_ns, now_ns, more_ns)
         for watched in [w for w in self.watched.values() if w.core is None]:
             waited = watched.read(now_ns) if is_first else (0, 0)
             self._judge(watched, [watched], *waited, looked_ns, now_ns, stalled_ns)
@@ -246,7 +251,7 @@ class _Watch:
         if longest_ns > _LEAST_NS:
             used_ns = sum(w.used_since(start_ns) for w in own)
             delay_ns = min(together_ns, now_ns - start_ns - used_ns) - watched.noted_since(start_ns)
-        delay_ns = max(delay_ns, stalled_ns)
+        delay_ns = max(delay_ns, stalled_ns - watched.noted_since(start_ns))
         if delay_ns > _LEAST_NS:
             watched.note(start_ns, now_ns, delay_ns)
 
