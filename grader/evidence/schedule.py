@@ -44,6 +44,8 @@ def kept_schedule(calm: Calm, delays: Sequence[Delay], timing: Timing) -> Schedu
     Of the delays, those that are harmless to the intervals should be left out.
     """
     where = np.flatnonzero(calm.undisturbed)
+    if len(where) < _FEWEST:
+        return None
     times_s: Floats = (timing.times_ns[where] - timing.times_ns[0]) / np.float64(1e9)
     stretch: Integers = np.cumsum(np.diff(where, prepend=where[0]) > 1, dtype=np.int64)
     ticks = _ticks(times_s, stretch, float(np.median(calm.intervals_s)))
@@ -62,7 +64,7 @@ def kept_schedule(calm: Calm, delays: Sequence[Delay], timing: Timing) -> Schedu
 
 #: How many standard deviations are an error.
 _ERRORS = 2.5
-#: So many times that nothing disturbed tell what a program leaves out.
+#: From so many undisturbed messages there may be a schedule, and from so many of its times it is known what lacks.
 _FEWEST = 20
 
 
@@ -94,6 +96,8 @@ def _ticks(times_s: Floats, stretch: Integers, usual_s: float) -> Floats | None:
     """
     near_hz, step_hz = 1 / usual_s, 1 / (_FINENESS * max(float(times_s[-1]), usual_s))
     rates_hz = near_hz + np.arange(-_NEAR * near_hz, _NEAR * near_hz + step_hz, step_hz)
+    if len(rates_hz) * len(times_s) > _MOST:
+        return None
     vectors = np.exp(2j * np.pi * np.outer(rates_hz, times_s))
     best = int(np.abs(vectors.sum(axis=1)).argmax())
     together = vectors[best].sum()
@@ -106,6 +110,8 @@ def _ticks(times_s: Floats, stretch: Integers, usual_s: float) -> Floats | None:
 
 #: How far from the usual interval's a rate is looked for, and how finely, in parts of one more tick in all.
 _NEAR, _FINENESS = 0.05, 8
+#: What is looked through, rates by times: up to some 350 Hz. The intervals of a higher rate are many.
+_MOST = 2_000_000
 #: The length of the mean vector from which each message is near the tick that it belongs to.
 _ALIKE = 0.7
 #: A schedule by chance has a probability of a hundred times exp(-14), one in ten thousand.

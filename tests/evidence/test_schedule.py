@@ -115,3 +115,9 @@ def test_what_a_program_leaves_out_by_itself_is_not_laid_at_the_machines_door(se
 def test_a_loop_that_begins_anew_after_each_delay_keeps_to_none(seed: int) -> None:
     """Its times after a delay say nothing of those before."""
     assert observed(sleeps(90), seed)[1] is None
+
+
+@pytest.mark.parametrize("rate_hz", [30, 3000])
+def test_where_a_schedule_cannot_be_looked_for_there_is_none(rate_hz: float) -> None:
+    """Too few undisturbed messages, or so many that their intervals tell enough."""
+    assert observed(timer(rate_hz), 0)[1] is None
