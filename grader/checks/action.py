@@ -99,7 +99,6 @@ class ActionServer(OfEndpoint):
     artifact: ref.Artifact
     action: ref.RosName
     type: ref.ActionType
-    node: ref.RosName | None = None
     offered: ActionPart | None = Field(None, description="Name, type and node.")
     accepted: OfGoal | None = Field(None, description="A goal that must be accepted.")
     rejected: OfGoal | None = Field(None, description="A goal that must be rejected.")
@@ -231,7 +230,7 @@ def _offered(context: Context, p: ActionServer) -> Part:
         return _Nothing(0.0, "no action in the graph", reason)
     offer = next((o for o in offers if o.type == p.type), offers[0])
     faults = p.faults("action", (p.action, p.type), (used, offer.type), [offer.node])
-    faults += p.node_faults(p.node, [offer.node])
+    faults += p.node_faults([offer.node])
     measured = f"{used} of type {offer.type}, from {offer.node}"
     return Part(max(0.0, 1 - sum(cost for cost, _ in faults)), measured, " ".join(reason for _, reason in faults))
 

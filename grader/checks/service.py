@@ -26,7 +26,6 @@ class ServiceOffered(OfEndpoint):
     artifact: ref.Artifact
     service: ref.RosName
     type: ref.ServiceType
-    node: ref.RosName | None = None
 
 
 def service_offered(context: Context, p: ServiceOffered) -> Finding:
@@ -44,7 +43,7 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
         return unexplained(failed(expected, "no service in the graph", fallback))
     offer = next((s for s in offers if s.type == p.type), offers[0])
     wrong = p.faults("service", (p.service, p.type), (used, offer.type), [offer.node])
-    wrong += p.node_faults(p.node, [offer.node])
+    wrong += p.node_faults([offer.node])
     measured = f"{used} of type {offer.type}, from {offer.node}"
     where = (*claimed_at(claim_of(context, "service", p.service)), context.location())
     return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)

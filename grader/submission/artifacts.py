@@ -55,9 +55,9 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     _require_readable(intake, record)
     if not any(_shows_lab(fact, record, rubric) for fact in record.artifacts):
         wanted = ", ".join(spec.file for name, spec in rubric.artifacts.items() if name not in rubric.bonus_artifacts)
-        problem = f"nothing in it looks like a submission to lab {rubric.lab.id}"
-        remedy = f"At least one of these files is expected: {wanted}. If it is of another lab, grade it by that one "
-        remedy += "(--lab); for a folder of several submissions, add --each."
+        problem = f"nothing in it looks like a submission to lab {rubric.lab.id}; it may be of another lab"
+        remedy = f"At least one of these files is expected: {wanted}. "
+        remedy += "Another lab is given by --lab; for a folder of several submissions, add --each."
         raise SubmissionError(problem, location=source.location, remedy=remedy)
     digest = hashlib.sha256()
     for file in sorted(record.files, key=lambda f: f.path):
