@@ -15,6 +15,7 @@ from grader.cli import main
 from grader.judging.judge import Recordings, judge
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
+from grader.live.interfaces.build import lacking_toolchain
 from grader.result import CheckResult
 from tests.synthetic import Session, evenly, submission
 
@@ -201,7 +202,7 @@ def test_what_a_check_of_its_own_names_is_for_itself_to_call(new: Path, capsys: 
 
 
 def test_interfaces_of_its_own_are_no_mistake(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """They are built for its sessions; a reference node that imports them cannot be imported before."""
+    """They are built for a reference node that imports them, and what it takes from them has to be there."""
     pytest.importorskip("rclpy")
     with_code(new)
     (new / "interfaces/our_msgs/msg").mkdir(parents=True)
@@ -209,8 +210,21 @@ def test_interfaces_of_its_own_are_no_mistake(new: Path, capsys: pytest.CaptureF
     edit(new, "# The experiments.", "interfaces: interfaces\n\n# The experiments.")
     edit(new, "import sys\n", "import sys\nfrom our_msgs.msg import Beat\n", "reference/robot.py")
     assert run(capsys, "check", new)[0] == 0
+    if not lacking_toolchain():
+        edit(new, "import Beat", "import Beet", "reference/robot.py")
+        status, _, errors = run(capsys, "check", new)
+        assert (status, "line 2: ImportError: cannot import name 'Beet'" in errors) == (4, True)
     edit(new, "our_msgs.msg", "their_msgs.msg", "reference/robot.py")
     assert run(capsys, "check", new)[0] == 4
+
+
+def test_what_the_grader_brings_is_no_mistake(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A reference node may import transforms at its top, as it does where it runs."""
+    pytest.importorskip("rclpy")
+    with_code(new)
+    line = "from tf2_msgs.msg import TFMessage\nfrom tf2_ros import TransformBroadcaster\n"
+    edit(new, "import sys\n", f"import sys\n{line}", "reference/robot.py")
+    assert run(capsys, "check", new)[0] == 0
 
 
 def recorded(lab: Path, recording: Path) -> None:
