@@ -187,7 +187,10 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
     except RecordingError as error:
         yield Remark("!", f"The solution's recording cannot be judged: {error.problem} {error.remedy}")
         return
-    lost = [check for check in result.checks if check.outcome is not Outcome.PASSED]
+    beside = {criterion.id for criterion in result.bonus}
+    if absent := [criterion.id for criterion in rubric.bonus if criterion.id not in beside]:
+        yield Remark("!", f"The solution holds nothing of the bonus {', '.join(absent)}, so that this is not examined.")
+    lost = [check for check in result.every_check if check.outcome is not Outcome.PASSED]
     yield from (Remark("!", f"{check.id} does not pass on the solution's recording: {_said(check)}") for check in lost)
     free = [check for check in idle if check.earned]
     for check in free:
@@ -221,9 +224,8 @@ def _judged_idle(recordings: Path, rubric: Rubric) -> list[CheckResult]:
     sessions = {name: Recorded(_idle(recorded.record), Bag.empty()) for name, recorded in found.sessions.items()}
     nobody = replace(found.submission, files=[], texts={}, packages=[], artifacts=[])
     idle, empty = judge(replace(found, sessions=sessions), rubric), judge(Recordings(nobody, {}), rubric)
-    return [
-        check for result in (idle, empty) for check in result.checks if (check.session is None) == (result is empty)
-    ]
+    of_files = [check for check in empty.every_check if check.session is None]
+    return [*(check for check in idle.every_check if check.session is not None), *of_files]
 
 
 def _idle(record: SessionRecord) -> SessionRecord:

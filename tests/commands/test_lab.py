@@ -261,13 +261,24 @@ def test_checks_that_nobody_can_fail_or_pass_are_named(arm_lab: Path, capsys: py
     assert status == 0
     assert "! publisher.rate does not pass on the solution's recording: " in output
     assert "! free.always earns 2 points also where nothing happens: let it require a check that fails then" in output
-    assert output.count("!") == 2
+    assert output.count("!") == 3
     edit(arm_lab, "return passed(", "context.messages(p.topic).sent_s[0]\n    return passed(", "checks/mine.py")
     output = run(capsys, "check", arm_lab)[1]
     assert "! free.always fails with an error where nothing happens, so that it costs nobody: The lab's own" in output
     edit(arm_lab, "observe: {duration_s: 6", "observe: {duration_s: 7")
     output = run(capsys, "check", arm_lab)[1]
     assert "The sessions have changed since the solution was recorded" in output
+
+
+def test_checks_of_the_bonus_are_examined_too(arm_lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where the solution holds what they are about; else that is said."""
+    (arm_lab / "checks").mkdir()
+    (arm_lab / "checks/mine.py").write_text(CHECKS, encoding="utf-8")
+    edit(arm_lab, "bonus:\n", "bonus:\n" + FREE)
+    status, output, _ = run(capsys, "check", arm_lab)
+    assert (status, output.count("!")) == (0, 2), output
+    assert "The solution holds nothing of the bonus trajectory, controller, lifecycle, composed, so" in output
+    assert "! free.always earns 2 points also where nothing happens" in output
 
 
 FREE = """\
