@@ -25,7 +25,7 @@ from grader.checks.base import (
     without_delay,
 )
 from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at
-from grader.checks.service import THEN_THESE, asking_delay_s, shown
+from grader.checks.service import THEN_THESE, asking_delay_s, not_asked, shown
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import equal_within, value_at
 from grader.lab import references as ref
@@ -239,6 +239,8 @@ def _sent(context: Context, p: ActionServer, step: StepRun | None) -> _Sent:
     """Return the goal that a step sent; raises where there is none, or an earlier one had no answer."""
     if step is None:
         raise _NotTested("the session had ended before")
+    if why := not_asked(context, step, "action"):
+        raise _NotTested(why)
     steps = _steps(context, step)
     earlier = (goal for before in steps[: steps.index(step)] for goal in _goals(before))
     silent = next((goal for goal in earlier if goal["accepted"] is None), None)
