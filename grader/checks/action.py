@@ -25,7 +25,7 @@ from grader.checks.base import (
     without_delay,
 )
 from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at
-from grader.checks.service import THEN_THESE, asking_delay_s, shown
+from grader.checks.service import THEN_THESE, asking_delay_s, not_asked, shown
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import equal_within, value_at
 from grader.lab import references as ref
@@ -99,7 +99,6 @@ class ActionServer(OfEndpoint):
     artifact: ref.Artifact
     action: ref.RosName
     type: ref.ActionType
-    node: ref.RosName | None = None
     offered: ActionPart | None = Field(None, description="Name, type and node.")
     accepted: OfGoal | None = Field(None, description="A goal that must be accepted.")
     rejected: OfGoal | None = Field(None, description="A goal that must be rejected.")
@@ -231,7 +230,7 @@ def _offered(context: Context, p: ActionServer) -> Part:
         return _Nothing(0.0, "no action in the graph", reason)
     offer = next((o for o in offers if o.type == p.type), offers[0])
     faults = p.faults("action", (p.action, p.type), (used, offer.type), [offer.node])
-    faults += p.node_faults(p.node, [offer.node])
+    faults += p.node_faults([offer.node])
     measured = f"{used} of type {offer.type}, from {offer.node}"
     return Part(max(0.0, 1 - sum(cost for cost, _ in faults)), measured, " ".join(reason for _, reason in faults))
 
@@ -240,6 +239,8 @@ def _sent(context: Context, p: ActionServer, step: StepRun | None) -> _Sent:
     """Return the goal that a step sent; raises where there is none, or an earlier one had no answer."""
     if step is None:
         raise _NotTested("the session had ended before")
+    if why := not_asked(context, step, "action"):
+        raise _NotTested(why)
     steps = _steps(context, step)
     earlier = (goal for before in steps[: steps.index(step)] for goal in _goals(before))
     silent = next((goal for goal in earlier if goal["accepted"] is None), None)

@@ -21,12 +21,25 @@ class OfferedProfile(Parameters):
     durability: ref.Durability = "volatile"
 
 
-class OfEndpoint(Parameters):
+class OfNode(Parameters):
+    """What the node is called, and what another name costs."""
+
+    node: ref.RosName | None = Field(None, description="Fully qualified name that the node should have.")
+    other_node_costs: Share = Field(0.2, description="Share of the credit that another node name costs.")
+
+    def node_faults(self, nodes: Sequence[str]) -> list[tuple[float, str]]:
+        """Return what another name of the node behind some endpoints costs; a namespace more is no mistake."""
+        wanted = self.node
+        if wanted is None or not nodes or any(n.rsplit("/", 1)[-1] == wanted.rsplit("/", 1)[-1] for n in nodes):
+            return []
+        return [(self.other_node_costs, f"The node is named {nodes[0]}, not {wanted}.")]
+
+
+class OfEndpoint(OfNode):
     """What it costs where an endpoint is there, but not as it is asked for."""
 
     other_name_costs: Share = Field(0.6, description="Share of the credit that another name costs.")
     other_type_costs: Share = Field(0.6, description="Share of the credit that another type costs.")
-    other_node_costs: Share = Field(0.2, description="Share of the credit that another node name costs.")
 
     def faults(
         self, kind: str, wanted: tuple[str, str], got: tuple[str, str], nodes: Sequence[str]
@@ -47,12 +60,6 @@ class OfEndpoint(Parameters):
             reason = f"The type of {used} is {used_type}, not {its_type}; endpoints of different types never connect."
             found.append((self.other_type_costs, reason))
         return found
-
-    def node_faults(self, wanted: str | None, nodes: Sequence[str]) -> list[tuple[float, str]]:
-        """Return what another name of the node behind some endpoints costs; a namespace more is no mistake."""
-        if wanted is None or not nodes or any(n.rsplit("/", 1)[-1] == wanted.rsplit("/", 1)[-1] for n in nodes):
-            return []
-        return [(self.other_node_costs, f"The node is named {nodes[0]}, not {wanted}.")]
 
 
 def student_endpoints(context: Context, topic: str, kind: str) -> tuple[Endpoint, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationInfo, model_validator
 
 from grader.checks.base import (
     CREDIT_LEVELS,
@@ -107,7 +107,9 @@ class Reaches(InWindow, NumbersOf):
     overshoot_costs: Share = Field(0.3, description="Share of the credit that going farther costs.")
 
     @model_validator(mode="after")
-    def _falls(self) -> Reaches:
+    def _fits(self, info: ValidationInfo) -> Reaches:
+        if isinstance(self.target.value, tuple) and self.pattern is None:
+            ref.holds(info, self.topic, self.field, len(self.target.value))
         if (self.none_from_s or np.inf) <= self.within_s:
             raise ValueError("none_from_s must be more than within_s")
         if (self.none_beyond or np.inf) <= self.tolerance:

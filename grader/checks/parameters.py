@@ -203,7 +203,7 @@ _MOST_SHOWN = 80
 class ParameterRejected(Parameters):
     """A node refuses invalid values of parameters with a reason, and keeps the old ones; each is a part."""
 
-    step: ref.SetLabel = Field(description="The set_parameters step, with refusal_expected.")
+    step: ref.RefusalLabel
     reason: Pattern | None = Field(None, description="Regular expression for the reasons; any other is only noted.")
     reasonless_credit: Share = Field(0.75, description="Credit of a refusal without a reason.")
     changed_credit: Share = Field(0.25, description="Credit of a refusal after which the value is another.")

@@ -45,7 +45,6 @@ class TopicPublished(OfEndpoint):
     artifact: ref.Artifact
     topic: ref.RosName
     type: ref.MessageType
-    node: ref.RosName | None = Field(None, description="Fully qualified name that the node should have.")
 
 
 def topic_published(context: Context, p: TopicPublished) -> Finding:
@@ -65,7 +64,7 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
     nodes = [e.node for e in endpoints]
     wrong = p.faults("topic", (p.topic, p.type), (used, found_type), nodes)
     wrong += [(p.other_type_costs, reason) for reason in _wrong_definition(context, used, endpoints)]
-    wrong += p.node_faults(p.node, nodes)
+    wrong += p.node_faults(nodes)
     measured = f"{len(stream)} messages of type {found_type} on {used}" + (f", from {nodes[0]}" if nodes else "")
     where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.location(p.topic))
     return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)

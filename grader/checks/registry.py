@@ -68,12 +68,13 @@ class Check:
         model: type[Parameters] = get_type_hints(self.find)["p"]
         return model
 
-    def topics_sought(self, p: BaseModel) -> Iterator[tuple[str, str, str]]:
-        """Return kind, name and type of the endpoints that have to be in the graph, as far as these are of topics."""
+    def names_sought(self, p: BaseModel) -> Iterator[tuple[str, str, str]]:
+        """Return kind, name and type of what has to be in the graph, as far as it has a type."""
         for kind in self.seeks:
+            key = "topic" if kind in ("publisher", "subscription") else kind
             for each in wanted_by(p):
-                if kind in ("publisher", "subscription") and each.keys() >= {"topic", "type"}:
-                    yield kind, each["topic"], each["type"]
+                if each.keys() >= {key, "type"}:
+                    yield kind, each[key], each["type"]
 
     def judge(self, context: Context, p: BaseModel) -> Finding:
         """Judge one session or submission.

@@ -26,7 +26,6 @@ class ServiceOffered(OfEndpoint):
     artifact: ref.Artifact
     service: ref.RosName
     type: ref.ServiceType
-    node: ref.RosName | None = None
 
 
 def service_offered(context: Context, p: ServiceOffered) -> Finding:
@@ -44,7 +43,7 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
         return unexplained(failed(expected, "no service in the graph", fallback))
     offer = next((s for s in offers if s.type == p.type), offers[0])
     wrong = p.faults("service", (p.service, p.type), (used, offer.type), [offer.node])
-    wrong += p.node_faults(p.node, [offer.node])
+    wrong += p.node_faults([offer.node])
     measured = f"{used} of type {offer.type}, from {offer.node}"
     where = (*claimed_at(claim_of(context, "service", p.service)), context.location())
     return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)
@@ -120,8 +119,18 @@ def _silent(step: StepRun) -> bool:
     return step.kind == "call" and all(c["response"] is None for c in _calls(step))
 
 
+def not_asked(context: Context, step: StepRun | None, kind: str) -> str:
+    """Say, as a clause, that a service or action was asked for by the lab's name, and has another; empty if not so."""
+    name = step.parameters.get(kind) if step is not None else None
+    awaited = any(s.kind == "wait_for" and s.parameters.get(kind) == name for s in context.session.record.steps)
+    used = context.session.used(str(name))
+    return "" if name is None or awaited or used == name else f"it was called as {name}, and yours is named {used}"
+
+
 def earlier_silence(context: Context, step: StepRun | None, expected: str) -> Finding | None:
     """State that a call could not be judged since an earlier one had no answer either; that is one mistake."""
+    if why := not_asked(context, step, "service"):
+        return not_reached(f"Not tested, because {why}. {THEN_THESE}", expected=expected)
     steps = context.session.record.steps
     before = steps[: steps.index(step)] if step is not None else steps
     silent = next((earlier for earlier in before if _silent(earlier)), None)
@@ -263,9 +272,9 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
         return not_reached(reason, expected=expected)
     if off is None and not turned:
-        if earlier_silence(context, steps[p.refused_step], expected) is None:
-            problem = "No answer came while the parameter was false."
-            return silence(context, steps[p.refused_step], expected, problem)
+        step = steps[p.refused_step]
+        if not_asked(context, step, "service") or earlier_silence(context, step, expected) is None:
+            return silence(context, step, expected, "No answer came while the parameter was false.")
         reason = "Not tested, because the node had already stopped answering."
         return graded(p.half_credit * refuses_at_start, expected, measured, reason, hint=THEN_THESE, where=where)
     unset = _not_set(context.session.step(p.set_step))

@@ -64,7 +64,6 @@ class TopicsSubscribed(OfEndpoint):
     reliability: ref.Reliability | None = Field(
         None, description="What the lab lets them request; another one is only noted."
     )
-    node: ref.RosName | None = None
 
 
 def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
@@ -78,7 +77,7 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     parts = [_judge_subscription(context, p, wanted, each) for wanted, each in endpoints.items()]
     least = min(part.share for part in parts)
     parts = [replace(part, share=least) for part in parts]
-    finding = of_parts(expected, parts, costs=p.node_faults(p.node, nodes), where=(context.location(),))
+    finding = of_parts(expected, parts, costs=p.node_faults(nodes), where=(context.location(),))
     return replace(finding, cut_off=any(unheard(context, wanted.topic) for wanted in p.topics))
 
 

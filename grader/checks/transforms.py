@@ -24,7 +24,7 @@ from grader.checks.base import (
     weighed,
     without_delay,
 )
-from grader.checks.endpoints import claim_of, claimed_at, student_endpoints
+from grader.checks.endpoints import OfNode, claim_of, claimed_at, student_endpoints
 from grader.checks.fields import NumbersOf
 from grader.checks.subscriber import Alternative
 from grader.evidence.cpu_delay import Span
@@ -88,7 +88,7 @@ class Weights(Parameters):
     poses: float = Field(3.0, ge=0)
 
 
-class TransformTree(Parameters):
+class TransformTree(OfNode):
     """Transforms are broadcast: frames with parents, a sound tree, stamps, rates, and where frames lie."""
 
     process: ref.Process
@@ -117,6 +117,7 @@ class TransformTree(Parameters):
 def transform_tree(context: Context, p: TransformTree) -> Finding:
     """Judge all that was broadcast, each part by its weight."""
     expected = ", ".join(f"{f.child} in {f.parent}{' (static)' if f.static else ''}" for f in p.frames)
+    expected += f", from node {p.node}" if p.node else ""
     seen = _Seen(context.session, p, context)
     if not any(seen.edge(wanted) for wanted in p.frames):
         # Then the tree and the numbers of others are no achievement.
@@ -135,7 +136,8 @@ def transform_tree(context: Context, p: TransformTree) -> Finding:
         part for name, listed in groups.items() if listed and weights[name] for part in weighed(listed, weights[name])
     ]
     where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.location(p.topic, seen.span))
-    return of_parts(expected, parts, where=where)
+    senders = (e.node for topic in (p.topic, p.static_topic) for e in student_endpoints(context, topic, "publisher"))
+    return of_parts(expected, parts, costs=p.node_faults(list(senders)), where=where)
 
 
 def _nothing(seen: _Seen) -> str:

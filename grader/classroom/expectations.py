@@ -125,8 +125,9 @@ class Fixture:
     expectation: Expectation
 
     def lay_out(self, target: Path) -> Path:
-        """Make the submission below a folder; returns its folder."""
+        """Make the submission below a folder, in place of an earlier one; returns its folder."""
         submission, left_out = target / self.name, shutil.ignore_patterns("__pycache__")
+        shutil.rmtree(submission, ignore_errors=True)
         for number, layer in enumerate(self.layers):
             shutil.copytree(layer, submission, ignore=left_out, dirs_exist_ok=True)
             for name in self.expectation.without if number == 0 else ():

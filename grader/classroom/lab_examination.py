@@ -6,6 +6,7 @@ import contextlib
 import inspect
 import io
 import sys
+import tempfile
 from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,11 +24,15 @@ from grader.evidence.oracle import describe_failure, load_file, load_oracle
 from grader.evidence.recorded import Recorded
 from grader.judging.judge import Recordings, judge, open_recordings
 from grader.judging.judgement import JUDGING_BOUND, judge_recordings
-from grader.lab.kept_lab import functions_of
+from grader.lab.kept_lab import files_of, functions_of
 from grader.lab.lab_code import OwnParameters
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
 from grader.lab.yaml_with_lines import Loc, parse_yaml
+from grader.live.interfaces.build import provide, shipped_for
+from grader.live.sandbox.environment import OWN_INTERPRETER
+from grader.live.sandbox.probing import probe_isolation
+from grader.live.sandbox.scratch import scratch_prefix
 from grader.recording.bag import Bag
 from grader.recording.session import SessionRecord
 from grader.report.views import points
@@ -53,7 +58,10 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
     `tried` are results of its solution, if there are any.
     """
     _, mistakes = parse_yaml(rubric_file, rubric.text, "the lab")
-    for loc, words in (*_solution_mistakes(rubric), *in_process(partial(_code_mistakes, rubric), _IMPORT_BOUND)):
+    with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as built:
+        not_built = _with_interfaces(rubric, Path(built))
+        code = in_process(partial(_code_mistakes, rubric, Path(built), not_built), _IMPORT_BOUND)
+    for loc, words in (*_solution_mistakes(rubric), *code):
         mistakes.add(loc, words)
     listed = [words for _, words in sorted(mistakes.found)] + list(_fixture_mistakes(rubric))
     if listed:
@@ -90,25 +98,36 @@ def _fixture_mistakes(rubric: Rubric) -> Iterator[str]:
             yield from (f"{path.parent.relative_to(rubric.folder)}/{mistake}" for mistake in error.mistakes)
 
 
-def _code_mistakes(rubric: Rubric) -> list[tuple[Loc, str]]:
+def _with_interfaces(rubric: Rubric, folder: Path) -> Collection[str]:
+    """Put the interfaces that reference nodes import before they run into a folder; returns what cannot be built."""
+    texts = files_of(rubric)
+    lines = [line for spec in rubric.reference.values() for line in texts.get(spec.file, "").splitlines()]
+    imports = [line for line in lines if line.startswith(("import ", "from "))]
+    ours = [] if find_spec("rclpy") is None else rubric.interface_packages
+    ours = ours if any(package.name in line for package in ours for line in imports) else []
+    needed = [*ours, *shipped_for(imports)]
+    return provide(needed, folder, probe_isolation(OWN_INTERPRETER)).missing if needed else ()
+
+
+def _code_mistakes(rubric: Rubric, built: Path, not_built: Collection[str]) -> list[tuple[Loc, str]]:
     """Execute the lab's files and say what is wrong with them, in a process that ends with it."""
     sys.argv = sys.argv[:1]  # A program without a guard finds no configuration and ends.
+    sys.path += map(str, built.glob("*/lib/python*/site-packages"))
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
-        # The lab's own interfaces are built where its nodes run, and not here.
-        ours = {package.name for package in rubric.interface_packages}
-        found = [(words, loc) for loc, work, named in _works(rubric) if (words := _failure(loc, work, named, ours))]
+        works = _works(rubric)
+        found = [(words, loc) for loc, work, named in works if (words := _failure(loc, work, named, not_built))]
     # What is wrong with a file is said where it is named first.
     return [(loc, words) for words, loc in dict(reversed(found)).items()]
 
 
-def _failure(loc: Loc, work: Callable[[], object], named: str, built_later: Collection[str]) -> str:
+def _failure(loc: Loc, work: Callable[[], object], named: str, not_built: Collection[str]) -> str:
     try:
         work()
     except SystemExit as end:  # A program may end; a file of checks would end the judging.
         return describe_failure(end, named) if loc[0] in ("criteria", "bonus") else ""
     except Exception as problem:
         module = (getattr(problem, "name", None) or "") if isinstance(problem, ModuleNotFoundError) else ""
-        return "" if module.partition(".")[0] in built_later else describe_failure(problem, named)
+        return "" if module.partition(".")[0] in not_built else describe_failure(problem, named)
     return ""
 
 
@@ -168,7 +187,10 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
     except RecordingError as error:
         yield Remark("!", f"The solution's recording cannot be judged: {error.problem} {error.remedy}")
         return
-    lost = [check for check in result.checks if check.outcome is not Outcome.PASSED]
+    beside = {criterion.id for criterion in result.bonus}
+    if absent := [criterion.id for criterion in rubric.bonus if criterion.id not in beside]:
+        yield Remark("!", f"The solution holds nothing of the bonus {', '.join(absent)}, so that this is not examined.")
+    lost = [check for check in result.every_check if check.outcome is not Outcome.PASSED]
     yield from (Remark("!", f"{check.id} does not pass on the solution's recording: {_said(check)}") for check in lost)
     free = [check for check in idle if check.earned]
     for check in free:
@@ -202,9 +224,8 @@ def _judged_idle(recordings: Path, rubric: Rubric) -> list[CheckResult]:
     sessions = {name: Recorded(_idle(recorded.record), Bag.empty()) for name, recorded in found.sessions.items()}
     nobody = replace(found.submission, files=[], texts={}, packages=[], artifacts=[])
     idle, empty = judge(replace(found, sessions=sessions), rubric), judge(Recordings(nobody, {}), rubric)
-    return [
-        check for result in (idle, empty) for check in result.checks if (check.session is None) == (result is empty)
-    ]
+    of_files = [check for check in empty.every_check if check.session is None]
+    return [*(check for check in idle.every_check if check.session is not None), *of_files]
 
 
 def _idle(record: SessionRecord) -> SessionRecord:

@@ -101,8 +101,6 @@ def _try(options: argparse.Namespace, console: Console) -> int:
     from grader.commands import selftest
 
     tried = options.folder / TRIED
-    # What a fixture no longer has would be laid below what it has now.
-    shutil.rmtree(tried / "submissions", ignore_errors=True)
     quick = ["--quick"] if options.quick else []
     status = selftest.run(["--lab", str(options.folder), "-o", str(tried), *quick, *options.names], console)
     print_note(console, f"Reports of all: {tried}/*/report.html", "")

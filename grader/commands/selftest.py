@@ -79,7 +79,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> list[Fixture]:
     """Return what is to be graded: the lab's solution, and the fixtures where there are any."""
-    from grader.classroom.expectations import fixtures_in, solution
+    from grader.classroom.expectations import EXPECTED_FILE, fixtures_in, solution
     from grader.classroom.selftest import quick
 
     found = []
@@ -88,7 +88,7 @@ def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> 
     else:
         console.print("The rubric names no solution that is here (lab.solution).")
     folder: Path = options.fixtures or rubric.folder / "fixtures"
-    if options.fixtures is not None or folder.is_dir():
+    if options.fixtures is not None or any(folder.glob(f"*/{EXPECTED_FILE}")):
         found += fixtures_in(folder)
     else:
         print_note(console, f"Lab {rubric.lab.id} has no fixtures here; --fixtures names a folder of them.", "")
@@ -103,6 +103,7 @@ def _run(
 ) -> list[FixtureRun]:
     from grader import pipeline
     from grader.classroom.class_run import Here
+    from grader.classroom.journal import Journal
     from grader.classroom.progress import RunProgress
     from grader.classroom.scheduler import Machine
     from grader.classroom.selftest import run_fixtures
@@ -114,9 +115,8 @@ def _run(
     machine = Machine.of(isolation, options.jobs)
     # What is run is known: it needs no more confinement than there is.
     live = pipeline.Options(interpreter, least_isolation="none")
-    if options.output is not None:
-        options.output.mkdir(parents=True, exist_ok=True)
     folder = tempfile.TemporaryDirectory() if options.output is None else nullcontext(str(options.output))
-    with folder as path, Workers() as workers, RunProgress(console, machine.slots, "fixtures") as display:
+    display = RunProgress(console, machine.slots, "fixtures")
+    with folder as path, Journal.open(Path(path)) as alone, Workers() as workers, display:
         here = Here(isolation, machine, workers)
-        return asyncio.run(run_fixtures(fixtures, rubric, live, here, Path(path), display))
+        return asyncio.run(run_fixtures(fixtures, rubric, live, here, alone.results, display))

@@ -7,11 +7,15 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
+
+from grader.recording.session import OF_ACTION, STANDARD_TOPICS, UNKNOWN_NODE, GraphSnapshot
 
 #: Below this likeness (difflib's ratio of the plain names) two names have nothing to do with each other.
 LEAST_RATIO = 0.5
+#: Services that every node has.
+_STANDARD_SERVICE_TYPES = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 
 
 @dataclass(frozen=True)
@@ -20,6 +24,28 @@ class Candidate:
 
     name: str
     type: str
+
+
+def candidates_in(
+    graph: GraphSnapshot, kind: str, wanted: str, references: Collection[str], forgotten: Collection[str] = ()
+) -> list[Candidate]:
+    """Return what may be meant of the student's; what belongs to an action only where such a name is wanted.
+
+    The nodes of the lab offer nothing that is meant, nor do the endpoints that are forgotten, by their gids.
+    """
+    offers = {"service": graph.services, "action": graph.actions, "action_client": graph.action_clients}
+    if kind == "node":
+        return [Candidate(node, "") for node in graph.nodes if node not in references]
+    found = [(s.name, s.type, s.node) for s in offers.get(kind, ()) if not s.type.startswith(_STANDARD_SERVICE_TYPES)]
+    found += [(e.topic, e.type, e.node) for e in graph.endpoints if e.kind == kind and e.gid not in forgotten]
+    return [
+        Candidate(name, its_type)
+        for name, its_type, node in found
+        if node not in references
+        and UNKNOWN_NODE not in node
+        and name not in STANDARD_TOPICS
+        and (OF_ACTION in name) == (OF_ACTION in wanted)
+    ]
 
 
 def _plain(name: str) -> str:

@@ -24,13 +24,13 @@ from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.flakiness import inconclusive_reason, may_be_flaky
 from grader.evidence.gaps import describe_gap, dropped, gaps_by_student, limits_hit
 from grader.evidence.integrity import tampering_in
-from grader.evidence.near_miss import Candidate, near_miss
+from grader.evidence.near_miss import candidates_in, near_miss
 from grader.evidence.recorded import Recorded
 from grader.judging.score import score_criteria, total
 from grader.lab.kept_lab import identity_of
 from grader.lab.patterns import NOTE, patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
-from grader.recording.session import SESSION_FILE, STANDARD_TOPICS
+from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
 from grader.result import CriterionResult, Finding, Outcome, Provenance, Result, SessionProvenance, Violation
 
@@ -81,17 +81,17 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
 
 
 def _names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
-    """Return the names that a student used for topics which checks seek, where no step waited for one and found it."""
+    """Return the names that a student used for what checks seek in the graph, where no step waited for one."""
     record, references = recorded.record, [reference.node for reference in rubric.reference.values()]
     checks = [spec for spec in rubric.checks() if spec.session == record.session]
-    sought = {each for spec in checks for each in check_named(spec.check).topics_sought(spec.parameters)}
+    sought = {each for spec in checks for each in check_named(spec.check).names_sought(spec.parameters)}
     waited = {(key, name) for step in record.steps if step.kind == "wait_for" for key, name in step.parameters.items()}
-    theirs = [e for e in recorded.endpoints if e.node not in references and e.topic not in STANDARD_TOPICS]
     taken = {*(name for _, name, _ in sought), *recorded.awaited, *record.names.values()}
     found: dict[str, str] = {}
     for kind, name, topic_type in sorted(sought):
-        there = [Candidate(e.topic, e.type) for e in theirs if e.kind == kind]
-        if (kind, name) in waited or recorded.used(name) in {c.name for c in there}:
+        graphs = [] if (kind, name) in waited else record.graph
+        there = {c for graph in graphs for c in candidates_in(graph, kind, name, references)}
+        if recorded.used(name) in {c.name for c in there}:
             continue
         if guess := near_miss(name, topic_type, [c for c in there if c.name not in {*taken, *found.values()}]):
             found[name] = guess.name

@@ -243,6 +243,11 @@ def step_label(*kinds: str) -> Reference:
     return Reference(f"Label of the step{f', of kind {kinds[0]}' if kinds else ''}.", look_up, example)
 
 
+def _refusal(scope: Scope, value: str, info: ValidationInfo) -> None:
+    if not any(step.label == value and step.parameters.get("refusal_expected") for step in scope.steps or ()):
+        raise ValueError(f"the step {value!r} lacks refusal_expected: true, so that its values are taken for valid")
+
+
 def _process(*more: str) -> Reference:
     def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
         starts = [step.parameters for step in scope.steps or () if step.kind == "start"]
@@ -266,6 +271,7 @@ GoalLabel = Annotated[str, step_label("send_goal")]
 PlanLabel = Annotated[str, step_label("plan")]
 GetLabel = Annotated[str, step_label("get_parameters")]
 SetLabel = Annotated[str, step_label("set_parameters")]
+RefusalLabel = Annotated[SetLabel, Reference("Label of a set_parameters step, with refusal_expected.", _refusal)]
 TransitionLabel = Annotated[str, step_label("change_state")]
 ExitLabel = Annotated[str, step_label("wait_exit")]
 LinkLabel = Annotated[str, step_label("link")]
@@ -438,6 +444,23 @@ def stamped(info: ValidationInfo, topics: Iterable[str], path: str = "header.sta
             _look_up_field(info.context, topic, path, *_STAMP)
 
 
+def holds(info: ValidationInfo, topic: str, path: str, count: int) -> None:
+    """Look for so many numbers in a field of a topic's messages; raises ValueError if it is known to hold others."""
+    types = info.context.types.get(topic, ()) if isinstance(info.context, Scope) else ()
+    found = [_count_in(spelled) for name in types if (spelled := _type_at(name, path)) is not None]
+    if found and not {count, None} & set(found):
+        raise ValueError(f"{path!r} of {topic} holds {found[0]} numbers, not {count}")
+
+
+def _count_in(spelled: str) -> int | None:
+    """Return for how many numbers a type is taken, a time for one; None where that is not known, as of an array."""
+    fields = _fields_in(spelled)
+    if spelled.endswith("]") or fields is None:
+        return None
+    counts = [1] if not fields or spelled in _TIMES else [_count_in(each) for each in fields.values()]
+    return None if None in counts else sum(filter(None, counts))
+
+
 def _by_pattern(scope: Scope, value: str, info: ValidationInfo) -> None:
     if "pattern" in info.data:  # Else that has a mistake of its own.
         (_TEXT_FIELD if info.data["pattern"] else _NUMBERS).look_up(scope, value, info)
@@ -447,6 +470,7 @@ _NUMBERS = _field("numbers (one, an array, or a message of numbers)", _holds_num
 _TEXT_FIELD = _field("a text", lambda spelled: spelled in ("string", "wstring"), "data")
 FieldPath = Annotated[str, _NUMBERS]
 TextField = Annotated[str, _TEXT_FIELD]
+_TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _STAMP = ("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time")
 StampField = Annotated[str, _field(*_STAMP, "header.stamp")]
 #: A text where the key `pattern` stands before it, which finds the numbers in it; else numbers.

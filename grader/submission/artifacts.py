@@ -9,6 +9,7 @@ import difflib
 import fnmatch
 import hashlib
 import re
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 from grader.errors import SubmissionError
@@ -52,15 +53,37 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     # What nobody has to hand in is not missing.
     record.artifacts = [fact for fact in record.artifacts if fact.path is not None or not fact.bonus]
     _require_readable(intake, record)
-    if all(a.path is None for a in record.artifacts):
+    if not any(_shows_lab(fact, record, rubric) for fact in record.artifacts):
         wanted = ", ".join(spec.file for name, spec in rubric.artifacts.items() if name not in rubric.bonus_artifacts)
-        remedy = f"At least one of these files is expected: {wanted}. For a folder of several submissions, add --each."
-        raise SubmissionError("nothing in it looks like a submission", location=source.location, remedy=remedy)
+        problem = f"nothing in it looks like a submission to lab {rubric.lab.id}; it may be of another lab"
+        remedy = f"At least one of these files is expected: {wanted}. "
+        remedy += "Another lab is given by --lab; for a folder of several submissions, add --each."
+        raise SubmissionError(problem, location=source.location, remedy=remedy)
     digest = hashlib.sha256()
     for file in sorted(record.files, key=lambda f: f.path):
         digest.update(f"{file.path}\0{file.sha256}\n".encode())
     record.sha256 = digest.hexdigest()
     return record
+
+
+def names_of(spec: ArtifactSpec) -> frozenset[str]:
+    """Return the names by which the rubric asks for an artifact's file, word for word."""
+    names = (PurePosixPath(pattern).name for pattern in (spec.file, *spec.find))
+    return frozenset(name for name in names if not re.search(r"[*?\[]", name))
+
+
+def _shows_lab(fact: ArtifactFact, record: SubmissionRecord, rubric: Rubric) -> bool:
+    """Whether a file that was found shows that this lab is meant.
+
+    A launch file that only a pattern finds, and an extension found by its contents, may be of any lab: they show it
+    where they name one of its programs.
+    """
+    spec, programs = rubric.artifacts[fact.name], {s.executable for s in rubric.artifacts.values()} - {None}
+    by_pattern = spec.executable is None and fact.found_by == "name"
+    if fact.path is None or not (by_pattern or (fact.bonus and fact.found_by != "name")):
+        return fact.path is not None
+    text = record.texts.get(fact.path, "")
+    return not programs or PurePosixPath(fact.path).name in names_of(spec) or any(str(p) in text for p in programs)
 
 
 def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
@@ -131,7 +154,7 @@ def find_artifacts(
     One file may hold several, as nodes that are composed in one process do. What is of the bonus is not found by a
     similar name: nobody has to hand it in, so that the file is more likely another.
     """
-    facts = {name: _by_pattern(name, spec, paths) for name, spec in specs.items()}
+    facts = {name: by_pattern(name, spec, paths) for name, spec in specs.items()}
     for name, spec in specs.items():
         if facts[name].path is None:
             taken = {fact.path for fact in facts.values()}
@@ -150,7 +173,8 @@ def _holding(spec: ArtifactSpec, paths: list[PurePosixPath], texts: dict[str, st
     return [path for path in paths if wanted and all(words in texts.get(str(path), "") for words in wanted)]
 
 
-def _by_pattern(name: str, spec: ArtifactSpec, paths: list[PurePosixPath]) -> ArtifactFact:
+def by_pattern(name: str, spec: ArtifactSpec, paths: Sequence[PurePosixPath]) -> ArtifactFact:
+    """Find an artifact by the rubric's patterns."""
     for pattern in spec.find:
         anywhere = pattern.startswith("**/")
         hits = [p for p in paths if fnmatch.fnmatchcase(p.name if anywhere else str(p), pattern.removeprefix("**/"))]

@@ -13,12 +13,14 @@ workspace are (`src`, `launch`, `old`), or one of several that are numbered (`ta
    workspace each file lies in one package; in a class everyone has handed in the same names.
 4. It looks like a package or a workspace (`package.xml`, `setup.py`, `CMakeLists.txt`, or a part that holds an
    artifact's file): one submission.
-5. There are several archives, or several folders that are no parts and hold archives and no programs, or it is called
+5. Patterns of the rubric find the same artifact in two folders that are no parts nor both packages, one of which holds
+   no artifact's file and other programs, and no README lies beside: the launch files of two labs. Each is one.
+6. There are several archives, or several folders that are no parts and hold archives and no programs, or it is called
    as folders of submissions are: each subfolder and archive is one.
-6. It holds a single folder, and no files but tables: what that folder is. If that is one submission, it is called as
+7. It holds a single folder, and no files but tables: what that folder is. If that is one submission, it is called as
    the outer.
-7. An archive lies beside a folder with artifacts' files, without a README: each is one.
-8. One submission.
+8. An archive lies beside a folder with artifacts' files, without a README: each is one.
+9. One submission.
 
 Where this is wrong, `Shape.ONE` and `Shape.EACH` say what is meant. Hidden files and folders, those of tools, tables
 are passed over; earlier results (without any of the lab's files), and files that belong to nobody, are told.
@@ -47,6 +49,7 @@ from grader.lab.overrides import OVERRIDES_FILE
 from grader.lab.rubric import Rubric
 from grader.recording.submission import Identity, Person
 from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, JOURNAL_FILE
+from grader.submission.artifacts import by_pattern, names_of
 from grader.submission.extraction import Piece, SubmissionSource, names_in, text_of, texts_in
 from grader.submission.file_names import TOOL_FOLDERS, displayed, is_litter, is_packed, without_archive_suffix
 from grader.submission.last_commit import last_commit_time
@@ -251,7 +254,8 @@ class _Search:
         self.submissions: list[SubmissionSource] = []
         self.understood: list[str] = []
         self.not_understood: list[str] = []
-        self._wanted = _wanted_names(rubric)
+        self._specs = rubric.artifacts
+        self._wanted = {name: names_of(spec) for name, spec in rubric.artifacts.items()}
 
     def look_at(self, path: Path, shape: Shape) -> None:
         """Add the submissions that a path stands for."""
@@ -310,22 +314,35 @@ class _Search:
         held = {name: self._artifacts(listing.below(name).files) for name in folders}
         sections = {name for name in folders if _SECTION.fullmatch(name) and len(entries) > 1}
         parts = {name for name in folders if _PART.fullmatch(name)} | sections
-        students = [artifacts for name, artifacts in held.items() if name not in parts]
+        students = {name: artifacts for name, artifacts in held.items() if name not in parts}
         archives = [name for name, folder in entries.items() if not folder and is_packed(name)]
         sealed = [name for name in folders if name not in parts and _holds_archives_only(listing.below(name).files)]
         named_so = _COLLECTION.search(listing.name) is not None
-        alike = any(count > 1 for count in Counter(chain.from_iterable(students)).values())
+        alike = _share_one(students.values())
         if (listing.is_repository or own) and not (named_so and alike):
             return False
         if alike:
             return True
         if _PACKAGE_MARKS & set(entries) or any(held[name] for name in parts):
             return False
+        alone = not any(name.lower().startswith("readme") for name in entries)
+        if alone and self._of_several_labs([listing.below(name) for name in students]):
+            return True
         if len(archives) > 1 or len(sealed) > 1 or (named_so and (folders or archives)):
             return True
-        if archives and any(students):
-            return not any(name.lower().startswith("readme") for name in entries)
-        return None
+        return alone if archives and any(students.values()) else None
+
+    def _of_several_labs(self, students: Sequence[_Listing]) -> bool:
+        foreign, found = False, []
+        for student in students:
+            paths = [PurePosixPath(file) for file in student.files]
+            facts = [by_pattern(name, spec, paths) for name, spec in self._specs.items()]
+            found.append(frozenset(fact.name for fact in facts if fact.path is not None))
+            programs = {str(path) for path in paths if path.suffix in _PROGRAMS}
+            programs.difference_update(*([fact.path, *fact.candidates] for fact in facts))
+            foreign |= bool(found[-1] and programs) and not self._artifacts(student.files)
+        packages = all(_PACKAGE_MARKS & student.entries.keys() for student in students)
+        return foreign and not packages and _share_one(found)
 
     def _artifacts(self, files: Iterable[str]) -> frozenset[str]:
         names = {PurePosixPath(file).name for file in files}
@@ -426,13 +443,9 @@ def _holds_archives_only(files: Iterable[str]) -> bool:
     return any(is_packed(name.name) for name in names) and not any(name.suffix in _PROGRAMS for name in names)
 
 
-def _wanted_names(rubric: Rubric) -> dict[str, frozenset[str]]:
-    """Return the names of files that the rubric asks for, by artifact; patterns only if there is nothing else."""
-    wanted = {}
-    for artifact, spec in rubric.artifacts.items():
-        names = (PurePosixPath(pattern).name for pattern in (spec.file, *spec.find))
-        wanted[artifact] = frozenset(name for name in names if not re.search(r"[*?\[]", name))
-    return wanted
+def _share_one(held: Iterable[frozenset[str]]) -> bool:
+    """Whether the same artifact is in two of them."""
+    return any(count > 1 for count in Counter(chain.from_iterable(held)).values())
 
 
 def _submissions(count: int) -> str:

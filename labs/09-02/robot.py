@@ -12,6 +12,7 @@ from geometry_msgs.msg import PoseStamped, TransformStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
+from tf2_msgs.msg import TFMessage
 
 from grader.reference_node import reference_node, run, sleep_until
 
@@ -56,8 +57,6 @@ def joint_state(oracles, seed, time_ns):
 
 def links(oracles, seed, time_ns):
     """Give the transforms of all links at a time."""
-    from tf2_msgs.msg import TFMessage  # Is built where it runs, and not there where the rubric is read.
-
     angles = oracles.angles_at(seed, time_ns)
     return TFMessage(
         transforms=[
@@ -81,7 +80,6 @@ def play(configuration, settings, stop):
     # `python -I` leaves the script's own folder off the path.
     sys.path.insert(0, str(Path(__file__).resolve().parent))
     import oracles
-    from tf2_msgs.msg import TFMessage
 
     seed = configuration.seed
     with reference_node("robot") as reference:

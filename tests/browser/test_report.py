@@ -80,3 +80,28 @@ def test_a_phone_shows_it_without_scrolling_sideways(chromium: Browser, reports:
     for file in reports.values():
         with visit(chromium, file, PHONE) as seen:
             assert seen.page.evaluate("document.documentElement.scrollWidth") == PHONE[0], file
+
+
+def test_what_is_written_in_figures_can_be_read_on_a_phone(chromium: Browser, reports: dict[str, Path]) -> None:
+    """No letter is smaller than 9.5 px, and no line ends outside of its picture."""
+    for file in reports.values():
+        with visit(chromium, file, PHONE) as seen:
+            seen.page.get_by_role("button", name="Expand all").click()
+            smallest, outside = seen.page.evaluate(WRITTEN)
+            assert smallest >= 9.5, file
+            assert outside == [], file
+
+
+#: Smallest size of letters in the pictures that are shown, and lines of text that are cut off.
+WRITTEN = """() => {
+  const sizes = [], outside = [];
+  for (const picture of document.querySelectorAll('svg.chart')) {
+    const frame = picture.getBoundingClientRect();
+    for (const text of frame.width ? picture.querySelectorAll('text') : []) {
+      const box = text.getBoundingClientRect();
+      sizes.push(parseFloat(getComputedStyle(text).fontSize) * frame.width / picture.viewBox.baseVal.width);
+      if (box.left < frame.left - 1 || box.right > frame.right + 1) outside.push(text.textContent);
+    }
+  }
+  return [Math.min(...sizes), outside];
+}"""

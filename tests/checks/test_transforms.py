@@ -108,6 +108,18 @@ def test_nothing_sent_fails(tmp_path: Path) -> None:
     assert "/tf carries geometry_msgs/msg/TransformStamped, not tf2_msgs/msg/TFMessage." in finding.reason
 
 
+@pytest.mark.parametrize(
+    ("node", "credit"),
+    [("/student", "1"), ("/of_another/student", "1"), ("/broadcaster", "0.8")],
+    ids=["right", "within", "other"],
+)
+def test_another_node_costs_a_part(tmp_path: Path, node: str, credit: str) -> None:
+    """Who sends the transforms is looked up in the graph; only another name costs."""
+    finding = only("frames", session(tmp_path), node=node)
+    assert (finding.credit, "from node" in finding.expected) == (Decimal(credit), True)
+    assert finding.reason == ("" if credit == "1" else f"The node is named /student, not {node}.")
+
+
 # -- frames and tree -------------------------------------------------------------------------------
 
 

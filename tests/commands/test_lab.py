@@ -15,6 +15,7 @@ from grader.cli import main
 from grader.judging.judge import Recordings, judge
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
+from grader.live.interfaces.build import lacking_toolchain
 from grader.result import CheckResult
 from tests.synthetic import Session, evenly, submission
 
@@ -201,7 +202,7 @@ def test_what_a_check_of_its_own_names_is_for_itself_to_call(new: Path, capsys: 
 
 
 def test_interfaces_of_its_own_are_no_mistake(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """They are built for its sessions; a reference node that imports them cannot be imported before."""
+    """They are built for a reference node that imports them, and what it takes from them has to be there."""
     pytest.importorskip("rclpy")
     with_code(new)
     (new / "interfaces/our_msgs/msg").mkdir(parents=True)
@@ -209,8 +210,21 @@ def test_interfaces_of_its_own_are_no_mistake(new: Path, capsys: pytest.CaptureF
     edit(new, "# The experiments.", "interfaces: interfaces\n\n# The experiments.")
     edit(new, "import sys\n", "import sys\nfrom our_msgs.msg import Beat\n", "reference/robot.py")
     assert run(capsys, "check", new)[0] == 0
+    if not lacking_toolchain():
+        edit(new, "import Beat", "import Beet", "reference/robot.py")
+        status, _, errors = run(capsys, "check", new)
+        assert (status, "line 2: ImportError: cannot import name 'Beet'" in errors) == (4, True)
     edit(new, "our_msgs.msg", "their_msgs.msg", "reference/robot.py")
     assert run(capsys, "check", new)[0] == 4
+
+
+def test_what_the_grader_brings_is_no_mistake(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A reference node may import transforms at its top, as it does where it runs."""
+    pytest.importorskip("rclpy")
+    with_code(new)
+    line = "from tf2_msgs.msg import TFMessage\nfrom tf2_ros import TransformBroadcaster\n"
+    edit(new, "import sys\n", f"import sys\n{line}", "reference/robot.py")
+    assert run(capsys, "check", new)[0] == 0
 
 
 def recorded(lab: Path, recording: Path) -> None:
@@ -247,13 +261,24 @@ def test_checks_that_nobody_can_fail_or_pass_are_named(arm_lab: Path, capsys: py
     assert status == 0
     assert "! publisher.rate does not pass on the solution's recording: " in output
     assert "! free.always earns 2 points also where nothing happens: let it require a check that fails then" in output
-    assert output.count("!") == 2
+    assert output.count("!") == 3
     edit(arm_lab, "return passed(", "context.messages(p.topic).sent_s[0]\n    return passed(", "checks/mine.py")
     output = run(capsys, "check", arm_lab)[1]
     assert "! free.always fails with an error where nothing happens, so that it costs nobody: The lab's own" in output
     edit(arm_lab, "observe: {duration_s: 6", "observe: {duration_s: 7")
     output = run(capsys, "check", arm_lab)[1]
     assert "The sessions have changed since the solution was recorded" in output
+
+
+def test_checks_of_the_bonus_are_examined_too(arm_lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Where the solution holds what they are about; else that is said."""
+    (arm_lab / "checks").mkdir()
+    (arm_lab / "checks/mine.py").write_text(CHECKS, encoding="utf-8")
+    edit(arm_lab, "bonus:\n", "bonus:\n" + FREE)
+    status, output, _ = run(capsys, "check", arm_lab)
+    assert (status, output.count("!")) == (0, 2), output
+    assert "The solution holds nothing of the bonus trajectory, controller, lifecycle, composed, so" in output
+    assert "! free.always earns 2 points also where nothing happens" in output
 
 
 FREE = """\

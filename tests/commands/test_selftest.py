@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from grader.classroom.journal import Journal
 from grader.cli import main
 from grader.lab.kept_lab import lab_folder
 
@@ -76,6 +77,40 @@ def test_fixtures_that_are_not_there(fixtures: Path, tmp_path: Path, capsys: pyt
     (fixtures / "bad/expected.yaml").write_text("about: a\ncolour: red\n")
     status, _, errors = run(capsys, "--fixtures", fixtures)
     assert (status, "expected.yaml:2: colour: unknown key" in errors) == (4, True)
+
+
+def test_what_is_there_is_tried(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A folder for fixtures that holds none yet does not keep the solution from being tried."""
+    lab = tmp_path / "lab"
+    assert main(["lab", "new", str(lab)]) == 0
+    shutil.rmtree(lab / "fixtures/too_slow")
+    (lab / "fixtures").mkdir(exist_ok=True)
+    status, output, errors = run(capsys, "--lab", lab, "solutoin")
+    assert (status, "did you mean 'solution'?" in errors) == (2, True)
+    assert "Lab lab has no fixtures here" in output
+
+
+def test_two_into_one_folder(fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """The second is refused, and what the first has laid out stays."""
+    pytest.importorskip("rclpy")
+    laid_out = tmp_path / "kept/submissions/good/joint_publisher.py"
+    laid_out.parent.mkdir(parents=True)
+    laid_out.touch()
+    with Journal.open(tmp_path / "kept"):
+        status, _, errors = run(capsys, "--fixtures", fixtures, "good", "-o", tmp_path / "kept")
+    assert (status, "another run of grade is writing to this results folder" in errors) == (70, True)
+    assert laid_out.exists()
+
+
+@pytest.mark.live
+def test_earlier_submissions_are_replaced(fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """What a fixture no longer has is not laid below what it has now."""
+    pytest.importorskip("rclpy")
+    gone = tmp_path / "kept/submissions/good/robot_launch.py"
+    gone.parent.mkdir(parents=True)
+    gone.touch()
+    status, _, _ = run(capsys, "--fixtures", fixtures, "good", "-o", tmp_path / "kept")
+    assert (status, gone.exists(), (gone.parent / "joint_publisher.py").exists()) == (0, False, True)
 
 
 def test_another_lab_is_tried_with_its_own_fixtures(

@@ -509,6 +509,69 @@ def test_a_misspelt_topic_is_found_though_no_step_waited_for_it(tmp_path: Path, 
     assert (checks["publishes"].outcome, checks["holds"].outcome) == (publishes, Outcome.PASSED)
 
 
+NOT_CALLED_BY_ITS_NAME = """\
+lab: {id: "1", title: One, points: 2}
+artifacts: {it: {file: it.py}}
+sessions:
+  experiment:
+    steps:
+      - start: {student: it}
+      - call: {service: /robot/enable, type: std_srvs/srv/SetBool, request: {data: true}}
+        label: enable
+criteria:
+  - id: all
+    title: All
+    points: 2
+    checks:
+      - {id: offers, points: 1, session: experiment, check: service_offered,
+         with: {artifact: it, service: /robot/enable, type: std_srvs/srv/SetBool}}
+      - {id: enables, points: 1, session: experiment, check: call_answered, requires: [offers],
+         with: {artifact: it, step: enable, response: {success: true}}}
+"""
+#: The same of an action.
+NOT_SENT_BY_ITS_NAME = (
+    NOT_CALLED_BY_ITS_NAME.replace("call: {service: /robot/enable", "send_goal: {action: /robot/enable")
+    .replace("type: std_srvs/srv/SetBool, request: {data: true}", "type: test_msgs/action/Fibonacci, goal: {order: 3}")
+    .replace("check: service_offered", "check: action_server")
+    .replace("service: /robot/enable, type: std_srvs/srv/SetBool", "WHAT, offered: {}")
+    .replace("check: call_answered", "check: action_server")
+    .replace("step: enable, response: {success: true}", "WHAT, accepted: {step: enable}")
+    .replace("WHAT", "action: /robot/enable, type: test_msgs/action/Fibonacci")
+)
+
+
+@pytest.mark.parametrize(
+    ("text", "service", "kind", "label", "key"),
+    [
+        (NOT_CALLED_BY_ITS_NAME, "/robot/enabel", "std_srvs/srv/SetBool", "call", "service"),
+        (
+            NOT_SENT_BY_ITS_NAME,
+            "/robot/enabel/_action/send_goal",
+            "test_msgs/action/Fibonacci_SendGoal",
+            "send_goal",
+            "action",
+        ),
+    ],
+    ids=["service", "action"],
+)
+def test_a_misspelt_server_is_found_though_no_step_waited_for_it(
+    tmp_path: Path, text: str, service: str, kind: str, label: str, key: str
+) -> None:
+    """The name costs its part, once; what nobody could ask for by it is not tested, and says why."""
+    (tmp_path / "lab.yaml").write_text(text, encoding="utf-8")
+    session = Session(tmp_path).process().service(service, kind=kind)
+    session.service("/student/set_parameters", kind="rcl_interfaces/srv/SetParameters")
+    session.step(label, "enable", "timeout", calls=[], problem="it is not up")
+    session.record.steps[-1].parameters = {key: "/robot/enable", "goal": {"order": 3}}
+    write_submission(tmp_path, submission())
+    session.recorded()
+    rubric = read_rubric(tmp_path / "lab.yaml")
+    checks = checks_of(judge(open_recordings(tmp_path, rubric), rubric))
+    assert (checks["offers"].outcome, checks["offers"].earned) == (Outcome.PARTIAL, Decimal("0.4"))
+    assert checks["enables"].outcome is Outcome.NOT_REACHED
+    assert "it was called as /robot/enable, and yours is named /robot/enabel." in checks["enables"].reason
+
+
 def test_nothing_that_was_published_is_meant_where_no_name_is_like_it(tmp_path: Path) -> None:
     """A topic of another type and name stays one of its own."""
     (tmp_path / "robot.py").write_text("", encoding="utf-8")

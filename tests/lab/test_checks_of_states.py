@@ -28,6 +28,7 @@ LABS = Path(__file__).parents[1] / "labs"
             "'fst'",
         ),
         ("with: {step: invalid}", "with: {step: ahead}", "set_parameters is needed"),
+        ("with: {step: invalid}", "with: {step: faster}", "'faster' lacks refusal_expected: true"),
         ("text: data", "text: dat", "has no field 'dat'"),
         ("oracles.py:straight_line", "oracles.py:straight_lin", "'straight_line'"),
     ],

@@ -121,6 +121,7 @@ def test_a_rubric_of_fields_loads(tmp_path: Path) -> None:
         ("excused_by: [limits]", "excused_by: [arrives]", "is not an earlier check"),
         ("field: pose.pose.position\n", "field: child_frame_id\n", "it must hold numbers"),
         ("field: pose.position}}", "field: pose.positon}}", "did you mean 'position'?"),
+        ("{field: {topic: /goal, field: pose.position}}", "{value: [1.0, 2.0]}", "holds 3 numbers, not 2"),
         ("target: {field:", "target: {value: 1.0, field:", "exactly one of value, field, oracle"),
         ("          after: go", "          after: gone", "there is no step labelled 'gone'"),
         ("within_s: 5\n", "within_s: 5\n          none_from_s: 4\n", "must be more than within_s"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import xml.etree.ElementTree as ET
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +83,21 @@ def test_frames_are_a_tree_and_axes_in_space(tmp_path: Path) -> None:
     assert words(figure)[:4] == ["base", "arm 10 Hz", "hand 10 Hz", "eye static"]
     assert [len(drawn(figure, f"line-{n}")) for n in range(3)] == [4, 4, 4]
     assert "3 frames below 1 root," in figure.caption
+
+
+def test_names_of_frames_at_one_place_can_be_read(tmp_path: Path) -> None:
+    """They stand one below the other, also in the form for a phone."""
+    figure = shown("frames", frames(tmp_path, ("base", "arm"), ("base", "hand"), ("base", "eye"), x=0.0))
+    for width in (WIDE, NARROW):
+        form = ET.fromstring(str(figure.svg("f", width)))
+        lines = sorted(float(e.get("y") or 0) for e in form.iter("text") if "note" in (e.get("class") or ""))
+        assert len(lines) == 4
+        assert min(below - above for above, below in pairwise(lines)) >= 12
+
+
+def test_one_frame_is_one(tmp_path: Path) -> None:
+    """The caption counts in plain English."""
+    assert shown("frames", frames(tmp_path, ("base", "arm"))).caption.startswith("1 frame below 1 root,")
 
 
 def test_frames_lie_where_they_were_sent(tmp_path: Path) -> None:

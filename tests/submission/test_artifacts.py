@@ -226,6 +226,22 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path, rubric: Rubric) -
     assert "joint_publisher.py" in refused(tmp_path / "ann", rubric).remedy
 
 
+@pytest.mark.parametrize(
+    ("lab", "submission"), [(None, "labs/09-02/solution"), ("labs/09-02", "reference/solution")], ids=["one", "other"]
+)
+def test_what_is_of_another_lab_is_refused(lab: str | None, submission: str, rubric: Rubric) -> None:
+    """A launch file that starts none of the lab's programs earns nothing in another lab's place."""
+    asked = rubric if lab is None else read_rubric(SOLUTION.parents[1] / lab / "rubric.yaml")
+    with pytest.raises(SubmissionError, match=f"to lab {asked.lab.id}; it may be of another lab"):
+        read_submission_folder(SOLUTION.parents[1] / submission, asked)
+
+
+def test_a_launch_file_alone_is_a_submission(tmp_path: Path, rubric: Rubric) -> None:
+    """Whatever it is called, it is of the lab where it starts one of the lab's programs."""
+    (tmp_path / "all.launch.py").write_text("Node(package='mine', executable='joint_publisher')")
+    assert found(read_submission_folder(tmp_path, rubric))["launch"] == "all.launch.py"
+
+
 def test_a_folder_of_submissions_is_no_submission(tmp_path: Path, rubric: Rubric) -> None:
     """Two students' folders beside each other are not graded as one."""
     for name in ("ann", "bob"):

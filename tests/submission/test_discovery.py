@@ -73,6 +73,8 @@ def files_of(source: SubmissionSource) -> set[str]:
         return {path.relative_to(intake.folder).as_posix() for path in intake.folder.rglob("*") if path.is_file()}
 
 
+OF_FRAMES = ("camera_mount.py", "arm_broadcaster.py", "target_listener.py", "frames_launch.py")
+
 ONE = {
     "bare files": FIVE,
     "a file is missing": FIVE[:1],
@@ -87,6 +89,11 @@ ONE = {
     "a wrapped workspace": in_folders({"lab/ros2_ws/src/p/p": FIVE}),
     "tasks": in_folders({"task1": FIVE, "task2": FIVE}),
     "a build beside it": in_folders({"src/p": FIVE, "build/p": FIVE, "install/p": FIVE, ".git": ["HEAD"]}),
+    "packages, one with the launch files": in_folders(
+        {"nodes_pkg": (*FIVE[:3], "package.xml", "all.launch.py"), "sim_pkg": ("sim.launch.py", "x.py", "package.xml")}
+    ),
+    "a folder of launch files": in_folders({"arm": FIVE, "bringup": ("a.launch.py", "b.launch.py")}),
+    "a demonstration, told in a README": ["README.md", *in_folders({"arm": FIVE, "demo": ("demo.launch.py", "x.py")})],
     "an archive": ["lab.zip"],
     "an archive and a report": ["lab.zip", "report.pdf"],
     "an archive beside the files": ["README.md", *in_folders({"lab": FIVE}), "lab.zip"],
@@ -108,6 +115,9 @@ EACH: dict[str, tuple[dict[str, Iterable[str]], list[str]]] = {
     ),
     "with results": ({"alice": FIVE, "bob": FIVE, "results/alice/recordings": ["submission.json"]}, ["alice", "bob"]),
     "with an empty one": ({"alice": FIVE, "bob": FIVE, "eve": ["/"]}, ["alice", "bob", "eve"]),
+    "one of each lab": ({"one": FIVE, "two": OF_FRAMES}, ["one", "two"]),
+    "of each lab, one a package": ({"one": FIVE, "two": (*OF_FRAMES, "package.xml")}, ["one", "two"]),
+    "all of another lab": ({"one": OF_FRAMES, "two/ws/src/p": OF_FRAMES}, ["one", "two"]),
     "archives": ({".": ["alice.zip", "bob.tar.gz", "grades.csv"]}, ["alice", "bob"]),
     "a folder and an archive": ({"alice": FIVE, ".": ["bob.zip"]}, ["alice", "bob"]),
 }

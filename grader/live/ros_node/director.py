@@ -33,7 +33,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rclpy.service_introspection import ServiceIntrospectionState
 
-from grader.evidence.near_miss import Candidate, near_miss
+from grader.evidence.near_miss import Candidate, candidates_in, near_miss
 from grader.live.ros_node.deadline import Deadline
 from grader.live.ros_node.goals import ActionProbe, GoalStep
 from grader.live.ros_node.graph import GraphWatch, interface_named, new_context, silent_node
@@ -43,7 +43,6 @@ from grader.recording.bag import BagWriter
 from grader.recording.session import (
     AWAITED,
     GRADER_NAMESPACE,
-    OF_ACTION,
     STANDARD_TOPICS,
     UNKNOWN_NODE,
     Endpoint,
@@ -57,8 +56,6 @@ from grader.recording.trusted_channel import digest
 
 #: Once a student's node shows other endpoints, how long the wanted name may still take to appear.
 _NEAR_MISS_AFTER_S = 2.0
-#: Topics, and types of services, that every node has; never what a lab asks for.
-_STANDARD_SERVICE_TYPES = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
 _NO_ANSWER = "the node's parameter services do not answer"
 _NO_LIFECYCLE = "it offers no get_state service that answers, as a lifecycle node does"
 _STUCK = "the transition was not answered"
@@ -245,29 +242,7 @@ class Director:
         return [n for n in self._watch.last.nodes if n not in self._reference_nodes]
 
     def _candidates(self, kind: str, wanted: str) -> list[Candidate]:
-        """Return what of the student's may be meant; what belongs to an action only where such a name is wanted."""
-        graph, of_action = self._watch.last, OF_ACTION in wanted
-        if kind == "node":
-            return [Candidate(n, "") for n in self._students()]
-        offers = {"service": graph.services, "action": graph.actions, "action_client": graph.action_clients}
-        if kind in offers:
-            return [
-                Candidate(s.name, s.type)
-                for s in offers[kind]
-                if s.node not in self._reference_nodes
-                and not s.type.startswith(_STANDARD_SERVICE_TYPES)
-                and (OF_ACTION in s.name) == of_action
-            ]
-        return [
-            Candidate(e.topic, e.type)
-            for e in graph.endpoints
-            if e.kind == kind
-            and e.node not in self._reference_nodes
-            and e.topic not in STANDARD_TOPICS
-            and (OF_ACTION in e.topic) == of_action
-            and UNKNOWN_NODE not in e.node
-            and e.gid not in self._forgotten
-        ]
+        return candidates_in(self._watch.last, kind, wanted, self._reference_nodes, self._forgotten)
 
     def _do_forget(self, request: Mapping[str, Any]) -> Answer:
         """Take the endpoints that are there as those of a dead process, which may stay in the graph for a while."""

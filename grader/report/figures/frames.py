@@ -25,6 +25,8 @@ _SIDE_BY_SIDE = 600
 _TURN, _RISE = np.radians((35.0, 22.0))
 #: Length of an axis, as a share of the space that all frames take.
 _AXIS_SHARE = 0.14
+#: Width of a letter of a name, and height of a line.
+_LETTER, _LINE = 7, 13
 
 
 @dataclass(frozen=True)
@@ -61,9 +63,8 @@ class Frames(FigureKind):
             left = width * 0.45 if not below else 0.0
             return max(len(frames) * _ROW + 8, below + _SPACE), listed + _in_space(frames, left, below, width - left)
 
-        caption = (
-            f"{len(tree.edges)} frames below {roots} root{'s' * (roots != 1)}, at the last time that is known of each."
-        )
+        known = f"{len(tree.edges)} frame{'s' * (len(tree.edges) != 1)} below {roots} root{'s' * (roots != 1)}"
+        caption = f"{known}, at the last time that is known of each."
         return Figure(caption, paint, (("line-0", "x"), ("line-1", "y"), ("line-2", "z")))
 
 
@@ -117,15 +118,24 @@ def _in_space(frames: Sequence[_Drawn], left: float, top: float, width: float) -
     scale = min((width - 130) / max(high[0] - low[0], 1e-9), (_SPACE - 40) / max(high[1] - low[1], 1e-9))
     spare = width - 130 - (high[0] - low[0]) * scale
     flat = np.array([left + 20 + spare / 2, top + 20]) + (flat - low) * scale
-    parts, names = list[Markup](), list[Markup]()
+    parts, names, places = list[Markup](), list[Markup](), list[tuple[float, float, float]]()
     for frame, known, (origin, *tips) in zip(frames, finite, flat, strict=True):
         if not known:
             continue
         if frame.parent is not None and finite[frame.parent]:
             parts.append(_segment(flat[frame.parent, 0], origin, "stem"))
         parts += [_segment(origin, tip, f"line line-{n}") for n, tip in enumerate(tips)]
-        names.append(text(float(origin[0]) + 5, float(origin[1]) + 13, frame.name, "start", "note"))
+        place = _free((float(origin[0]) + 5, float(origin[1]) + 19, _LETTER * len(frame.name)), places)
+        names.append(text(*place[:2], frame.name, "start", "note"))
+        places.append(place)
     return parts + names
+
+
+def _free(place: tuple[float, float, float], taken: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
+    """Return a place for a name (left, baseline, length), as far below another as it takes to be read."""
+    left, y, length = place
+    over = [low for start, low, long in taken if abs(low - y) < _LINE and start < left + length and left < start + long]
+    return _free((left, max(over) + _LINE, length), taken) if over else place
 
 
 def _projected(points: Floats) -> Floats:

@@ -43,7 +43,7 @@ def _figure(rows: Sequence[_Row], caption: str) -> Figure:
         parts = frame.x_axis(SINCE)
         for n, row in enumerate(rows):
             top = 28 + _ROW * n
-            parts.append(text(frame.left, top - 6, line(row.title, width // 9), "start", "label"))
+            parts.append(text(frame.left, top - 6, line(row.title, width // 8), "start", "label"))
             for begin, end, words, style in row.spans:
                 left, wide = frame.px(begin), max(2.0, frame.px(end) - frame.px(begin))
                 parts.append(rect(left, top, wide, _BAR, style))

@@ -17,7 +17,7 @@ from grader.evidence.recorded import Floats, Recorded
 from grader.lab.references import Parameters
 from grader.report.escape import shown
 
-WIDE, HALF, NARROW = 920, 440, 400
+WIDE, HALF, NARROW = 920, 440, 330
 LEFT, RIGHT, TOP, BOTTOM = 50, 14, 14, 44
 NARROW_POINTS = 160
 #: More points than these no eye tells apart.

@@ -155,7 +155,7 @@ class Latency(FigureKind):
                 parts.append(svg.text(frame.left, top + row * n + 14, label, "start", "label"))
                 parts += _box(frame, all_s, few[topic][:: 2 if width == svg.NARROW else 1], top + row * n + 34)
             middle = (frame.left + frame.right) / 2
-            label = "time from sending to arrival at the recorder (logarithmic)"
+            label = "from sending to the recorder (logarithmic)"
             return height, [*parts, svg.text(middle, frame.bottom + 36, label, class_="label")]
 
         caption = " ".join(
