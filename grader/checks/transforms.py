@@ -303,8 +303,9 @@ def _static(seen: _Seen, wanted: WantedFrame) -> Part:
         return Part(0.0 if once else known, reason=lost if once else reason, hint=_STATIC_HINT)
     offers = [e.qos.durability for e in student_endpoints(seen.context, p.static_topic, "publisher")]
     if "volatile" in offers:
+        # Listeners of tf2 request TRANSIENT_LOCAL, with which it is not compatible however often it is sent.
         reason = f"{p.static_topic} is offered VOLATILE: a node that starts later never gets {child}."
-        return Part(known, reason=reason, hint=_STATIC_HINT)
+        return Part(0.0, reason=reason, hint=_STATIC_HINT)
     again = f"{child} was sent on {p.static_topic} and again on {p.topic}; once on {p.static_topic} is enough."
     return Part(1.0) if moving is None else Part(known, reason=again)
 

@@ -245,7 +245,7 @@ AGAIN = [(t, base(t)) for t in TIMES] + [(t, laser()) for t in TIMES]
     ("moving", "static", "durability", "credit", "words"),
     [
         (None, None, "transient_local", "1", ""),
-        (None, None, "volatile", "0.75", "/tf_static is offered VOLATILE"),
+        (None, None, "volatile", "0.5", "/tf_static is offered VOLATILE"),
         (AGAIN, None, "transient_local", "0.75", "and again on /tf"),
         (AGAIN, [], "transient_local", "0.75", "was sent on /tf, where it ages"),
         (
