@@ -40,13 +40,18 @@ def proof(context: Context, p: Any) -> tuple[Location, ...]:
     return (context.output_of(artifact) if artifact and not topic else context.location(topic),)
 
 
+def artifact_of(context: Context, p: Any) -> str | None:
+    """Return the artifact that a check is about: it names it, or its process; else the first that was started."""
+    run = context.session.process(getattr(p, "process", ""))
+    students = (run.artifact for run in context.session.record.processes if run.role == "student")
+    return getattr(p, "artifact", None) or (run.artifact if run is not None else next(students, None))
+
+
 def explained(context: Context, p: Any, finding: Finding) -> Finding:
     """Put in what kept the program from it, where it crashed, ended or hit a limit, and the check has not said so."""
     if not finding.unexplained:
         return finding
-    run = context.session.process(getattr(p, "process", ""))
-    students = (run.artifact for run in context.session.record.processes if run.role == "student")
-    artifact = getattr(p, "artifact", None) or (run.artifact if run is not None else next(students, None))
+    artifact = artifact_of(context, p)
     reason, hint, where = (artifact and why_nothing(context, artifact)) or (finding.reason, "", ())
     where = (*where, *(location for location in finding.where or proof(context, p) if location not in where))
     return replace(finding, reason=reason, hint=hint or finding.hint, where=where)

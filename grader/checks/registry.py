@@ -36,6 +36,7 @@ from grader.checks import (
 from grader.checks.base import Context, undecided
 from grader.checks.own import find_own
 from grader.checks.preconditions import (
+    artifact_of,
     clock_set,
     explained,
     missing_artifact,
@@ -90,8 +91,9 @@ class Check:
         if context.recorded is None or finding.outcome is Outcome.NOT_REACHED:
             return finding
         finding = explained(context, p, finding)
-        if artifact is not None and self.by_endpoints and finding.outcome is Outcome.FAILED:
-            finding = not_assessable_here(context, artifact, finding.expected) or finding
+        shows_nothing = finding.unexplained or (artifact is not None and self.by_endpoints)
+        if shows_nothing and finding.outcome is Outcome.FAILED and (of := artifact_of(context, p)) is not None:
+            finding = not_assessable_here(context, of, finding.expected) or finding
         if self.seeks and finding.outcome in LOST:
             finding = unseen(context, p, finding, self.seeks) or finding
         lost = finding.outcome in LOST

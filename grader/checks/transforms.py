@@ -305,8 +305,9 @@ def _static(seen: _Seen, wanted: WantedFrame) -> Part:
         return Part(0.0 if once else known, reason=lost if once else reason, hint=_STATIC_HINT)
     offers = [e.qos.durability for e in student_endpoints(seen.context, p.static_topic, "publisher")]
     if "volatile" in offers:
+        # Listeners of tf2 request TRANSIENT_LOCAL, with which it is not compatible however often it is sent.
         reason = f"{p.static_topic} is offered VOLATILE: a node that starts later never gets {child}."
-        return Part(known, reason=reason, hint=_STATIC_HINT)
+        return Part(0.0, reason=reason, hint=_STATIC_HINT)
     again = f"{child} was sent on {p.static_topic} and again on {p.topic}; once on {p.static_topic} is enough."
     return Part(1.0) if moving is None else Part(known, reason=again)
 
@@ -465,8 +466,11 @@ def _slips(
         if (rolled := tree.rolled(edges).pose(p.frame, p.within, times_ns)) is not None:
             yield _fit(p, rolled, expected)[0], known, _WXYZ, _WXYZ_HINT
     if p.oracle is None:
-        degrees = np.repeat(pose_of(p.xyz or (), [float(np.degrees(a)) for a in p.rpy]), len(times_ns), axis=0)
-        yield _fit(p, poses, degrees)[0], known, _DEGREES, "Use math.radians()."
+        degrees = pose_of(p.xyz or (), [float(np.degrees(a)) for a in p.rpy])
+        # Turns about moving axes are those about fixed ones in the other order.
+        moving = np.hstack((degrees[:, :3], inverse(pose_of((0, 0, 0), [-a for a in p.rpy]))[:, 3:]))
+        for pose, name, hint in ((degrees, _DEGREES, "Use math.radians()."), (moving, _MOVING_AXES, _MOVING_AXES_HINT)):
+            yield _fit(p, poses, np.repeat(pose, len(times_ns), axis=0))[0], known, name, hint
     for each in p.alternatives:
         if (other := _expected(seen, p, times_ns, each.parameters)) is not None:
             yield _fit(p, poses, other)[0], each.left(seen.context), f"Your poses match {each.meaning}.", ""
@@ -474,6 +478,8 @@ def _slips(
 
 _INVERSE_HINT = "Send the pose of the child as it is seen from the parent."
 _DEGREES = "The angles are in degrees where radians are meant."
+_MOVING_AXES = "Roll, pitch and yaw turn about the moving axes, where the parent's fixed ones are meant."
+_MOVING_AXES_HINT = "The quaternion is q(yaw)·q(pitch)·q(roll); for scipy the axes are called 'xyz', not 'XYZ'."
 _WXYZ = "The quaternion is in the order w, x, y, z."
 _WXYZ_HINT = "ROS has x, y, z, w; transforms3d and others give w first: set each of the four by its name."
 

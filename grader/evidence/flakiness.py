@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from grader.evidence.cpu_delay import Span
-from grader.evidence.crash.diagnosis import ended_by_limit
+from grader.evidence.crash.diagnosis import HIT_IN_A_CALL, ended_by_limit
 from grader.evidence.crash.tracebacks import tracebacks
 from grader.evidence.recorded import Recorded
 from grader.recording.session import AWAITED, ProcessRun
@@ -21,8 +21,6 @@ _FLAKY_RECORDINGS = 2
 _STALLED = 0.5
 #: Shorter delays are those of any start.
 _LEAST_STALL_S = 0.6
-#: What pybind11 says when a signal's exception strikes while it converts an argument.
-_HIT_IN_A_CALL = "RuntimeError: Unable to convert call argument"
 #: Within these a program waits, and has to expect Ctrl-C.
 _SPINNING = {"spin", "spin_once", "spin_until_future_complete"}
 
@@ -53,7 +51,7 @@ def may_be_flaky(recorded: Recorded) -> bool:
 
 def flaky_end(run: ProcessRun) -> str:
     """Say what befell a program at Ctrl-C that correct ones meet too now and then, if anything."""
-    if any(_HIT_IN_A_CALL in line.text for line in run.output):
+    if any(HIT_IN_A_CALL in line.text for line in run.output):
         return "Ctrl-C arrived inside a call into rclpy and became another error; a correct program can meet this too."
     raised = tracebacks(run.output)[-1:] if run.interrupted_ns else []
     if any(end.name == "KeyboardInterrupt" and not _SPINNING & {f.function for f in end.frames} for end in raised):

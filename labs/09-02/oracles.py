@@ -139,12 +139,29 @@ def latest_of(frames, time_ns):
     return round(float(frames.values[max(place, 0), 0]) * 1e9)
 
 
+def answered(targets, answers):
+    """The stamp, in s, of the target that each answer is for: the one with its stamp, or else the last before it."""
+    known, own = targets.values[:, 0], answers.values[:, 0]
+    alike = np.minimum(np.searchsorted(known, own - SAME_S), len(known) - 1)
+    before = np.maximum(np.searchsorted(targets.source_ns, answers.source_ns) - 1, 0)
+    # A stamp that was left at 0 names no target.
+    named = (np.abs(known[alike] - own) < SAME_S) & (own > SAME_S)
+    return known[np.where(named, alike, before)]
+
+
+#: Stamps that are nearer to each other than this are the same.
+SAME_S = 0.001
+
+
 def seen(streams, parameters, seed):
-    """The pose of each target in the camera's frame, the position or the orientation; `mistake` gives known ones."""
+    """The pose of each answer's target in the camera's frame, of it the position or the orientation.
+
+    `mistake` gives known ones.
+    """
     mistake, rows, times = parameters.get("mistake"), [], []
-    stream = streams["target"]
-    for stamp_s, source_ns in zip(stream.values[:, 0], stream.source_ns, strict=True):
-        stamp_ns = round(stamp_s * 1e9)
+    answers = streams["answers"]
+    for stamp_s, source_ns in zip(answered(streams["target"], answers), answers.source_ns, strict=True):
+        stamp_ns = round(float(stamp_s) * 1e9)
         looked_ns = latest_of(streams["frames"], source_ns) if mistake == "latest" else stamp_ns
         lens, target = camera_in_base(angles_at(seed, looked_ns)), target_at(seed, stamp_ns)
         pose = within(lens if mistake == "inverse" else inverse(lens), target)

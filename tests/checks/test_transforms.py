@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from grader.checks.transforms import TransformTree
 from grader.evidence.transforms import Broadcast, FrameTree
 from grader.result import Finding, Outcome
-from tests.synthetic import RELIABLE, Session, at, evenly, judged
+from tests.synthetic import RELIABLE, Session, at, evenly, judged, submission
 
 TF = "tf2_msgs/msg/TFMessage"
 LATCHED = replace(RELIABLE, durability="transient_local")
@@ -257,7 +257,7 @@ AGAIN = [(t, base(t)) for t in TIMES] + [(t, laser()) for t in TIMES]
     ("moving", "static", "durability", "credit", "words"),
     [
         (None, None, "transient_local", "1", ""),
-        (None, None, "volatile", "0.75", "/tf_static is offered VOLATILE"),
+        (None, None, "volatile", "0.5", "/tf_static is offered VOLATILE"),
         (AGAIN, None, "transient_local", "0.75", "and again on /tf"),
         (AGAIN, [], "transient_local", "0.75", "was sent on /tf, where it ages"),
         (
@@ -304,6 +304,22 @@ def test_a_rate_that_the_machine_lowered_is_undecided(tmp_path: Path) -> None:
     assert only("rates", silent).outcome is Outcome.FAILED
 
 
+@pytest.mark.parametrize(
+    ("absent", "outcome"), [(["transforms3d"], Outcome.INCONCLUSIVE), ([], Outcome.FAILED)], ids=["absent", "there"]
+)
+def test_a_broadcaster_that_lacks_a_library_here_is_for_a_person(
+    tmp_path: Path, absent: list[str], outcome: Outcome
+) -> None:
+    """A node that ended at the import of what the grader lacks shows no frame, and has not lost them."""
+    lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
+    lines.append("ModuleNotFoundError: No module named 'transforms3d'")
+    made = Session(tmp_path).process("it", lines, interrupted_ns=None, exit_status=1).window(1.0, 4.0)
+    record = submission({"it.py": "import transforms3d\n"})
+    record.absent_modules = absent
+    finding = judged("transform_tree", TREE, made, record)
+    assert finding.outcome is outcome
+
+
 # -- poses -----------------------------------------------------------------------------------------
 
 INVERSE = {"xyz": (-0.2 * math.cos(0.5), 0.2 * math.sin(0.5), -0.3), "xyzw": yawed(-0.5)}
@@ -329,6 +345,19 @@ def test_a_pose_is_where_it_should_be(tmp_path: Path, sent: dict[str, Any], cred
     finding = only("poses", session(tmp_path, None, [laser(**sent)]), poses=[LASER])
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
+
+
+def test_turns_about_the_moving_axes_have_their_name(tmp_path: Path) -> None:
+    """A roll of 90°, and then a yaw of 90°, turns x to z where the axes move along, and to y where they stay."""
+    turned = {**LASER, "rpy": [math.pi / 2, 0.0, math.pi / 2]}
+    moving, fixed = [0.5, -0.5, 0.5, 0.5], [0.5, 0.5, 0.5, 0.5]
+    finding = only("poses", session(tmp_path, None, [laser(xyzw=moving)]), poses=[turned])
+    assert finding.credit == Decimal("0.5")
+    assert "about the moving axes" in finding.reason
+    right = session(tmp_path / "right", None, [laser(xyzw=fixed)])
+    assert only("poses", right, poses=[turned]).outcome is Outcome.PASSED
+    other = session(tmp_path / "other", None, [laser(xyzw=yawed(0.5))])
+    assert only("poses", other, poses=[turned]).outcome is Outcome.FAILED
 
 
 ORACLE = {"frame": "laser", "within": "odom", "oracle": "tests/checks/test_transforms.py:laser_in_odom"}

@@ -52,11 +52,14 @@ def _mistake_in(chain: Sequence[Raised], interrupted_ns: int | None) -> Raised |
         after = stopped or (interrupted_ns is not None and exception.t_ns >= interrupted_ns)
         # A program that is stopped ends with these; so it does where it shuts down what is shut down already.
         is_stop = exception.name in _STOPS or any(words in exception.message for words in _SECOND_SHUTDOWN)
-        if not (exception.ignored or is_stop or (after and cause_of(exception, ()).kind in _AFTER_SHUTDOWN)):
+        by_stop = HIT_IN_A_CALL in exception.message or cause_of(exception, ()).kind in _AFTER_SHUTDOWN
+        if not (exception.ignored or is_stop or (after and by_stop)):
             return exception
     return None
 
 
+#: What pybind11 says when a signal's exception strikes while it converts an argument.
+HIT_IN_A_CALL = "Unable to convert call argument"
 #: What comes of using rclpy or a node after it has been shut down.
 _AFTER_SHUTDOWN = ("context-shut-down", "not-initialised")
 _STOPS = ("KeyboardInterrupt", "ExternalShutdownException", "SystemExit")

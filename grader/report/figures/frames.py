@@ -92,8 +92,9 @@ def _words(edge: Broadcast) -> str:
     """Say how a frame was sent."""
     if edge.static:
         return "static"
-    took_s = float(edge.source_ns.max() - edge.source_ns.min()) / 1e9
-    return f"{short((len(edge.source_ns) - 1) / took_s)} Hz" if took_s > 0 else "sent once"
+    # By the usual gap, whatever pauses there are.
+    gaps_ns = np.diff(np.unique(edge.source_ns))
+    return f"{short(1e9 / float(np.median(gaps_ns)))} Hz" if len(gaps_ns) else "sent once"
 
 
 def _row(number: int, frame: _Drawn) -> list[Markup]:

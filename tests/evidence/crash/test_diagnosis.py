@@ -400,6 +400,13 @@ def test_a_dead_context_is_a_mistake_only_before_the_interrupt() -> None:
     assert diagnosis.kind == "context-shut-down"
 
 
+def test_an_interrupt_inside_a_call_explains_nothing_of_before() -> None:
+    """It becomes another error there; where nobody stopped the node, that error is a mistake as any."""
+    output = raised("RuntimeError: Unable to convert call argument '0' to Python object", "rclpy/executors.py")
+    assert explain(output, FILES, interrupted_ns=0) is None
+    assert explain(output, FILES) is not None
+
+
 def test_the_first_cause_of_a_chain_is_reported() -> None:
     """What fails in `finally` after an exception is not what went wrong."""
     first = "\n".join(line.text for line in raised("KeyError: 'reliable'"))

@@ -111,10 +111,21 @@ def test_the_buffer_forgets_what_is_older_than_ten_seconds(tf2_ros: Any) -> None
     buffer.set_transform(stamped("odom", "base", 5.0, 0.0, 21.0), "test")
     assert not buffer.can_transform("odom", "base", Time(seconds=10.5))
     assert buffer.can_transform("odom", "base", Time(seconds=15))
-    wrong = stamped("odom", "base", 7.0, 0.0, 22.0)
-    wrong.transform.rotation.w = 0.0
-    buffer.set_transform(wrong, "test")
+    for at_s, length in ((22.0, 1.006), (23.0, 0.994), (24.0, 0.0)):
+        sent = stamped("odom", "base", 7.0, 0.0, at_s)
+        sent.transform.rotation.w = length
+        buffer.set_transform(sent, "test")
     assert buffer.lookup_transform("odom", "base", Time()).header.stamp.sec == 21
+
+
+def test_a_quaternion_that_is_a_little_off_is_taken(tf2_ros: Any) -> None:
+    """As the real buffer does, where the square of its length is less than a hundredth off 1."""
+    buffer = driving(tf2_ros)
+    for at_s, length in ((13.0, 1.0049), (14.0, 0.9951)):
+        sent = stamped("odom", "base", 7.0, 0.0, at_s)
+        sent.transform.rotation.w = length
+        buffer.set_transform(sent, "test")
+        assert pose(buffer.lookup_transform("odom", "base", Time(seconds=at_s))) == pytest.approx((7.0, 0.0, 0.0))
 
 
 def test_what_it_lacks_is_missing_as_a_package_is(tf2_ros: Any) -> None:

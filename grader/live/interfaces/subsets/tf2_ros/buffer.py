@@ -13,6 +13,8 @@ from rclpy.time import Time
 _MOST_FRAMES = 1000
 _CACHE_NS = 10_000_000_000
 _LOOK_S = 0.02
+#: How far the squared length of a quaternion may be from 1, as in tf2's BufferCore.
+_UNIT_WITHIN = 0.01
 _AT_ONCE = Duration()
 
 
@@ -169,7 +171,7 @@ class Buffer:
         # The real buffer takes note of none of these, and says so in its log.
         if not child or not parent or child == parent or not all(map(math.isfinite, numbers)):
             return
-        if abs(length * length - 1.0) > 1e-3:
+        if abs(length * length - 1.0) >= _UNIT_WITHIN:
             return
         value = (t.x, t.y, t.z), tuple(part / length for part in rotation)
         with self._lock:
