@@ -102,11 +102,10 @@ def _run(
     fixtures: Sequence[Fixture], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> list[FixtureRun]:
     from grader import pipeline
-    from grader.classroom.class_run import Here
     from grader.classroom.progress import RunProgress
     from grader.classroom.scheduler import Machine
     from grader.classroom.selftest import run_fixtures
-    from grader.classroom.worker import Workers
+    from grader.classroom.worker import Here
     from grader.live.sandbox.probing import probe_isolation
 
     interpreter = Path(sys.executable)
@@ -117,6 +116,5 @@ def _run(
     if options.output is not None:
         options.output.mkdir(parents=True, exist_ok=True)
     folder = tempfile.TemporaryDirectory() if options.output is None else nullcontext(str(options.output))
-    with folder as path, Workers() as workers, RunProgress(console, machine.slots, "fixtures") as display:
-        here = Here(isolation, machine, workers)
+    with folder as path, Here(isolation, machine) as here, RunProgress(console, machine.slots, "fixtures") as display:
         return asyncio.run(run_fixtures(fixtures, rubric, live, here, Path(path), display))
