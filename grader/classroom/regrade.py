@@ -144,7 +144,8 @@ def regrade_all(
 ) -> Regrade:
     """Judge recordings, each by its measure; see `regrade`."""
     if len(measures) > 1:
-        judgement.prepare(next(iter(measures.values()))[0])
+        folder, (rubric, _) = next(iter(measures.items()))
+        judgement.prepare(rubric, folder / RECORDINGS)
     works = {folder: partial(_judge, folder, measure, pages, again) for folder, measure in measures.items()}
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     judged, failed = {}, {}
