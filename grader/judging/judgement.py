@@ -95,12 +95,14 @@ def prepare(rubric: Rubric, recordings: Path | None = None) -> None:
     none = np.empty(0, np.int64)
     for name in sorted({name for text in spelled for name in re.findall(r"\b\w+/msg/\w+", text)}):
         with suppress(DefinitionNotFound):
-            _ = Stream("", name, none, none, none, (b"",), definition_of(name)).messages
+            _ = Stream("", name, none, none, none, (b"\0\1\0\0",), definition_of(name)).messages
     texts = {"README.md": _SAMPLE, "node.py": f'"""{_SAMPLE}"""\n'}
     artifacts = [ArtifactFact(name, "node.py", "node.py", "name") for name in rubric.artifacts]
     files = [FileFact(path, len(text), "") for path, text in texts.items()]
     nobody = Recordings(SubmissionRecord("nobody", files=files, texts=texts, artifacts=artifacts), {})
-    report_page(judge(nobody, rubric), nobody, rubric)
+    result = judge(nobody, rubric)
+    result_of_text(to_json(result))
+    report_page(result, nobody, rubric)
 
 
 def evidence_of(result: Result, folder: Path, rubric: Rubric, what: str) -> str:
