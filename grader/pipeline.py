@@ -17,8 +17,6 @@ from typing import TYPE_CHECKING
 from grader.bounded import Bound
 from grader.errors import UsageError, described
 from grader.files import UNFINISHED, atomic_replacement, replace_files, text_of
-from grader.judging.attempts import retry_undecided
-from grader.judging.judgement import Judgement, judge_bounded, prepare
 from grader.judging.rubrics import read_overrides, recorded_rubric, rubric_copy, rubric_files, rubric_files_of_result
 from grader.lab import kept_lab
 from grader.lab.overrides import Overrides
@@ -33,6 +31,7 @@ from grader.submission.separation import made_from
 from grader.timings import Stopwatch
 
 if TYPE_CHECKING:
+    from grader.judging.judgement import Judgement
     from grader.live.session.runner import Scheduler
 
 #: What a grading makes, the file that says that it is whole last.
@@ -267,7 +266,7 @@ def record(
                 lacking=lacking,
             )
             on_progress = watch.follow(on_progress)
-            preparing = threading.Timer(_PREPARED_AFTER_S, prepare, [rubric])
+            preparing = threading.Timer(_PREPARED_AFTER_S, _prepare, [rubric])
             preparing.daemon = True
             preparing.start()
             if options.scope is not Scope.UNDECIDED:
@@ -284,13 +283,25 @@ def record(
                     alone.record(undecided, on_progress, at_a_time=1)
 
             def judged() -> Judgement:
+                from grader.judging.judgement import judge_bounded
+
                 with work("judging"):
                     preparing.cancel()
                     preparing.join()
                     return judge_bounded(recordings, rubric, options.overrides)
 
-            once = options.scope is Scope.ONCE or lacking
-            return judged() if once else retry_undecided(recordings, chosen, retry, judged)
+            if options.scope is Scope.ONCE or lacking:
+                return judged()
+            from grader.judging.attempts import retry_undecided
+
+            return retry_undecided(recordings, chosen, retry, judged)
+
+
+def _prepare(rubric: Rubric) -> None:
+    """Import what judges, which is no work for the time in which students' programs wait to be started."""
+    from grader.judging.judgement import prepare
+
+    prepare(rubric)
 
 
 def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:
@@ -323,6 +334,8 @@ def judge_so_far(results: Path) -> Result:
 
     Checks of sessions that have not ended are undecided, and say so. Raises RecordingError if nothing has begun there.
     """
+    from grader.judging.judgement import judge_bounded
+
     new = results / UNFINISHED
     folder = new if (new / RECORDINGS).is_dir() else results
     rubric = recorded_rubric(rubric_copy(folder))
