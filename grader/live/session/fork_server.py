@@ -100,20 +100,24 @@ def _load_ros(types: Sequence[str]) -> None:
         compileall.compile_dir(folder, quiet=2)
 
 
-def _program_of(request: bytes) -> Program:
-    """Return the first process of a sandbox, or a branch of this server."""
+def _program_of(request: bytes, types: Sequence[str]) -> Program:
+    """Return the first process of a sandbox, or a branch of this server; loads what they need the first time."""
     word, _, name = request.partition(b"\0")
     form, plan = Form(word.decode()), Path(os.fsdecode(name))
-    if not _entered:
-        enter_own_mounts(form)
-        _entered.append(form)
+    if not _loaded:
+        enter_own_mounts(form)  # Before: what is loaded has threads of its own, which keep a user from it.
+        _load_ros(types)
+        _loaded.append(form)
+        # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
+        gc.freeze()
+        gc.enable()
     if not name:
-        return Program("fork server", _serve_branch, trusted_environment(Path("/"), 0))
+        return Program("fork server", partial(_serve_branch, types), trusted_environment(Path("/"), 0))
     return Program("sandbox", partial(_run_in_sandbox, form, plan), trusted_environment(plan.parent, 0))
 
 
-#: The form of sandboxes for whose mounts this process has a place of its own.
-_entered: list[Form] = []
+#: The form of sandboxes for which all is loaded.
+_loaded: list[Form] = []
 
 
 def _run_in_sandbox(form: Form, file: Path) -> None:
@@ -125,12 +129,12 @@ def _run_in_sandbox(form: Form, file: Path) -> None:
     run(plan)
 
 
-def _serve_branch() -> None:
+def _serve_branch(types: Sequence[str]) -> None:
     put_self_first()
     # What serves others stands in the place of the standard output of programs.
     with socket.socket(fileno=os.dup(1)) as link:
         os.dup2(0, 1)
-        serve(link, _program_of)
+        serve(link, partial(_program_of, types=types))
 
 
 def main() -> None:
@@ -143,12 +147,8 @@ def main() -> None:
     gc.disable()  # Nothing of what is imported is for collection.
     for module in _WITHOUT_ROS:
         importlib.import_module(module)
-    _load_ros(sys.argv[2:])
-    # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
-    gc.freeze()
-    gc.enable()
     with socket.socket(fileno=int(sys.argv[1])) as link:
-        serve(link, _program_of)
+        serve(link, partial(_program_of, types=sys.argv[2:]))
 
 
 if __name__ == "__main__":
