@@ -11,12 +11,14 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from grader.bounded import Bound
 from grader.errors import UsageError, described
 from grader.files import UNFINISHED, atomic_replacement, replace_files, text_of
+from grader.judging.attempts import retry_undecided
 from grader.judging.rubrics import read_overrides, recorded_rubric, rubric_copy, rubric_files, rubric_files_of_result
 from grader.lab import kept_lab
 from grader.lab.overrides import Overrides
@@ -266,7 +268,8 @@ def record(
                 lacking=lacking,
             )
             on_progress = watch.follow(on_progress)
-            preparing = threading.Timer(_PREPARED_AFTER_S, _prepare, [rubric])
+            judging = partial(import_module, "grader.judging.judgement")  # Nothing waits for it until then.
+            preparing = threading.Timer(_PREPARED_AFTER_S, lambda: judging().prepare(rubric))
             preparing.daemon = True
             preparing.start()
             if options.scope is not Scope.UNDECIDED:
@@ -283,25 +286,14 @@ def record(
                     alone.record(undecided, on_progress, at_a_time=1)
 
             def judged() -> Judgement:
-                from grader.judging.judgement import judge_bounded
-
                 with work("judging"):
                     preparing.cancel()
                     preparing.join()
-                    return judge_bounded(recordings, rubric, options.overrides)
+                    found: Judgement = judging().judge_bounded(recordings, rubric, options.overrides)
+                    return found
 
-            if options.scope is Scope.ONCE or lacking:
-                return judged()
-            from grader.judging.attempts import retry_undecided
-
-            return retry_undecided(recordings, chosen, retry, judged)
-
-
-def _prepare(rubric: Rubric) -> None:
-    """Import what judges, which is no work for the time in which students' programs wait to be started."""
-    from grader.judging.judgement import prepare
-
-    prepare(rubric)
+            once = options.scope is Scope.ONCE or lacking
+            return judged() if once else retry_undecided(recordings, chosen, retry, judged)
 
 
 def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -20,7 +20,7 @@ from grader.judging.judge import Recordings, judge, open_recordings
 from grader.lab.overrides import Overrides, moment_of
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import Rubric
-from grader.recording.bag import METADATA_FILE, Stream
+from grader.recording.bag import Stream
 from grader.recording.definitions import DefinitionNotFound, definition_of
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.foxglove import layout_of
@@ -76,22 +76,19 @@ def judge_bounded(folder: Path, rubric: Rubric, overrides: Overrides, *, page: b
 _SAMPLE = "# Arm\n\nRun `ros2 run arm node`, because best effort loses messages.\n\n- `node.py`: reliable, so slower.\n"
 
 
-#: Imported where they are first used.
-_IMPORTED_LATE = ("mcap.stream_reader", "numpy.ma")
 _TYPES_OF_NODES = "rcl_interfaces/msg/Log rcl_interfaces/msg/ParameterEvent"
 
 
-def prepare(rubric: Rubric, recordings: Path | None = None) -> None:
+def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
     """Judge the submission of nobody, so that what is imported and compiled for it is there for those that follow.
 
-    Copies of this process have it: judging the solution takes 0.3 s of a core then, and 0.5 s without. So has what
-    decodes messages of the installed types that the rubric names, or that are in recordings like those that follow.
+    Copies of this process have it: judging the solution takes 0.3 s of a core then, and 0.5 s without. So they have
+    what decodes messages of the installed types that the rubric names, or some files, as of a recording of its lab.
     """
-    for module in _IMPORTED_LATE:
+    for module in ("mcap.stream_reader", "numpy.ma"):  # imported where they are first used
         import_module(module)
     spelled = [_TYPES_OF_NODES, *(str(step.parameters) for each in rubric.sessions.values() for step in each.steps)]
-    for file in recordings.glob(f"*/{METADATA_FILE}") if recordings is not None else ():
-        spelled.append(file.read_text(encoding="utf-8"))
+    spelled += [file.read_text("utf-8") for file in naming_types]
     none = np.empty(0, np.int64)
     for name in sorted({name for text in spelled for name in re.findall(r"\b\w+/msg/\w+", text)}):
         with suppress(DefinitionNotFound):
