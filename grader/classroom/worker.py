@@ -25,7 +25,6 @@ from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from grader import pipeline
 from grader.bounded import limit_memory, write_all
@@ -43,9 +42,6 @@ from grader.live.sandbox.namespaces import end_with_parent
 from grader.live.sandbox.scratch import remove_stale, scratch_prefix
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.runner import Progress, given_in_steps
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 #: What reading and judging a submission may take of the address space; some 0.7 GiB suffice. The sandboxes that it
 #: starts have limits of their own.
@@ -68,24 +64,18 @@ class Workers(ForkingServer):
         super().__init__(__name__, (), {**os.environ, "OPENBLAS_NUM_THREADS": "1"}, Path.cwd())
 
 
-class Here:
+class Here(ExitStack):
     """Grading on this machine, so many submissions at a time as it may have slots; used as a context.
 
     What was lost with a process that somebody killed is graded again once, by a new one where all need it.
     """
 
     def __init__(self, isolation: Isolation, machine: Machine) -> None:
+        super().__init__()
         self._isolation, self._machine = isolation, machine
         self._room = asyncio.Semaphore(machine.slots + machine.spare)
-        self._opened = ExitStack()
+        self._workers: Workers | None = None
         self._lost = 0
-
-    def __enter__(self) -> Self:
-        self._workers = self._opened.enter_context(Workers())
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._opened.close()
 
     async def grade(self, job: Job, on_progress: Callable[[Progress], None]) -> tuple[Ending, Level]:
         """Grade a submission in a process of its own; returns how it ended, and how its code was confined."""
@@ -101,13 +91,13 @@ class Here:
         if self._lost == _MOST_LOST:
             remedy = "Find out what kills them, such as a want of memory (`dmesg`). The same command goes on from here."
             return PlatformError(f"the processes that grade were killed {_MOST_LOST} times in a row", remedy=remedy)
-        workers = self._workers
+        workers = self._workers = self._workers or self.enter_context(Workers())
         ending = await grade_in_process(job, workers, on_progress)
         if not isinstance(ending, ProcessLostError):
             self._lost = 0
         elif workers is self._workers and workers.has_ended():
             self._lost += 1
-            self._workers = self._opened.enter_context(Workers())
+            self._workers = None
         return ending
 
 

@@ -76,9 +76,6 @@ def judge_bounded(folder: Path, rubric: Rubric, overrides: Overrides, *, page: b
 _SAMPLE = "# Arm\n\nRun `ros2 run arm node`, because best effort loses messages.\n\n- `node.py`: reliable, so slower.\n"
 
 
-_TYPES_OF_NODES = "rcl_interfaces/msg/Log rcl_interfaces/msg/ParameterEvent"
-
-
 def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
     """Judge the submission of nobody, so that what is imported and compiled for it is there for those that follow.
 
@@ -87,7 +84,8 @@ def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
     """
     for module in ("mcap.stream_reader", "numpy.ma"):  # imported where they are first used
         import_module(module)
-    spelled = [_TYPES_OF_NODES, *(str(step.parameters) for each in rubric.sessions.values() for step in each.steps)]
+    spelled = [str(step.parameters) for session in rubric.sessions.values() for step in session.steps]
+    spelled.append("rcl_interfaces/msg/Log rcl_interfaces/msg/ParameterEvent")  # of every node
     spelled += [file.read_text("utf-8") for file in naming_types]
     none = np.empty(0, np.int64)
     for name in sorted({name for text in spelled for name in re.findall(r"\b\w+/msg/\w+", text)}):
