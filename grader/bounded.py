@@ -144,7 +144,10 @@ def _exceeded(bound: Bound, problem: str) -> BoundError:
 def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) -> NoReturn:
     """Work, send what comes of it, and end without a word to what this process shares with the one it came from."""
     status = 1
-    gc.freeze()  # What it was born with is not its own to collect, and was seen to crash where that was tried.
+    # What it was born with is not its own to collect, and was seen to crash where that was tried; of what it makes
+    # little is in cycles, for which to look takes a tenth of judging, and its memory is bounded.
+    gc.freeze()
+    gc.disable()
     try:
         # It shares what its parent holds, such as a slot of the machine, and must not hold that longer.
         ctypes.CDLL(None).prctl(_SET_PDEATHSIG, signal.SIGKILL)

@@ -44,6 +44,10 @@ class PlatformError(GraderError):
     exit_status = 5
 
 
+class ProcessLostError(PlatformError):
+    """A process of the grader's was killed, and a grading with it that may succeed another time."""
+
+
 class RecordingError(GraderError):
     """A recording is missing, damaged or of another version."""
 

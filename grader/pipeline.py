@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,7 +19,6 @@ from grader.bounded import Bound
 from grader.errors import UsageError, described
 from grader.files import UNFINISHED, atomic_replacement, replace_files, text_of
 from grader.judging.attempts import retry_undecided
-from grader.judging.judgement import Judgement, judge_bounded, prepare
 from grader.judging.rubrics import read_overrides, recorded_rubric, rubric_copy, rubric_files, rubric_files_of_result
 from grader.lab import kept_lab
 from grader.lab.overrides import Overrides
@@ -33,6 +33,7 @@ from grader.submission.separation import made_from
 from grader.timings import Stopwatch
 
 if TYPE_CHECKING:
+    from grader.judging.judgement import Judgement
     from grader.live.session.runner import Scheduler
 
 #: What a grading makes, the file that says that it is whole last.
@@ -267,7 +268,8 @@ def record(
                 lacking=lacking,
             )
             on_progress = watch.follow(on_progress)
-            preparing = threading.Timer(_PREPARED_AFTER_S, prepare, [rubric])
+            judging = partial(import_module, "grader.judging.judgement")  # Nothing waits for it until then.
+            preparing = threading.Timer(_PREPARED_AFTER_S, lambda: judging().prepare(rubric))
             preparing.daemon = True
             preparing.start()
             if options.scope is not Scope.UNDECIDED:
@@ -287,7 +289,8 @@ def record(
                 with work("judging"):
                     preparing.cancel()
                     preparing.join()
-                    return judge_bounded(recordings, rubric, options.overrides)
+                    found: Judgement = judging().judge_bounded(recordings, rubric, options.overrides)
+                    return found
 
             once = options.scope is Scope.ONCE or lacking
             return judged() if once else retry_undecided(recordings, chosen, retry, judged)
@@ -323,6 +326,8 @@ def judge_so_far(results: Path) -> Result:
 
     Checks of sessions that have not ended are undecided, and say so. Raises RecordingError if nothing has begun there.
     """
+    from grader.judging.judgement import judge_bounded
+
     new = results / UNFINISHED
     folder = new if (new / RECORDINGS).is_dir() else results
     rubric = recorded_rubric(rubric_copy(folder))

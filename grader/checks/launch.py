@@ -30,7 +30,7 @@ from grader.checks.fields import NumbersOf
 from grader.checks.preconditions import environment_gap_of
 from grader.evidence.cpu_delay import Span
 from grader.evidence.environment_gap import absent_module, is_newer_python
-from grader.evidence.recorded import Floats, clock_step_s
+from grader.evidence.recorded import clock_step_s
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
@@ -555,17 +555,13 @@ class TogetherFollows(_Doer):
             return None
         measured = np.array([np.interp(command.source_ns, state.source_ns, column) for column in states.T]).T
         half = len(measured) // 2
-        off, size = (_root_mean_square(rows[half:]) for rows in (measured - commands, commands))
+        # Each the root of the mean over all rows of a row's squared length.
+        off, size = (np.sqrt(np.mean((rows[half:] ** 2).sum(axis=1))) for rows in (measured - commands, commands))
         text = f"{self.subject} is off by {off:.3f} {self.unit}".rstrip()
         # What rests is off by the whole size of the command.
         if off < self.off_share * size + self.off:
             return Part(1.0, text)
         return Part(0.0, text, f"{self.subject.capitalize()} does not follow the commands.", float(late))
-
-
-def _root_mean_square(rows: Floats) -> float:
-    """Return the root of the mean over all rows of a row's squared length."""
-    return float(np.sqrt(np.mean((rows**2).sum(axis=1))))
 
 
 class TogetherAnswers(_Doer):

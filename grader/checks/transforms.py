@@ -330,9 +330,9 @@ def _stamps(seen: _Seen, wanted: WantedFrame) -> Part:
     old, ahead = ages_s > p.oldest_s, ages_s < -p.ahead_s
     worst_s = float(ages_s[np.abs(ages_s).argmax()])
     share = quantise(1 - float((old | ahead).mean()))
-    excused = sum(
-        _was_late(seen, int(edge.source_ns[n]), float(ages_s[n])) for n in np.flatnonzero(old)[:_MOST_DOUBTED]
-    )
+    # Those that got old before they were published, since the machine delayed the program for so long.
+    aged = [(int(edge.source_ns[n]), float(ages_s[n])) for n in np.flatnonzero(old)[:_MOST_DOUBTED]]
+    excused = sum(seen.delay_s(sent_ns - round(s * 1e9), sent_ns) >= s - p.oldest_s for sent_ns, s in aged)
     best = quantise(1 - float((old | ahead).mean()) + excused / len(old))
     which = "in the future" if worst_s < 0 else "old"
     reason = f"Stamps of {wanted.child} are up to {abs(worst_s):.2f} s {which} when they are published."
@@ -342,11 +342,6 @@ def _stamps(seen: _Seen, wanted: WantedFrame) -> Part:
 
 #: Of more stamps that are old, not all can be the machine's doing.
 _MOST_DOUBTED = 200
-
-
-def _was_late(seen: _Seen, source_ns: int, age_s: float) -> bool:
-    """Whether the machine delayed the program for so long that a stamp got old before it was published."""
-    return seen.delay_s(source_ns - round(age_s * 1e9), source_ns) >= age_s - seen.p.oldest_s
 
 
 def _rate(seen: _Seen, wanted: WantedFrame, rate_hz: float) -> Part:

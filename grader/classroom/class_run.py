@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -16,7 +15,7 @@ from grader.classroom.journal import UNJUDGED, Entry, Journal, recordings_sha256
 from grader.classroom.progress import RunProgress
 from grader.classroom.regrade import regrade_all
 from grader.classroom.scheduler import Machine
-from grader.classroom.worker import Workers, grade_in_process
+from grader.classroom.worker import Here
 from grader.cohort.entries import ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
 from grader.files import text_of
@@ -31,22 +30,6 @@ from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, load_result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.submission.extraction import SubmissionSource, open_submission
-
-
-class Here:
-    """Grading on this machine, so many submissions at a time as it may have slots."""
-
-    def __init__(self, isolation: Isolation, machine: Machine, workers: Workers) -> None:
-        self._isolation = isolation
-        self._machine = machine
-        self._workers = workers
-        self._room = asyncio.Semaphore(machine.slots + machine.spare)
-
-    async def grade(self, job: Job, on_progress: Callable[[Progress], None]) -> tuple[Ending, Level]:
-        """Grade a submission in a process of its own; returns how it ended, and how its code was confined."""
-        async with self._room:
-            here = replace(job, isolation=self._isolation, machine=self._machine)
-            return await grade_in_process(here, self._workers, on_progress), self._isolation.level
 
 
 @dataclass(frozen=True)
@@ -175,7 +158,7 @@ class ClassRun:
             if isinstance(location, str):
                 opened = await stack.enter_async_context(cluster(location, self.display.note))
             else:
-                opened = Here(location, self.machine, stack.enter_context(Workers()))
+                opened = stack.enter_context(Here(location, self.machine))
             # What this machine leaves undecided is recorded again when it has nothing else to do.
             scope = Scope.ALL if isinstance(location, str) else Scope.ONCE
             endings = await side_by_side(self._first(task, opened, scope) for task in tasks)

@@ -23,7 +23,7 @@ from typing import Any
 from grader.classroom import fingerprint
 from grader.classroom.job import Ending, Job
 from grader.classroom.scheduler import Machine
-from grader.classroom.worker import Workers, grade_in_process
+from grader.classroom.worker import Here
 from grader.errors import GraderError, PlatformError
 from grader.files import atomic_replacement
 from grader.live.sandbox.isolation import Level
@@ -86,9 +86,8 @@ def grade_bundle(bundle: bytes) -> tuple[Ending, str, bytes]:
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
         job = _laid_out(sent, Path(scratch))
         isolation = probe_isolation(job.options.interpreter)
-        job = replace(job, isolation=isolation, machine=Machine.of(isolation, job.options.jobs))
-        with Workers() as workers:
-            ending = asyncio.run(grade_in_process(job, workers, lambda progress: None))
+        with Here(isolation, Machine.of(isolation, job.options.jobs)) as here:
+            ending, _ = asyncio.run(here.grade(job, lambda progress: None))
         made = dict(fingerprint.files_below(job.results))
         return ending, isolation.level.value, packed(made) if made else b""
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from grader.classroom.scheduler import Machine
-from grader.errors import GraderError, RubricError, described
+from grader.errors import GraderError, ProcessLostError, RubricError, described
 from grader.lab.rubric import Rubric
 from grader.live.sandbox.isolation import Isolation
 from grader.pipeline import Options
@@ -44,7 +44,8 @@ def problem_of(error: Exception) -> GraderError:
     """Return what an exception says, on one line and of a length that can be shown in a table."""
     found = described(error)
     problem = "; ".join([found.problem, *found.mistakes]) if isinstance(found, RubricError) else found.problem
-    shown = GraderError(problem[:_MOST_TEXT], location=found.location[:_MOST_TEXT], remedy=found.remedy[:_MOST_TEXT])
+    kind = ProcessLostError if isinstance(found, ProcessLostError) else GraderError
+    shown = kind(problem[:_MOST_TEXT], location=found.location[:_MOST_TEXT], remedy=found.remedy[:_MOST_TEXT])
     shown.exit_status = found.exit_status
     return shown
 

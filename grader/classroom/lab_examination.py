@@ -191,7 +191,9 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
     if absent := [criterion.id for criterion in rubric.bonus if criterion.id not in beside]:
         yield Remark("!", f"The solution holds nothing of the bonus {', '.join(absent)}, so that this is not examined.")
     lost = [check for check in result.every_check if check.outcome is not Outcome.PASSED]
-    yield from (Remark("!", f"{check.id} does not pass on the solution's recording: {_said(check)}") for check in lost)
+    for check in lost:
+        found = f"{check.outcome.value.replace('_', ' ')}; expected {check.expected}, found {check.measured}"
+        yield Remark("!", f"{check.id} does not pass on the solution's recording: {check.reason or found}")
     free = [check for check in idle if check.earned]
     for check in free:
         words = f"{check.id} earns {points(check.earned)} points also where nothing happens"
@@ -208,10 +210,6 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
 def _experiments(rubric: str) -> list[Any]:
     plain = yaml.load(rubric, yaml.CSafeLoader)
     return [plain.get(key) for key in ("artifacts", "reference", "sessions")]
-
-
-def _said(check: CheckResult) -> str:
-    return check.reason or f"{check.outcome.value.replace('_', ' ')}; expected {check.expected}, found {check.measured}"
 
 
 def _judged(recordings: Path, rubric: Rubric) -> Result:

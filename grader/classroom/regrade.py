@@ -24,6 +24,7 @@ from grader.lab.kept_lab import remarks as remarks_on_lab
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
 from grader.pipeline import files_of
+from grader.recording.bag import METADATA_FILE
 from grader.result import Result, load_result, result_of_text
 from grader.result_folder import RECORDINGS, RESULT_FILE
 from grader.submission.separation import made_from, uncounted_overrides
@@ -144,7 +145,8 @@ def regrade_all(
 ) -> Regrade:
     """Judge recordings, each by its measure; see `regrade`."""
     if len(measures) > 1:
-        judgement.prepare(next(iter(measures.values()))[0])
+        folder, (rubric, _) = next(iter(measures.items()))
+        judgement.prepare(rubric, (folder / RECORDINGS).glob(f"*/{METADATA_FILE}"))
     works = {folder: partial(_judge, folder, measure, pages, again) for folder, measure in measures.items()}
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     judged, failed = {}, {}

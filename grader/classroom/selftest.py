@@ -12,10 +12,10 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from grader.classroom.class_run import Here
 from grader.classroom.expectations import Fixture, compare
 from grader.classroom.job import Job, problem_of
 from grader.classroom.progress import RunProgress
+from grader.classroom.worker import Here
 from grader.errors import GraderError
 from grader.lab.rubric import Rubric
 from grader.live.process.waiting import side_by_side

@@ -2,7 +2,8 @@
 
 Both ends: `grade_in_process` asks for a process with a job in a file, and ends it when it hangs; the process says
 through a pipe what it is doing, and at last how that ended. For each session, and for its own work, it waits for one of
-the machine's slots. All of a class are forks of one process, `Workers`, which has imported what they need.
+the machine's slots. All of a class are forks of one process, `Workers`, which has imported what they need, and which
+`Here` replaces where it is lost.
 """
 
 from __future__ import annotations
@@ -21,21 +22,22 @@ import time
 import traceback
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from grader import pipeline
 from grader.bounded import limit_memory, write_all
 from grader.classroom.job import Ending, Job, problem_of
-from grader.errors import GraderError
+from grader.classroom.scheduler import Machine
+from grader.errors import GraderError, PlatformError, ProcessLostError
 from grader.files import UNFINISHED
 from grader.judging.judgement import prepare
 from grader.lab.rubric import SessionSpec
 from grader.live.process.forked import Program
 from grader.live.process.forking import ForkingServer, serve
 from grader.live.process.waiting import within
-from grader.live.sandbox.isolation import Isolation
+from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.namespaces import end_with_parent
 from grader.live.sandbox.scratch import remove_stale, scratch_prefix
 from grader.live.session.fork_server import ForkServer
@@ -48,6 +50,8 @@ MOST_MEMORY_BYTES = 4 * 1024**3
 _END_S = 15.0
 #: How often one that waits says so.
 _STILL_WAITS_S = 10.0
+#: How often in a row the process that grades many may be lost, with no grading ended between.
+_MOST_LOST = 3
 
 
 # -- the process that grades many ----------------------------------------------------------------
@@ -58,6 +62,43 @@ class Workers(ForkingServer):
 
     def __init__(self) -> None:
         super().__init__(__name__, (), {**os.environ, "OPENBLAS_NUM_THREADS": "1"}, Path.cwd())
+
+
+class Here(ExitStack):
+    """Grading on this machine, so many submissions at a time as it may have slots; used as a context.
+
+    What was lost with a process that somebody killed is graded again once, by a new one where all need it.
+    """
+
+    def __init__(self, isolation: Isolation, machine: Machine) -> None:
+        super().__init__()
+        self._isolation, self._machine = isolation, machine
+        self._room = asyncio.Semaphore(machine.slots + machine.spare)
+        self._workers: Workers | None = None
+        self._lost = 0
+
+    async def grade(self, job: Job, on_progress: Callable[[Progress], None]) -> tuple[Ending, Level]:
+        """Grade a submission in a process of its own; returns how it ended, and how its code was confined."""
+        job = replace(job, isolation=self._isolation, machine=self._machine)
+        async with self._room:
+            ending = await self._grade(job, on_progress)
+            if isinstance(ending, ProcessLostError):
+                on_progress(Progress("", "begins again, since a process of the grader's was killed"))
+                ending = await self._grade(job, on_progress)
+            return ending, self._isolation.level
+
+    async def _grade(self, job: Job, on_progress: Callable[[Progress], None]) -> Ending:
+        if self._lost == _MOST_LOST:
+            remedy = "Find out what kills them, such as a want of memory (`dmesg`). The same command goes on from here."
+            return PlatformError(f"the processes that grade were killed {_MOST_LOST} times in a row", remedy=remedy)
+        workers = self._workers = self._workers or self.enter_context(Workers())
+        ending = await grade_in_process(job, workers, on_progress)
+        if not isinstance(ending, ProcessLostError):
+            self._lost = 0
+        elif workers is self._workers and workers.has_ended():
+            self._lost += 1
+            self._workers = None
+        return ending
 
 
 async def grade_in_process(job: Job, workers: Workers, on_progress: Callable[[Progress], None]) -> Ending:
@@ -112,11 +153,14 @@ async def _end(process: int, said: asyncio.StreamReader) -> None:
 
 def _broken(status: int | None, errors: Path) -> GraderError:
     """Return what is known of a process that ended without an ending."""
-    how = f"status {status}" if status is None or status >= 0 else signal.Signals(-status).name
+    if status is None:
+        return ProcessLostError("the process that grades all submissions was killed")
+    how = f"status {status}" if status >= 0 else signal.Signals(-status).name
     lines = errors.read_text(encoding="utf-8", errors="replace").strip().splitlines()
     last = f": {lines[-1]}" if lines else ""
     remedy = "Grade this submission alone. A SIGKILL that nobody sent means that the machine ran out of memory."
-    return GraderError(f"the grader's process ended with {how}{last}", remedy=remedy)
+    kind = ProcessLostError if status < 0 else GraderError
+    return kind(f"the grader's process ended with {how}{last}", remedy=remedy)
 
 
 # -- the process that grades one -----------------------------------------------------------------
@@ -141,7 +185,7 @@ def main() -> None:
             grade = partial(_grade, job, folder, servers[0])
             return Program("worker", grade, dict(os.environ), kept=[servers[0].fileno()])
 
-        serve(link, program_of)
+        serve(link, program_of, servers)
 
 
 def _grade(job: Job, folder: Path, forks: ForkServer) -> None:

@@ -102,12 +102,11 @@ def _run(
     fixtures: Sequence[Fixture], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> list[FixtureRun]:
     from grader import pipeline
-    from grader.classroom.class_run import Here
     from grader.classroom.journal import Journal
     from grader.classroom.progress import RunProgress
     from grader.classroom.scheduler import Machine
     from grader.classroom.selftest import run_fixtures
-    from grader.classroom.worker import Workers
+    from grader.classroom.worker import Here
     from grader.live.sandbox.probing import probe_isolation
 
     interpreter = Path(sys.executable)
@@ -117,6 +116,5 @@ def _run(
     live = pipeline.Options(interpreter, least_isolation="none")
     folder = tempfile.TemporaryDirectory() if options.output is None else nullcontext(str(options.output))
     display = RunProgress(console, machine.slots, "fixtures")
-    with folder as path, Journal.open(Path(path)) as alone, Workers() as workers, display:
-        here = Here(isolation, machine, workers)
+    with folder as path, Journal.open(Path(path)) as alone, Here(isolation, machine) as here, display:
         return asyncio.run(run_fixtures(fixtures, rubric, live, here, alone.results, display))

@@ -15,7 +15,6 @@ from grader.result import (
     ANSWERS,
     FOR_A_PERSON,
     WHOLE,
-    Adjustment,
     AdjustmentKind,
     CheckResult,
     CriterionResult,
@@ -107,12 +106,8 @@ def state_of(result: Result, id_: str) -> str:
     return hashlib.sha256(said.encode("utf-8", "surrogatepass")).hexdigest()[:16]
 
 
-def same_mistake(results: Mapping[str, Result], name: str, check_id: str) -> tuple[str, ...]:
-    """Return who lost points at a check, or is undecided there, for the same as one, who comes first."""
-    return _same_mistakes(results).get((name, check_id), (name,))
-
-
 def _same_mistakes(results: Mapping[str, Result]) -> dict[tuple[str, str], tuple[str, ...]]:
+    """Return who lost points at each check, or is undecided there, for the same as one, who comes first."""
     groups: defaultdict[tuple[object, ...], list[str]] = defaultdict(list)
     of: dict[tuple[str, str], tuple[object, ...]] = {}
     for name, result in results.items():
@@ -152,8 +147,9 @@ def _of_checks(
             said = [a for a in result.adjustments if a.what == judged.id]
             answered = any(a.kind in ANSWERS for a in result.adjustments if a.what in (judged.id, criterion.id))
             asked: list[tuple[Kind, str, bool]] = []
-            if (appeal := _last_appeal(said)) is not None:
-                asked.append((Kind.APPEAL, said[appeal].reason, any(a.kind in ANSWERS for a in said[appeal:])))
+            if appeals := [n for n, each in enumerate(said) if each.kind is AdjustmentKind.APPEAL]:
+                last = appeals[-1]
+                asked.append((Kind.APPEAL, said[last].reason, any(a.kind in ANSWERS for a in said[last:])))
             if isinstance(judged, CheckResult) and judged.undecided:
                 kind = Kind.TO_GRADE if judged.id in by_person else Kind.UNDECIDED
                 asked.append((kind, judged.reason, judged.id not in open_ids))
@@ -166,7 +162,3 @@ def _of_checks(
                 stake = part.possible - part.earned if kind is not Kind.NOTE else part.earned
                 states = state_of(result, judged.id), criterion_state
                 yield Item(kind, name, part, text, *states, stake, others, criterion.id, is_decided)
-
-
-def _last_appeal(said: list[Adjustment]) -> int | None:
-    return next((n for n in reversed(range(len(said))) if said[n].kind is AdjustmentKind.APPEAL), None)

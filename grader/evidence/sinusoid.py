@@ -57,8 +57,10 @@ def fit_sinusoid(times_s: Floats, values: Floats, lowest_hz: float, highest_hz: 
 def _fit_each(times_s: Floats, values: Floats, frequencies_hz: Floats) -> tuple[Floats, Floats]:
     """Fit offset, sine and cosine at each frequency; returns the (n, 3) coefficients and n residuals."""
     phases = 2 * np.pi * np.outer(frequencies_hz, times_s)
-    design = np.stack([np.ones_like(phases), np.sin(phases), np.cos(phases)], axis=1)
+    design = np.ones((len(phases), 3, len(times_s)))
+    np.sin(phases, out=design[:, 1])
+    np.cos(phases, out=design[:, 2])
     normal = design @ design.transpose(0, 2, 1) + 1e-12 * len(values) * np.eye(3)
     coefficients = np.linalg.solve(normal, (design @ values)[:, :, np.newaxis])[:, :, 0]
-    left = values - np.einsum("fk,fkt->ft", coefficients, design)
-    return coefficients, np.sqrt(np.mean(left**2, axis=1))
+    left = np.subtract(values, np.einsum("fk,fkt->ft", coefficients, design, out=phases), out=phases)
+    return coefficients, np.sqrt(np.mean(np.square(left, out=left), axis=1))

@@ -7,10 +7,13 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from decimal import Decimal
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from grader.judging.judgement import Judgement
 from grader.recording.session import SESSION_FILE, read_session, write_session
 from grader.result import Result
+
+if TYPE_CHECKING:
+    from grader.judging.judgement import Judgement
 
 #: How often a session whose checks are undecided is recorded again, alone.
 RETRIES = 2

@@ -20,6 +20,7 @@ import shutil
 import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -430,6 +431,7 @@ class Bag:
         for (received_ns, _, _, buffer, start, end), topic in sorted(rows, key=lambda item: item[0][0]):
             yield min(received_ns, INFINITE_NS), topic, bytes(buffer[start:end])
 
+    @functools.cache  # noqa: B019 - a bag lives as long as its judging
     def stream(self, topic: str, topic_type: str | None = None) -> Stream:
         """Messages of a topic (fully qualified), of its type with the most where none is given; none if it has none."""
         if topic_type is None:
@@ -453,4 +455,5 @@ def _column(rows: list[_Row], index: int) -> Int64s:
     import numpy as np
 
     # Times of foreign bags may use all 64 bits; they are held at the largest that int64 has.
-    return np.fromiter((min(row[index], INFINITE_NS) for row in rows), dtype=np.int64, count=len(rows))
+    whole = np.fromiter(map(itemgetter(index), rows), dtype=np.uint64, count=len(rows))
+    return np.minimum(whole, INFINITE_NS, out=whole).astype(np.int64)

@@ -38,9 +38,8 @@ def from_plain(kind: type[T], plain: Any) -> T:
     if not isinstance(plain, dict):
         raise ValueError(f"{kind.__name__}: an object was expected")
     readers = _readers(cast(Any, kind))
-    unknown = sorted(set(plain) - set(readers))
-    if unknown:
-        raise ValueError(f"{kind.__name__}: unknown key {unknown[0]!r}")
+    if not plain.keys() <= readers.keys():
+        raise ValueError(f"{kind.__name__}: unknown key {min(plain.keys() - readers.keys())!r}")
     try:
         return kind(**{name: readers[name](value) for name, value in plain.items()})
     except TypeError as problem:

@@ -114,16 +114,13 @@ def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
 def collect_files(folder: Path, record: SubmissionRecord) -> None:
     """Note the files of a folder with their hashes, and the texts that may be read."""
     paths = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
-    for path in sorted(paths, key=_files_before_folders):
+    # The files of a folder come before those of the folders in it.
+    for path in sorted(paths, key=lambda path: (*((True, part) for part in path.parts[:-1]), (False, path.name))):
         content = (folder / path).read_bytes()
         record.files.append(FileFact(path.as_posix(), len(content), hashlib.sha256(content).hexdigest()))
         if path.suffix.lower() in TEXT_SUFFIXES and len(content) <= MAX_TEXT_BYTES and b"\0" not in content:
             record.texts[path.as_posix()] = decode_text(content)
     _limit_texts(record.texts)
-
-
-def _files_before_folders(path: Path) -> tuple[tuple[bool, str], ...]:
-    return (*((True, folder) for folder in path.parts[:-1]), (False, path.name))
 
 
 def _limit_texts(texts: dict[str, str]) -> None:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 import signal
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from decimal import Decimal
 from pathlib import Path
 
@@ -17,13 +20,14 @@ pytest.importorskip("rclpy")
 sys.path.append(str(Path(__file__).parents[2]))
 
 from grader.classroom.journal import Journal
+from grader.errors import PlatformError
 from grader.judging.rubrics import read_rubric
 from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
 from grader.recording.session import read_session, write_session
 from grader.result_folder import JOURNAL_FILE, RECORDINGS
 from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
-from tests.live.small_lab import TALKER, remains, until
+from tests.live.small_lab import TALKER, command_of, name_of, remains, until
 from tests.regraded import judge_results
 from tests.report.exports.importers import User, moodle_feedback, moodle_grade_book, moodle_worksheet
 
@@ -227,3 +231,60 @@ def test_a_class_of_one_is_graded_as_one_submission(tmp_path: Path) -> None:
     assert status == 0
     assert "Report: " in output
     assert [path.name for path in small.results.iterdir()] == ["ann"]
+
+
+NAMES = ("ann", "bob", "cem", "dan")
+#: The process of a class run that is killed: part of its command line, and how its name begins.
+VICTIMS = {
+    "the server of all sandboxes": ("grader.live.session.fork_server", "python"),
+    "the server of one grading's": ("grader.live.session.fork_server", "fork server"),
+    "the process that grades all": ("grader.classroom.worker", "python"),
+    "the process that grades one": ("grader.classroom.worker", "worker"),
+}
+
+
+def kill(family: Family, victim: str) -> set[int]:
+    """Kill the processes of a run that are the victim; returns their ids."""
+    part, name = VICTIMS[victim]
+    family.look()
+    found = {pid for pid, _ in family.members if part in command_of(pid) and name_of(pid).startswith(name)}
+    for pid in found:
+        with suppress(ProcessLookupError):
+            os.kill(pid, signal.SIGKILL)
+    return found
+
+
+@pytest.mark.parametrize("victim", VICTIMS)
+def test_a_process_that_is_killed_is_replaced(tmp_path: Path, victim: str) -> None:
+    """In the midst of a session, whichever it is: the run goes on, and what was lost is graded once more."""
+    small = make_class(tmp_path, dict.fromkeys(NAMES, TALKER))
+    with small.start("-j", "2") as process:
+        family = half_done(small, process.pid)
+        assert kill(family, victim)
+        output, errors = process.communicate(timeout=120)
+    assert (process.returncode, errors) == (0, "")
+    assert "4 graded" in output
+    assert earned(small) == dict.fromkeys(NAMES, 1)
+    until(lambda: not family.left(), 10)
+    assert remains(small.temporary) == []
+
+
+def test_a_process_that_is_killed_each_time_ends_the_run(tmp_path: Path) -> None:
+    """After three in a row the run says so for all that is left; the next run grades them."""
+    small = make_class(tmp_path, dict.fromkeys(NAMES, SLEEPS))
+    killed: set[int] = set()
+    with small.start("-j", "1") as process:
+        family = Family(process.pid)
+        while process.poll() is None:
+            family.look()
+            if small.recording() and any("/ws/install" in c for c in family.left()):
+                killed |= kill(family, "the server of all sandboxes")
+            time.sleep(0.05)
+        output, errors = process.communicate(timeout=60)
+    assert len(killed) == 3
+    assert process.returncode == PlatformError.exit_status, errors
+    assert output.count("killed 3 times in a row") >= 3, output
+    for name in NAMES:
+        small.hand_in(name, TALKER)
+    assert small.grade()[0] == 0
+    assert earned(small) == dict.fromkeys(NAMES, 1)

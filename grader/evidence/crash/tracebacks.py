@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 from grader.recording.session import OutputLine
 
@@ -79,7 +79,8 @@ def plain_lines(output: Sequence[OutputLine]) -> list[OutputLine]:
     """Lines without colours and the prefixes of a launch."""
     kept = output if len(output) <= HEAD_LINES + TAIL_LINES else [*output[:HEAD_LINES], *output[-TAIL_LINES:]]
     texts = (without_colours(line.text[:LINE_LIMIT]).rstrip("\r\n") for line in kept)
-    return [replace(line, text=_LAUNCH_PREFIX.sub("", text)) for line, text in zip(kept, texts, strict=True)]
+    stripped = (_LAUNCH_PREFIX.sub("", text) for text in texts)
+    return [OutputLine(line.t_ns, line.stream, text) for line, text in zip(kept, stripped, strict=True)]
 
 
 def tracebacks(output: Sequence[OutputLine]) -> list[Raised]:

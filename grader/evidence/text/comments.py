@@ -47,14 +47,16 @@ class CodeFinder:
 
     def lines_of_code(self, lines: Sequence[str]) -> set[int]:
         """Return which of consecutive lines of comments are code: what surely is, and what parses beside it."""
-        depths = [_depth(line[:400]) for line in lines]
+        depths = [sum(map(line[:400].count, "([{")) - sum(map(line[:400].count, ")]}")) for line in lines]
         parses: list[int] = []
         code: set[int] = set()
         at = 0
         while at < len(lines):
             size, statement = 1, None
             if _CODE_HINT.search(lines[at][:400]):
-                for size in dict.fromkeys((_closed_after(depths[at : at + SPAN_LINES]), 1)):
+                # Up to the line that closes what the first one opens.
+                open_brackets = enumerate(accumulate(depths[at : at + SPAN_LINES]), 1)
+                for size in dict.fromkeys((next((size for size, depth in open_brackets if depth <= 0), 1), 1)):
                     fragment = "\n".join(lines[at : at + size])
                     if (statement := self._last_statement(_completed(fragment))) is not None:
                         break
@@ -71,15 +73,6 @@ class CodeFinder:
         self._left -= 1
         tree = expression_tree(text) if self._left >= 0 and len(text) <= _LONGEST_FRAGMENT else None
         return tree.body[-1] if tree is not None and tree.body else None
-
-
-def _depth(line: str) -> int:
-    return sum(line.count(c) for c in "([{") - sum(line.count(c) for c in ")]}")
-
-
-def _closed_after(depths: Sequence[int]) -> int:
-    """How many lines there are up to the one that closes what the first one opens; one if none does."""
-    return next((size for size, depth in enumerate(accumulate(depths), 1) if depth <= 0), 1)
 
 
 def _completed(fragment: str) -> str:

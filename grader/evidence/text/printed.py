@@ -6,7 +6,7 @@ import functools
 import itertools
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from grader.evidence.crash.tracebacks import without_colours
 from grader.evidence.recorded import Recorded
@@ -20,6 +20,7 @@ _NUMBER = re.compile(rf"{NUMBER}|[+-]?\b(?:nan|inf)\b", re.IGNORECASE)
 _LONG_RUN = re.compile(r"(\d{40})\d+|([^\S\n]{20})[^\S\n]+|([.=_*~+#-]{100})[.=_*~+#-]+")
 
 
+@functools.lru_cache(maxsize=4096)
 def with_short_runs(text: str) -> str:
     """Return a text whose numbers, blanks and rules have the length that people print, at most.
 
@@ -118,7 +119,7 @@ def printed_vector(
     row, or lines that say ``mean = 0.1`` of one element each. Where the regular expression `unless` is found between
     the beginning of the line and the numbers, they are of something else.
     """
-    output = [replace(line, text=with_short_runs(without_colours(line.text))) for line in output]
+    output = [OutputLine(line.t_ns, line.stream, with_short_runs(without_colours(line.text))) for line in output]
     there = "\n".join(line.text for line in output).lower()
     found = (_labelled(output, re.escape(label), after_ns, unless) for label in labels if label.lower() in there)
     return next((vector for vector in found if vector is not None), None)

@@ -15,7 +15,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, Any
@@ -162,7 +162,8 @@ def _build(
         _open_to_all(sources)
         for prefix in others:
             shutil.copytree(prefix, room.tools[INTERFACES] / prefix.name)
-        answer = _run(isolation, room.with_tools({"/sources": sources, "/building": _INSIDE}), package, others, left_s)
+        room = replace(room, tools={**room.tools, "/sources": sources, "/building": _INSIDE})
+        answer = _run(isolation, room, package, others, left_s)
         if answer:
             raise _NotBuilt(str(answer.get("problem"))[:500], invalid=answer.get("invalid") is True)
         _take(out / package.name, target)

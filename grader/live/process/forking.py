@@ -71,6 +71,10 @@ class ForkingServer:
         """Return the descriptor by which it is asked."""
         return self._link.fileno()
 
+    def has_ended(self) -> bool:
+        """Whether its process is gone: it says nothing by this descriptor, so that only its end can be read."""
+        return bool(select.select([self], [], [], 0)[0])
+
     def __exit__(self, *_: object) -> None:
         self._link.shutdown(socket.SHUT_WR)
         try:
@@ -96,11 +100,12 @@ class ForkingServer:
         return await read_pipe(reader)
 
 
-def serve(link: socket.socket, program_of: Callable[[bytes], Program]) -> None:
+def serve(link: socket.socket, program_of: Callable[[bytes], Program], needed: Sequence[ForkingServer] = ()) -> None:
     """Fork a program for each request, until there will be no more; what still runs then is killed.
 
     A request comes with two descriptors, the program's standard output and error. `program_of` raises OSError where
-    it cannot be started.
+    it cannot be started. Where a server that all `needed` has ended, this one is of no more use: it is to end at once,
+    which kills its forks.
     """
     server, null = os.getpid(), os.open(os.devnull, os.O_RDONLY)
     outputs: dict[int, int] = {}
@@ -109,7 +114,9 @@ def serve(link: socket.socket, program_of: Callable[[bytes], Program]) -> None:
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(waking, warn_on_full_buffer=False)
     while True:
-        ready, _, _ = select.select([link.fileno(), woken], [], [])
+        ready, _, _ = select.select([link.fileno(), woken, *(server.fileno() for server in needed)], [], [])
+        if any(server.fileno() in ready for server in needed):
+            return
         if woken in ready:
             os.read(woken, _MOST_REQUEST_BYTES)
             _reap(outputs, os.WNOHANG)

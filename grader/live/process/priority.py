@@ -91,12 +91,8 @@ def put_in_real_time(pids: Iterable[int], priority: int = RECORDING) -> None:
     for pid in pids:
         with suppress(OSError, ValueError):
             resource.prlimit(pid, resource.RLIMIT_RTTIME, (_RUNAWAY_US, _RUNAWAY_US))
-            _schedule(pid, os.SCHED_RR, priority)
-
-
-def _schedule(pid: int, policy: int, priority: int) -> None:
-    for task in tasks_of(pid):
-        os.sched_setscheduler(int(task), policy, os.sched_param(priority))
+            for task in tasks_of(pid):
+                os.sched_setscheduler(int(task), os.SCHED_RR, os.sched_param(priority))
 
 
 def demote(tids: Iterable[int]) -> None:

@@ -13,7 +13,7 @@ import socket
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -202,10 +202,6 @@ class Room:
                 mount(folder)
         for area in (HOME, TEMPORARY, SHARED_MEMORY):
             self.areas[area].chmod(0o1777)
-
-    def with_tools(self, tools: Mapping[str, Path]) -> Room:
-        """Return a room in which further folders of ours are seen."""
-        return replace(self, tools={**self.tools, **tools})
 
     def seen(self, isolation: Isolation) -> dict[str, str]:
         """Return where a student's process sees its folders."""

@@ -105,7 +105,7 @@ def _program_of(request: bytes, types: Sequence[str]) -> Program:
     word, _, name = request.partition(b"\0")
     form, plan = Form(word.decode()), Path(os.fsdecode(name))
     if not _loaded:
-        enter_own_mounts(form)
+        enter_own_mounts(form)  # Before: what is loaded has threads of its own, which keep a user from it.
         _load_ros(types)
         _loaded.append(form)
         # A collection in a fork would touch, and so copy, the memory of all objects that are there now.

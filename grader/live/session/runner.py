@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
-from grader.errors import PlatformError
+from grader.errors import PlatformError, ProcessLostError
 from grader.lab.rubric import Rubric, SessionSpec
 from grader.live.process.waiting import side_by_side, within
 from grader.live.sandbox.environment import NativeLaunch
@@ -199,9 +199,10 @@ class SessionRunner:
 async def sandbox_pid(messages: asyncio.StreamReader) -> int:
     """Return the process id by which a sandbox ends, or raise `PlatformError` with why it could not be made."""
     first = (await messages.readline()).decode("utf-8", "replace").strip()
+    if not first:
+        raise ProcessLostError("the process that starts sandboxes has ended", remedy=_REMEDY)
     if not first.isdecimal():
-        reason = first or "the process that starts sandboxes has ended"
-        raise PlatformError(f"a session cannot be started here: {reason}", remedy=_REMEDY)
+        raise PlatformError(f"a session cannot be started here: {first}", remedy=_REMEDY)
     return int(first)
 
 

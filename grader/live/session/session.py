@@ -165,7 +165,8 @@ class Session:
             "seed": self.record.seed,
             "names": self.record.names,
             "with": settings,
-            "subscriptions": self._subscriptions(),
+            # The student's, by topic, those of a process that died included.
+            "subscriptions": Counter(e.topic for e in self._students_endpoints() if e.kind == "subscription"),
             "types": self._types(),
         }
         run = ProcessRun(name, "reference", ["python", Path(spec["file"]).name, json.dumps(configuration)])
@@ -186,10 +187,6 @@ class Session:
         """Return the types of the topics to which the student subscribes, which may not be the lab's."""
         waits = [s for s in self.record.steps if s.kind == "wait_for" and s.parameters.get("subscription")]
         return {s.result["name"]: s.result["type"] for s in waits if "type" in s.result}
-
-    def _subscriptions(self) -> dict[str, int]:
-        """Count the student's subscriptions by topic, those of a process that died included."""
-        return dict(Counter(e.topic for e in self._students_endpoints() if e.kind == "subscription"))
 
     async def _sample(self) -> None:
         while True:

@@ -138,11 +138,8 @@ def _caption(motion: Motion, unit_m: float) -> str:
     if not len(motion.ghost):
         return "No command reached it in this recording."
     at_s, off_m = motion.times_ms[motion.still] / 1000, float(motion.off.max()) * unit_m
-    return f"At {at_s:.2f} s the tip is farthest from where it is commanded to be: {_length(off_m)}."
-
-
-def _length(length_m: float) -> str:
-    return f"{short(length_m)} m" if length_m >= 1 else f"{short(1000 * length_m)} mm"
+    off = f"{short(off_m)} m" if off_m >= 1 else f"{short(1000 * off_m)} mm"
+    return f"At {at_s:.2f} s the tip is farthest from where it is commanded to be: {off}."
 
 
 def projected(points: Integers | Floats) -> Floats:

@@ -112,8 +112,8 @@ def tag(name: str, content: str | Markup = "", **attributes: str | float) -> Mar
     """Return an element; `class_` and `text_anchor` become class and text-anchor, and text is made fit to be shown."""
     parts = []
     for key, value in attributes.items():
-        written = value if isinstance(value, str) else f"{value:.1f}".removesuffix(".0")
-        parts.append(f' {key.rstrip("_").replace("_", "-")}="{escape(written)}"')
+        written = escape(value) if isinstance(value, str) else f"{value:.1f}".removesuffix(".0")
+        parts.append(f' {key.rstrip("_").replace("_", "-")}="{written}"')
     inside = content if isinstance(content, Markup) else escape(shown(content))
     return Markup(f"<{name}{''.join(parts)}>{inside}</{name}>")
 
