@@ -473,7 +473,7 @@ def _slips(
 
 _INVERSE_HINT = "Send the pose of the child as it is seen from the parent."
 _DEGREES = "The angles are in degrees where radians are meant."
-_MOVING_AXES = "Roll, pitch and yaw turn about the moving axes, where the parent's fixed ones are meant."
+_MOVING_AXES = "Roll, pitch and yaw are about the moving axes, where the parent's fixed ones are meant."
 _MOVING_AXES_HINT = "The quaternion is q(yaw)·q(pitch)·q(roll); for scipy the axes are called 'xyz', not 'XYZ'."
 _WXYZ = "The quaternion is in the order w, x, y, z."
 _WXYZ_HINT = "ROS has x, y, z, w; transforms3d and others give w first: set each of the four by its name."
