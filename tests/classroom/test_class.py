@@ -281,7 +281,7 @@ def test_a_process_that_is_killed_each_time_ends_the_run(tmp_path: Path) -> None
                 killed |= kill(family, "the server of all sandboxes")
             time.sleep(0.05)
         output, errors = process.communicate(timeout=60)
-    assert len(killed) == 3
+    assert len(killed) >= 3  # A fork that has not yet its own name is killed with the server.
     assert process.returncode == PlatformError.exit_status, errors
     assert output.count("killed 3 times in a row") >= 3, output
     for name in NAMES:
