@@ -67,7 +67,8 @@ def on_the_line(context: Context, p: Motion) -> Finding:
         return failed(expected, "no commands", "No command came while the goal was executed.")
     delay_s = context.delay_s(p.process, p.step)
     right = _share_right(p, points, sent_s, places, p.tolerance_s)
-    share, best = (_credit(each) for each in (right, _share_right(p, points, sent_s, places, p.tolerance_s + delay_s)))
+    at_best = _share_right(p, points, sent_s, places, p.tolerance_s + delay_s)
+    share, best = (_between(each, _NONE_BELOW, _FULL_FROM) for each in (right, at_best))
     measured = f"{100 * right:.0f} % of the time on the line"
     reason = f"The commands are on the lines for {100 * right:.0f} % of the time."
     ends = np.cumsum([end_s for end_s, _ in points])
@@ -77,7 +78,7 @@ def on_the_line(context: Context, p: Motion) -> Finding:
             f" They fit if the times are added up, to {_listed(lengths)} s: time_from_start counts from the start."
         )
     where = (context.location(p.topic),)
-    return graded(share, expected, measured, reason, where=where, best=max(share, best), doubt=_BUSY, levels=10)
+    return graded(share, expected, measured, reason, where=where, best=best, doubt=_BUSY, levels=10)
 
 
 #: Share of the time from which credit is full, and below which there is none: of a line that is followed too slowly
@@ -86,8 +87,9 @@ _FULL_FROM, _NONE_BELOW = 0.95, 0.7
 _BUSY = "Not your fault: the grading computer was too busy to measure this."
 
 
-def _credit(share: float) -> float:
-    return min(1.0, max(0.0, (share - _NONE_BELOW) / (_FULL_FROM - _NONE_BELOW)))
+def _between(value: float, none: float, full: float) -> float:
+    """Return the credit of a value by those for none and for all of it, of which either may be the greater."""
+    return min(1.0, max(0.0, (value - none) / (full - none)))
 
 
 def _points(context: Context, p: Motion) -> list[tuple[float, list[float]]]:
@@ -144,10 +146,8 @@ def often_enough(context: Context, p: Motion) -> Finding:
     length_s = points[-1][0]
     rate_hz = float((sent_s < sent_s[0] + length_s).sum()) / length_s
     delay_s = min(context.delay_s(p.process, p.step), length_s / 2)
-    # A loop that sleeps for the whole of its period is a little slower: a tenth is not missed.
-    share, best = (
-        min(1.0, max(0.0, hz / p.least_hz / 0.45 - 1)) for hz in (rate_hz, rate_hz / (1 - delay_s / length_s))
-    )
+    # A loop that sleeps for its whole period is slower: a fifth is not missed.
+    share, best = (_between(hz / p.least_hz, 0.5, 0.8) for hz in (rate_hz, rate_hz / (1 - delay_s / length_s)))
     reason = f"The commands of the goal come at {rate_hz:.1f} Hz."
     where = (context.location(p.topic),)
     return graded(share, expected, f"{rate_hz:.1f} Hz", reason, where=where, best=best, doubt=_BUSY, levels=10)
@@ -163,9 +163,10 @@ class Awaited:
 def came(context: Context, p: Awaited) -> Finding:
     """Judge whether the publisher that a step waited for was there in time."""
     step = context.step(p.step)
+    expected = f"a publisher on {step.parameters['publisher']}" if step is not None else "a publisher"
     if step is None or step.outcome != "done":
-        return failed("a publisher", "none", "There was no publisher yet.")
-    return passed("a publisher", "it is there")
+        return failed(expected, "none", "The publisher was not there by then.")
+    return passed(expected, "it was there")
 
 
 @dataclass
@@ -202,15 +203,18 @@ def goes_on(context: Context, p: During) -> Finding:
     """Judge the longest time without a message that touches a step."""
     expected = f"messages on {p.topic} all the time, without a pause of more than {p.full_s:g} s"
     step, run = context.step(p.step), context.process(p.process)
-    sent_s = np.sort(context.messages(p.topic).sent_s)
-    if step is None or run is None or not len(sent_s):
+    messages = context.messages(p.topic)
+    if step is None or run is None or not len(messages):
         return failed(expected, "no messages", f"Nothing came on {p.topic}.")
-    end_s = context.duration_s if run.exited_s is None else run.exited_s
-    before, after = sent_s, np.append(sent_s[1:], max(end_s, step.ended_s))
-    touching = (before < step.ended_s) & (after > step.started_s)
+    order = np.argsort(messages.sent_s, kind="stable")
+    before, end_s = messages.sent_s[order], context.duration_s if run.exited_s is None else run.exited_s
+    after = np.append(before[1:], max(end_s, step.ended_s))
+    # Where a number is missing, a message was published and not recorded.
+    follows = np.append(np.diff(messages.sequence[order]) <= 1, True)
+    touching = (before < step.ended_s) & (after > step.started_s) & follows
     pause_s = float((after - before)[touching].max(initial=0.0))
-    shares = ((p.none_s - s) / (p.none_s - p.full_s) for s in (pause_s, pause_s - context.delay_s(p.process, p.step)))
-    share, best = (min(1.0, max(0.0, each)) for each in shares)
+    delay_s = context.delay_s(p.process, p.step)
+    share, best = (_between(pause, p.none_s, p.full_s) for pause in (pause_s, pause_s - delay_s))
     answered_s = step.ended_s - step.started_s
     reason = f"Nothing comes for {pause_s:.2f} s while the service answers, which takes {answered_s:.2f} s."
     where = (context.location(p.topic),)
