@@ -107,6 +107,25 @@ def test_the_rate_of_commands(tmp_path: Path, rate_hz: float, credit: float) -> 
     assert float(found.credit) == pytest.approx(credit, abs=0.1)
 
 
+@pytest.mark.parametrize(
+    ("scale", "kept_s", "outcome"),
+    [
+        (1.0, 0.0, Outcome.PASSED),
+        (100.0, 0.0, Outcome.FAILED),
+        (0.7, 0.0, Outcome.FAILED),
+        (float("nan"), 0.0, Outcome.FAILED),
+        (0.85, 0.4, Outcome.INCONCLUSIVE),
+    ],
+    ids=["the share", "percent", "of another time", "no number", "behind, as it had no core"],
+)
+def test_progress_is_the_share_of_the_time(tmp_path: Path, scale: float, kept_s: float, outcome: Outcome) -> None:
+    """It is compared with the time since the goal was accepted."""
+    told = [{"t_ns": at(SENT_S + n / 10), "values": {"progress": scale * n / 25}} for n in range(26)]
+    session = moved(tmp_path, 100.0).disturbed("it", (SENT_S + 0.5, kept_s))
+    session.record.steps[-1].result["goals"] = [{"answered_ns": at(SENT_S), "feedback": told}]
+    assert judged("progress_by_time", session, step="step").outcome is outcome
+
+
 def test_what_was_not_recorded_is_no_pause(tmp_path: Path) -> None:
     """A number is missing where a message was published all the same."""
     times_s = [t for t in evenly(100, 9.0) if not 5.0 < t < 6.0]
