@@ -201,8 +201,9 @@ class Context(Submission):
         )
 
     def delay_s(self, process: str, window: str) -> float:
-        """Return for how long within an `observe` step the machine kept a process from a core: 0 on an idle one."""
-        run, span = self._session.process(process), self._session.window(window)
+        """Return for how long within a step the machine kept a process from a core: 0 on an idle one."""
+        run, step, span = self._session.process(process), self._session.step(window), self._session.window(window)
+        span = Span(step.started_ns, step.ended_ns) if span is None and step is not None else span
         return self._session.machine_delay_s(run, span) if run is not None and span is not None else 0.0
 
     def location(self, topic: str | None = None, window: str | None = None) -> Location:

@@ -228,6 +228,13 @@ def test_bursts_have_the_rate_of_all_their_messages(tmp_path: Path, shift_s: flo
     assert "longest 9" in judged("topic_jitter", JITTER, session).measured
 
 
+def test_of_a_window_without_messages_those_outside_are_not_told(tmp_path: Path) -> None:
+    """What came before or after it is nothing of which its rate could be measured."""
+    session = Session(tmp_path).process("it").messages(TOPIC, [[0.0] * 7] * 201, evenly(100, 2.0)).window(5.0, 6.0)
+    found = judged("topic_rate", RATE, session)
+    assert (found.outcome, found.measured) == (Outcome.FAILED, "0 messages")
+
+
 def test_samples_that_the_recorder_lost_do_not_lower_the_rate(tmp_path: Path) -> None:
     """The rate counts by sequence numbers, so that every third message lost changes nothing."""
     times = evenly(100, 6.0)

@@ -105,13 +105,18 @@ def test_a_file_of_another_name_is_found_by_what_it_holds(tmp_path: Path) -> Non
     assert [(fact.name, fact.path, fact.bonus) for fact in facts] == [("it", "it.py", False), ("more", "own.py", True)]
 
 
-def test_nobody_is_taken_to_have_handed_in_an_extension(tmp_path: Path) -> None:
-    """Of the fixtures of Lab 09-01, which others wrote before there were any, none has one."""
+def test_each_extension_is_found_and_nothing_else_is_taken_for_one(tmp_path: Path) -> None:
+    """A fixture of Lab 09-01 has those whose sessions it names, whatever their files are called; most have none."""
     lab = read_rubric(None)
-    fixtures = [fixture for fixture in fixtures_in(ROOT / "fixtures") if not fixture.name.startswith("extension")]
-    found = [(f.name, [a.name for a in read_submission_folder(f.lay_out(tmp_path), lab).artifacts]) for f in fixtures]
-    assert len(found) > 100
-    assert [(name, names) for name, names in found if lab.bonus_artifacts & {*names}] == []
+    wrong, without = {}, 0
+    for fixture in fixtures_in(ROOT / "fixtures"):
+        named = lab.bonus_artifacts & {*(fixture.expectation.sessions or ())}
+        found = {a.name for a in read_submission_folder(fixture.lay_out(tmp_path), lab).artifacts if a.bonus}
+        without += not named
+        if found != named:
+            wrong[fixture.name] = found
+    assert without > 100
+    assert wrong == {}
 
 
 @pytest.mark.parametrize(
