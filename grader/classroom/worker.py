@@ -93,12 +93,14 @@ class Here(ExitStack):
             return PlatformError(f"the processes that grade were killed {_MOST_LOST} times in a row", remedy=remedy)
         workers = self._workers = self._workers or self.enter_context(Workers())
         ending = await grade_in_process(job, workers, on_progress)
-        if not isinstance(ending, ProcessLostError):
+        if not workers.has_ended():
             self._lost = 0
-        elif workers is self._workers and workers.has_ended():
+            return ending
+        if workers is self._workers:
             self._lost += 1
             self._workers = None
-        return ending
+        # Whatever it said may come of that: sessions whose server is gone are recorded as not decided.
+        return ending if isinstance(ending, ProcessLostError) else ProcessLostError("a server was killed")
 
 
 async def grade_in_process(job: Job, workers: Workers, on_progress: Callable[[Progress], None]) -> Ending:
