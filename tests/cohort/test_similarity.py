@@ -52,7 +52,9 @@ def common() -> list[Files]:
 def class_of_fixtures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Files]:
     """Give the Python files of all fixtures but for the extensions, which are copies of a few files by intent."""
     target = tmp_path_factory.mktemp("class")
-    fixtures = [fixture for fixture in fixtures_in(ROOT / "fixtures") if not fixture.name.startswith("extension")]
+    fixtures = [
+        fixture for fixture in fixtures_in(ROOT / "fixtures") if not fixture.name.startswith(("extension", "fresh"))
+    ]
     return {fixture.name: files_of(fixture.lay_out(target)) for fixture in fixtures}
 
 

@@ -25,6 +25,8 @@
     for (var e = target; e; e = e.parentElement) {
       if (e.tagName === "DETAILS") { e.open = true; }
     }
+    // Else a browser that loads the page again goes to where it was, after this.
+    history.scrollRestoration = "manual";
     target.scrollIntoView();
   }
   window.addEventListener("hashchange", reveal);
