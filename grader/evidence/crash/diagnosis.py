@@ -41,7 +41,9 @@ def advisories(output: Sequence[OutputLine]) -> tuple[str, ...]:
     return tuple(
         row["problem"].format(last=last)
         for row in table()["advisories"]
-        if re.fullmatch(row.get("last", ".*"), last) and re.search(row.get("text", ""), text)
+        if re.fullmatch(row.get("last", ".*"), last)
+        and re.search(row.get("text", ""), text)
+        and not ("unless" in row and re.search(row["unless"], text))
     )
 
 
