@@ -126,7 +126,8 @@ class _Child:
         os.close(self.pipe)
         _, status = os.waitpid(self.process, 0)
         if os.waitstatus_to_exitcode(status) == 0:
-            return pickle.loads(b"".join(self.received))  # From a copy of this process.
+            outcome = pickle.loads(b"".join(self.received))  # From a copy of this process.
+            return outcome.here() if isinstance(outcome, _Raised) else outcome
         if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU:
             return _exceeded(self.bound, f"took more than {self.bound.cpu_s:g} s of CPU time")
         if not self.is_over:
@@ -162,7 +163,7 @@ def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) 
         except Exception as error:
             lacks_memory = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
             memory = f"took more than {bound.memory_bytes / 2**30:g} GiB of memory"
-            outcome = _exceeded(bound, memory) if lacks_memory else _sendable(error)
+            outcome = _exceeded(bound, memory) if lacks_memory else _Raised.of(error)
         write_all(pipe, pickle.dumps(outcome))
         status = 0
     except BaseException:
@@ -171,14 +172,25 @@ def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) 
         os._exit(status)
 
 
-def _sendable(error: Exception) -> Exception:
-    """Return an exception as it can be sent, with its trace for those who look for its cause."""
-    error.__cause__ = _InProcess("".join(traceback.format_exception(error)))
-    try:
-        pickle.loads(pickle.dumps(error))
-    except Exception:
-        return RuntimeError(f"{type(error).__name__}: {error}")
-    return error
+@dataclass(frozen=True)
+class _Raised:
+    """An exception that is sent, and its trace for those who look for its cause, which no exception takes with it."""
+
+    error: Exception
+    trace: str
+
+    @classmethod
+    def of(cls, error: Exception) -> _Raised:
+        trace = "".join(traceback.format_exception(error))
+        try:
+            pickle.loads(pickle.dumps(error))
+        except Exception:
+            return cls(RuntimeError(f"{type(error).__name__}: {error}"), trace)
+        return cls(error, trace)
+
+    def here(self) -> Exception:
+        self.error.__cause__ = _InProcess(self.trace)
+        return self.error
 
 
 class _InProcess(Exception):

@@ -52,6 +52,7 @@ def test_what_work_raises_is_raised() -> None:
     with pytest.raises(RecordingError) as caught:
         in_process(_fail, SMALL)
     assert (caught.value.problem, caught.value.location, caught.value.remedy) == ("it is damaged", "here", "Mend it.")
+    assert "in _fail" in str(caught.value.__cause__)
 
 
 @pytest.mark.parametrize(

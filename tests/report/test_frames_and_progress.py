@@ -95,6 +95,22 @@ def test_names_of_frames_at_one_place_can_be_read(tmp_path: Path) -> None:
         assert min(below - above for above, below in pairwise(lines)) >= 12
 
 
+def test_names_at_one_place_are_drawn_wherever_that_is(tmp_path: Path) -> None:
+    """A baseline plus the height of a line, minus that baseline, is less than the height now and then."""
+    session = Session(tmp_path)
+    edges = [(("base", "far"), 1.0), *((("base", child), 0.0) for child in ("arm", "hand"))]
+    for number in range(40):
+        listed = [transform(*edge, 1.0, x * (1 + number / 7)) for edge, x in edges]
+        lifted = {"translation": {"z": number / 9}, "rotation": {"w": 1.0}}
+        listed.append({**transform("base", "lifted", 1.0), "transform": lifted})
+        session.typed(f"/tf{number}", TF, [{"transforms": listed}], [1.0])
+    recorded = session.recorded()
+    for number in range(40):
+        figure = FIGURES["frames"](topic=f"/tf{number}").draw(recorded, Path())
+        assert figure is not None
+        assert [figure.svg("f", width).count(">hand<") for width in (WIDE, NARROW)] == [2, 2]
+
+
 def test_one_frame_is_one(tmp_path: Path) -> None:
     """The caption counts in plain English."""
     assert shown("frames", frames(tmp_path, ("base", "arm"))).caption.startswith("1 frame below 1 root,")

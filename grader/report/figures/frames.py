@@ -135,8 +135,11 @@ def _in_space(frames: Sequence[_Drawn], left: float, top: float, width: float) -
 def _free(place: tuple[float, float, float], taken: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
     """Return a place for a name (left, baseline, length), as far below another as it takes to be read."""
     left, y, length = place
-    over = [low for start, low, long in taken if abs(low - y) < _LINE and start < left + length and left < start + long]
-    return _free((left, max(over) + _LINE, length), taken) if over else place
+    # From above to below, each once: two baselines that are a line apart may be less than that by a rounding.
+    for low in sorted(low for start, low, long in taken if start < left + length and left < start + long):
+        if abs(low - y) < _LINE:
+            y = low + _LINE
+    return left, y, length
 
 
 def _projected(points: Floats) -> Floats:
