@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import errno
+import functools
 import gc
 import os
 import pickle
@@ -17,10 +18,10 @@ import sys
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from typing import Any, NoReturn, TypeVar, cast
 
 from grader.errors import BoundError
 
@@ -40,12 +41,13 @@ class Bound:
 
     `what` is the work as a message names it, `cpu_s` its computing, so that a busy machine does not count, and `wall_s`
     all its time, for work that waits for ever. `memory_bytes` is beyond what this process has, `file_bytes` of a file.
+    What is None is not bounded, and so not for what the process starts.
     """
 
     what: str
-    cpu_s: float
+    cpu_s: float | None
     wall_s: float
-    memory_bytes: int
+    memory_bytes: int | None
     file_bytes: int | None = None
 
 
@@ -55,6 +57,25 @@ def in_process(work: Callable[[], T], bound: Bound) -> T:
     if isinstance(outcome, BaseException):
         raise outcome
     return outcome
+
+
+@contextmanager
+def begun(work: Callable[[], T], bound: Bound) -> Iterator[Callable[[], T]]:
+    """Do work in a process of its own, which ends with the context; gives what returns, or raises, what comes of it."""
+    if sys.platform != "linux":
+        yield work
+        return
+    ended = functools.cache(_Child.start(work, bound).wait)
+
+    def outcome() -> T:
+        if isinstance(found := ended(), BaseException):
+            raise found
+        return cast(T, found)
+
+    try:
+        yield outcome
+    finally:
+        ended()
 
 
 def in_processes(
@@ -119,6 +140,12 @@ class _Child:
         self.is_over = not piece
         return bool(piece)
 
+    def wait(self) -> Any:
+        """Wait until it ends, or its time is over; returns its outcome."""
+        while select.select([self.pipe], [], [], max(0.0, self.ends_s - time.monotonic()))[0] and self.read():
+            pass
+        return self.end()
+
     def end(self) -> Any:
         """End it, if it has not ended; returns its outcome."""
         if not self.is_over:
@@ -162,8 +189,8 @@ def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) 
             outcome = work()
         except Exception as error:
             lacks_memory = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
-            memory = f"took more than {bound.memory_bytes / 2**30:g} GiB of memory"
-            outcome = _exceeded(bound, memory) if lacks_memory else _Raised.of(error)
+            memory = f"took more than {(bound.memory_bytes or 0) / 2**30:g} GiB of memory"
+            outcome = _exceeded(bound, memory) if lacks_memory and bound.memory_bytes else _Raised.of(error)
         write_all(pipe, pickle.dumps(outcome))
         status = 0
     except BaseException:
@@ -198,12 +225,15 @@ class _InProcess(Exception):
 
 
 def _limit(bound: Bound) -> None:
-    seconds = max(1, round(bound.cpu_s))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-    resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+    if bound.cpu_s is not None:
+        seconds = max(1, round(bound.cpu_s))
+        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
     if bound.file_bytes is not None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (bound.file_bytes, bound.file_bytes))
-    limit_memory(int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize() + bound.memory_bytes)
+    if bound.memory_bytes is not None:
+        taken_bytes = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        limit_memory(taken_bytes + bound.memory_bytes)
 
 
 def limit_memory(most_bytes: int) -> None:

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from grader.commands import COMMANDS
-from grader.commands.arguments import print_error
 from grader.errors import GraderError, described
 from grader.live.process.priority import going_first
 
@@ -39,6 +38,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         _discard_output()
         return GraderError.exit_status
     except (GraderError, OSError) as error:
+        # Late: what it imports takes a fifth of a second, which is for when this process goes before others.
+        from grader.commands.arguments import print_error
+
         print_error(described(error))
         return described(error).exit_status
     except KeyboardInterrupt as interrupt:

@@ -34,6 +34,7 @@ from grader.timings import Stopwatch
 
 if TYPE_CHECKING:
     from grader.judging.judgement import Judgement
+    from grader.live.ahead import Ahead
     from grader.live.session.runner import Scheduler
 
 #: What a grading makes, the file that says that it is whole last.
@@ -123,6 +124,7 @@ def grade(
     on_progress: Callable[..., None],
     scheduler: Scheduler | None = None,
     watch: Stopwatch | None = None,
+    ahead: Ahead | None = None,
 ) -> Result:
     """Grade one submission: record, judge, run undecided sessions again, report.
 
@@ -153,7 +155,9 @@ def grade(
                 if options.scope is Scope.UNDECIDED:
                     shutil.copytree(results / RECORDINGS, new / RECORDINGS)
                 before = result_before(earlier, submission.sha256)
-                judgement = record(intake.folder, submission, rubric, new, options, follow, scheduler, watch, before)
+                judgement = record(
+                    intake.folder, submission, rubric, new, options, follow, scheduler, watch, before, ahead
+                )
             with _naming_kept(results, results):
                 replace_files(files_of(judgement, results, rubric))
     with _naming_kept(results, results):
@@ -191,20 +195,22 @@ def record(
     scheduler: Scheduler | None = None,
     watch: Stopwatch | None = None,
     before: str | None = None,
+    ahead: Ahead | None = None,
 ) -> Judgement:
     """Run the live half, and sessions again whose checks are undecided; returns the judgement of what is kept.
 
-    `before` is the text of the result of what the student handed in before this, and kept with the recordings.
+    `before` is the text of the result of what the student handed in before this, and kept with the recordings. Without
+    a scheduler, what was begun `ahead` is used, and ends with this.
     """
     from grader.evidence.environment_gap import modules_to_look_for
+    from grader.live.ahead import Ahead
     from grader.live.interfaces.build import parts_in
     from grader.live.interfaces.needs import needed_interfaces, provide_interfaces
     from grader.live.sandbox.environment import absent_modules, find_native_launch, versions
     from grader.live.sandbox.isolation import Level
     from grader.live.sandbox.machine import wait_for_calm
-    from grader.live.sandbox.probing import probe_isolation, require
+    from grader.live.sandbox.probing import require
     from grader.live.sandbox.scratch import scratch_prefix
-    from grader.live.session.fork_server import ForkServer
     from grader.live.session.runner import Progress, SessionRunner, given_in_steps
     from grader.live.session.stage import stage
 
@@ -223,15 +229,16 @@ def record(
                 pass
 
     chosen = chosen_sessions(rubric, options, submission)
-    types = given_in_steps(rubric, "type", sessions=chosen)
-    server = ForkServer(types) if scheduler is None else scheduler.fork_server()
-    # It begins to import while the isolation is tried.
-    with (
-        server as forks,
-        tempfile.TemporaryDirectory(prefix=scratch_prefix()) as interfaces,
-    ):
+    with ExitStack() as stack:
+        if scheduler is None:
+            begun = stack.enter_context(ahead or Ahead(options.interpreter))
+            forks, isolation_of = begun.forks, begun.isolation
+            forks.types = given_in_steps(rubric, "type", sessions=chosen)
+        else:
+            forks, isolation_of = stack.enter_context(scheduler.fork_server()), lambda: scheduler.isolation
+        interfaces = stack.enter_context(tempfile.TemporaryDirectory(prefix=scratch_prefix()))
         with watch.stage("testing the sandbox"):
-            isolation = scheduler.isolation if scheduler is not None else probe_isolation(options.interpreter)
+            isolation = isolation_of()
         require(isolation, Level.of(options.least_isolation))
         native = find_native_launch(options.interpreter, options.launch)
         recordings = results / RECORDINGS

@@ -28,6 +28,7 @@ from grader.checks.endpoints import OfNode, claim_of, claimed_at, student_endpoi
 from grader.checks.fields import NumbersOf
 from grader.checks.subscriber import Alternative
 from grader.evidence.cpu_delay import Span
+from grader.evidence.near_miss import likeness
 from grader.evidence.recorded import Floats, Integers, Recorded
 from grader.evidence.transforms import (
     TF_MESSAGE,
@@ -187,10 +188,24 @@ class _Seen:
         )
 
     @cached_property
+    def misspelt(self) -> dict[str, str]:
+        """The name that was sent in place of each wanted one that was not sent at all, where it is nearly that."""
+        sent = {name for edge in self.edges for name in (edge.parent, edge.child)}
+        wanted = {name for frame in self.p.frames for name in (frame.child, frame.parent)}
+        found: dict[str, str] = {}
+        for name in sorted(wanted - sent):
+            others = sent - wanted - set(found.values())
+            nearest = max(others, key=lambda other: (likeness(name, other), other), default="")
+            if likeness(name, nearest) >= _ALIKE:
+                found[name] = nearest
+        return found
+
+    @cached_property
     def put_right(self) -> list[Broadcast]:
-        """All that was sent, the wanted last, with the names right where parent and child are exchanged."""
+        """All that was sent, the wanted last, with the names right where they are exchanged or misspelt."""
         wrong = {(f.child, f.parent) for f in self.p.frames if self.is_exchanged(f)}
-        right = [edge.exchanged() if (edge.parent, edge.child) in wrong else edge for edge in self.edges]
+        meant = {sent: name for name, sent in self.misspelt.items()}
+        right = [edge.exchanged() if (edge.parent, edge.child) in wrong else edge.renamed(meant) for edge in self.edges]
         asked = {(f.parent, f.child) for f in self.p.frames}
         return sorted(right, key=lambda edge: (edge.parent, edge.child) in asked)
 
@@ -222,6 +237,8 @@ class _Seen:
         return Part(0.0, reason=reason, hint=_STATIC_HINT if wanted.static else "")
 
 
+#: So alike, from 0 to 1, are a name and one that was meant by it: a letter or the word "link" more or less.
+_ALIKE = 0.75
 _LATCH = "what is sent once has to be latched."
 
 
@@ -237,7 +254,12 @@ def _frame(seen: _Seen, wanted: WantedFrame) -> Part:
         return Part(known, f"{parent} in {child}", reason, hint=_EXCHANGED_HINT)
     if edge is None:
         return seen.missing(wanted)
-    if parent not in parents:
+    if (sent := seen.misspelt.get(child)) is not None:
+        reason = f"The frame is named {sent}, not {child}; all else was judged under the name that it has."
+        return Part(0.0, f"{sent} in {seen.parents[sent][0]}", reason)
+    # Where it is one of the wanted frames, the name of the parent is charged there.
+    charged = parent in (frame.child for frame in seen.p.frames)
+    if parent not in parents and not (charged and seen.misspelt.get(parent) in parents):
         return Part(0.0, f"{child} in {parents[0]}", f"The parent of {child} is {parents[0]}, not {parent}.")
     if edge.slashed:
         return Part(known, f"{child} in {parent}", _SLASH, hint=_SLASH_HINT)

@@ -120,13 +120,24 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     """Grade the submissions; returns the exit status."""
+    parser = _parser(epilog)
+    options = parser.parse_args(arguments)
+    if options.scheduler is not None:
+        return _run(parser, options, console)
+    from grader.live.ahead import Ahead
+    from grader.live.sandbox.environment import require_platform
+
+    require_platform(interpreter := interpreter_of(options.python))
+    with Ahead(interpreter) as options.ahead:
+        return _run(parser, options, console)
+
+
+def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: Console) -> int:
     from grader import pipeline
     from grader.classroom.regrade import recorded_in
     from grader.judging import rubrics
     from grader.live.sandbox.scratch import remove_stale
 
-    parser = _parser(epilog)
-    options = parser.parse_args(arguments)
     rubric = rubrics.read_rubric(options.rubric)
     pipeline.require_sessions(options.sessions or (), rubric)
     require_submissions(options.submissions, rubric)
@@ -223,7 +234,7 @@ def _grade_one(
         def show(p: Progress) -> None:
             display.note(p.session, p.text, p.step, p.steps, p.ended)
 
-        result = pipeline.grade(source, rubric, results, live, show, watch=watch)
+        result = pipeline.grade(source, rubric, results, live, show, watch=watch, ahead=options.ahead)
     if live.overrides.sha256:  # Else nobody decides anything here, and a student's tries need no trail.
         audit.note_replaced(output, source.name, before, "grade", overrides_sha256=live.overrides.sha256)
     print_result(console, result)
@@ -274,14 +285,13 @@ def _grade_class(found: Discovery, rubric: Rubric, live: Options, options: argpa
 def _grading_location(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Machine]:
     """Return where to grade (how code is confined here, or a scheduler), and this machine's slots."""
     from grader.classroom.scheduler import Machine
-    from grader.live.sandbox import environment
     from grader.live.sandbox.isolation import Isolation, Level
-    from grader.live.sandbox.probing import probe_isolation, require
+    from grader.live.sandbox.probing import require
 
     if options.scheduler is not None:
         return str(options.scheduler), Machine.of(Isolation(Level.FULL))
-    environment.require_platform(live.interpreter)
-    isolation = probe_isolation(live.interpreter)
+    with options.ahead as ahead:  # All of a class are forks of another process.
+        isolation: Isolation = ahead.isolation()
     require(isolation, Level.of(live.least_isolation))
     return isolation, Machine.of(isolation, live.jobs)
 

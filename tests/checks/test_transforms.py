@@ -173,6 +173,24 @@ def test_one_mistake_costs_once(tmp_path: Path, names: dict[str, Any]) -> None:
     assert found.outcome is (Outcome.FAILED if names["child"] == "robot" else Outcome.PASSED)
 
 
+@pytest.mark.parametrize("names", [{"child": "bases"}, {"parent": "odoms"}, {"parent": "Odom"}])
+def test_a_misspelt_frame_is_judged_under_the_name_that_it_has(tmp_path: Path, names: dict[str, Any]) -> None:
+    """Its name costs its part of the frames, as another name would; where it lies, and the tree, are right."""
+    made = session(tmp_path, [(t, base(t, **names)) for t in TIMES], [laser(parent=names.get("child", "base"))])
+    pose = {"frame": "base", "within": "odom", "oracle": "tests/checks/test_transforms.py:base_in_odom"}
+    wrong = only("frames", made)
+    assert wrong.credit == Decimal("0.5")
+    assert next(iter(names.values())) in wrong.reason
+    assert only("poses", made, poses=[pose]).outcome is Outcome.PASSED
+    assert only("tree", made).outcome is Outcome.PASSED
+
+
+def test_a_name_that_is_sent_is_not_taken_for_another(tmp_path: Path) -> None:
+    """What is alike to a missing name and stands where it belongs is not what was meant."""
+    made = session(tmp_path, [(t, base(t, child="laser")) for t in TIMES], [])
+    assert "No transform of the frame base" in only("frames", made).reason
+
+
 def base_in_odom(streams: Mapping[str, Any], parameters: Mapping[str, Any], seed: int) -> list[list[float]]:
     """Compute where the base is."""
     times_s = [(int(time_ns) - at(0.0)) / 1e9 for time_ns in parameters["times_ns"]]

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 
 from grader.report.figures import FIGURES
+from grader.report.figures.frames import Frames
 from grader.report.figures.svg import NARROW, WIDE, Figure
 from tests.synthetic import Session, at, evenly
 
@@ -106,7 +107,7 @@ def test_names_at_one_place_are_drawn_wherever_that_is(tmp_path: Path) -> None:
         session.typed(f"/tf{number}", TF, [{"transforms": listed}], [1.0])
     recorded = session.recorded()
     for number in range(40):
-        figure = FIGURES["frames"](topic=f"/tf{number}").draw(recorded, Path())
+        figure = Frames(topic=f"/tf{number}").draw(recorded, Path())
         assert figure is not None
         assert [figure.svg("f", width).count(">hand<") for width in (WIDE, NARROW)] == [2, 2]
 

@@ -45,11 +45,17 @@ _MOST_ANSWER_BYTES = 1024
 class ForkServer(ForkingServer):
     """The process that forks the first processes of sandboxes; used as a context, with which all that it started ends.
 
-    `types` are those of messages and services that the sessions are likely to use.
+    `types` are those of messages and services that the sessions are likely to use; until the first request they may
+    be set anew.
     """
 
     def __init__(self, types: Collection[str] = ()) -> None:
-        super().__init__(__name__, [*types], trusted_environment(Path("/"), 0))
+        super().__init__(__name__, [], trusted_environment(Path("/"), 0))
+        self.types = types
+
+    def request(self, form: Form, plan: Path | None = None) -> bytes:
+        """Return what asks for the session of a plan, or for a branch."""
+        return b"\0".join(map(os.fsencode, (form.value, plan or "", *self.types)))
 
     async def start_sandbox(self, form: Form, plan: Path, errors: Path) -> asyncio.StreamReader:
         """Start the session of a pickled `SessionPlan` in a sandbox of its own, with a file for its standard error.
@@ -57,7 +63,7 @@ class ForkServer(ForkingServer):
         Returns what its first process says, see `ForkingServer.start`; by its process id the sandbox ends. `form` must
         be the same for all sandboxes of a server.
         """
-        return await self.start(form.value.encode() + b"\0" + os.fsencode(plan), errors)
+        return await self.start(self.request(form, plan), errors)
 
     def branch(self, form: Form) -> ForkServer:
         """Return a server that is a fork of this one, for what is to end apart from it."""
@@ -66,12 +72,12 @@ class ForkServer(ForkingServer):
 
 class _Branch(ForkServer):
     def __init__(self, of: ForkServer, form: Form) -> None:
-        super().__init__()
+        super().__init__(of.types)
         self._of, self._form = of, form
 
     def _start(self, link: socket.socket) -> _Branch:
         with Path(os.devnull).open("wb") as errors, suppress(ConnectionError):  # Then requests will have no answer.
-            socket.send_fds(self._of._link, [self._form.value.encode()], [link.fileno(), errors.fileno()])
+            socket.send_fds(self._of._link, [self.request(self._form)], [link.fileno(), errors.fileno()])
         return self
 
     def wait(self, timeout: float) -> None:
@@ -100,10 +106,10 @@ def _load_ros(types: Sequence[str]) -> None:
         compileall.compile_dir(folder, quiet=2)
 
 
-def _program_of(request: bytes, types: Sequence[str]) -> Program:
+def _program_of(request: bytes) -> Program:
     """Return the first process of a sandbox, or a branch of this server; loads what they need the first time."""
-    word, _, name = request.partition(b"\0")
-    form, plan = Form(word.decode()), Path(os.fsdecode(name))
+    word, name, *types = map(os.fsdecode, request.split(b"\0"))
+    form, plan = Form(word), Path(name)
     if not _loaded:
         enter_own_mounts(form)  # Before: what is loaded has threads of its own, which keep a user from it.
         _load_ros(types)
@@ -112,7 +118,7 @@ def _program_of(request: bytes, types: Sequence[str]) -> Program:
         gc.freeze()
         gc.enable()
     if not name:
-        return Program("fork server", partial(_serve_branch, types), trusted_environment(Path("/"), 0))
+        return Program("fork server", _serve_branch, trusted_environment(Path("/"), 0))
     return Program("sandbox", partial(_run_in_sandbox, form, plan), trusted_environment(plan.parent, 0))
 
 
@@ -129,16 +135,16 @@ def _run_in_sandbox(form: Form, file: Path) -> None:
     run(plan)
 
 
-def _serve_branch(types: Sequence[str]) -> None:
+def _serve_branch() -> None:
     put_self_first()
     # What serves others stands in the place of the standard output of programs.
     with socket.socket(fileno=os.dup(1)) as link:
         os.dup2(0, 1)
-        serve(link, partial(_program_of, types=types))
+        serve(link, _program_of)
 
 
 def main() -> None:
-    """Serve what comes through the socket of the number in argv[1]; the types to load follow."""
+    """Serve what comes through the socket of the number in argv[1]."""
     end_with_parent()  # If that has ended already, so has the other side of the socket.
     put_self_first()
     # What limits the grader's own memory is not for the sandboxes, which have limits of their own.
@@ -148,7 +154,7 @@ def main() -> None:
     for module in _WITHOUT_ROS:
         importlib.import_module(module)
     with socket.socket(fileno=int(sys.argv[1])) as link:
-        serve(link, partial(_program_of, types=sys.argv[2:]))
+        serve(link, _program_of)
 
 
 if __name__ == "__main__":

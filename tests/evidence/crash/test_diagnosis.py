@@ -499,7 +499,6 @@ def test_who_calls_try_shutdown_is_not_told_to_call_it() -> None:
     assert advisories(lines(overtaken)) == ()
 
 
-
 @pytest.mark.parametrize(
     "piece",
     part(
