@@ -1,4 +1,6 @@
-"""The tap: notes what a student's node asks rclpy for, with its source line, and changes nothing else.
+"""The tap: notes what a student's node asks rclpy for, with its source line.
+
+It changes nothing but how many cores a program is told of.
 
 Discovery carries neither history nor depth, and no lines. So it wraps a few methods of rclpy's classes when their
 modules are imported, and writes one JSON line a call to the descriptor named by GRADER_TAP_FD: a claim, no evidence.
@@ -107,6 +109,18 @@ class _NodeFinder(importlib.abc.MetaPathFinder):
         return spec
 
 
+def _keep_cores():
+    """Tell the cores that there were at the start, and never a single one.
+
+    Once its node is seen, the grader holds a program to one core. A `MultiThreadedExecutor()` that was made after that
+    had one thread, in which an action that waits waits for ever.
+    """
+    now = os.sched_getaffinity
+    at_start = now(0) | {0, 1}
+    os.sched_getaffinity = lambda pid, /: set(at_start) if pid in (0, os.getpid()) else now(pid)
+
+
+_keep_cores()
 if _FD >= 0:
     os.set_inheritable(_FD, False)
     # Python itself has started: whatever happens from here on is the student's doing.
