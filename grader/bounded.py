@@ -53,10 +53,8 @@ class Bound:
 
 def in_process(work: Callable[[], T], bound: Bound) -> T:
     """Return what work returns in a process of its own, or raise what it raises, or `BoundError` beyond the bound."""
-    ((_, outcome),) = in_processes({None: work}, bound)
-    if isinstance(outcome, BaseException):
-        raise outcome
-    return outcome
+    with begun(work, bound) as outcome:
+        return outcome()
 
 
 @contextmanager
@@ -65,7 +63,8 @@ def begun(work: Callable[[], T], bound: Bound) -> Iterator[Callable[[], T]]:
     if sys.platform != "linux":
         yield work
         return
-    ended = functools.cache(_Child.start(work, bound).wait)
+    child = _Child.start(work, bound)
+    ended = functools.cache(child.wait)
 
     def outcome() -> T:
         if isinstance(found := ended(), BaseException):
@@ -75,6 +74,7 @@ def begun(work: Callable[[], T], bound: Bound) -> Iterator[Callable[[], T]]:
     try:
         yield outcome
     finally:
+        child.ends_s = min(child.ends_s, time.monotonic() + 2.0)  # Nobody may have asked for it, or will.
         ended()
 
 
@@ -155,7 +155,7 @@ class _Child:
         if os.waitstatus_to_exitcode(status) == 0:
             outcome = pickle.loads(b"".join(self.received))  # From a copy of this process.
             return outcome.here() if isinstance(outcome, _Raised) else outcome
-        if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU:
+        if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU and self.bound.cpu_s is not None:
             return _exceeded(self.bound, f"took more than {self.bound.cpu_s:g} s of CPU time")
         if not self.is_over:
             return _exceeded(self.bound, f"took longer than {self.bound.wall_s:g} s")

@@ -28,7 +28,7 @@ from grader.checks.endpoints import OfNode, claim_of, claimed_at, student_endpoi
 from grader.checks.fields import NumbersOf
 from grader.checks.subscriber import Alternative
 from grader.evidence.cpu_delay import Span
-from grader.evidence.near_miss import likeness
+from grader.evidence.near_miss import is_misspelt
 from grader.evidence.recorded import Floats, Integers, Recorded
 from grader.evidence.transforms import (
     TF_MESSAGE,
@@ -188,24 +188,29 @@ class _Seen:
         )
 
     @cached_property
+    def wanted(self) -> frozenset[str]:
+        return frozenset(name for frame in self.p.frames for name in (frame.child, frame.parent))
+
+    @cached_property
     def misspelt(self) -> dict[str, str]:
-        """The name that was sent in place of each wanted one that was not sent at all, where it is nearly that."""
-        sent = {name for edge in self.edges for name in (edge.parent, edge.child)}
-        wanted = {name for frame in self.p.frames for name in (frame.child, frame.parent)}
-        found: dict[str, str] = {}
-        for name in sorted(wanted - sent):
-            others = sent - wanted - set(found.values())
-            nearest = max(others, key=lambda other: (likeness(name, other), other), default="")
-            if likeness(name, nearest) >= _ALIKE:
-                found[name] = nearest
-        return found
+        """The frame that was sent in place of each wanted one that was not, where its name is nearly that."""
+        sent = {edge.child for edge in self.edges}
+        others = sorted(sent - self.wanted)
+        missing = [frame.child for frame in self.p.frames if frame.child not in sent]
+        return {name: near[0] for name in missing if (near := [other for other in others if is_misspelt(name, other)])}
+
+    def _named_right(self, edge: Broadcast) -> Broadcast:
+        """Return what was sent with the names that were meant."""
+        child = next((name for name, sent in self.misspelt.items() if sent == edge.child), edge.child)
+        parents = [f.parent for f in self.p.frames if f.child == child and is_misspelt(f.parent, edge.parent)]
+        parent = parents[0] if parents and edge.parent not in self.wanted else edge.parent
+        return replace(edge, child=child, parent=parent)
 
     @cached_property
     def put_right(self) -> list[Broadcast]:
         """All that was sent, the wanted last, with the names right where they are exchanged or misspelt."""
         wrong = {(f.child, f.parent) for f in self.p.frames if self.is_exchanged(f)}
-        meant = {sent: name for name, sent in self.misspelt.items()}
-        right = [edge.exchanged() if (edge.parent, edge.child) in wrong else edge.renamed(meant) for edge in self.edges]
+        right = [e.exchanged() if (e.parent, e.child) in wrong else self._named_right(e) for e in self.edges]
         asked = {(f.parent, f.child) for f in self.p.frames}
         return sorted(right, key=lambda edge: (edge.parent, edge.child) in asked)
 
@@ -237,8 +242,6 @@ class _Seen:
         return Part(0.0, reason=reason, hint=_STATIC_HINT if wanted.static else "")
 
 
-#: So alike, from 0 to 1, are a name and one that was meant by it: a letter or the word "link" more or less.
-_ALIKE = 0.75
 _LATCH = "what is sent once has to be latched."
 
 

@@ -59,6 +59,24 @@ def likeness(wanted: str, name: str) -> float:
     return max(whole, 0.95 * last)
 
 
+def is_misspelt(wanted: str, name: str) -> bool:
+    """Whether a frame's name is a wanted one with slips of the pen: word by word, where `left` is none of `right`."""
+    words, others = (re.findall(r"[a-z]+|\d+", each.lower()) for each in (wanted, name))
+    for kind, a, b, c, d in difflib.SequenceMatcher(None, words, others).get_opcodes():
+        left, right = words[a:b], others[c:d]
+        if kind in ("insert", "delete") and not _IDLE.issuperset(left + right):
+            return False
+        pairs = zip(left, right, strict=True) if len(left) == len(right) else [("".join(left), "".join(right))]
+        if kind == "replace" and any(difflib.SequenceMatcher(None, *pair).ratio() < _SLIP for pair in pairs):
+            return False
+    return bool(words) and wanted != name
+
+
+#: Words of a frame's name that say nothing, and how alike a word is to one that was meant.
+_IDLE = frozenset({"link", "frame"})
+_SLIP = 0.7
+
+
 def near_miss(wanted: str, wanted_type: str | None, candidates: Iterable[Candidate]) -> Candidate | None:
     """Choose the candidate that was meant, or None.
 

@@ -58,10 +58,6 @@ class Broadcast:
         """Return it with parent and child the other way round, for the same numbers."""
         return replace(self, parent=self.child, child=self.parent)
 
-    def renamed(self, names: Mapping[str, str]) -> Broadcast:
-        """Return it with other names in the place of some, for the same numbers."""
-        return replace(self, parent=names.get(self.parent, self.parent), child=names.get(self.child, self.child))
-
     def at(self, times_ns: Integers) -> Floats:
         """Return the poses at some times, interpolated; not a number outside of what was sent, unless it is static."""
         if self.static:

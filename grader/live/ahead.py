@@ -15,10 +15,7 @@ _PROBING_BOUND = Bound(what="testing the sandbox", cpu_s=None, wall_s=180.0, mem
 
 
 class Ahead(ExitStack):
-    """The test of the sandbox, and the server that forks sandboxes, both begun at once, for one grading.
-
-    Used as a context, with which both end.
-    """
+    """The test of the sandbox, and the server that forks sandboxes, begun at once; a context, with which both end."""
 
     def __init__(self, interpreter: Path) -> None:
         super().__init__()

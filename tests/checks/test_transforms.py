@@ -14,6 +14,7 @@ import pytest
 from pydantic import ValidationError
 
 from grader.checks.transforms import TransformTree
+from grader.evidence.near_miss import is_misspelt
 from grader.evidence.transforms import Broadcast, FrameTree
 from grader.result import Finding, Outcome
 from tests.synthetic import RELIABLE, Session, at, evenly, judged, submission
@@ -183,6 +184,40 @@ def test_a_misspelt_frame_is_judged_under_the_name_that_it_has(tmp_path: Path, n
     assert next(iter(names.values())) in wrong.reason
     assert only("poses", made, poses=[pose]).outcome is Outcome.PASSED
     assert only("tree", made).outcome is Outcome.PASSED
+
+
+def test_a_misspelt_parent_costs_only_the_frame_that_names_it(tmp_path: Path) -> None:
+    """The frame itself is sent under its right name, below another."""
+    made = session(tmp_path, static=[laser(parent="bas")])
+    wrong = only("frames", made)
+    assert (wrong.credit, "The parent of laser is bas, not base." in wrong.reason) == (Decimal("0.5"), True)
+    pose = {"frame": "laser", "within": "odom", "oracle": "tests/checks/test_transforms.py:laser_in_odom"}
+    assert only("poses", made, poses=[pose]).outcome is Outcome.PASSED
+
+
+@pytest.mark.parametrize(
+    ("wanted", "name", "is_slip"),
+    [
+        ("forearm_link", "forearm", True),
+        ("forearm_link", "fore_arm_link", True),
+        ("upper_arm_link", "upper_arm_lnk", True),
+        ("Camera_Link", "camera_link", True),
+        ("sensor_1", "sensor_2", False),
+        ("camera_1_link", "camera_2_lnk", False),
+        ("robot1/camera_link", "robot2/camera_link", False),
+        ("gripper_left_finger", "gripper_right_finger", False),
+        ("upper_arm_link", "lower_arm_link", False),
+        ("upper_arm_link", "forearm_link", False),
+        ("wrist_roll_link", "wrist_link", False),
+        ("camera_optical_frame", "camera_frame", False),
+        ("base_link", "base_footprint", False),
+        ("base", "laser", False),
+        ("_", "base", False),
+    ],
+)
+def test_what_is_a_slip_in_the_name_of_a_frame(wanted: str, name: str, is_slip: bool) -> None:
+    """Word by word: another number, side or part of a robot is another frame."""
+    assert is_misspelt(wanted, name) is is_slip
 
 
 def test_a_name_that_is_sent_is_not_taken_for_another(tmp_path: Path) -> None:

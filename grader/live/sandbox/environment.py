@@ -5,6 +5,7 @@ What the caller has sourced or exported reaches no process of a session.
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import importlib.util
 import json
@@ -105,6 +106,7 @@ def student_environment(interpreter: Path, home: str, workspace: str, inside: st
     }
 
 
+@functools.cache  # Two who need it may ask, and an interpreter takes half a second to answer.
 def require_platform(interpreter: Path | None = None) -> None:
     """Raise `PlatformError` unless ROS 2 nodes can run here, and, if it is given, with students' interpreter."""
     if platform.system() != "Linux" or platform.machine() != "x86_64":

@@ -26,6 +26,7 @@ from grader.live.sandbox.isolation import (
 )
 from grader.live.sandbox.namespaces import Form
 from grader.live.sandbox.running import run_confined
+from grader.live.sandbox.scratch import scratch_prefix
 
 _PROBE_BYTES = 96 * 1024 * 1024
 _TIMEOUT_S = 30.0
@@ -159,7 +160,7 @@ def _run(
     isolation: Isolation, interpreter: Path, program: str, slot: int = 0, group: SandboxCgroup | None = None
 ) -> subprocess.CompletedProcess[str]:
     """Run a program as sessions run a student's, in a sandbox of its own."""
-    with tempfile.TemporaryDirectory(prefix="grade-probe-", ignore_cleanup_errors=True) as scratch:
+    with tempfile.TemporaryDirectory(prefix=scratch_prefix(), ignore_cleanup_errors=True) as scratch:
         room = Room.below(Path(scratch), interpreter)
         room.make(Path(scratch))
         command, environment = [str(interpreter), "-c", program], {"PATH": "/usr/bin"}

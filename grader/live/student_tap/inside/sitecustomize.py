@@ -116,7 +116,7 @@ def _keep_cores():
     had one thread, in which an action that waits waits for ever.
     """
     now = os.sched_getaffinity
-    at_start = now(0) | {0, 1}
+    at_start = now(0) if len(now(0)) > 1 else {0, 1}
     os.sched_getaffinity = lambda pid, /: set(at_start) if pid in (0, os.getpid()) else now(pid)
 
 
