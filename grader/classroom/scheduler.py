@@ -14,9 +14,9 @@ from grader.live.session.runner import sessions_at_a_time
 
 _POLL_S = 0.1
 #: A sandbox more is admitted where the cores had nothing to do for this share of such a time: on two cores as much as
-#: the usual session takes. To ask for what the very session took before kept the short, busy ones waiting, and all
-#: others behind them (by `bench.simulation` 6.8 instead of 9 submissions a minute).
-ROOM_SHARE, ROOM_S = 0.2, 0.5
+#: the usual session takes. With twice the share a fifth of the cores' time was left over. To ask for what the very
+#: session took before kept the short, busy ones waiting, and all others behind them.
+ROOM_SHARE, ROOM_S = 0.1, 0.3
 #: The most slots there are; what runs alone holds all of them.
 MOST_SLOTS = 16
 

@@ -238,8 +238,9 @@ class _Watch:
         for watched in [w for w in self.watched.values() if w.core is None]:
             waited = watched.read(now_ns) if is_first else (0, 0)
             self._judge(watched, [watched], *waited, looked_ns, now_ns, stalled_ns)
-            if is_first and now_ns // _RUNAWAY_NS > looked_ns // _RUNAWAY_NS:
-                _demote_runaway(watched, now_ns)
+            is_time = is_first and now_ns // _RUNAWAY_NS > looked_ns // _RUNAWAY_NS
+            if is_time and watched.used_since(now_ns - _RUNAWAY_NS) > _RUNAWAY_SHARE * _RUNAWAY_NS:
+                demote(watched.files)  # One of the grader's own, held to no core, that somebody floods.
 
     def _judge(
         self, watched: _Watched, own: list[_Watched], together_ns: int, longest_ns: int,
@@ -254,12 +255,6 @@ class _Watch:
         delay_ns = max(delay_ns, stalled_ns - watched.noted_since(start_ns))
         if delay_ns > _LEAST_NS:
             watched.note(start_ns, now_ns, delay_ns)
-
-
-def _demote_runaway(watched: _Watched, now_ns: int) -> None:
-    """Let one of the grader's own that somebody floods go before others no more; they are held to no core."""
-    if watched.used_since(now_ns - _RUNAWAY_NS) > _RUNAWAY_SHARE * _RUNAWAY_NS:
-        demote(watched.files)
 
 
 def main() -> None:
