@@ -38,8 +38,8 @@ _MOST_KEPT = 1000
 _HISTORY = 200
 #: What takes this share of a core for so long may not go before all others any more.
 _RUNAWAY_SHARE, _RUNAWAY_NS = 0.6, 300_000_000
-#: After a delay it takes a while until what it put off is made up for: an interval and a half of 100 Hz.
-_AFTER_NS = 15_000_000
+#: What two delays take of the time between them at 100 Hz: the interval in which one ends, the next, half of the last.
+_AFTER_NS = 25_000_000
 _STOP_S, _ANSWER_S = 3.0, 1.0
 _ADDRESS_SPACE_BYTES = 1024**3
 
