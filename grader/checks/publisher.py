@@ -167,7 +167,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         measured = f"{timing.rate_hz:.2f} Hz for {sent_s:.1f} s, then nothing for {silent_s:.1f} s"
         reason = f"Messages stop after {sent_s:.1f} s of the {of_s:.1f} s. The program ran on without publishing."
         share = quantise(min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond)))
-        return unexplained(graded(share, expected, measured, reason, hint=_SILENT_HINT, where=(location,)))
+        hint = "Publish for as long as the node runs; its output shows what ended or stopped it."
+        return unexplained(graded(share, expected, measured, reason, hint=hint, where=(location,)))
     shown_hz = apart(rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
     longest = f", the longest interval {timing.intervals_s.max():.2f} s" if len(timing.intervals_s) else ""
     measured = (
@@ -245,9 +246,6 @@ def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float
     of_s = float(step.parameters["duration_s"])
     lasted_s = (int(source_ns.max()) - max(int(source_ns.min()), step.started_ns)) / 1e9
     return max(0.0, of_s - lasted_s), of_s
-
-
-_SILENT_HINT = "Publish for as long as the node runs; its output shows what ended or stopped it."
 
 
 def _bounds_hz(
@@ -426,7 +424,7 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
 
 #: A component that earns less may be in another element.
 _RECOGNISED = 0.5
-#: Of so many first messages, the first that was recorded shows where the motion begins.
+#: From one of so many first messages on, by the steps of those that follow it, it is known where the motion begins.
 _FIRST_MESSAGES = 10
 
 
@@ -446,11 +444,13 @@ def _danger(series: NumericStream, p: Sinusoids, fits: _Fits) -> tuple[str, int 
     if lacking := ", ".join(str(n) for n in np.flatnonzero(finite.mean(axis=0) < _RECOGNISED)):
         return f"Element {lacking} is not a number.", None
     sizes = np.where(finite, np.abs(values), 0.0)
-    far = float(sizes.max())
-    if p.reach is not None and far > p.reach:
+    if p.reach is not None and (far := float(sizes.max())) > p.reach:
         first = int(np.argmax(sizes.max(axis=1) > p.reach))
         return f"Element {int(sizes.max(axis=0).argmax())} goes as far as {far:.2f}, beyond ±{p.reach:g}.", first
-    begins = dict(enumerate(sizes[0])) if series.sequence[0] <= _FIRST_MESSAGES else _begins(p, fits)
+    few = slice(_FIRST_MESSAGES)
+    steps = np.abs(np.diff(sizes[few], axis=0)) / np.maximum(1, np.diff(series.sequence[few]))[:, None]
+    nearest = sizes[0] - (series.sequence[0] - 1) * steps.max(axis=0, initial=0.0)
+    begins = dict(enumerate(nearest)) if series.sequence[0] <= _FIRST_MESSAGES else _begins(p, fits)
     element = max(begins, key=lambda n: begins[n], default=0)
     if p.starts_within is not None and begins.get(element, 0.0) > p.starts_within:
         return f"Element {element} jumps to {begins[element]:.2f} with the first message.", 0
