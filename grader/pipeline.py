@@ -240,13 +240,15 @@ def record(
         with watch.stage("testing the sandbox"):
             isolation = isolation_of()
         require(isolation, Level.of(options.least_isolation))
+        if scheduler is None:  # Meanwhile it loads what every sandbox needs.
+            forks = stack.enter_context(forks.branch(isolation.form))
         native = find_native_launch(options.interpreter, options.launch)
         recordings = results / RECORDINGS
         for name in [name for name in options.sessions_of(rubric) if name not in {*chosen, *rubric.bonus_sessions}]:
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
-        wanted = in_bounds(partial(modules_to_look_for, submission), submission.source, _READING_BOUND)
+        read = partial(in_bounds, location=submission.source, bound=_READING_BOUND)
+        wanted, needed = read(lambda: (modules_to_look_for(submission), needed_interfaces(rubric, submission, chosen)))
         submission.absent_modules = absent_modules(options.interpreter, wanted)
-        needed = in_bounds(partial(needed_interfaces, rubric, submission, chosen), submission.source, _READING_BOUND)
         with work("building interfaces") if needed.packages else nullcontext():
             lacking = provide_interfaces(
                 needed, rubric, submission, Path(interfaces), isolation, options.interpreter, still_building
@@ -256,8 +258,7 @@ def record(
             replace_files({recordings / EARLIER_FILE: before})
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             with work("staging"):
-                staging = partial(stage, folder, submission, rubric, Path(scratch), str(options.interpreter))
-                executables = in_bounds(staging, submission.source, _READING_BOUND)
+                executables = read(partial(stage, folder, submission, rubric, Path(scratch), str(options.interpreter)))
             sessions = SessionRunner(
                 rubric,
                 submission,

@@ -237,8 +237,7 @@ class WantedNode(Parameters):
         None, description="Check that charges parameters declared with a wrong type."
     )
     hears_charged_by: ref.EarlierCheckId | None = Field(
-        None,
-        description="Check that charges what another node sends it; an exception by that is no second fault.",
+        None, description="Check that charges what another node sends it; an exception by that is no second fault."
     )
 
 

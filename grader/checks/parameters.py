@@ -152,12 +152,7 @@ def _mistake(p: ParameterEffect, before: Any, after: Any, restarted: Any) -> tup
     summed = p.is_rate and before is not None and p.fits(after, before + float(p.new))
     rows: tuple[tuple[bool, float, str, str], ...] = (
         (unchanged and p.fits(restarted, p.new), p.restart_credit, at_start, _TIMER_HINT if p.is_rate else _READ_HINT),
-        (
-            unchanged and p.fits(after, p.new),
-            0.0,
-            f"It was {_shown(before)} before, so nothing changed.",
-            "",
-        ),
+        (unchanged and p.fits(after, p.new), 0.0, f"It was {_shown(before)} before, so nothing changed.", ""),
         (unchanged and restarted is not None, 0.0, f"{stays}, after a restart too: it is declared but ignored.", ""),
         (unchanged, 0.0, f"{stays}.", _TIMER_HINT if p.is_rate else _READ_HINT),
         (summed, 0.0, "The old timer runs on beside the new one, so that their rates add up.", _TIMER_HINT),

@@ -112,11 +112,7 @@ def signal_property(context: Context, p: SignalProperty) -> Finding:
 
 
 def _judged(
-    context: Context,
-    p: SignalProperty,
-    found: Robustness,
-    signals: Mapping[str, Floats],
-    times_ns: Integers,
+    context: Context, p: SignalProperty, found: Robustness, signals: Mapping[str, Floats], times_ns: Integers
 ) -> Finding:
     at_s, here = moment(context, p.signals[next(iter(signals))].topic, int(times_ns[found.worst]))
     shown = ", ".join(f"{name} = {values[found.worst]:.4g}" for name, values in signals.items())

@@ -11,14 +11,7 @@ from rich.console import Console
 
 from grader.commands.arguments import add_flag, add_lab, add_path, parser_of
 from grader.files import replace_file
-from grader.result_folder import (
-    ANONYMOUS_GRADES_FILE,
-    ANONYMOUS_PAGE,
-    CLASS_PAGE,
-    GRADES_FILE,
-    RECORDINGS,
-    REPORT_FILE,
-)
+from grader.result_folder import ANONYMOUS_GRADES_FILE, ANONYMOUS_PAGE, CLASS_PAGE, GRADES_FILE, RECORDINGS, REPORT_FILE
 
 if TYPE_CHECKING:
     from grader.cohort.entries import ClassEntry

@@ -11,16 +11,7 @@ from enum import Enum
 
 from grader.cohort.mistakes import gist
 from grader.lab.rubric import Rubric
-from grader.result import (
-    ANSWERS,
-    FOR_A_PERSON,
-    WHOLE,
-    AdjustmentKind,
-    CheckResult,
-    CriterionResult,
-    Outcome,
-    Result,
-)
+from grader.result import ANSWERS, FOR_A_PERSON, WHOLE, AdjustmentKind, CheckResult, CriterionResult, Outcome, Result
 
 
 class Kind(str, Enum):

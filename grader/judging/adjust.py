@@ -14,11 +14,7 @@ from grader.lab.overrides import Override
 from grader.lab.policy import LatePolicy, span_text, time_text
 from grader.result import WHOLE, Adjustment, AdjustmentKind, CheckResult, CriterionResult, Result
 
-_KINDS = {
-    "excused": AdjustmentKind.EXCUSED,
-    "reviewed": AdjustmentKind.REVIEWED,
-    "appeal": AdjustmentKind.APPEAL,
-}
+_KINDS = {"excused": AdjustmentKind.EXCUSED, "reviewed": AdjustmentKind.REVIEWED, "appeal": AdjustmentKind.APPEAL}
 
 
 def adjust(

@@ -34,14 +34,7 @@ from pydantic_core import CoreSchema
 
 from grader.lab.patterns import compiled
 from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, suggestion
-from grader.recording.definitions import (
-    also_defined,
-    field_steps,
-    fields_of,
-    installed_types,
-    packages_with,
-    types_in,
-)
+from grader.recording.definitions import also_defined, field_steps, fields_of, installed_types, packages_with, types_in
 from grader.recording.interfaces import PARTS, InterfacePackage, packages_of, read_folder
 
 #: Topics that every ROS system has.
@@ -482,8 +475,7 @@ NumbersField = Annotated[
 ]
 #: What a pattern can be compared with.
 WordField = Annotated[
-    str,
-    _field("a text or one number", lambda spelled: spelled in ("string", "wstring") or _is_number(spelled), "data"),
+    str, _field("a text or one number", lambda spelled: spelled in ("string", "wstring") or _is_number(spelled), "data")
 ]
 
 

@@ -83,7 +83,7 @@ def mistakes_at(found: Iterable[tuple[Loc, str]]) -> ValidationError:
 class Strict(BaseModel):
     """A part of such a file: unknown keys are mistakes, values do not change."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
     @model_validator(mode="wrap")
     @classmethod
@@ -143,20 +143,22 @@ class Mistakes:
 
 def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistakes]:
     """Parse a mapping into plain data; raises RubricError if it is none. A repeated key is the first mistake."""
+    lines: dict[Loc, int] = {}
+    repeated: list[Loc] = []
     try:
-        root = yaml.compose(text, Loader=_Loader)
-        plain = yaml.load(text, Loader=_Loader)
+        loader = _Loader(text)
+        root = loader.get_single_node()
+        if root is not None:
+            _note_lines(root, (), lines, repeated)  # Before merged keys take their place in it.
+        plain = None if root is None else loader.construct_document(root)
     except (yaml.YAMLError, ValueError) as problem:
         mark = getattr(problem, "problem_mark", None)
         detail = getattr(problem, "problem", None) or str(problem)
         wrong, remedy = f"{path.name}:{mark.line + 1 if mark else 1}: {detail}", "Fix the line named."
         raise RubricError(f"{what} is not valid YAML", [wrong], location=str(path), remedy=remedy) from problem
-    if not isinstance(plain, dict) or root is None:
+    if not isinstance(plain, dict):
         wrong = f"{path.name}:1: a mapping is expected"
         raise RubricError(f"{what} is empty or not a mapping", [wrong], location=str(path))
-    lines: dict[Loc, int] = {}
-    repeated: list[Loc] = []
-    _note_lines(root, (), lines, repeated)
     mistakes = Mistakes(path, what, lines)
     for loc in repeated:
         mistakes.add(loc, "this key stands here twice")

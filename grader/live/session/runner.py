@@ -34,6 +34,8 @@ _MOST_SESSIONS = 4
 _GRACE_S = 25.0
 #: How long a sandbox that is to end may take to say by which process id, and then to end.
 _END_S = 5.0
+#: By so much the longest sessions start before those that end sooner all the same: a program begins in it.
+_START_S = 0.5
 _REMEDY = "Check whether memory or processes ran out and whether /dev/shm exists; `grade doctor` shows more."
 
 
@@ -126,6 +128,8 @@ class SessionRunner:
         slots = asyncio.Semaphore(at_a_time)
 
         async def one(spec: SessionSpec) -> None:
+            if spec.typical_s + _START_S < queue[0].typical_s and self.scheduler is None:
+                await asyncio.sleep(_START_S)
             async with slots if self.scheduler is None else self.scheduler.session_slot(spec, alone=self.attempt > 1):
                 await self._record_one(spec, on_progress)
                 retried = " retry, as something was undecided" if self.attempt > 1 else ""
