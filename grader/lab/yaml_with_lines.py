@@ -151,9 +151,11 @@ def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistak
         if root is not None:
             _note_lines(root, (), lines, repeated)  # Before merged keys take their place in it.
         plain = None if root is None else loader.construct_document(root)
-    except (yaml.YAMLError, ValueError) as problem:
+    except (yaml.YAMLError, ValueError, RecursionError) as problem:
         mark = getattr(problem, "problem_mark", None)
         detail = getattr(problem, "problem", None) or str(problem)
+        if isinstance(problem, RecursionError):
+            detail = "something in it contains itself, or is nested too deeply"
         wrong, remedy = f"{path.name}:{mark.line + 1 if mark else 1}: {detail}", "Fix the line named."
         raise RubricError(f"{what} is not valid YAML", [wrong], location=str(path), remedy=remedy) from problem
     if not isinstance(plain, dict):

@@ -168,6 +168,8 @@ def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
         ("lab: 'open\n", "lab.yaml"),
         ("\tlab: x\n", "lab.yaml:1"),
         ("lab: &a [*b]\n", "undefined alias"),
+        ("lab: &a {id: *a}\n", "contains itself"),
+        ("lab: " + 3000 * "[" + 3000 * "]" + "\n", "nested too deeply"),
         ("{}\n", "this key is missing"),
         ("lab: 5\nartifacts: 5\nsessions: []\ncriteria: x\n", "a list is expected"),
         (
@@ -180,6 +182,12 @@ def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
 def test_what_is_no_rubric_is_refused(tmp_path: Path, text: str, words: str) -> None:
     """Text that is empty, no YAML or of another shape gives mistakes, never a traceback."""
     assert any(words in message for message in mistakes(tmp_path, text))
+
+
+def test_a_merged_key_that_is_set_anew_stands_there_once(tmp_path: Path) -> None:
+    """`<<` takes over keys that a mapping may set anew; that is no repetition."""
+    found = mistakes(tmp_path, "kept: &a {id: b}\nlab: {<<: *a, id: c}\n")
+    assert not any("stands here twice" in message for message in found)
 
 
 @pytest.mark.parametrize("value", ["{a: 1}", "[[1]]", "5", "text", "null", "[{}]", "true"])
