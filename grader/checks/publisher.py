@@ -158,7 +158,8 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     length_s = span.duration_s if span else timing.written / timing.rate_hz
     delay_s = min(delay_s, 0.5 * length_s)
     bounds_hz, error_hz, by = _rate_between(context, p, timing, span, delay_s, by)
-    rate_hz, nearest_hz = (min(max(hz, bounds_hz[0]), bounds_hz[1]) for hz in (timing.rate_hz, p.rate_hz))
+    rate_hz = min(max(timing.rate_hz, bounds_hz[0] + error_hz), bounds_hz[1] - error_hz)
+    nearest_hz = min(max(p.rate_hz, bounds_hz[0]), bounds_hz[1])
     furthest_off, nearest_off = max(abs(hz / p.rate_hz - 1) for hz in bounds_hz), abs(nearest_hz / p.rate_hz - 1)
     worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (furthest_off, nearest_off))
     silent_s, of_s = _silence_s(context, p, span)

@@ -46,6 +46,14 @@ def test_a_loop_with_a_sleep_is_judged_by_its_undisturbed_intervals(tmp_path: Pa
     assert 0.1 < float(error_hz) < 0.5
 
 
+def test_a_rate_that_is_not_decided_is_shown_with_bounds_that_hold_it(tmp_path: Path) -> None:
+    """Its timer of 100 Hz sends 85 messages a second here, each late by up to 15 ms: that is near one of the bounds."""
+    rate = judged("jitter_15_ms", tmp_path)["publisher.rate"]
+    shown_hz, _, _, error_hz, *_ = rate.measured.split()
+    assert not rate.outcome.decided
+    assert abs(float(shown_hz) - 100) <= float(error_hz) < 6
+
+
 def test_what_a_program_leaves_out_by_itself_is_not_paid_for_as_stolen(tmp_path: Path) -> None:
     """Its timer is one of 100 Hz, but one callback in 25 returns at once: 96 Hz are never judged as full."""
     rate = judged("skips_one_in_25", tmp_path)["publisher.rate"]
