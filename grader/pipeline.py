@@ -289,6 +289,8 @@ def record(
             def retry(undecided: Sequence[str], folder: Path, attempt: int, disturbed: frozenset[str]) -> None:
                 alone = replace(sessions, recordings=folder, attempt=attempt, disturbed=disturbed)
                 with watch.stage("waiting for a calmer machine"):
+                    if scheduler is not None:
+                        scheduler.pause()
                     wait_for_calm()
                 with watch.stage(f"repeating sessions, attempt {attempt}"):
                     alone.record(undecided, on_progress, at_a_time=1)

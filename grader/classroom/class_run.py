@@ -159,14 +159,17 @@ class ClassRun:
                 opened = await stack.enter_async_context(cluster(location, self.display.note))
             else:
                 opened = stack.enter_context(Here(location, self.machine))
-            # What this machine leaves undecided is recorded again when it has nothing else to do.
+            # What this machine leaves undecided is recorded again when no other waits to be begun.
             scope = Scope.ALL if isinstance(location, str) else Scope.ONCE
-            endings = await side_by_side(self._first(task, opened, scope) for task in tasks)
-            left = {task: ending for task, ending in zip(tasks, endings, strict=True) if ending is not None}
-            await side_by_side(self._again(*one, opened) for one in {**left, **undecided}.items())
+            await side_by_side(self._finish(t, undecided.get(t), opened, scope) for t in (*tasks, *undecided))
+
+    async def _finish(self, task: _Task, earlier: Result | None, site: Here | Cluster, scope: Scope) -> None:
+        """Grade a submission, and record again what is undecided in its result, or in an earlier one."""
+        if (left := earlier or await self._first(task, site, scope)) is not None:
+            await self._again(task, left, site)
 
     async def _first(self, task: _Task, site: Here | Cluster, scope: Scope) -> Result | None:
-        """Grade a submission; returns its result if something undecided is to be recorded again at the end."""
+        """Grade a submission; returns its result if something undecided is to be recorded again."""
         name = task.source.name
         try:
             ending = await self._grade(task, site, scope)

@@ -32,7 +32,7 @@ class Job:
     #: How long its process may say nothing, in seconds, beyond what a session may take; all that it does by itself has
     #: a tighter bound.
     silence_s: float = 120.0
-    #: How long it may have the machine for itself; after that its sessions are recorded beside the others.
+    #: How long it may have the machine for itself; after that its sessions are recorded beside few others.
     alone_s: float = 60.0
 
 

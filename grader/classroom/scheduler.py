@@ -22,11 +22,11 @@ MOST_SLOTS = 16
 
 
 class Machine:
-    """A number of slots for sandboxes, or all of them for one; by the name, gradings find each other.
+    """A number of slots for sandboxes, or many of them for one; by the name, gradings find each other.
 
     Whoever holds the abstract socket of a slot's name holds the slot, so the kernel frees what a killed process
     held, and nothing is left behind. Everyone comes through a `turnstile`, so that sandboxes which come later do not
-    keep one that waits for all slots from them. Some are `spare`: given while the machine's cores have little to do.
+    keep one that waits for many slots from them. Some are `spare`: given while the machine's cores have little to do.
     """
 
     def __init__(
@@ -48,11 +48,17 @@ class Machine:
             return cls(jobs)
         return cls(slots, spare=slots if isolation.namespaces else 0)
 
-    async def take(self, *, alone: bool = False) -> Callable[[], None]:
-        """Wait for a slot, or for all; returns what gives them back."""
+    async def take(self, parts: int | None = None) -> Callable[[], None]:
+        """Wait for a slot, or for all slots of one of so many parts; returns what gives them back.
+
+        Of n parts each has every n-th slot: one part is all there is, and with as many as `slots`, what runs there runs
+        beside no spare ones.
+        """
         with await self._bind(["turnstile"]), ExitStack() as held:
-            if alone:
-                for number in range(1, MOST_SLOTS + 1):
+            if parts is not None:
+                first = held.enter_context(await self._bind([f"slot-{n}" for n in range(1, parts + 1)]))
+                number = int(first.getsockname().rpartition(b"-")[2])
+                while (number := number + parts) <= MOST_SLOTS:
                     held.enter_context(await self._bind([f"slot-{number}"]))
             else:
                 names = [f"slot-{number}" for number in range(1, self.slots + self.spare + 1)]
@@ -61,12 +67,13 @@ class Machine:
 
     async def _bind(self, names: Sequence[str], spare: Sequence[str] = ()) -> socket.socket:
         """Wait until one of some names is free, or one of the spare ones while cores are idle; returns its holder."""
-        looked_s, idle_s = time.monotonic(), self._idle_s()
+        looked_s, idle_s = time.monotonic(), self._idle_s() if spare else 0.0
         while True:
             has_room, past_s = False, time.monotonic() - looked_s
-            if past_s > ROOM_S:
-                has_room = self._idle_s() - idle_s > ROOM_SHARE * past_s
-                looked_s, idle_s = time.monotonic(), self._idle_s()
+            if spare and past_s > ROOM_S:
+                now_s = self._idle_s()
+                has_room = now_s - idle_s > ROOM_SHARE * past_s
+                looked_s, idle_s = time.monotonic(), now_s
             for name in (*names, *(spare if has_room else ())):
                 holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
                 try:

@@ -22,7 +22,7 @@ import time
 import traceback
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
@@ -215,14 +215,16 @@ def _send(channel: int, what: Progress | Ending) -> None:
 class _WorkerScheduler:
     """The machine's slots for the sessions of this process, and for its own work.
 
-    A slot for work is kept until the first session asks for one, since it is of this process alone, which does
-    both in turn. What this process holds is freed at its end in any case.
+    A slot for work is kept until there is no more of it for now, since it is of this process alone, which does work
+    and sessions in turn. What this process holds is freed at its end in any case.
     """
 
     job: Job
     isolation: Isolation
     forks: ForkServer
     send: Callable[[Progress], None]
+    #: By which the sessions of an event loop ask for slots one by one, the longest first: each that asks polls.
+    _turns: dict[asyncio.AbstractEventLoop, asyncio.Lock] = field(default_factory=dict)
     _own: Callable[[], None] | None = None
     _alone_s: float = 0.0
 
@@ -235,13 +237,15 @@ class _WorkerScheduler:
         return self.forks.branch(self.isolation.form)
 
     @asynccontextmanager
-    async def session_slot(self, spec: SessionSpec, *, alone: bool) -> AsyncIterator[None]:
-        """Hold a slot for a session."""
-        if self._own is not None:
-            self._own()
-            self._own = None
-        alone = alone and self._alone_s < self.job.alone_s
-        give_back = await self._take(Progress(spec.id, "waits to run alone" if alone else "waits"), alone=alone)
+    async def session_slot(self, spec: SessionSpec, attempt: int) -> AsyncIterator[None]:
+        """Hold a slot for a session; the second time beside as few others as a single grading runs, then alone."""
+        self.pause()
+        assert self.job.machine is not None
+        alone = attempt > 2 and self._alone_s < self.job.alone_s
+        parts = None if attempt == 1 else 1 if alone else self.job.machine.slots
+        text = "waits" if attempt == 1 else "waits to run alone" if alone else "waits to run beside few others"
+        async with self._turns.setdefault(asyncio.get_running_loop(), asyncio.Lock()):
+            give_back = await self._take(Progress(spec.id, text), parts)
         began_s = time.monotonic()
         try:
             yield
@@ -258,9 +262,15 @@ class _WorkerScheduler:
             self.send(Progress("", what))
         yield
 
-    async def _take(self, progress: Progress, *, alone: bool = False) -> Callable[[], None]:
+    def pause(self) -> None:
+        """Give back the slot for work of this process."""
+        if self._own is not None:
+            self._own()
+            self._own = None
+
+    async def _take(self, progress: Progress, parts: int | None = None) -> Callable[[], None]:
         assert self.job.machine is not None
-        waiting = asyncio.ensure_future(self.job.machine.take(alone=alone))
+        waiting = asyncio.ensure_future(self.job.machine.take(parts))
         while not waiting.done():
             self.send(progress)
             await asyncio.wait({waiting}, timeout=_STILL_WAITS_S)

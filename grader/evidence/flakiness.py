@@ -8,7 +8,7 @@ from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.diagnosis import HIT_IN_A_CALL, ended_by_limit
 from grader.evidence.crash.tracebacks import tracebacks
 from grader.evidence.recorded import Recorded
-from grader.recording.session import AWAITED, ProcessRun
+from grader.recording.session import AWAITED, ProcessRun, StepRun
 
 _KILLED = (-9, 137)
 #: What programs say when they may have no more threads or processes. The kernel counts those of a user, and in
@@ -62,14 +62,22 @@ def flaky_end(run: ProcessRun) -> str:
 
 
 def _stalled(recorded: Recorded) -> str | None:
-    """Say that something did not come in time while the machine delayed a process, if so."""
+    """Say that something did not come in time while the machine delayed a process, if so.
+
+    What did not come in a calm time before, since when nothing was started, does not come in any.
+    """
+    missing: set[str] = set()
     for step in recorded.record.steps:
-        span = Span(step.started_ns, step.ended_ns)
-        if step.outcome != "timeout" or span.duration_s <= 0:
+        if step.kind == "start" and step.result.get("started", True):
+            missing.clear()
+        span, wanted = Span(step.started_ns, step.ended_ns), _wanted(step)
+        if step.outcome != "timeout" or span.duration_s <= 0 or wanted in missing:
             continue
         delay_s = recorded.longest_delay_s(span) + recorded.recorder_delay_s(span)
         enough_s = max(_LEAST_STALL_S, _STALLED * span.duration_s)
-        if delay_s > enough_s and not recorded.students_busy(span):
+        if delay_s <= enough_s:
+            missing |= {wanted} - {""}
+        elif not recorded.students_busy(span):
             late = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
             return f"Something did not appear in time while the grading computer was busy {late}."
     return None
@@ -96,10 +104,14 @@ def _came_late(recorded: Recorded) -> str | None:
         names = [*graph.nodes, *(e.topic for e in graph.endpoints), *servers]
         came_ns |= dict.fromkeys(names, graph.t_ns)
     for step in recorded.record.steps:
-        # What was sent, and got no answer, came to a service or an action's server that was up.
-        sent = step.result.get("calls") or step.result.get("goals")
-        if step.outcome == "timeout" and step.kind in ("wait_for", "call", "send_goal") and not sent:
-            wanted = next((step.parameters[kind] for kind in AWAITED if step.parameters.get(kind)), "")
+        if step.outcome == "timeout" and step.kind in ("wait_for", "call", "send_goal"):
+            wanted = _wanted(step)
             if came_ns.get(recorded.used(wanted), 0) > step.ended_ns:
-                return str(wanted)
+                return wanted
     return None
+
+
+def _wanted(step: StepRun) -> str:
+    """Return the name of what a step waited for, unless that was up: what was sent to it then got no answer."""
+    sent = step.result.get("calls") or step.result.get("goals")
+    return "" if sent else next((str(step.parameters[k]) for k in AWAITED if step.parameters.get(k)), "")

@@ -156,12 +156,7 @@ class BagWriter:
         self._start_ns, self._end_ns = INFINITE_NS, 0
 
     def add_channel(
-        self,
-        topic: str,
-        topic_type: str,
-        type_hash: str,
-        definition: MessageDefinition,
-        offered_qos: Sequence[Qos],
+        self, topic: str, topic_type: str, type_hash: str, definition: MessageDefinition, offered_qos: Sequence[Qos]
     ) -> int:
         """Add a topic of one type; returns the channel to `write` to."""
         return self._add(TopicInfo(topic, topic_type, type_hash, definition, _qos_text(offered_qos)))

@@ -48,10 +48,7 @@ def _template(name: str, styles: tuple[str, ...], scripts: tuple[str, ...]) -> T
     environment.filters.update(points=views.points, tenths=views.tenths, signed=views.signed)
     environment.filters.update(tenths_signed=lambda value: views.signed(value.quantize(Decimal("0.1"))))
     environment.globals.update(
-        widths=(WIDE, HALF, NARROW),
-        anchor=views.anchor,
-        badge_of=views.badge_of,
-        share_of=views.share_of,
+        widths=(WIDE, HALF, NARROW), anchor=views.anchor, badge_of=views.badge_of, share_of=views.share_of
     )
     css, js = ("".join(map(_read, files)) for files in (styles, scripts))
     environment.globals.update(

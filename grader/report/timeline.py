@@ -233,10 +233,7 @@ def _of_process(recorded: Recorded, place: int) -> Lane:
     run, at = recorded.record.processes[place], recorded.since_start_s
     end_ns, end = run.exited_ns or recorded.record.ended_ns, end_of(run)
     odd = run.role == "student" and (run.ended_by in ("kill", "terminate", "limit") or bool(run.exit_status))
-    moments = [
-        Moment("run", at(run.started_ns), f"{run.name} runs", end, at(end_ns)),
-        *_found(recorded, run, end_ns),
-    ]
+    moments = [Moment("run", at(run.started_ns), f"{run.name} runs", end, at(end_ns)), *_found(recorded, run, end_ns)]
     if run.interrupted_ns is not None:
         moments.append(Moment("interrupt", at(run.interrupted_ns), "Ctrl-C (SIGINT)"))
     if run.exited_ns is not None:

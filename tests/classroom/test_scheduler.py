@@ -22,7 +22,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="abstract socket
 _HOLDER = """
 import asyncio, sys, time
 from grader.classroom.scheduler import Machine
-give_back = asyncio.run(Machine(2, sys.argv[1]).take(alone=sys.argv[2] == "alone"))
+give_back = asyncio.run(Machine(2, sys.argv[1]).take(1 if sys.argv[2] == "alone" else None))
 print("holds", flush=True)
 time.sleep(600)
 """
@@ -83,7 +83,7 @@ def test_one_alone_waits_for_all_and_keeps_all_out() -> None:
     async def scenario() -> None:
         slots = machine(2)
         running = await slots.take()
-        alone = await waits(slots.take(alone=True))
+        alone = await waits(slots.take(1))
         later = await waits(slots.take())
         running()
         give_back = await alone
@@ -94,18 +94,40 @@ def test_one_alone_waits_for_all_and_keeps_all_out() -> None:
     asyncio.run(scenario())
 
 
+def test_one_alone_on_a_part_leaves_the_others() -> None:
+    """One alone on one of two parts keeps the others from that; beside it runs half of them, or another alone."""
+
+    async def scenario() -> None:
+        slots = machine(4)
+        alone = await slots.take(2)
+        beside = [await slots.take(), await slots.take()]
+        waiting = await waits(slots.take())
+        beside.pop()()
+        beside.append(await waiting)
+        again = await waits(slots.take(2))
+        for give_back in beside:
+            give_back()
+        also_alone = await again
+        third = await waits(slots.take(2))
+        alone()
+        for give_back in (also_alone, await third):
+            give_back()
+
+    asyncio.run(scenario())
+
+
 def test_whoever_gives_up_leaves_nothing_held() -> None:
     """One that is cancelled while it waits to be alone gives back what it had already."""
 
     async def scenario() -> None:
         slots = machine(1)
         running = await slots.take()
-        waiting = await waits(slots.take(alone=True))
+        waiting = await waits(slots.take(1))
         waiting.cancel()
         with pytest.raises(asyncio.CancelledError):
             await waiting
         running()
-        give_back = await asyncio.wait_for(slots.take(alone=True), 30)
+        give_back = await asyncio.wait_for(slots.take(1), 30)
         give_back()
 
     asyncio.run(scenario())
@@ -122,7 +144,7 @@ def test_what_a_killed_process_held_is_free(how: str) -> None:
             assert holder.stdout.readline() == "holds\n"
 
             async def scenario() -> None:
-                waiting = await waits(Machine(2, name).take(alone=True))
+                waiting = await waits(Machine(2, name).take(1))
                 holder.kill()
                 (await asyncio.wait_for(waiting, 30))()
 
@@ -136,7 +158,7 @@ def test_no_more_places_than_one_alone_holds() -> None:
 
     async def scenario() -> None:
         slots = machine(MOST_SLOTS + 5)
-        alone = await slots.take(alone=True)
+        alone = await slots.take(1)
         waiting = await waits(slots.take())
         alone()
         (await waiting)()

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
-from grader.evidence.flakiness import flaky_end
+from grader.evidence.flakiness import flaky_end, inconclusive_reason
 from grader.recording.session import OutputLine, ProcessRun
+from tests.synthetic import Session, at
 
 _TRACEBACK = """\
 Traceback (most recent call last):
@@ -43,3 +46,34 @@ def test_an_interrupt_that_nobody_sent_is_the_programs_own() -> None:
     run = interrupted("/ws/src/joint_subscriber.py", "print_statistics", "print_statistics(node)")
     run.interrupted_ns = None
     assert not flaky_end(run)
+
+
+@pytest.mark.parametrize(
+    ("between", "is_open"),
+    [(None, False), ({"started": False}, False), ({"started": True}, True)],
+)
+def test_what_was_missing_in_a_calm_time_is_not_waited_for_again(
+    tmp_path: Path, between: dict[str, bool] | None, is_open: bool
+) -> None:
+    """A delay does not explain that something is missing which nobody delayed before; what is started may have it."""
+    session = Session(tmp_path).process("it").disturbed("it", (5.0, 0.9))
+    session.step("wait_for", "first", "timeout", parameters={"service": "/enable"})
+    if between is not None:
+        session.step("start", "again", **between)
+    session.step("call", "second", "timeout", parameters={"service": "/enable"})
+    session.record.steps[-1].started_ns, session.record.steps[-1].ended_ns = at(5.0), at(6.0)
+    assert ("Something did not appear" in str(inconclusive_reason(session.recorded(), ()))) == is_open
+
+
+@pytest.mark.parametrize("kind", ["service", "node"])
+def test_what_a_delay_may_explain_is_waited_for_again(tmp_path: Path, kind: str) -> None:
+    """So does something else, or the same where the first wait for it was disturbed too."""
+    session = Session(tmp_path).process("it").disturbed("it", (1.05, 0.9), (5.0, 0.9))
+    session.step("wait_for", "first", "timeout", parameters={kind: "/enable"})
+    assert "Something did not appear" in str(inconclusive_reason(session.recorded(), ()))
+    session = Session(tmp_path / "other").process("it").disturbed("it", (5.0, 0.9))
+    session.step("wait_for", "first", "timeout", parameters={kind: "/other"})
+    session.step("call", "second", "timeout", parameters={"service": "/enable"}, calls=[{}])
+    session.step("call", "third", "timeout", parameters={"service": "/enable"})
+    session.record.steps[-1].started_ns, session.record.steps[-1].ended_ns = at(5.0), at(6.0)
+    assert "Something did not appear" in str(inconclusive_reason(session.recorded(), ()))

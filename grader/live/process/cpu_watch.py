@@ -246,6 +246,8 @@ class _Watch:
         self, watched: _Watched, own: list[_Watched], together_ns: int, longest_ns: int,
         looked_ns: int, now_ns: int, stalled_ns: int,
     ) -> None:  # fmt: skip
+        if max(longest_ns, stalled_ns) <= _LEAST_NS:
+            return  # as at most times
         # A wait is counted when it ends; it began as long ago.
         start_ns = min(looked_ns, now_ns - longest_ns)
         delay_ns = 0

@@ -13,6 +13,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from grader.live.sandbox.machine import read_bytes_of
+
 #: Limit of all of a sandbox's student processes together.
 MEMORY_BYTES = 2 * 1024**3
 PROCESSES = 256
@@ -84,7 +86,7 @@ class SandboxCgroup:
     def memory_bytes(self) -> int:
         """Return the memory that the group takes, 0 where that cannot be read."""
         with suppress(OSError, ValueError):
-            return int(self._taken.read_text())
+            return int(read_bytes_of(str(self._taken)))
         return 0
 
     def cpu_ns(self) -> int | None:
@@ -117,7 +119,7 @@ class SandboxCgroup:
 
 def _counter(file: Path, name: str) -> int:
     with suppress(OSError):
-        found = re.search(rf"^{name} (\d+)$", file.read_text(), re.MULTILINE)
+        found = re.search(rf"^{name} (\d+)$", read_bytes_of(str(file)).decode(), re.MULTILINE)
         return int(found[1]) if found else 0
     return 0
 

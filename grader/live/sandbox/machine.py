@@ -89,7 +89,7 @@ def network_bytes(user: int | None = None) -> int:
     All networks of a machine share the memory for it, and no control group of version 1 counts it.
     """
     with suppress(OSError):
-        pages = re.findall(r"^(?:UDP|TCP): .*\bmem (\d+)", Path("/proc/net/sockstat").read_text(), re.MULTILINE)
+        pages = re.findall(r"^(?:UDP|TCP): .*\bmem (\d+)", read_bytes_of("/proc/net/sockstat").decode(), re.MULTILINE)
         if sum(map(int, pages)) < _NOTABLE_PAGES:
             return 0
     return sum(_queued(Path("/proc/net") / name, user) for name in _TABLES)

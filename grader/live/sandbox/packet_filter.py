@@ -17,7 +17,6 @@ import socket
 import struct
 from collections.abc import Collection, Iterator
 from contextlib import suppress
-from pathlib import Path
 
 from grader.live.sandbox.namespaces import call
 from grader.live.sandbox.seccomp import FilterProgram, step
@@ -81,33 +80,38 @@ class PacketFilter:
     def __init__(self) -> None:
         self._prefixes: set[bytes] = set()
         self._sockets: dict[tuple[int, str], socket.socket] = {}
+        #: All that were looked at, those of other kinds too.
+        self._known: set[tuple[int, str]] = set()
         self._marks = True
 
     def protect(self, pid: int, prefix: str = "") -> None:
         """Filter what comes to a process's UDP sockets, and protect its participant's prefix, in hexadecimal digits."""
-        new = dict(_udp_sockets(pid, self._sockets))
+        new = dict(_udp_sockets(pid, self._known))
         for found in new.values():
             self._marks = self._marks and _set(found, _SO_MARK, _MARK)
         known = len(self._prefixes)
         if prefix and self._marks:
             self._prefixes.add(bytes.fromhex(prefix))
         self._sockets |= new
-        program = FilterProgram.of(filter_program(self._prefixes))
-        for found in self._sockets.values() if len(self._prefixes) > known else new.values():
-            _set(found, _SO_ATTACH_FILTER, bytes(program))
+        if unfiltered := self._sockets if len(self._prefixes) > known else new:
+            program = bytes(FilterProgram.of(filter_program(self._prefixes)))
+            for found in unfiltered.values():
+                _set(found, _SO_ATTACH_FILTER, program)
 
 
-def _udp_sockets(pid: int, known: Collection[tuple[int, str]]) -> Iterator[tuple[tuple[int, str], socket.socket]]:
-    """Return the UDP sockets of a process that are not known yet, as copies of its descriptors."""
+def _udp_sockets(pid: int, known: set[tuple[int, str]]) -> Iterator[tuple[tuple[int, str], socket.socket]]:
+    """Return the UDP sockets of a process that are not known yet, as copies of its descriptors, and know all of it."""
+    folder = f"/proc/{pid}/fd"
     with suppress(OSError):
         handle = os.pidfd_open(pid)
         try:
-            for entry in Path(f"/proc/{pid}/fd").iterdir():
+            for name in os.listdir(folder):  # noqa: PTH208 - twice a second; as paths it would take several times as long
                 with suppress(OSError):
-                    key = (pid, str(entry.readlink()))
+                    key = (pid, os.readlink(f"{folder}/{name}"))  # noqa: PTH115
                     if key in known or not key[1].startswith("socket:"):
                         continue
-                    found = socket.socket(fileno=call("syscall", _PIDFD_GETFD, handle, int(entry.name), 0))
+                    found = socket.socket(fileno=call("syscall", _PIDFD_GETFD, handle, int(name), 0))
+                    known.add(key)
                     if (found.family, found.type) == (socket.AF_INET, socket.SOCK_DGRAM):
                         yield key, found
                     else:

@@ -166,14 +166,7 @@ def _run(
         command, environment = [str(interpreter), "-c", program], {"PATH": "/usr/bin"}
         cwd = room.seen(isolation)[TEMPORARY]
         return run_confined(
-            isolation,
-            room,
-            command,
-            environment=environment,
-            slot=slot,
-            cwd=cwd,
-            timeout_s=_TIMEOUT_S,
-            group=group,
+            isolation, room, command, environment=environment, slot=slot, cwd=cwd, timeout_s=_TIMEOUT_S, group=group
         )
 
 

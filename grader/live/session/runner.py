@@ -80,12 +80,16 @@ class Scheduler(Protocol):
         """Return what starts the sandboxes of one submission, to be used as a context."""
         ...
 
-    def session_slot(self, spec: SessionSpec, *, alone: bool) -> AbstractAsyncContextManager[None]:
-        """Wait until a session may run, `alone` if nothing else may meanwhile, and hold its slot while it does."""
+    def session_slot(self, spec: SessionSpec, attempt: int) -> AbstractAsyncContextManager[None]:
+        """Wait until a session may run, the calmer the more attempts there were, and hold its slot while it does."""
         ...
 
     def work(self, what: str) -> AbstractContextManager[None]:
         """Wait until the grader's own work, such as judging, takes no core from a session that is being timed."""
+        ...
+
+    def pause(self) -> None:
+        """Let others work, since nothing more is done until a session may run."""
         ...
 
 
@@ -130,7 +134,7 @@ class SessionRunner:
         async def one(spec: SessionSpec) -> None:
             if spec.typical_s + _START_S < queue[0].typical_s and self.scheduler is None:
                 await asyncio.sleep(_START_S)
-            async with slots if self.scheduler is None else self.scheduler.session_slot(spec, alone=self.attempt > 1):
+            async with slots if self.scheduler is None else self.scheduler.session_slot(spec, self.attempt):
                 await self._record_one(spec, on_progress)
                 retried = " retry, as something was undecided" if self.attempt > 1 else ""
                 on_progress(Progress(spec.id, f"recorded{retried}", ended=True))

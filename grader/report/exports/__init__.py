@@ -60,11 +60,7 @@ EXPORTS: Mapping[str, Export] = {
         Export("gitlab-codequality", "GitLab's code quality report", "codequality.json", gitlab_codequality.render),
         Export("gradescope", "Gradescope's results.json", "gradescope.json", gradescope.render),
         Export(
-            "classroom50",
-            "Classroom 50's result.json",
-            "classroom50.json",
-            classroom50.render,
-            classroom50.VARIABLES,
+            "classroom50", "Classroom 50's result.json", "classroom50.json", classroom50.render, classroom50.VARIABLES
         ),
     )
 }

@@ -8,14 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from grader.report.escape import markdown_text
-from grader.report.exports.graded import (
-    MOST_REMARKS,
-    Graded,
-    GradedCheck,
-    points_of,
-    proof_lines,
-    violation_texts,
-)
+from grader.report.exports.graded import MOST_REMARKS, Graded, GradedCheck, points_of, proof_lines, violation_texts
 from grader.report.views import BONUS, EXPLANATION, HEADING, adjustments_of, badge_of, bonus_lines, points
 from grader.result import Outcome
 

@@ -10,15 +10,7 @@ from pathlib import PurePosixPath
 
 from grader.report.escape import line, shown
 from grader.report.views import note_of, points
-from grader.result import (
-    BY_HAND,
-    AdjustmentKind,
-    CheckResult,
-    CriterionResult,
-    Location,
-    Result,
-    SessionProvenance,
-)
+from grader.result import BY_HAND, AdjustmentKind, CheckResult, CriterionResult, Location, Result, SessionProvenance
 
 #: No path is longer, and no name that matters.
 _LONGEST_NAME = 4096

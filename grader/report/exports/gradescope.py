@@ -16,14 +16,7 @@ from typing import Any
 
 from grader.json_text import json_text
 from grader.report.escape import line
-from grader.report.exports.graded import (
-    MOST_REMARKS,
-    Graded,
-    GradedCheck,
-    GradedCriterion,
-    full_text,
-    violation_texts,
-)
+from grader.report.exports.graded import MOST_REMARKS, Graded, GradedCheck, GradedCriterion, full_text, violation_texts
 from grader.report.views import BONUS, HEADING, adjustments_of, bonus_lines, points
 from grader.result import number
 

@@ -89,10 +89,7 @@ class Goals(FigureKind):
         cancel = goal["cancel"]
         marks = [(since(cancel["sent_ns"]), "cancel")] if cancel is not None else []
         return _Row(
-            f"{label}: {status}{result}",
-            [(since(goal["sent_ns"]), since(ended_ns), "", style)],
-            _thinned(dots),
-            marks,
+            f"{label}: {status}{result}", [(since(goal["sent_ns"]), since(ended_ns), "", style)], _thinned(dots), marks
         )
 
 

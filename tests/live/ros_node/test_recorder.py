@@ -280,13 +280,17 @@ def test_nothing_is_lost(recorded: Recorded, topic: str) -> None:
 
 
 def test_received_time_is_the_middlewares(recorded: Recorded) -> None:
-    """The received time tells when a message came in, not when the recorder, delayed for two seconds, took it."""
-    stream = recorded.stream("/rate_100")
-    assert (stream.received_ns >= stream.source_ns).all()
+    """The received time tells when a message came in, not when the recorder took it, which it did not for two seconds.
+
+    Some messages have a later one all the same: what follows a lost message is received when that was sent again.
+    """
     begun_ns, ended_ns = recorded.printed["held_ns"]
-    sent = (stream.source_ns > begun_ns) & (stream.source_ns < (begun_ns + ended_ns) // 2)
-    assert sent.sum() > 10
-    assert np.median(stream.received_ns[sent]) < ended_ns
+    meanwhile = 0
+    for topic in RATES_HZ:
+        stream = recorded.stream(topic)
+        assert (stream.received_ns >= stream.source_ns).all()
+        meanwhile += ((stream.received_ns > begun_ns) & (stream.received_ns < ended_ns)).sum()
+    assert meanwhile > 10
 
 
 def test_two_types_on_one_topic(recorded: Recorded) -> None:

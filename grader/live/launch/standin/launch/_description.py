@@ -70,11 +70,7 @@ class LaunchDescription(LaunchDescriptionEntity):
 
 
 def _collect_arguments(
-    entities: Any,
-    found: list[Any],
-    conditional: bool,
-    way: tuple[list[Any] | None, tuple[str, ...], int],
-    parent: Any,
+    entities: Any, found: list[Any], conditional: bool, way: tuple[list[Any] | None, tuple[str, ...], int], parent: Any
 ) -> None:
     # `way`: the includes on the way here, their files, and the depth; a file is not gone into again from itself.
     from .actions import DeclareLaunchArgument, IncludeLaunchDescription, ResetLaunchConfigurations
