@@ -88,9 +88,9 @@ _UNEVEN_WAY_S, _MOST_STALLED = 0.003, 0.7
 def timing_of(stream: Stream, span: Span | None) -> Timing | None:
     """Measure a topic's timing within a span; None with fewer than three samples in it.
 
-    Samples of several publishers interleave, so that only the longest run of rising sequence numbers is measured. The
-    error of the rate is the jitter of the two samples at the ends over the span: below 0.1 % for a span of seconds.
-    Where samples come in bursts, the slope of all is taken instead.
+    Samples of several publishers interleave, so that only those of one are measured. The error of the rate is the
+    jitter of the two samples at the ends over the span: below 0.1 % for a span of seconds. Where samples come in
+    bursts, the slope of all is taken instead.
     """
     order = np.argsort(stream.source_ns, kind="stable")
     source, received, sequence = stream.source_ns[order], stream.received_ns[order], stream.sequence[order]
@@ -99,8 +99,8 @@ def timing_of(stream: Stream, span: Span | None) -> Timing | None:
         source, received, sequence = source[inside], received[inside], sequence[inside]
     if len(source) < 3:
         return None
-    start, end = _longest_rise(sequence)
-    source, received, sequence = source[start:end], received[start:end], sequence[start:end]
+    chosen = _of_one_publisher(sequence)
+    source, received, sequence = source[chosen], received[chosen], sequence[chosen]
     stamped = _timed(source, sequence)
     if stamped is None:
         return None
@@ -140,10 +140,33 @@ def _slope(source: Integers, sequence: Integers) -> tuple[float, float]:
     return float(slope), 2 * residual * float(np.sqrt(12 / bursts)) / length_s
 
 
-def _longest_rise(sequence: Integers) -> tuple[int, int]:
-    """Return the bounds of the longest run in which the sequence numbers rise."""
-    breaks = np.flatnonzero(np.diff(sequence) <= 0) + 1
-    edges = [0, *breaks.tolist(), len(sequence)]
-    lengths = np.diff(edges)
-    longest = int(np.argmax(lengths))
-    return edges[longest], edges[longest + 1]
+def _of_one_publisher(sequence: Integers) -> Integers:
+    """Return which samples are of that publisher which has most: their numbers follow one another.
+
+    What is missing between them was lost, if none of what was before came after it.
+    """
+    if (np.diff(sequence) > 0).all():
+        return np.arange(len(sequence))
+    numbers = sequence.tolist()
+    runs: list[list[int]] = []
+    ends: dict[int, list[list[int]]] = {}
+    for place, number in enumerate(numbers):
+        before = [run for run in ends.pop(number - 1, ()) if place - run[-1] <= _MOST_PUBLISHERS]
+        if before:
+            run, *ends[number - 1] = before
+        else:
+            runs.append(run := [])
+        run.append(place)
+        ends.setdefault(number, []).append(run)
+    whole: list[list[int]] = []
+    for run in runs:
+        lost = [w for w in whole[-_MOST_PUBLISHERS:] if w[-1] < run[0] and numbers[w[-1]] < numbers[run[0]]]
+        if lost:
+            max(lost, key=lambda w: numbers[w[-1]]).extend(run)
+        else:
+            whole.append(run)
+    return np.array(max(whole, key=len))
+
+
+#: So many publishers of a topic are told apart: one that sends again after more samples of others is a new one.
+_MOST_PUBLISHERS = 20

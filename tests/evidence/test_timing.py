@@ -76,6 +76,20 @@ def test_of_a_node_that_started_again_the_longer_run_is_measured() -> None:
     assert timing.rate_hz == pytest.approx(20)
 
 
+@given(st.floats(0, 0.01), st.integers(1, 3000), st.integers(1, 3000), st.integers(20, 300), st.integers(0, 999))
+def test_of_two_publishers_one_is_measured(phase_s: float, first: int, other: int, rate_hz: int, seed: int) -> None:
+    """Their samples interleave, and some are lost: the rate is of the one that sent more, or of one of two alike."""
+    other = other if rate_hz == 100 else first + 5000 + other  # so that neither overtakes the other's numbers
+    sent = [(1 + n / 100, first + n) for n in range(400)]
+    sent += [(1 + phase_s + n / rate_hz, other + n) for n in range(4 * rate_hz)]
+    kept = np.random.default_rng(seed).random(len(sent)) > 0.02
+    times_s, numbers = zip(*sorted(sample for sample, is_kept in zip(sent, kept, strict=True) if is_kept), strict=True)
+    timing = measured(times_s, numbers)
+    rates = {100, rate_hz} if 90 < rate_hz < 110 else {max(100, rate_hz)}
+    assert any(timing.rate_hz == pytest.approx(rate, rel=0.01) for rate in rates)
+    assert timing.lost < 0.06 * timing.written
+
+
 def test_the_order_of_reception_does_not_matter() -> None:
     """Samples are ordered by their source timestamps."""
     order = np.random.default_rng(1).permutation(100)
