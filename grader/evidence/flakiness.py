@@ -64,22 +64,27 @@ def flaky_end(run: ProcessRun) -> str:
 def _stalled(recorded: Recorded) -> str | None:
     """Say that something did not come in time while the machine delayed a process, if so.
 
-    What did not come in a calm time before, since when nothing was started, does not come in any.
+    What does not come in a calm time either, with nothing started between, would not have come without that delay.
     """
+    late: dict[str, str] = {}
     missing: set[str] = set()
     for step in recorded.record.steps:
         if step.kind == "start" and step.result.get("started", True):
-            missing.clear()
+            if late.keys() - missing:
+                break
+            late, missing = {}, set()
         span, wanted = Span(step.started_ns, step.ended_ns), _wanted(step)
-        if step.outcome != "timeout" or span.duration_s <= 0 or wanted in missing:
+        if step.outcome != "timeout" or span.duration_s <= 0:
             continue
         delay_s = recorded.longest_delay_s(span) + recorded.recorder_delay_s(span)
         enough_s = max(_LEAST_STALL_S, _STALLED * span.duration_s)
         if delay_s <= enough_s:
             missing |= {wanted} - {""}
         elif not recorded.students_busy(span):
-            late = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
-            return f"Something did not appear in time while the grading computer was busy {late}."
+            late[wanted] = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
+    for wanted, how_long in late.items():
+        if wanted not in missing:
+            return f"Something did not appear in time while the grading computer was busy {how_long}."
     return None
 
 

@@ -160,9 +160,10 @@ def _of_one_publisher(sequence: Integers) -> Integers:
         ends.setdefault(number, []).append(run)
     whole: list[list[int]] = []
     for run in runs:
-        lost = [w for w in whole[-_MOST_PUBLISHERS:] if w[-1] < run[0] and numbers[w[-1]] < numbers[run[0]]]
-        if lost:
-            max(lost, key=lambda w: numbers[w[-1]]).extend(run)
+        gone = {numbers[run[0]] - numbers[w[-1]]: w for w in whole[-_MOST_PUBLISHERS:] if w[-1] < run[0]}
+        fewest = min((lost for lost, w in gone.items() if 0 < lost <= _MOST_LOST * (run[0] - w[-1])), default=None)
+        if fewest is not None:
+            gone[fewest].extend(run)
         else:
             whole.append(run)
     return np.array(max(whole, key=len))
@@ -170,3 +171,5 @@ def _of_one_publisher(sequence: Integers) -> Integers:
 
 #: So many publishers of a topic are told apart: one that sends again after more samples of others is a new one.
 _MOST_PUBLISHERS = 20
+#: For each sample that came meanwhile, so many were lost at most.
+_MOST_LOST = 10

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -52,11 +53,15 @@ def test_an_interrupt_that_nobody_sent_is_the_programs_own() -> None:
     ("between", "is_open"),
     [(None, False), ({"started": False}, False), ({"started": True}, True)],
 )
+@pytest.mark.parametrize("delayed_s", [1.05, 5.0])
 def test_what_was_missing_in_a_calm_time_is_not_waited_for_again(
-    tmp_path: Path, between: dict[str, bool] | None, is_open: bool
+    tmp_path: Path, delayed_s: float, between: dict[str, Any] | None, is_open: bool
 ) -> None:
-    """A delay does not explain that something is missing which nobody delayed before; what is started may have it."""
-    session = Session(tmp_path).process("it").disturbed("it", (5.0, 0.9))
+    """A delay does not explain that something is missing which nobody delayed at another time, before or after.
+
+    But what was started between the two may have it, or have ended it.
+    """
+    session = Session(tmp_path).process("it").disturbed("it", (delayed_s, 0.9))
     session.step("wait_for", "first", "timeout", parameters={"service": "/enable"})
     if between is not None:
         session.step("start", "again", **between)
@@ -77,3 +82,13 @@ def test_what_a_delay_may_explain_is_waited_for_again(tmp_path: Path, kind: str)
     session.step("call", "third", "timeout", parameters={"service": "/enable"})
     session.record.steps[-1].started_ns, session.record.steps[-1].ended_ns = at(5.0), at(6.0)
     assert "Something did not appear" in str(inconclusive_reason(session.recorded(), ()))
+
+
+def test_what_was_explained_before_a_start_stays_so(tmp_path: Path) -> None:
+    """A disturbed wait for what a calm one missed too leaves nothing open, whatever is started later."""
+    session = Session(tmp_path).process("it").disturbed("it", (5.0, 0.9))
+    session.step("wait_for", "first", "timeout", parameters={"service": "/enable"})
+    session.step("call", "second", "timeout", parameters={"service": "/enable"})
+    session.record.steps[-1].started_ns, session.record.steps[-1].ended_ns = at(5.0), at(6.0)
+    session.step("start", "another")
+    assert "Something did not appear" not in str(inconclusive_reason(session.recorded(), ()))
