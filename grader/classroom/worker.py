@@ -224,7 +224,7 @@ class _WorkerScheduler:
     forks: ForkServer
     send: Callable[[Progress], None]
     #: By which the sessions of an event loop ask for slots one by one, the longest first: each that asks polls.
-    _turns: dict[asyncio.AbstractEventLoop, asyncio.Lock] = field(default_factory=dict)
+    _asking: dict[asyncio.AbstractEventLoop, asyncio.Lock] = field(default_factory=dict)
     _own: Callable[[], None] | None = None
     _alone_s: float = 0.0
 
@@ -244,7 +244,7 @@ class _WorkerScheduler:
         alone = attempt > 2 and self._alone_s < self.job.alone_s
         parts = None if attempt == 1 else 1 if alone else self.job.machine.slots
         text = "waits" if attempt == 1 else "waits to run alone" if alone else "waits to run beside few others"
-        async with self._turns.setdefault(asyncio.get_running_loop(), asyncio.Lock()):
+        async with self._asking.setdefault(asyncio.get_running_loop(), asyncio.Lock()):
             give_back = await self._take(Progress(spec.id, text), parts)
         began_s = time.monotonic()
         try:
