@@ -95,10 +95,11 @@ def _was_refused_tasks(run: ProcessRun) -> bool:
 
 
 def _nobody_came(recorded: Recorded, students: Iterable[ProcessRun], reference_nodes: frozenset[str]) -> bool:
-    """Whether programs that had to be stopped, and hit no limit, were waited for in vain and showed no node at all."""
+    """Whether something was waited for in vain while a program showed no node, had to be stopped, and hit no limit."""
     waited = any(step.kind == "wait_for" and step.outcome == "timeout" for step in recorded.record.steps)
-    ran_on = any(run.ended_by in ("interrupt", "terminate", "kill") and run.limit is None for run in students)
-    return waited and ran_on and not set(recorded.nodes) - reference_nodes
+    ran_on = [run.name for run in students if run.ended_by in ("interrupt", "terminate", "kill") and run.limit is None]
+    asked = {claim.process for claim in recorded.record.claims} if set(recorded.nodes) - reference_nodes else set()
+    return waited and not asked.issuperset(ran_on)
 
 
 def _came_late(recorded: Recorded) -> str | None:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from grader.evidence.flakiness import flaky_end, inconclusive_reason
-from grader.recording.session import OutputLine, ProcessRun
+from grader.recording.session import Claim, OutputLine, ProcessRun
 from tests.synthetic import Session, at
 
 _TRACEBACK = """\
@@ -92,3 +92,18 @@ def test_what_was_explained_before_a_start_stays_so(tmp_path: Path) -> None:
     session.record.steps[-1].started_ns, session.record.steps[-1].ended_ns = at(5.0), at(6.0)
     session.step("start", "another")
     assert "Something did not appear" not in str(inconclusive_reason(session.recorded(), ()))
+
+
+@pytest.mark.parametrize(
+    ("ended_by", "times", "is_open"), [("interrupt", 1, True), ("interrupt", 2, False), ("itself", 1, False)]
+)
+def test_a_program_that_asked_for_nothing_while_it_was_waited_for_is_seen_again(
+    tmp_path: Path, ended_by: str, times: int, is_open: bool
+) -> None:
+    """A node of a correct launch file once stood in Python's own start for 16 s, beside others that came up."""
+    session = Session(tmp_path).process("it", ended_by="interrupt").process("stands", ended_by=ended_by)
+    session.node("/it").claim("node", "it").step("wait_for", "service", "timeout", parameters={"service": "/enable"})
+    session.record.attempt = times
+    assert ("its node did not appear" in str(inconclusive_reason(session.recorded(), ()))) == is_open
+    session.record.claims.append(Claim("stands", "node", "other"))
+    assert inconclusive_reason(session.recorded(), ()) is None
