@@ -74,7 +74,7 @@ def _stalled(recorded: Recorded) -> str | None:
                 break
             late, missing = {}, set()
         span, wanted = Span(step.started_ns, step.ended_ns), _wanted(step)
-        if step.outcome != "timeout" or span.duration_s <= 0:
+        if step.outcome != "timeout" or span.duration_s < _LEAST_STALL_S:
             continue
         delay_s = recorded.longest_delay_s(span) + recorded.recorder_delay_s(span)
         enough_s = max(_LEAST_STALL_S, _STALLED * span.duration_s)

@@ -73,6 +73,8 @@ _ACKNOWLEDGED_S = 1.0
 _FOREIGN_S = 0.5
 #: How long a service may take to come up, and to answer once it has left a call unanswered: its long wait was that one.
 _BRIEFLY_S = 3.0
+#: How long to wait once more for what did not come up, if nothing was started, was done or changed in the graph since.
+_AGAIN_S = 0.5
 #: How long a service that is called may be gone from the graph, as it is when its node has ended.
 _GONE_S = 1.0
 #: Service events that the middleware keeps until the recorder has them.
@@ -116,6 +118,7 @@ class Director:
         self._clients: dict[tuple[str, str, int], Client[Any, Any]] = {}
         self._probes: dict[tuple[str, str], ActionProbe] = {}
         self._silent: set[str] = set()
+        self._missing: set[tuple[str, int]] = set()
         self._requests: queue.Queue[dict[str, Any] | None] = queue.Queue()
         self._cancelled = False
 
@@ -173,15 +176,18 @@ class Director:
         self._requests.put(None)
 
     def _answer(self, request: dict[str, Any]) -> Answer:
+        self._processes = int(request.get("processes", 0))
         try:
             answer: Answer = getattr(self, f"_do_{request['op']}")(request)
         except Cancelled:
             return "cancelled", {}
         except Exception as problem:  # Whatever it is, the session must hear of it and go on.
             return "failed", {"problem": f"{type(problem).__name__}: {problem}"}
+        self._missing &= set() if answer[0] == "done" else self._missing
         return answer
 
     def _on_change(self, graph: GraphSnapshot) -> None:
+        self._missing.clear()
         self._recorder.follow(graph.endpoints)
         _send("graph", graph)
 
@@ -204,6 +210,13 @@ class Director:
                 self._watch.look()
         return True
 
+    def _until_up(self, name: str, condition: Callable[[], object], timeout_s: float) -> bool:
+        wanted, again = (name, self._processes), Deadline(_AGAIN_S)
+        self._until(lambda: condition() or (wanted in self._missing and again.passed()), timeout_s)
+        is_up = bool(condition())
+        self._missing |= set() if is_up else {wanted}
+        return is_up
+
     # -- waiting ------------------------------------------------------------------------------
 
     def _do_wait_for(self, request: Mapping[str, Any]) -> Answer:
@@ -224,7 +237,7 @@ class Director:
             guess = near_miss(wanted, wanted_type, [c for c in candidates if c.name not in taken])
             return [guess] if guess is not None else []
 
-        is_there = self._until(found, float(request["timeout_s"]))
+        is_there = self._until_up(wanted, found, float(request["timeout_s"]))
         waited = {"waited_s": round(time.monotonic() - started_s, 3)}
         if not is_there:
             return "timeout", {**waited, "there": sorted({c.name for c in self._candidates(kind, wanted)})[:50]}
@@ -302,7 +315,7 @@ class Director:
             events, events_type = f"{service}/_service_event", f"{service_type}_Event"
             self._record(events, events_type)
             self._until(lambda: self._recorder.matched(events, events_type) > number, _MATCH_S)
-        return self._clients[key] if self._until(self._clients[key].service_is_ready, timeout_s) else None
+        return self._clients[key] if self._until_up(service, self._clients[key].service_is_ready, timeout_s) else None
 
     def _record(self, topic: str, topic_type: str, durability: str = "volatile") -> None:
         """Have a topic of our own recorded, which no snapshot of the graph shows."""
@@ -355,7 +368,7 @@ class Director:
         action, timeout_s = self._names.get(request["action"], request["action"]), float(request["timeout_s"])
         kind = _offered_type(self._watch.last.actions, action, request["type"])
         probe, about = self._probe(action, kind), {"action": action, "type": kind, "goals": list[Any]()}
-        if not self._until(lambda: probe.ready, min(timeout_s, _BRIEFLY_S)):
+        if not self._until_up(action, lambda: probe.ready, min(timeout_s, _BRIEFLY_S)):
             return "timeout", {**about, "problem": "the action server is not up"}
         self._until(lambda: self._recorder.matched(f"{action}/_action/feedback", f"{kind}_FeedbackMessage"), _MATCH_S)
         self._until(lambda: False, _KNOWN_S)

@@ -10,6 +10,7 @@ import re
 import secrets
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Collection
 from dataclasses import replace
 from functools import partial
@@ -175,6 +176,12 @@ def snapshot(node: Node, own_prefix: str, first: Collection[str], before: GraphS
     for full in sorted(set(taken.nodes)):
         taken.services += _services_of(node.get_service_names_and_types_by_node, full)
         taken.clients += _services_of(node.get_client_names_and_types_by_node, full)
+    if len(taken.nodes) > len(set(taken.nodes)):
+        # Of several nodes of one name the middleware tells the services of one alone.
+        several, known = Counter(taken.nodes).most_common(1)[0][0], {service.name for service in taken.services}
+        for found in _services_of(lambda *_: node.get_service_names_and_types(), several):
+            if found.name not in known and _TOPIC_NAME.fullmatch(found.name) and node.count_services(found.name):
+                taken.services.append(found)
     return taken
 
 

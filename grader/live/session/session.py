@@ -294,7 +294,8 @@ class Session:
         assert self.director is not None
         if not self._students_remain():
             return "cancelled", {"problem": "the student's process had ended"}
-        answer = asyncio.create_task(self.director.ask({"op": op, **parameters}))
+        request = {"op": op, "processes": len(self.record.processes), **parameters}
+        answer = asyncio.create_task(self.director.ask(request))
         ended = asyncio.create_task(self._students_ended())
         await asyncio.wait({answer, ended}, return_when=asyncio.FIRST_COMPLETED)
         if not answer.done():

@@ -398,3 +398,60 @@ def test_a_wait_ends_when_the_student_has(tmp_path: Path) -> None:
     assert second.ended_ns - second.started_ns < 1e9
     assert [step.outcome for step in steps_of(recorded, "call")] == ["cancelled"]
     assert "ZeroDivisionError" in "".join(line.text for line in run.output)
+
+
+LATE = """
+        self.create_subscription(String, '/go', self.begin, 10)
+        self.hint = None
+
+    def begin(self, message):
+        if self.hint is None:
+            self.hint = self.create_publisher(String, '/hint', 10)
+            self.create_timer(1.5, self.offer)
+
+    def offer(self):
+        self.create_service(SetBool, '/late', lambda request, response: response)
+"""
+
+
+def test_what_is_missing_is_waited_for_briefly_until_something_changes(tmp_path: Path) -> None:
+    """A session in which a service is missing took 66 s; but what is started, or comes up, may bring it yet."""
+    wait = {"wait_for": {"service": "/late", "type": SET_BOOL, "timeout_s": 4}}
+    call = {"call": {"service": "/late", "type": SET_BOOL, "timeout_s": 4}}
+    go = {"publish": {"topic": "/go", "type": TEXT, "message": {"data": "go"}, "count": 1, "rate_hz": 10}}
+    recorded = record_one(
+        tmp_path,
+        node(LATE),
+        [
+            {"wait_for": {"node": "/student", "timeout_s": 20}},
+            *[wait, call, wait],
+            {"start": {"student": "node", "name": "second", "remappings": {"/go": "/other"}}},
+            *[wait, go, {"wait_for": {"service": "/late", "type": SET_BOOL, "timeout_s": 20}}, call],
+            {"interrupt": {"process": "second", "timeout_s": 30}},
+        ],
+    )
+    waits = steps_of(recorded, "wait_for")[1:]
+    took_s = [(step.ended_ns - step.started_ns) / 1e9 for step in waits]
+    assert [step.outcome for step in waits] == ["timeout", "timeout", "timeout", "done"]
+    assert min(took_s[0], took_s[2]) >= 4.0
+    assert took_s[1] < 2.0
+    first, second = steps_of(recorded, "call")
+    assert (first.outcome, second.outcome) == ("timeout", "done")
+    assert (first.ended_ns - first.started_ns) / 1e9 < 2.0
+
+
+def test_services_of_nodes_with_one_name_are_all_seen(tmp_path: Path) -> None:
+    """The middleware tells those of one of them alone, which one by chance."""
+    source = node("        self.create_service(SetBool, '/first', lambda request, response: response)")
+    recorded = record_one(
+        tmp_path,
+        source,
+        [
+            {"start": {"student": "node", "name": "second", "remappings": {"/first": "/second"}}},
+            *[{"wait_for": {"service": name, "type": SET_BOOL, "timeout_s": 10}} for name in ("/first", "/second")],
+            {"wait_for": {"service": "/first", "type": SET_BOOL, "timeout_s": 10}},
+            {"interrupt": {"process": "second", "timeout_s": 30}},
+        ],
+    )
+    assert [step.outcome for step in steps_of(recorded, "wait_for")] == ["done"] * 3
+    assert {service.node for graph in recorded.record.graph for service in graph.services} == {"/student"}
