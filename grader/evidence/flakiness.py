@@ -19,8 +19,8 @@ _FLAKY_RECORDINGS = 2
 #: Share of the time for which something was waited for in vain, from which it may be the machine's doing that it did
 #: not come.
 _STALLED = 0.5
-#: Shorter delays are those of any start.
-_LEAST_STALL_S = 0.6
+#: Shorter delays are those of any start, and who had so much time without one had enough for it, wherever that lay.
+_LEAST_STALL_S, _ENOUGH_S = 0.6, 3.0
 #: Within these a program waits, and has to expect Ctrl-C.
 _SPINNING = {"spin", "spin_once", "spin_until_future_complete"}
 
@@ -68,18 +68,19 @@ def _stalled(recorded: Recorded) -> str | None:
     """
     late: dict[str, str] = {}
     missing: set[str] = set()
+    came_ns = _came_ns(recorded)
     for step in recorded.record.steps:
         if step.kind == "start" and step.result.get("started", True):
             if late.keys() - missing:
                 break
             late, missing = {}, set()
-        span, wanted = Span(step.started_ns, step.ended_ns), _wanted(step)
+        span, wanted = Span(step.started_ns, step.ended_ns), recorded.used(_wanted(step))
         if step.outcome != "timeout" or span.duration_s < _LEAST_STALL_S:
             continue
         delay_s = recorded.longest_delay_s(span) + recorded.recorder_delay_s(span)
-        enough_s = max(_LEAST_STALL_S, _STALLED * span.duration_s)
-        if delay_s <= enough_s:
-            missing |= {wanted} - {""}
+        if delay_s <= max(_LEAST_STALL_S, _STALLED * span.duration_s, span.duration_s - _ENOUGH_S):
+            # What was waited for before has not come since either.
+            missing |= {wanted, *(late.keys() - came_ns.keys())} - {""}
         elif not recorded.students_busy(span):
             late[wanted] = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
     for wanted, how_long in late.items():
@@ -104,17 +105,23 @@ def _nobody_came(recorded: Recorded, students: Iterable[ProcessRun], reference_n
 
 def _came_late(recorded: Recorded) -> str | None:
     """Return what the session waited for, or called, in vain, although it came into the graph after that."""
-    came_ns: dict[str, int] = {}
-    for graph in reversed(recorded.record.graph):
-        servers = [s.name for s in (*graph.services, *graph.actions, *graph.action_clients)]
-        names = [*graph.nodes, *(e.topic for e in graph.endpoints), *servers]
-        came_ns |= dict.fromkeys(names, graph.t_ns)
+    came_ns = _came_ns(recorded)
     for step in recorded.record.steps:
         if step.outcome == "timeout" and step.kind in ("wait_for", "call", "send_goal"):
             wanted = _wanted(step)
             if came_ns.get(recorded.used(wanted), 0) > step.ended_ns:
                 return wanted
     return None
+
+
+def _came_ns(recorded: Recorded) -> dict[str, int]:
+    """Return when each name was first in the graph."""
+    came_ns: dict[str, int] = {}
+    for graph in reversed(recorded.record.graph):
+        servers = [s.name for s in (*graph.services, *graph.actions, *graph.action_clients)]
+        names = [*graph.nodes, *(e.topic for e in graph.endpoints), *servers]
+        came_ns |= dict.fromkeys(names, graph.t_ns)
+    return came_ns
 
 
 def _wanted(step: StepRun) -> str:

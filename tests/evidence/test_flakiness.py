@@ -94,6 +94,28 @@ def test_what_was_explained_before_a_start_stays_so(tmp_path: Path) -> None:
     assert "Something did not appear" not in str(inconclusive_reason(session.recorded(), ()))
 
 
+@pytest.mark.parametrize("came", [False, True])
+def test_what_has_not_come_in_a_calm_time_after_either_was_not_kept_by_a_delay(tmp_path: Path, came: bool) -> None:
+    """Whatever that time was waited for; but what came then may have been delayed until then."""
+    session = Session(tmp_path).process("it").disturbed("it", (1.05, 0.9)).node("/it").claim("node", "it")
+    session.step("wait_for", "first", "timeout", parameters={"publisher": "/late"})
+    session.step("wait_for", "second", "timeout", parameters={"publisher": "/other"})
+    session.record.steps[-1].started_ns, session.record.steps[-1].ended_ns = at(5.0), at(8.0)
+    if came:
+        session.endpoint("publisher", "/late")
+    assert ("Something did not appear" in str(inconclusive_reason(session.recorded(), ()))) == came
+
+
+@pytest.mark.parametrize(("delay_s", "is_open"), [(5.5, False), (7.5, True)])
+def test_who_had_time_enough_was_not_kept_by_a_delay(tmp_path: Path, delay_s: float, is_open: bool) -> None:
+    """Of 10 s with a delay in each half second, 3 s without one are ten starts of a node."""
+    parts = ((1.0 + n / 2, delay_s / 20) for n in range(20))
+    session = Session(tmp_path).process("it").disturbed("it", *parts).node("/it").claim("node", "it")
+    session.step("wait_for", "first", "timeout", parameters={"service": "/enable"})
+    session.record.steps[-1].ended_ns = at(11.0)
+    assert ("Something did not appear" in str(inconclusive_reason(session.recorded(), ()))) == is_open
+
+
 @pytest.mark.parametrize(
     ("ended_by", "times", "is_open"), [("interrupt", 1, True), ("interrupt", 2, False), ("itself", 1, False)]
 )
