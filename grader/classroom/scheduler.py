@@ -6,7 +6,7 @@ import asyncio
 import socket
 import time
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 
 from grader.live.sandbox.isolation import Isolation
 from grader.live.sandbox.machine import idle_s
@@ -54,19 +54,15 @@ class Machine:
         Of n parts each has every n-th slot: one part is all there is, and with as many as `slots`, what runs there runs
         beside no spare ones.
         """
-        with await self._bind(["turnstile"]), ExitStack() as held:
-            if parts is not None:
-                first = held.enter_context(await self._bind([f"slot-{n}" for n in range(1, parts + 1)]))
-                number = int(first.getsockname().rpartition(b"-")[2])
-                while (number := number + parts) <= MOST_SLOTS:
-                    held.enter_context(await self._bind([f"slot-{number}"]))
-            else:
-                names = [f"slot-{number}" for number in range(1, self.slots + self.spare + 1)]
-                held.enter_context(await self._bind(names[: self.slots], names[self.slots :]))
-            return held.pop_all().close
+        with await self._bind([["turnstile"]]):
+            count = parts or self.slots + self.spare
+            step = MOST_SLOTS if parts is None else parts
+            names = [[f"slot-{n}" for n in range(first, MOST_SLOTS + 1, step)] for first in range(1, count + 1)]
+            at_once = len(names) if parts is not None else self.slots
+            return (await self._bind(names[:at_once], names[at_once:])).close
 
-    async def _bind(self, names: Sequence[str], spare: Sequence[str] = ()) -> socket.socket:
-        """Wait until one of some names is free, or one of the spare ones while cores are idle; returns its holder."""
+    async def _bind(self, groups: Sequence[Sequence[str]], spare: Sequence[Sequence[str]] = ()) -> ExitStack:
+        """Wait until a group of names is free, or a spare one while cores are idle; returns what holds all of it."""
         looked_s, idle_s = time.monotonic(), self._idle_s() if spare else 0.0
         while True:
             has_room, past_s = False, time.monotonic() - looked_s
@@ -74,12 +70,10 @@ class Machine:
                 now_s = self._idle_s()
                 has_room = now_s - idle_s > ROOM_SHARE * past_s
                 looked_s, idle_s = time.monotonic(), now_s
-            for name in (*names, *(spare if has_room else ())):
-                holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
-                try:
-                    holder.bind(f"\0{self._name}-{name}")
-                except OSError:
-                    holder.close()
-                else:
-                    return holder
+            for names in (*groups, *(spare if has_room else ())):
+                with suppress(OSError), ExitStack() as held:
+                    for name in names:
+                        holder = held.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+                        holder.bind(f"\0{self._name}-{name}")
+                    return held.pop_all()
             await asyncio.sleep(_POLL_S)

@@ -116,6 +116,21 @@ def test_one_alone_on_a_part_leaves_the_others() -> None:
     asyncio.run(scenario())
 
 
+def test_the_part_that_is_free_is_taken() -> None:
+    """One in whose places something runs for half a minute, such as a session without answers, is not waited for."""
+
+    async def scenario() -> None:
+        slots = machine(4)
+        first, second, third = [await slots.take() for _ in range(3)]
+        first()  # its part has the third place too
+        second()
+        give_back = await asyncio.wait_for(slots.take(2), 30)
+        for held in (third, give_back):
+            held()
+
+    asyncio.run(scenario())
+
+
 def test_whoever_gives_up_leaves_nothing_held() -> None:
     """One that is cancelled while it waits to be alone gives back what it had already."""
 
