@@ -68,7 +68,10 @@ class StartStep(Step):
 
 
 class WaitForStep(Step):
-    """Wait for a node, an endpoint, a service, an action or a line of output; near misses of a name are found."""
+    """Wait for a node, an endpoint, a service, an action or a line of output; near misses of a name are found.
+
+    What did not come is waited for half a second once more, until something is started, done or new in the graph.
+    """
 
     words = "waiting for {key} {target}"
     exactly_one = (*AWAITED, "output_of")

@@ -183,7 +183,8 @@ class Director:
             return "cancelled", {}
         except Exception as problem:  # Whatever it is, the session must hear of it and go on.
             return "failed", {"problem": f"{type(problem).__name__}: {problem}"}
-        self._missing &= set() if answer[0] == "done" else self._missing
+        if answer[0] == "done":
+            self._missing.clear()
         return answer
 
     def _on_change(self, graph: GraphSnapshot) -> None:
