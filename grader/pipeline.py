@@ -291,7 +291,7 @@ def record(
                 with watch.stage("waiting for a calmer machine"):
                     if scheduler is not None:
                         scheduler.pause()
-                    # A class waits for its slots before; what it runs beside them would not count as calm.
+                    # The second time a class waits for slots beside few others: so few that they suffice, but no calm.
                     if scheduler is None or attempt > 2:
                         wait_for_calm()
                 with watch.stage(f"repeating sessions, attempt {attempt}"):
