@@ -108,11 +108,14 @@ class _Watched:
 
     role: str
     core: int | None = None
-    #: Thread id -> descriptor of its counters; and what they said last: CPU time and time in the queue, in ns.
+    #: Thread id -> descriptor of its counters, who ran last at the end; what they said: CPU and queue time, in ns.
     files: dict[int, int] = field(default_factory=dict)
     last: dict[int, tuple[int, int]] = field(default_factory=dict)
     said: dict[int, bytes] = field(default_factory=dict)
     cpu_ns: int = 0
+    #: The clocks of its processes, and by how much more than `cpu_ns` these were seen to have used.
+    clocks: list[int] = field(default_factory=list)
+    more_ns: int = 0
     #: (time, CPU time until then), both in ns.
     history: deque[tuple[int, int]] = field(default_factory=lambda: deque([(0, 0)], maxlen=_HISTORY))
     disturbed: list[list[int]] = field(default_factory=list)
@@ -122,14 +125,24 @@ class _Watched:
             if thread not in self.files:
                 with suppress(OSError):
                     self.files[thread] = os.open(f"/proc/{thread}/schedstat", os.O_RDONLY)
+                    time.clock_gettime_ns(clock := ~thread << 3 | 2)  # as clock_getcpuclockid(3) has it
+                    self.clocks.append(clock)  # since it is the first thread of a process
 
     def read(self, now_ns: int) -> tuple[int, int]:
-        """Take the CPU time since the last look, and return how long its threads waited: together, and the longest."""
-        together = longest = 0
-        for thread, file in list(self.files.items()):
+        """Take the CPU time since the last look, and return how long its threads waited: together, and the longest.
+
+        Of a node's dozen threads few run within a sample: once these account for what the clocks of its processes say,
+        no other one ran, nor ended a wait.
+        """
+        together = longest = process_ns = 0
+        with suppress(OSError):  # Once one of them has ended, all threads are read.
+            process_ns = sum(map(time.clock_gettime_ns, self.clocks))
+        for thread, file in reversed(list(self.files.items())):
+            if process_ns and process_ns - self.cpu_ns == self.more_ns:
+                break
             try:
                 if (said := os.pread(file, 100, 0)) == self.said.get(thread):
-                    continue  # as most threads at most times
+                    continue
                 cpu_ns, waited_ns, *_ = map(int, said.split())
             except (OSError, ValueError):  # It has ended.
                 os.close(self.files.pop(thread))
@@ -139,12 +152,16 @@ class _Watched:
             self.cpu_ns += cpu_ns - cpu_before_ns
             together += waited_ns - before_ns
             longest = max(longest, waited_ns - before_ns)
+            self.files[thread] = self.files.pop(thread)
+        else:
+            self.more_ns = process_ns - self.cpu_ns
         self.history.append((now_ns, self.cpu_ns))
         return together, longest
 
     def used_since(self, t_ns: int) -> int:
         """Return the CPU time that it used since a time, as far as that is known."""
-        return self.cpu_ns - next((cpu_ns for at_ns, cpu_ns in self.history if at_ns >= t_ns), self.cpu_ns)
+        since = itertools.takewhile(lambda known: known[0] >= t_ns, reversed(self.history))
+        return self.cpu_ns - min((cpu_ns for _, cpu_ns in since), default=self.cpu_ns)
 
     def noted_since(self, t_ns: int) -> int:
         """Return for how long it was delayed since a time, as far as that is noted already."""
@@ -230,7 +247,7 @@ class _Watch:
         for watched in held:
             own = [w for w in held if w.role == "student" or w is watched]
             self._judge(watched, own, *waits[id(watched)], looked_ns, now_ns, stalled_ns)
-        for watched in [w for w in self.watched.values() if w.core not in (core, None)]:
+        for watched in [w for w in self.watched.values() if w.core not in (core, None) and stalled_ns]:
             # A stop of all makes another core's thread late by so much less as that had woken up later.
             more_ns = stalled_ns - watched.noted_since(looked_ns)
             if _LEAST_NS < more_ns < _PERIOD_S * 1e9 + _LEAST_NS:

@@ -15,6 +15,7 @@ from typing import Any
 
 import pytest
 
+from grader.live.process.cpu_watch import _Watched
 from grader.live.process.priority import put_in_real_time
 from tests.live.small_lab import until
 
@@ -31,6 +32,19 @@ def compute():
         hashlib.sha256(block)
 threading.Thread(target=compute, daemon=True).start()
 compute()
+"""
+#: Threads that compute for a moment each, now and then, and one that begins after a second.
+_MANY_THREADS = """
+import hashlib, threading, time
+block = bytes(2**18)
+def compute(pause_s):
+    while True:
+        hashlib.sha256(block)
+        time.sleep(pause_s)
+for number in range(12):
+    threading.Thread(target=compute, args=(0.002 * 2**number,), daemon=True).start()
+time.sleep(1)
+compute(0.001)
 """
 _CORE = min(os.sched_getaffinity(0))
 
@@ -107,6 +121,27 @@ def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
     assert alone_s <= (middle_ns - start_ns) / 1e9 - (cpu_alone_s - cpu_s) + 0.1
     assert left_s > 0.1
     assert both_s == pytest.approx(left_s, abs=0.3 * left_s)
+
+
+def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:
+    """Who did not run is not read; the sums are those of all threads, to the nanosecond."""
+    with program(_MANY_THREADS) as it, program(_TWO_THREADS) as other:
+        until(lambda: len(threads_of(it.pid)) == 13, 30)
+        for process in (it, other):
+            os.sched_setaffinity(process.pid, {_CORE})
+        say(other, "")
+        watched = _Watched("student")
+        watched.open(threads_of(it.pid))
+        waited_ns = 0
+        for sample in range(200):
+            time.sleep(0.01)
+            waited_ns += watched.read(sample)[0]
+        it.send_signal(signal.SIGSTOP)
+        until(lambda: "T (stopped)" in Path(f"/proc/{it.pid}/status").read_text(), 5)
+        waited_ns += watched.read(200)[0]
+        cpu_s, all_waited_s = counters(it.pid)
+    assert watched.cpu_ns / 1e9 == cpu_s
+    assert waited_ns / 1e9 == all_waited_s
 
 
 def test_what_is_stopped_with_all_its_sandbox_is_seen() -> None:
