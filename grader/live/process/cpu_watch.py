@@ -59,11 +59,6 @@ class CpuWatch:
         self._running = await RunningProcess.fork(run, program, on_message=self._hear)
         return self._running
 
-    @property
-    def alive(self) -> bool:
-        """Whether it looks after what goes before all others."""
-        return self._running is not None and self._running.alive
-
     def follow(self, processes: Iterable[RunningProcess]) -> None:
         """Have it watch the threads that some processes have now, on the cores to which these are held."""
         if self._running is None:

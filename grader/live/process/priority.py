@@ -19,8 +19,8 @@ from pathlib import Path
 
 from grader.live.sandbox.machine import tasks_of
 
-#: Each step of a nice value is a quarter more of a core that several want, so that others still get a tenth.
-STANDING = -10
+#: Each step is a quarter more of a core that several want: others still get a tenth, and what is measured most.
+STANDING, MEASURED = -10, -15
 #: Who asks for short turns is given them soon after waking.
 _SLICE_NS = 100_000
 _SCHED_SETATTR = 314  # x86-64
@@ -56,32 +56,32 @@ def going_first() -> Iterator[None]:
                 weight.write_text(nice, encoding="utf-8")
 
 
-def put_standing(pids: Iterable[int]) -> None:
+def put_standing(pids: Iterable[int], nice: int = STANDING) -> None:
     """Let all threads of some processes, and those to come, go before all others."""
     for pid in pids:
-        _weigh_session(pid)
+        _weigh_session(pid, nice)
         for task in tasks_of(pid):
-            _put_first(int(task))
+            _put_first(int(task), nice=nice)
 
 
-def _weigh_session(pid: int) -> None:
+def _weigh_session(pid: int, nice: int = STANDING) -> None:
     """Give the session (setsid) of a process its weight, where the system weighs sessions and not processes.
 
     With autogroups, the nice value of a process counts within its session only (sched(7)).
     """
     with suppress(OSError):
-        Path(f"/proc/{pid}/autogroup").write_text(str(STANDING))
+        Path(f"/proc/{pid}/autogroup").write_text(str(nice))
 
 
-def _put_first(tid: int, flags: int = 0) -> None:
+def _put_first(tid: int, flags: int = 0, nice: int = STANDING) -> None:
     """Give a thread short turns, and a nice value if that is permitted.
 
     For ordinary processes the run time is the length of a turn, since Linux 6.12; before that it is ignored
     (sched_setattr(2), whose `struct sched_attr` is in its first form here).
     """
     with suppress(OSError):
-        for nice in (STANDING, os.getpriority(os.PRIO_PROCESS, tid)):
-            attributes = struct.pack("=IIQiIQQQ", 48, _SCHED_NORMAL, flags, nice, 0, _SLICE_NS, 0, 0)
+        for value in (nice, os.getpriority(os.PRIO_PROCESS, tid)):
+            attributes = struct.pack("=IIQiIQQQ", 48, _SCHED_NORMAL, flags, value, 0, _SLICE_NS, 0, 0)
             if ctypes.CDLL(None).syscall(_SCHED_SETATTR, tid, attributes, 0) == 0:
                 return
 

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from grader.live.process.forked import ForkedProcess, Program, start_forked
-from grader.live.process.priority import put_in_real_time, put_standing
+from grader.live.process.priority import STANDING, put_in_real_time, put_standing
 from grader.live.sandbox.machine import children_of, cpu_with_children_ns, descendants_of, read_bytes_of, tasks_of
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
@@ -233,13 +233,10 @@ class RunningProcess:
         done, _ = await asyncio.wait({self.exited}, timeout=timeout_s)
         return bool(done)
 
-    def put_standing(self, *, watched: bool = True) -> None:
-        """Let it go before what is still starting: from now on its timing counts.
-
-        In real time only what is the grader's own, and watched.
-        """
-        put_standing(self.descendants())
-        if watched and self.run.role != "student":
+    def put_standing(self, nice: int = STANDING) -> None:
+        """Let it go before what is still starting: from now on its timing counts; what is the grader's in real time."""
+        put_standing(self.descendants(), nice)
+        if self.run.role != "student":
             put_in_real_time(self.descendants())
 
     def hold_to_core(self, core: int, user: int | None) -> None:
@@ -275,6 +272,11 @@ class RunningProcess:
         # Children that came and went between two looks are in the times of those that waited for them.
         cpu_ns = max(cpu_ns, sum(map(cpu_with_children_ns, pids)), self.run.usage[-1].cpu_ns if self.run.usage else 0)
         self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
+
+    def lately_used(self) -> float:
+        """Return the share of a core that it used between the last two looks at it."""
+        *_, before, now = Usage(0, 0, 0), Usage(1, 0, 0), *self.run.usage
+        return (now.cpu_ns - before.cpu_ns) / (now.t_ns - before.t_ns)
 
     def _note_last_usage(self) -> None:
         """Note the CPU time that it took until its end, which no sample has seen; its delay is as last seen.

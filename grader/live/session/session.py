@@ -22,7 +22,7 @@ from typing import Any
 
 from grader.live.process.cpu_watch import CpuWatch
 from grader.live.process.forked import Program, run_script
-from grader.live.process.priority import put_self_first
+from grader.live.process.priority import MEASURED, STANDING, put_self_first
 from grader.live.process.process import RunningProcess
 from grader.live.process.waiting import within
 from grader.live.sandbox.environment import trusted_environment
@@ -49,6 +49,8 @@ _LOOK_S = 0.01
 _SAMPLED_SHARE = 0.7
 #: After the last of the student's processes has ended, how long its traffic may still be on its way.
 _AFTER_EXIT_S = 0.3
+#: Whoever uses less of a core than this goes before others while it is measured: twice what a node at work uses.
+_MODEST = 0.3
 #: What a measurement needs of its time undisturbed, and the pieces by which it is made longer for that.
 _CALM_S, _MORE_S = 0.7, 0.5
 
@@ -198,8 +200,11 @@ class Session:
                     self._filter.protect(process.root_pid() or 0)  # it may have new sockets
 
     def _look_at(self, *processes: RunningProcess) -> None:
+        step = self.record.steps[-1]
         for process in processes:
             process.sample_usage()
+            if process.run.core is not None and (step.kind == "wait_exit" or step.parameters.get("extend_s")):
+                process.put_standing(MEASURED if process.lately_used() < _MODEST else STANDING)
         self._watch.follow(processes)
 
     # -- steps --------------------------------------------------------------------------------
@@ -271,7 +276,7 @@ class Session:
         for number, process in enumerate(self.sandbox.students()):
             if process.alive:
                 process.hold_to_core(cores[(self.plan.slot + number) % len(cores)], self.sandbox.uid)
-                process.put_standing(watched=self._watch.alive)
+                process.put_standing()
                 self._look_at(process)
 
     async def _wait_output(self, name: str, text: str, timeout_s: float) -> Answer:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import random
@@ -22,9 +23,11 @@ ROOT = Path(__file__).parents[3]
 sys.path.append(str(ROOT))
 
 from grader.files import UNFINISHED  # noqa: E402
+from grader.live.process.priority import MEASURED, STANDING  # noqa: E402
 from grader.live.sandbox.probing import probe_isolation  # noqa: E402
 from grader.live.session.runner import Progress  # noqa: E402
 from grader.recording.session import SessionRecord, read_session  # noqa: E402
+from tests.live.process.test_priority import may_raise  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
     FLOATS,
     TALKER,
@@ -278,6 +281,50 @@ def test_a_window_goes_on_until_enough_of_it_is_undisturbed(tmp_path: Path) -> N
         assert window is not None
         assert window.duration_s >= 1.0
     assert recorded.record.problems == []
+
+
+#: Tells its nice value four times a second.
+NICE = """
+import os, threading, time
+def tell():
+    while True:
+        print('nice', os.getpriority(os.PRIO_PROCESS, 0), flush=True)
+        time.sleep(0.25)
+threading.Thread(target=tell, daemon=True).start()
+"""
+GREEDY = """
+def compute():
+    while True:
+        sum(range(1000))
+threading.Thread(target=compute, daemon=True).start()
+"""
+
+
+@pytest.mark.parametrize("more", ["", GREEDY])
+def test_what_is_measured_goes_before_others_unless_it_wants_all_of_a_core(tmp_path: Path, more: str) -> None:
+    """A node at work has more of a core while a window is open that waits for calm; who takes much does not."""
+    steps: list[dict[str, Any]] = [
+        {"start": {"student": "talker"}},
+        {"wait_for": {"publisher": "/chatter", "timeout_s": 30}},
+        {"observe": {"duration_s": 2, "extend_s": 1}, "label": "window"},
+    ]
+    recorded = make_lab(tmp_path, {"talker": NICE + more + TALKER}, {"only": steps}).record()["only"]
+    (run,), window = recorded.processes_of("talker"), recorded.window("window")
+    assert window is not None
+    said = {
+        int(line.text.split()[1]) for line in run.output if line.text.startswith("nice") and line.t_ns < window.end_ns
+    }
+    shares = [
+        (now.cpu_ns - before.cpu_ns) / (now.t_ns - before.t_ns)
+        for before, now in itertools.pairwise(run.usage)
+        if window.start_ns < now.t_ns < window.end_ns
+    ]
+    if not may_raise():
+        assert said == {0}
+    elif not more:
+        assert MEASURED in said
+    else:
+        assert said == {0, STANDING} or min(shares) < 0.3  # where other work leaves it no more
 
 
 def test_a_session_beyond_its_time_is_ended(tmp_path: Path) -> None:

@@ -130,7 +130,6 @@ def _remember_files(logger):
     import inspect
     import types
 
-    # What it takes of a frame's info, without its source lines.
     info = lambda frame: types.SimpleNamespace(filename=frame.f_code.co_filename)  # noqa: E731
     logger.inspect = types.SimpleNamespace(currentframe=inspect.currentframe, getframeinfo=info)
     path = {name: functools.cache(getattr(os.path, name)) for name in ("abspath", "realpath")}
