@@ -138,7 +138,7 @@ def _metadata_yaml(file_name: str, channels: Sequence[TopicInfo], start_ns: int,
 class BagWriter:
     """Writes a bag into a folder, which is made if it is not there. One thread at a time may use it.
 
-    Chunks are compressed: a bag is a quarter as large, for less than 1 ms of CPU time in a session. `flush` ends one.
+    Chunks are compressed: a bag is a third as large, for less than 1 ms of CPU time in a session. `flush` ends one.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
