@@ -51,7 +51,7 @@ types: $(DEV_STAMP)
 layers: $(DEV_STAMP)
 	$(BIN)/lint-imports
 
-# What each package is made of, and how far its lines are from their budget.
+# Density and prose of each package; a figure that got worse fails.
 house: $(STAMP)
 	@$(BIN)/python tools/house
 

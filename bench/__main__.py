@@ -27,12 +27,18 @@ def report(runs: int, gradings: Path) -> str:
         "Medians, with least and greatest.",
         table(["", "measured", "compared with", "ratio"], grading.rows(runs)),
         "Greatest rate of a topic of which nothing is lost:",
-        table(["this recorder", "a callback that writes with `rosbags`", "ratio"], recording.rows()),
+        table(
+            ["this recorder", "a callback that writes with `rosbags`", "ratio"], recording.rows()
+        ),
         "Measured rate of a topic, by a receiver that is idle, or that computes half of the time:",
-        table(["true rate", "receiver", "this recorder", "the way of `ros2 topic hz`"], rates.rows()),
+        table(
+            ["true rate", "receiver", "this recorder", "the way of `ros2 topic hz`"], rates.rows()
+        ),
     ]
     if collected := stability.read(gradings):
-        parts += ["The same submissions graded again and again, alone and beside loads (`bench/load.py`):"]
+        parts += [
+            "The same submissions graded again and again, alone and beside loads (`bench/load.py`):"
+        ]
         parts += [stability.table(collected)]
     return "\n\n".join(parts) + "\n"
 

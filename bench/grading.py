@@ -62,7 +62,9 @@ def run_grade(*arguments: str) -> Command:
     """
     begun_s = time.monotonic()
     with subprocess.Popen(
-        [sys.executable, "-m", "grader.cli", *arguments], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE
+        [sys.executable, "-m", "grader.cli", *arguments],
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
     ) as process:
         assert process.stderr is not None
         said = process.stderr.read()
@@ -78,9 +80,12 @@ def full(results: Path, *more: str) -> Full:
     """Grade the solution in all sessions."""
     command = run_grade(str(SOLUTION), "-o", str(results), *more)
     folder = results / SOLUTION.name
-    sessions = json.loads((folder / "result.json").read_text(encoding="utf-8"))["provenance"]["sessions"]
+    sessions = json.loads((folder / "result.json").read_text(encoding="utf-8"))["provenance"][
+        "sessions"
+    ]
     attempts = [
-        json.loads(f.read_text(encoding="utf-8"))["attempt"] for f in folder.glob(f"recordings/*/{_SESSION_FILE}")
+        json.loads(f.read_text(encoding="utf-8"))["attempt"]
+        for f in folder.glob(f"recordings/*/{_SESSION_FILE}")
     ]
     students_cpu_s = sum(session["cpu_s"]["student"] for session in sessions.values())
     return Full(command, students_cpu_s, sum(attempt - 1 for attempt in attempts))
@@ -117,7 +122,11 @@ def class_of_eight_s(results: Path) -> float:
     """
     submissions = results / "submissions"
     for number in range(_SIDE_BY_SIDE):
-        shutil.copytree(SOLUTION, submissions / f"student_{number}", ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            SOLUTION,
+            submissions / f"student_{number}",
+            ignore=shutil.ignore_patterns("__pycache__"),
+        )
     took_s = run_grade(str(submissions), "--each", "-o", str(results / "class")).wall_s
     scores = {
         json.loads(file.read_text(encoding="utf-8"))["score"]["earned"]
@@ -130,7 +139,11 @@ def class_of_eight_s(results: Path) -> float:
 
 def spread(values: Sequence[float], unit: str = "s") -> str:
     """Return median, least and greatest."""
-    return f"{statistics.median(values):.2f} {unit} ({min(values):.2f} – {max(values):.2f})".replace("  ", " ")
+    return (
+        f"{statistics.median(values):.2f} {unit} ({min(values):.2f} – {max(values):.2f})".replace(
+            "  ", " "
+        )
+    )
 
 
 def ratio(of: Sequence[float], to: Sequence[float]) -> str:
@@ -184,7 +197,12 @@ def _rows(
             f"the QoS tool alone {spread(tool)}",
             ratio(walls, tool),
         ],
-        ["the same", whole, f"one session after another {spread(sequential)}", ratio(walls, sequential)],
+        [
+            "the same",
+            whole,
+            f"one session after another {spread(sequential)}",
+            ratio(walls, sequential),
+        ],
         [
             "CPU time of the grader",
             spread(ours),

@@ -17,7 +17,11 @@ from pathlib import Path
 #: Each ends with the process that started it.
 _WHILE_WANTED = "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    "
 _SPIN = _WHILE_WANTED + "sum(range(100_000))\n"
-_START = "import subprocess, sys\n" + _WHILE_WANTED + "subprocess.run([sys.executable, '-c', 'import json, email'])\n"
+_START = (
+    "import subprocess, sys\n"
+    + _WHILE_WANTED
+    + "subprocess.run([sys.executable, '-c', 'import json, email'])\n"
+)
 _INSTALL = (
     "import shutil, subprocess, sys, tempfile\n"
     + _WHILE_WANTED
@@ -37,7 +41,9 @@ def cores() -> int:
 @contextmanager
 def _running(*programs: str) -> Iterator[None]:
     with ExitStack() as stack:
-        scratch = stack.enter_context(tempfile.TemporaryDirectory(prefix="bench-load-", ignore_cleanup_errors=True))
+        scratch = stack.enter_context(
+            tempfile.TemporaryDirectory(prefix="bench-load-", ignore_cleanup_errors=True)
+        )
         for program in programs:
             # Each in a session of its own: Linux may weigh sessions, and those of one would count as one.
             command = [sys.executable, "-I", "-S", "-c", program, scratch]
@@ -94,7 +100,10 @@ def _grandchildren() -> list[int]:
         with suppress(OSError):
             parent = int(stat.read_bytes().rsplit(b")", 1)[1].split()[1])
             children.setdefault(parent, []).append(int(stat.parent.name))
-    found, waiting = list[int](), [pid for child in children.get(os.getpid(), ()) for pid in children.get(child, ())]
+    found, waiting = (
+        list[int](),
+        [pid for child in children.get(os.getpid(), ()) for pid in children.get(child, ())],
+    )
     while waiting:
         found.append(pid := waiting.pop())
         waiting += children.get(pid, ())
@@ -108,7 +117,11 @@ def idle() -> Iterator[None]:
 
 
 #: Name -> what makes the load.
-LOADS: dict[str, Callable[[], AbstractContextManager[None]]] = {"idle": idle, "busy": busy, "stolen": stolen}
+LOADS: dict[str, Callable[[], AbstractContextManager[None]]] = {
+    "idle": idle,
+    "busy": busy,
+    "stolen": stolen,
+}
 
 
 def load_average() -> float:

@@ -14,7 +14,8 @@ def rows() -> list[list[str]]:
     for rate_hz, count in _CASES:
         for receiver in ("idle", "busy"):
             true, ours, theirs = run_together(
-                [["our_recorder", receiver], ["callback_rate", receiver]], ["publisher", str(rate_hz), str(count), "2"]
+                [["our_recorder", receiver], ["callback_rate", receiver]],
+                ["publisher", str(rate_hz), str(count), "2"],
             )
             errors = [_error(said["rate_hz"], true["rate_hz"]) for said in (ours, theirs)]
             table.append([f"{rate_hz:g} Hz", receiver, *errors])

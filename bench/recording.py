@@ -54,4 +54,10 @@ def rows() -> list[list[str]]:
     """Return the rows of the table: what, ours, plain."""
     ours, plain = greatest_rate("our_recorder", "idle"), greatest_rate("plain_recorder")
     ratio = f"{ours.rate_hz / plain.rate_hz:.1f}" if plain.rate_hz else "–"
-    return [[f"{ours.rate_hz:,.0f} Hz ({ours.held_by})", f"{plain.rate_hz:,.0f} Hz ({plain.held_by})", ratio]]
+    return [
+        [
+            f"{ours.rate_hz:,.0f} Hz ({ours.held_by})",
+            f"{plain.rate_hz:,.0f} Hz ({plain.held_by})",
+            ratio,
+        ]
+    ]

@@ -43,12 +43,18 @@ def pieces_of(recordings: Path) -> list[Piece]:
         session = json.loads(file.read_text(encoding="utf-8"))
         used = sum(p["usage"][-1]["cpu_ns"] for p in session["processes"] if p["usage"])
         found.append(
-            Piece(file.parent.name, (session["ended_ns"] - session["started_ns"]) / 1e9, _UNRECORDED * used / 1e9)
+            Piece(
+                file.parent.name,
+                (session["ended_ns"] - session["started_ns"]) / 1e9,
+                _UNRECORDED * used / 1e9,
+            )
         )
     return sorted(found, key=lambda piece: -piece.left_s)
 
 
-def simulate(count: int, sessions: Sequence[Piece], slots: int, most: int, core_count: int) -> float:
+def simulate(
+    count: int, sessions: Sequence[Piece], slots: int, most: int, core_count: int
+) -> float:
     """Return how long a class of so many equal submissions takes, in s."""
     waiting = [_submission(sessions) for _ in range(count)]
     under_way: list[Iterator[list[Piece]]] = []
@@ -61,7 +67,8 @@ def simulate(count: int, sessions: Sequence[Piece], slots: int, most: int, core_
             under_way.append(waiting.pop())
             _next(under_way[-1], open_pieces, ready)
         while ready and (
-            len(running) < slots or (len(running) < most and now_s - admitted_s > ROOM_S and idle > ROOM_SHARE)
+            len(running) < slots
+            or (len(running) < most and now_s - admitted_s > ROOM_S and idle > ROOM_SHARE)
         ):
             admitted_s = now_s
             running.append(ready.pop(0))
@@ -87,7 +94,9 @@ def _submission(sessions: Sequence[Piece]) -> Iterator[list[Piece]]:
     yield [Piece(*_AFTER)]
 
 
-def _next(submission: Iterator[list[Piece]], open_pieces: dict[int, list[Piece]], ready: list[Piece]) -> bool:
+def _next(
+    submission: Iterator[list[Piece]], open_pieces: dict[int, list[Piece]], ready: list[Piece]
+) -> bool:
     pieces = next(submission, None)
     if pieces is not None:
         open_pieces[id(submission)] = pieces
@@ -98,7 +107,9 @@ def _next(submission: Iterator[list[Piece]], open_pieces: dict[int, list[Piece]]
 def main() -> None:
     """Print how long classes take on this machine."""
     parser = argparse.ArgumentParser(prog="python -m bench.simulation", description=__doc__)
-    parser.add_argument("recordings", type=Path, help="recordings/ of a submission that was graded alone")
+    parser.add_argument(
+        "recordings", type=Path, help="recordings/ of a submission that was graded alone"
+    )
     parser.add_argument("--cores", type=int, nargs="+", default=[cores()])
     options = parser.parse_args()
     sessions = pieces_of(options.recordings)
@@ -106,7 +117,9 @@ def main() -> None:
         for count in (8, 40, 200):
             slots, most = (min(n * number, MOST_SLOTS) for n in (2, 4))
             took_s = simulate(count, sessions, slots, most, number)
-            print(f"{number} cores, {count} submissions: {took_s / 60:.1f} min, {60 * count / took_s:.1f} a minute")
+            print(
+                f"{number} cores, {count} submissions: {took_s / 60:.1f} min, {60 * count / took_s:.1f} a minute"
+            )
 
 
 if __name__ == "__main__":

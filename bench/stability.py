@@ -58,7 +58,9 @@ class Grading:
 def read_grading(results: Path, load: str, took_s: float) -> Grading:
     """Read what a results folder says of its submission."""
     plain = json.loads((results / "result.json").read_text(encoding="utf-8"))
-    checks: list[dict[str, Any]] = [check for criterion in plain["criteria"] for check in criterion["checks"]]
+    checks: list[dict[str, Any]] = [
+        check for criterion in plain["criteria"] for check in criterion["checks"]
+    ]
     attempts = {
         file.parent.name: int(json.loads(file.read_text(encoding="utf-8"))["attempt"])
         for file in sorted((results / "recordings").glob("*/session.json"))
@@ -83,7 +85,13 @@ def grade(submission: Path, load: str, before: Iterable[Grading], keep: Path) ->
         with LOADS[load]():
             begun_s = time.monotonic()
             # In a session of its own, as a person's terminal is: Linux may weigh sessions.
-            subprocess.run(command, stdout=subprocess.DEVNULL, check=True, env=environment, start_new_session=True)
+            subprocess.run(
+                command,
+                stdout=subprocess.DEVNULL,
+                check=True,
+                env=environment,
+                start_new_session=True,
+            )
             took_s = time.monotonic() - begun_s
         results = Path(scratch) / submission.name
         grading = read_grading(results, load, took_s)
@@ -152,10 +160,14 @@ def collect(times: int, into: Path, loads: Sequence[str], until_s: float | None 
         for number in range(times):
             for name in submissions.NAMES:
                 for load in loads:
-                    if there[name, load] > number or (until_s is not None and time.time() > until_s):
+                    if there[name, load] > number or (
+                        until_s is not None and time.time() > until_s
+                    ):
                         continue
                     kept = into.with_suffix(".kept")
-                    gradings.append(grade(Path(scratch) / _SUBMISSIONS / name, load, gradings, kept))
+                    gradings.append(
+                        grade(Path(scratch) / _SUBMISSIONS / name, load, gradings, kept)
+                    )
                     with into.open("a", encoding="utf-8") as stream:
                         stream.write(json.dumps(asdict(gradings[-1])) + "\n")
 
@@ -163,11 +175,21 @@ def collect(times: int, into: Path, loads: Sequence[str], until_s: float | None 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Collect gradings, or sum up those that a file holds; 1 if anything was decided in two ways."""
     parser = argparse.ArgumentParser(prog="python -m bench.stability", description=__doc__)
-    parser.add_argument("--times", type=int, default=1, help="gradings of each submission beside each load")
-    parser.add_argument("--into", type=Path, default=Path("bench/stability.jsonl"), help="file that collects them")
-    parser.add_argument("--minutes", type=float, help="begin no further grading after so many minutes")
-    parser.add_argument("--only", choices=sorted(LOADS), action="append", help="beside this load only")
-    parser.add_argument("--summary", type=Path, metavar="FILE", help="only sum up what a file holds")
+    parser.add_argument(
+        "--times", type=int, default=1, help="gradings of each submission beside each load"
+    )
+    parser.add_argument(
+        "--into", type=Path, default=Path("bench/stability.jsonl"), help="file that collects them"
+    )
+    parser.add_argument(
+        "--minutes", type=float, help="begin no further grading after so many minutes"
+    )
+    parser.add_argument(
+        "--only", choices=sorted(LOADS), action="append", help="beside this load only"
+    )
+    parser.add_argument(
+        "--summary", type=Path, metavar="FILE", help="only sum up what a file holds"
+    )
     options = parser.parse_args(arguments)
     if options.summary is None:
         until_s = time.time() + 60 * options.minutes if options.minutes else None

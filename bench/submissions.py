@@ -38,7 +38,14 @@ class NearLimit:
 
 
 def _rate(name: str, about: str, rate_hz: float) -> NearLimit:
-    return NearLimit(name, about, "joint_publisher.py", _RATE, _RATE.replace("100.0", str(rate_hz)), "publisher.rate")
+    return NearLimit(
+        name,
+        about,
+        "joint_publisher.py",
+        _RATE,
+        _RATE.replace("100.0", str(rate_hz)),
+        "publisher.rate",
+    )
 
 
 def _jitter(name: str, about: str, jitter_s: float) -> NearLimit:
@@ -49,7 +56,9 @@ def _jitter(name: str, about: str, jitter_s: float) -> NearLimit:
         "        due_s = self.timer.time_until_next_call() * 1e-9 - self.period_s\n"
         f"        time.sleep(max(0.0, due_s + random.uniform(0.0, {jitter_s})))\n"
     )
-    return NearLimit(name, about, "joint_publisher.py", _PUBLISH, wait + _PUBLISH, "publisher.steady")
+    return NearLimit(
+        name, about, "joint_publisher.py", _PUBLISH, wait + _PUBLISH, "publisher.steady"
+    )
 
 
 NEAR_LIMITS = (
@@ -57,13 +66,16 @@ NEAR_LIMITS = (
     _rate("rate_97_5_hz", "97.5 Hz, just below what is full", 97.5),
     _rate("rate_90_hz", "90 Hz, which must never pass", 90.0),
     _jitter("jitter_2_ms", "late by up to 2 ms by chance, where 3 ms are full", 0.002),
-    _jitter("jitter_15_ms", "late by up to 15 ms by chance: one interval in 20 is some 10 ms off", 0.015),
+    _jitter(
+        "jitter_15_ms", "late by up to 15 ms by chance: one interval in 20 is some 10 ms off", 0.015
+    ),
     NearLimit(
         "reports_10_of_11",
         "reports on 10 of 11 states, where 9 of 10 are full",
         "joint_subscriber.py",
         _REPORT,
-        "        self.seen = getattr(self, 'seen', 0) + 1\n        if self.seen % 11:\n    " + _REPORT,
+        "        self.seen = getattr(self, 'seen', 0) + 1\n        if self.seen % 11:\n    "
+        + _REPORT,
         "subscriber.rms",
     ),
 )
@@ -71,7 +83,12 @@ NEAR_LIMITS = (
 
 #: Correct ones besides the solution, by the fixtures that they are: a package, coroutines, one process for all nodes
 #: of the launch file, and dataclasses.
-_STYLES = ("correct_ament_package", "correct_asyncio", "correct_one_process", "correct_typed_dataclass")
+_STYLES = (
+    "correct_ament_package",
+    "correct_asyncio",
+    "correct_one_process",
+    "correct_typed_dataclass",
+)
 
 #: The solution itself first.
 NAMES = ("solution", *_STYLES, *(near.name for near in NEAR_LIMITS))
@@ -87,13 +104,22 @@ def write(folder: Path, names: Collection[str] = NAMES, *, solution: Path = SOLU
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
-    whole = {"solution": solution, **{name: ROOT / "fixtures" / name / "submission" for name in _STYLES}}
+    whole = {
+        "solution": solution,
+        **{name: ROOT / "fixtures" / name / "submission" for name in _STYLES},
+    }
     for name in names:
         if name in whole:
-            shutil.copytree(whole[name], folder / name, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(
+                whole[name], folder / name, ignore=shutil.ignore_patterns("__pycache__")
+            )
     for near in (n for n in NEAR_LIMITS if n.name in names):
         text = (solution / near.file).read_text(encoding="utf-8")
         if text.count(near.old) != 1:
-            raise ValueError(f"{near.name}: the solution's {near.file} does not hold {near.old!r} once")
+            raise ValueError(
+                f"{near.name}: the solution's {near.file} does not hold {near.old!r} once"
+            )
         (folder / near.name).mkdir()
-        (folder / near.name / near.file).write_text(text.replace(near.old, near.new), encoding="utf-8")
+        (folder / near.name / near.file).write_text(
+            text.replace(near.old, near.new), encoding="utf-8"
+        )

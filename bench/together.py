@@ -23,7 +23,10 @@ Words = Sequence[str]
 def _own_network() -> list[str]:
     """Return what a command is begun with to have a network of its own; nothing where the system forbids it."""
     wrapper = ["unshare", "--net", "--map-root-user"]
-    if shutil.which("unshare") and subprocess.run([*wrapper, "true"], capture_output=True, check=False).returncode == 0:
+    if (
+        shutil.which("unshare")
+        and subprocess.run([*wrapper, "true"], capture_output=True, check=False).returncode == 0
+    ):
         return [*wrapper, "sh", "-c", 'ip link set lo up && exec "$@"', "sh"]
     return []
 
@@ -39,7 +42,13 @@ def run_together(receivers: Sequence[Words], publisher: Words) -> list[dict[str,
     with tempfile.TemporaryDirectory(prefix="bench-") as home:
         environment = {**trusted_environment(Path(home), _DOMAIN), "PYTHONPATH": str(_ROOT)}
         run = subprocess.run(
-            [*_own_network(), sys.executable, "-m", "bench.together", json.dumps([publisher, *receivers])],
+            [
+                *_own_network(),
+                sys.executable,
+                "-m",
+                "bench.together",
+                json.dumps([publisher, *receivers]),
+            ],
             capture_output=True,
             text=True,
             env=environment,

@@ -74,7 +74,9 @@ def begun(work: Callable[[], T], bound: Bound) -> Iterator[Callable[[], T]]:
     try:
         yield outcome
     finally:
-        child.ends_s = min(child.ends_s, time.monotonic() + 2.0)  # Nobody may have asked for it, or will.
+        child.ends_s = min(
+            child.ends_s, time.monotonic() + 2.0
+        )  # Nobody may have asked for it, or will.
         ended()
 
 
@@ -103,7 +105,9 @@ def in_processes(
                 running[child.pipe] = key, child
             left_s = min(child.ends_s for _, child in running.values()) - time.monotonic()
             ready, _, _ = select.select(list(running), [], [], max(0.0, left_s))
-            late = [pipe for pipe, (_, child) in running.items() if child.ends_s <= time.monotonic()]
+            late = [
+                pipe for pipe, (_, child) in running.items() if child.ends_s <= time.monotonic()
+            ]
             for pipe in {*ready, *late}:
                 key, child = running[pipe]
                 if pipe not in ready or not child.read():
@@ -142,7 +146,10 @@ class _Child:
 
     def wait(self) -> Any:
         """Wait until it ends, or its time is over; returns its outcome."""
-        while select.select([self.pipe], [], [], max(0.0, self.ends_s - time.monotonic()))[0] and self.read():
+        while (
+            select.select([self.pipe], [], [], max(0.0, self.ends_s - time.monotonic()))[0]
+            and self.read()
+        ):
             pass
         return self.end()
 
@@ -155,7 +162,11 @@ class _Child:
         if os.waitstatus_to_exitcode(status) == 0:
             outcome = pickle.loads(b"".join(self.received))  # From a copy of this process.
             return outcome.here() if isinstance(outcome, _Raised) else outcome
-        if os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU and self.bound.cpu_s is not None:
+        if (
+            os.WIFSIGNALED(status)
+            and os.WTERMSIG(status) == signal.SIGXCPU
+            and self.bound.cpu_s is not None
+        ):
             return _exceeded(self.bound, f"took more than {self.bound.cpu_s:g} s of CPU time")
         if not self.is_over:
             return _exceeded(self.bound, f"took longer than {self.bound.wall_s:g} s")
@@ -163,9 +174,7 @@ class _Child:
 
 
 def _exceeded(bound: Bound, problem: str) -> BoundError:
-    remedy = (
-        "Nothing else is affected. No text of a student's should cause this: please report it, with the recordings."
-    )
+    remedy = "Nothing else is affected. No text of a student's should cause this: please report it, with the recordings."
     return BoundError(f"{bound.what} {problem}", remedy=remedy)
 
 
@@ -181,16 +190,24 @@ def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) 
         ctypes.CDLL(None).prctl(_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:
             os._exit(status)
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that asked, which ends this one.
+        signal.signal(
+            signal.SIGINT, signal.SIG_IGN
+        )  # Ctrl-C is for the process that asked, which ends this one.
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
             signal.signal(number, signal.SIG_DFL)
         _limit(bound)
         try:
             outcome = work()
         except Exception as error:
-            lacks_memory = isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
+            lacks_memory = (
+                isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
+            )
             memory = f"took more than {(bound.memory_bytes or 0) / 2**30:g} GiB of memory"
-            outcome = _exceeded(bound, memory) if lacks_memory and bound.memory_bytes else _Raised.of(error)
+            outcome = (
+                _exceeded(bound, memory)
+                if lacks_memory and bound.memory_bytes
+                else _Raised.of(error)
+            )
         write_all(pipe, pickle.dumps(outcome))
         status = 0
     except BaseException:

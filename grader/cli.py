@@ -49,7 +49,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         print_error(described(error))
         return described(error).exit_status
     except KeyboardInterrupt as interrupt:
-        print(f"grade: interrupted; there is no result of this submission\n  {interrupt}".rstrip(), file=sys.stderr)
+        print(
+            f"grade: interrupted; there is no result of this submission\n  {interrupt}".rstrip(),
+            file=sys.stderr,
+        )
         return 130
     except Exception:
         # Not 1, with which Python would end: that is a score below --fail-under.

@@ -33,7 +33,9 @@ class RubricError(GraderError):
 
     exit_status = 4
 
-    def __init__(self, problem: str, mistakes: list[str], *, location: str = "", remedy: str = "") -> None:
+    def __init__(
+        self, problem: str, mistakes: list[str], *, location: str = "", remedy: str = ""
+    ) -> None:
         super().__init__(problem, location=location, remedy=remedy)
         self.mistakes = mistakes
 
@@ -70,7 +72,10 @@ def described(error: Exception) -> GraderError:
         return error
     if isinstance(error, OSError):
         remedy = "Check that the disk is not full and that the folder can be written to."
-        return GraderError(error.strerror or str(error), location=str(error.filename or ""), remedy=remedy)
+        return GraderError(
+            error.strerror or str(error), location=str(error.filename or ""), remedy=remedy
+        )
     return GraderError(
-        f"the grader failed: {type(error).__name__}: {error}", remedy="This is a defect of grade; please report it."
+        f"the grader failed: {type(error).__name__}: {error}",
+        remedy="This is a defect of grade; please report it.",
     )

@@ -17,7 +17,9 @@ from pathlib import Path
 #: Within a folder of results: those that are being made.
 UNFINISHED = ".unfinished"
 _PARTIAL, _BEFORE = ".partial", ".before"
-_ASKING = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+_ASKING = [
+    getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
+]
 
 
 @contextmanager
@@ -28,7 +30,9 @@ def uninterrupted() -> Iterator[None]:
         return
     received: list[int] = []
     # None is a handler that is not Python's, and could not be put back.
-    heeded = {n: before for n in _ASKING if (before := signal.getsignal(n)) not in (signal.SIG_IGN, None)}
+    heeded = {
+        n: before for n in _ASKING if (before := signal.getsignal(n)) not in (signal.SIG_IGN, None)
+    }
     for number in heeded:
         signal.signal(number, lambda received_one, frame: received.append(received_one))
     try:

@@ -26,7 +26,9 @@ _CHILD_ENDS_S = 5.0
 class LiveExports:
     """The exports of one submission while it is being graded; raises UsageError if one cannot be made here."""
 
-    def __init__(self, targets: Sequence[ExportTarget], results: Path, path_prefix: str = "") -> None:
+    def __init__(
+        self, targets: Sequence[ExportTarget], results: Path, path_prefix: str = ""
+    ) -> None:
         self._targets, self._results, self._prefix = targets, results, path_prefix
         self._begun: set[str] = set()
         self._stale = False
@@ -36,10 +38,14 @@ class LiveExports:
             EXPORTS[target.name].require_variables(os.environ)
             if target.file != STANDARD_OUTPUT:
                 path = target.path(results)
-                if path.parent != results and not path.parent.is_dir():  # Fail now rather than in the end.
+                if (
+                    path.parent != results and not path.parent.is_dir()
+                ):  # Fail now rather than in the end.
                     problem, location = "there is no such folder to export into", str(path.parent)
                     raise UsageError(problem, location=location, remedy="Make it first.")
-                path.unlink(missing_ok=True)  # An earlier export must not be taken for this grading's.
+                path.unlink(
+                    missing_ok=True
+                )  # An earlier export must not be taken for this grading's.
 
     def __enter__(self) -> LiveExports:
         return self
@@ -47,7 +53,9 @@ class LiveExports:
     def __exit__(self, *_: object) -> None:
         """End what is under way: it would only be overwritten."""
         if self._child is not None:
-            self._child.send_signal(signal.SIGINT)  # On which it removes a file that is half written.
+            self._child.send_signal(
+                signal.SIGINT
+            )  # On which it removes a file that is half written.
             try:
                 self._child.wait(_CHILD_ENDS_S)
             except subprocess.TimeoutExpired:
@@ -64,7 +72,9 @@ class LiveExports:
             if not progress.ended:
                 self._stale = self._stale or not self._begun
                 self._begun.add(progress.session)
-            elif progress.session in self._begun:  # One that is left out ends while the recordings are those of old.
+            elif (
+                progress.session in self._begun
+            ):  # One that is left out ends while the recordings are those of old.
                 self._stale = True
             self._catch_up()
 
@@ -79,11 +89,22 @@ class LiveExports:
             return
         self._stale = False
         # -I: the working folder may be a submission, and must not be searched for modules.
-        command = [sys.executable, "-I", "-m", "grader.cli", "export", "--so-far", f"--path-prefix={self._prefix}"]
+        command = [
+            sys.executable,
+            "-I",
+            "-m",
+            "grader.cli",
+            "export",
+            "--so-far",
+            f"--path-prefix={self._prefix}",
+        ]
         nothing = subprocess.DEVNULL
         with suppress(OSError):
             self._child = subprocess.Popen(
-                [*command, *self._arguments, "--", str(self._results)], stdin=nothing, stdout=nothing, stderr=nothing
+                [*command, *self._arguments, "--", str(self._results)],
+                stdin=nothing,
+                stdout=nothing,
+                stderr=nothing,
             )
             # It runs only when no other wants the core; the least priority still disturbs a timer of 100 Hz.
             os.sched_setscheduler(self._child.pid, os.SCHED_IDLE, os.sched_param(0))

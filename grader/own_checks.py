@@ -49,10 +49,32 @@ from grader.checks.own import Context as Context, Line as Line, Messages as Mess
 from grader.checks.own import Run as Run, Step as Step, Submission as Submission
 from grader.lab.lab_code import API_VERSION as API_VERSION
 from grader.lab.references import AnyStep as AnyStep, Artifact as Artifact, CallLabel as CallLabel
-from grader.lab.references import EarlierCheckId as EarlierCheckId, ExitLabel as ExitLabel, FieldPath as FieldPath
-from grader.lab.references import GetLabel as GetLabel, GivenName as GivenName, MessageType as MessageType
-from grader.lab.references import Pattern as Pattern, Patterns as Patterns, PlanLabel as PlanLabel, Process as Process
-from grader.lab.references import ReferenceNode as ReferenceNode, RosName as RosName, ServiceType as ServiceType
+from grader.lab.references import (
+    EarlierCheckId as EarlierCheckId,
+    ExitLabel as ExitLabel,
+    FieldPath as FieldPath,
+)
+from grader.lab.references import (
+    GetLabel as GetLabel,
+    GivenName as GivenName,
+    MessageType as MessageType,
+)
+from grader.lab.references import (
+    Pattern as Pattern,
+    Patterns as Patterns,
+    PlanLabel as PlanLabel,
+    Process as Process,
+)
+from grader.lab.references import (
+    ReferenceNode as ReferenceNode,
+    RosName as RosName,
+    ServiceType as ServiceType,
+)
 from grader.lab.references import SessionId as SessionId, SetLabel as SetLabel, Share as Share
-from grader.lab.references import StampField as StampField, TextField as TextField, Topic as Topic, Window as Window
+from grader.lab.references import (
+    StampField as StampField,
+    TextField as TextField,
+    Topic as Topic,
+    Window as Window,
+)
 from grader.result import Finding as Finding, Location as Location

@@ -19,14 +19,27 @@ from grader.bounded import Bound
 from grader.errors import UsageError, described
 from grader.files import UNFINISHED, atomic_replacement, replace_files, text_of
 from grader.judging.attempts import retry_undecided
-from grader.judging.rubrics import read_overrides, recorded_rubric, rubric_copy, rubric_files, rubric_files_of_result
+from grader.judging.rubrics import (
+    read_overrides,
+    recorded_rubric,
+    rubric_copy,
+    rubric_files,
+    rubric_files_of_result,
+)
 from grader.lab import kept_lab
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
 from grader.recording.submission import SubmissionRecord, write_submission
 from grader.report.exports.writing import ExportTarget
 from grader.result import CheckResult, Result, result_of_text
-from grader.result_folder import EARLIER_FILE, LAYOUT_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE, RUBRIC_COPY
+from grader.result_folder import (
+    EARLIER_FILE,
+    LAYOUT_FILE,
+    RECORDINGS,
+    REPORT_FILE,
+    RESULT_FILE,
+    RUBRIC_COPY,
+)
 from grader.submission.artifacts import read_submission
 from grader.submission.extraction import Intake, SubmissionSource, in_bounds, open_submission
 from grader.submission.separation import made_from
@@ -44,7 +57,9 @@ _BEGUN = ".begun"
 #: When sessions have started, and leave a core some time, what judging needs is imported.
 _PREPARED_AFTER_S = 3.0
 #: What each step of reading and staging a submission may take, which takes the solution 0.02 s.
-_READING_BOUND = Bound(what="reading the submission", cpu_s=20.0, wall_s=100.0, memory_bytes=1024**3)
+_READING_BOUND = Bound(
+    what="reading the submission", cpu_s=20.0, wall_s=100.0, memory_bytes=1024**3
+)
 
 
 class Scope(Enum):
@@ -97,7 +112,11 @@ def earlier_results(results: Path) -> tuple[str, ...]:
 def result_before(texts: Sequence[str], sha256: str) -> str | None:
     """Return the first text of a result that is not of the submission with this hash."""
     found = ((text, result_of_text(text)) for text in texts)
-    submitted = ((text, result.provenance.get("submission_sha256")) for text, result in found if result is not None)
+    submitted = (
+        (text, result.provenance.get("submission_sha256"))
+        for text, result in found
+        if result is not None
+    )
     return next((text for text, of in submitted if of not in (None, sha256)), None)
 
 
@@ -113,7 +132,9 @@ def chosen_sessions(rubric: Rubric, options: Options, submission: SubmissionReco
     """Return the sessions to run: those chosen whose first file was handed in; raises UsageError for unknown ones."""
     require_sessions(options.sessions or (), rubric)
     there = {a.name for a in submission.artifacts if a.path is not None}
-    return [s for s in options.sessions_of(rubric) if there.issuperset(rubric.sessions[s].needs[:1])]
+    return [
+        s for s in options.sessions_of(rubric) if there.issuperset(rubric.sessions[s].needs[:1])
+    ]
 
 
 def grade(
@@ -139,24 +160,41 @@ def grade(
     require_platform(options.interpreter)
     watch = watch or Stopwatch()
     earlier = options.earlier if options.earlier is not None else earlier_results(results)
-    opening = nullcontext(source) if isinstance(source, Intake) else open_submission(source, prefix=scratch_prefix())
+    opening = (
+        nullcontext(source)
+        if isinstance(source, Intake)
+        else open_submission(source, prefix=scratch_prefix())
+    )
     with ExitStack() as stack:
         with watch.stage("unpacking the submission"):
             intake = stack.enter_context(opening)
-            submission = in_bounds(partial(read_submission, intake, rubric), intake.source.location, _READING_BOUND)
+            submission = in_bounds(
+                partial(read_submission, intake, rubric), intake.source.location, _READING_BOUND
+            )
         submission.sessions = list(options.sessions) if options.sessions is not None else None
         with LiveExports(options.exports, results, options.path_prefix) as exports:
             follow = exports.follow(on_progress)
             # The recordings take their place first: no fault in what comes after them throws them away.
             with (
-                atomic_replacement(results, PARTS, lambda new: _is_recorded(new / RECORDINGS)) as new,
+                atomic_replacement(
+                    results, PARTS, lambda new: _is_recorded(new / RECORDINGS)
+                ) as new,
                 _naming_kept(new, results),
             ):
                 if options.scope is Scope.UNDECIDED:
                     shutil.copytree(results / RECORDINGS, new / RECORDINGS)
                 before = result_before(earlier, submission.sha256)
                 judgement = record(
-                    intake.folder, submission, rubric, new, options, follow, scheduler, watch, before, ahead
+                    intake.folder,
+                    submission,
+                    rubric,
+                    new,
+                    options,
+                    follow,
+                    scheduler,
+                    watch,
+                    before,
+                    ahead,
                 )
             with _naming_kept(results, results):
                 replace_files(files_of(judgement, results, rubric))
@@ -235,7 +273,10 @@ def record(
             forks, isolation_of = begun.forks, begun.isolation
             forks.types = given_in_steps(rubric, "type", sessions=chosen)
         else:
-            forks, isolation_of = stack.enter_context(scheduler.fork_server()), lambda: scheduler.isolation
+            forks, isolation_of = (
+                stack.enter_context(scheduler.fork_server()),
+                lambda: scheduler.isolation,
+            )
         interfaces = stack.enter_context(tempfile.TemporaryDirectory(prefix=scratch_prefix()))
         with watch.stage("testing the sandbox"):
             isolation = isolation_of()
@@ -244,21 +285,37 @@ def record(
             forks = stack.enter_context(forks.branch(isolation.form))
         native = find_native_launch(options.interpreter, options.launch)
         recordings = results / RECORDINGS
-        for name in [name for name in options.sessions_of(rubric) if name not in {*chosen, *rubric.bonus_sessions}]:
+        for name in [
+            name
+            for name in options.sessions_of(rubric)
+            if name not in {*chosen, *rubric.bonus_sessions}
+        ]:
             on_progress(Progress(name, "left out, since its file is missing", ended=True))
         read = partial(in_bounds, location=submission.source, bound=_READING_BOUND)
-        wanted, needed = read(lambda: (modules_to_look_for(submission), needed_interfaces(rubric, submission, chosen)))
+        wanted, needed = read(
+            lambda: (modules_to_look_for(submission), needed_interfaces(rubric, submission, chosen))
+        )
         submission.absent_modules = absent_modules(options.interpreter, wanted)
         with work("building interfaces") if needed.packages else nullcontext():
             lacking = provide_interfaces(
-                needed, rubric, submission, Path(interfaces), isolation, options.interpreter, still_building
+                needed,
+                rubric,
+                submission,
+                Path(interfaces),
+                isolation,
+                options.interpreter,
+                still_building,
             )
         if options.scope is not Scope.UNDECIDED:
             _start_afresh(recordings, submission, rubric)
             replace_files({recordings / EARLIER_FILE: before})
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             with work("staging"):
-                executables = read(partial(stage, folder, submission, rubric, Path(scratch), str(options.interpreter)))
+                executables = read(
+                    partial(
+                        stage, folder, submission, rubric, Path(scratch), str(options.interpreter)
+                    )
+                )
             sessions = SessionRunner(
                 rubric,
                 submission,
@@ -267,8 +324,12 @@ def record(
                 recordings,
                 isolation,
                 options.interpreter,
-                options.seed if options.seed is not None else random.SystemRandom().randrange(2**31),
-                versions() | {"launch": "native" if native is not None else "stand-in"} | parts_in(Path(interfaces)),
+                options.seed
+                if options.seed is not None
+                else random.SystemRandom().randrange(2**31),
+                versions()
+                | {"launch": "native" if native is not None else "stand-in"}
+                | parts_in(Path(interfaces)),
                 forks,
                 native,
                 scheduler=scheduler,
@@ -276,7 +337,9 @@ def record(
                 lacking=lacking,
             )
             on_progress = watch.follow(on_progress)
-            judging = partial(import_module, "grader.judging.judgement")  # Nothing waits for it until then.
+            judging = partial(
+                import_module, "grader.judging.judgement"
+            )  # Nothing waits for it until then.
             preparing = threading.Timer(_PREPARED_AFTER_S, lambda: judging().prepare(rubric))
             preparing.daemon = True
             preparing.start()
@@ -286,7 +349,9 @@ def record(
                     sessions.record(chosen, on_progress, at_a_time=at_a_time)
                 (recordings / _BEGUN).unlink()
 
-            def retry(undecided: Sequence[str], folder: Path, attempt: int, disturbed: frozenset[str]) -> None:
+            def retry(
+                undecided: Sequence[str], folder: Path, attempt: int, disturbed: frozenset[str]
+            ) -> None:
                 alone = replace(sessions, recordings=folder, attempt=attempt, disturbed=disturbed)
                 with watch.stage("waiting for a calmer machine"):
                     if scheduler is not None:
@@ -301,7 +366,9 @@ def record(
                 with work("judging"):
                     preparing.cancel()
                     preparing.join()
-                    found: Judgement = judging().judge_bounded(recordings, rubric, options.overrides)
+                    found: Judgement = judging().judge_bounded(
+                        recordings, rubric, options.overrides
+                    )
                     return found
 
             once = options.scope is Scope.ONCE or lacking
@@ -324,7 +391,10 @@ def _start_afresh(recordings: Path, submission: SubmissionRecord, rubric: Rubric
 def files_of(judgement: Judgement, results: Path, rubric: Rubric) -> dict[Path, str | None]:
     """Return the texts of a submission's results, by their places; None for what is not to be there."""
     page, text = judgement.page, judgement.text
-    layouts = {results / RECORDINGS / name / LAYOUT_FILE: layout for name, layout in judgement.layouts.items()}
+    layouts = {
+        results / RECORDINGS / name / LAYOUT_FILE: layout
+        for name, layout in judgement.layouts.items()
+    }
     return {
         **rubric_files_of_result(results, rubric),
         **layouts,

@@ -87,14 +87,26 @@ def parse_configuration(text: str) -> Configuration:
         plain = json.loads(text)
     except ValueError as problem:
         raise ConfigurationError(f"the configuration is not JSON: {problem}") from problem
-    if not isinstance(plain, dict) or not set(plain) <= {"seed", "names", "with", "subscriptions", "types"}:
-        raise ConfigurationError('the configuration must be an object with "seed", "names", "with" and "subscriptions"')
+    if not isinstance(plain, dict) or not set(plain) <= {
+        "seed",
+        "names",
+        "with",
+        "subscriptions",
+        "types",
+    }:
+        raise ConfigurationError(
+            'the configuration must be an object with "seed", "names", "with" and "subscriptions"'
+        )
     seed = plain.get("seed", 0)
     names, settings, subscriptions, types = (
         plain.get(key) or {} for key in ("names", "with", "subscriptions", "types")
     )
-    if not isinstance(seed, int) or not all(isinstance(x, dict) for x in (names, settings, subscriptions, types)):
-        raise ConfigurationError('"seed" must be an integer, "names", "with" and "subscriptions" objects')
+    if not isinstance(seed, int) or not all(
+        isinstance(x, dict) for x in (names, settings, subscriptions, types)
+    ):
+        raise ConfigurationError(
+            '"seed" must be an integer, "names", "with" and "subscriptions" objects'
+        )
     return Configuration(seed, names, settings, subscriptions, types)
 
 
@@ -103,7 +115,9 @@ def build_settings(kind: type[T], plain: dict[str, Any]) -> T:
     known = sorted(f.name for f in fields(kind))  # type: ignore[arg-type]
     for key in plain:
         if key not in known:
-            raise ConfigurationError(f"unknown setting {key!r}; the settings are {', '.join(known)}")
+            raise ConfigurationError(
+                f"unknown setting {key!r}; the settings are {', '.join(known)}"
+            )
     try:
         return kind(**plain)
     except (TypeError, ValueError) as problem:
@@ -179,14 +193,18 @@ class ReferenceNode:
         self._topics: dict[str, str] = {}
         self._recorded = False
 
-    def open_publisher(self, message_class: type, topic: str, qos: QoSProfile) -> ReportingPublisher:
+    def open_publisher(
+        self, message_class: type, topic: str, qos: QoSProfile
+    ) -> ReportingPublisher:
         """Open a publisher. Each publisher of a reference node must be opened so."""
         publisher = ReportingPublisher(self.node, message_class, topic, qos)
         self._publishers.append(publisher)
         self._topics[publisher.topic] = publisher.topic_type
         return publisher
 
-    def open_action_server(self, action_class: type, name: str, execute: Callable[[Any], Any], **more: Any) -> Any:
+    def open_action_server(
+        self, action_class: type, name: str, execute: Callable[[Any], Any], **more: Any
+    ) -> Any:
         """Open an action server, rclpy's with all that it takes; each one of a reference node must be opened so.
 
         Goals are answered while the node spins. Feedback is in the recording if it spins after `wait_until_recorded`.
@@ -196,12 +214,17 @@ class ReferenceNode:
         server = ActionServer(self.node, action_class, name, execute, **more)
         action = f"{self.node.resolve_topic_name(name)}/_action"
         package, folder, *_ = action_class.__module__.split(".")
-        self._topics[f"{action}/feedback"] = f"{package}/{folder}/{action_class.__name__}_FeedbackMessage"
+        self._topics[f"{action}/feedback"] = (
+            f"{package}/{folder}/{action_class.__name__}_FeedbackMessage"
+        )
         self._topics[f"{action}/status"] = "action_msgs/msg/GoalStatusArray"
         return server
 
     def wait_until_recorded(
-        self, stop: StopRequest, timeout_s: float, ready: Callable[[ReportingPublisher], bool] = lambda publisher: True
+        self,
+        stop: StopRequest,
+        timeout_s: float,
+        ready: Callable[[ReportingPublisher], bool] = lambda publisher: True,
     ) -> None:
         """Wait until the recorder has subscribed to each topic and action of this node, and each publisher is `ready`.
 
@@ -210,16 +233,23 @@ class ReferenceNode:
         self._recorded = True
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
         while not stop and (now_ns := time.monotonic_ns()) < deadline_ns:
-            if all(self._is_recorded(*topic) for topic in self._topics.items()) and all(map(ready, self._publishers)):
+            if all(self._is_recorded(*topic) for topic in self._topics.items()) and all(
+                map(ready, self._publishers)
+            ):
                 return
             sleep_until(min(now_ns + MATCH_POLL_NS, deadline_ns), stop)
 
     def _is_recorded(self, topic: str, topic_type: str) -> bool:
         try:
             found = self.node.get_subscriptions_info_by_topic(topic)
-        except (UnicodeDecodeError, RuntimeError):  # A student's node may have a name that is no text.
+        except (
+            UnicodeDecodeError,
+            RuntimeError,
+        ):  # A student's node may have a name that is no text.
             return False
-        return (GRADER_NAMESPACE, topic_type) in {(info.node_namespace, info.topic_type) for info in found}
+        return (GRADER_NAMESPACE, topic_type) in {
+            (info.node_namespace, info.topic_type) for info in found
+        }
 
     def report_participant(self) -> None:
         """Print by which gids its endpoints are known: by those on a topic whose name no other node can know."""
@@ -266,7 +296,9 @@ def run(kind: type[T], play: Callable[[Configuration, T, StopRequest], None]) ->
     stop = StopRequest()
     try:
         if len(sys.argv) != 2:
-            raise ConfigurationError("one argument is expected: the configuration as a JSON object, or -")
+            raise ConfigurationError(
+                "one argument is expected: the configuration as a JSON object, or -"
+            )
         configuration = parse_configuration(sys.stdin.read() if sys.argv[1] == "-" else sys.argv[1])
         settings = build_settings(kind, configuration.settings)
     except ConfigurationError as problem:

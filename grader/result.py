@@ -16,7 +16,15 @@ from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, PlainSerializer, TypeAdapter, ValidationError, WithJsonSchema, with_config
+from pydantic import (
+    ConfigDict,
+    Field,
+    PlainSerializer,
+    TypeAdapter,
+    ValidationError,
+    WithJsonSchema,
+    with_config,
+)
 from typing_extensions import NotRequired, TypedDict
 
 from grader.errors import RecordingError
@@ -34,10 +42,17 @@ def number(value: Decimal) -> int | float:
 _MOST = 10**9
 _NUMBER = PlainSerializer(number)
 #: Points that somebody has, and the change of points by an adjustment.
-Points = Annotated[Decimal, Field(ge=0, le=_MOST), _NUMBER, WithJsonSchema({"type": "number", "minimum": 0})]
+Points = Annotated[
+    Decimal, Field(ge=0, le=_MOST), _NUMBER, WithJsonSchema({"type": "number", "minimum": 0})
+]
 Change = Annotated[Decimal, Field(ge=-_MOST, le=_MOST), _NUMBER, WithJsonSchema({"type": "number"})]
 #: A share of a check's points, from 0 to 1.
-Credit = Annotated[Decimal, Field(ge=0, le=1), _NUMBER, WithJsonSchema({"type": "number", "minimum": 0, "maximum": 1})]
+Credit = Annotated[
+    Decimal,
+    Field(ge=0, le=1),
+    _NUMBER,
+    WithJsonSchema({"type": "number", "minimum": 0, "maximum": 1}),
+]
 #: Seconds since the session's start.
 Seconds = Annotated[
     float,
@@ -226,7 +241,9 @@ class CheckResult:
     @property
     def share(self) -> float | None:
         """Share of its points, from 0 to 1; None if it is undecided or has none."""
-        return float(self.earned / self.possible) if self.outcome.decided and self.possible else None
+        return (
+            float(self.earned / self.possible) if self.outcome.decided and self.possible else None
+        )
 
 
 @dataclass(frozen=True)
@@ -376,7 +393,12 @@ class Result:
     def open_checks(self) -> tuple[CheckResult, ...]:
         """Undecided checks that no person has decided since, by themselves or by their criterion."""
         decided = {a.what for a in self.adjustments if a.kind in BY_HAND}
-        checks = (check for criterion in self.criteria if criterion.id not in decided for check in criterion.checks)
+        checks = (
+            check
+            for criterion in self.criteria
+            if criterion.id not in decided
+            for check in criterion.checks
+        )
         return tuple(check for check in checks if check.undecided and check.id not in decided)
 
     @property
@@ -430,7 +452,9 @@ def read_result(plain: Any) -> Result:
             first = problem.errors(include_url=False, include_input=False)[0]
             words = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
         remedy = f"Run `grade regrade` on the results folder. ({words})"
-        raise RecordingError("this is not a result of this version of grade", remedy=remedy) from None
+        raise RecordingError(
+            "this is not a result of this version of grade", remedy=remedy
+        ) from None
 
 
 def load_result(file: Path) -> Result:
@@ -441,7 +465,9 @@ def load_result(file: Path) -> Result:
         raise
     except (OSError, ValueError, RecursionError) as problem:
         remedy = "Run `grade regrade` on the results folder."
-        raise RecordingError(f"{file.name} cannot be read", location=str(file), remedy=remedy) from problem
+        raise RecordingError(
+            f"{file.name} cannot be read", location=str(file), remedy=remedy
+        ) from problem
 
 
 def result_of_text(text: str | None) -> Result | None:
@@ -458,7 +484,17 @@ def result_schema() -> dict[str, Any]:
     final = {"type": "number", "minimum": 0, "description": "Points with all adjustments."}
     schema["$defs"]["Score"]["properties"]["final"] = final
     for part in (schema, *schema["$defs"].values()):
-        if "properties" in part:  # What is not known is left out, not written as null; all else is always there.
-            nullable = {name for name, of in part["properties"].items() if {"type": "null"} in of.get("anyOf", ())}
+        if (
+            "properties" in part
+        ):  # What is not known is left out, not written as null; all else is always there.
+            nullable = {
+                name
+                for name, of in part["properties"].items()
+                if {"type": "null"} in of.get("anyOf", ())
+            }
             part["required"] = [name for name in part["properties"] if name not in nullable]
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", "$id": RESULT_SCHEMA, **schema}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": RESULT_SCHEMA,
+        **schema,
+    }

@@ -40,7 +40,9 @@ class Stopwatch:
 
     def __init__(self) -> None:
         self.started_s = time.monotonic() - _age_s()
-        self.stages = [Stage("starting the program", self.started_s, time.monotonic(), time.process_time())]
+        self.stages = [
+            Stage("starting the program", self.started_s, time.monotonic(), time.process_time())
+        ]
         self.session_runs: list[SessionRun] = []
         self._ready_s = self.started_s
         self._begun: dict[str, float] = {}
@@ -63,7 +65,9 @@ class Stopwatch:
             if not progress.ended:
                 self._begun.setdefault(progress.session, now_s)
             elif (begun_s := self._begun.pop(progress.session, None)) is not None:
-                self.session_runs.append(SessionRun(progress.session, begun_s - self._ready_s, now_s - begun_s))
+                self.session_runs.append(
+                    SessionRun(progress.session, begun_s - self._ready_s, now_s - begun_s)
+                )
             on_progress(progress)
 
         return listen

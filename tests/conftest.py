@@ -17,7 +17,10 @@ from tests.thorough import examples
 
 # How long an example takes says more about the machine than about the code.
 settings.register_profile(
-    "any machine", deadline=None, max_examples=examples(), suppress_health_check=[HealthCheck.too_slow]
+    "any machine",
+    deadline=None,
+    max_examples=examples(),
+    suppress_health_check=[HealthCheck.too_slow],
 )
 settings.load_profile("any machine")
 
@@ -63,7 +66,9 @@ def judged_before() -> None:
     from grader.judging.rubrics import read_rubric
     from grader.lab.overrides import Overrides
 
-    judge_recordings(Path(__file__).parent / "recordings/missing_service_file", read_rubric(None), Overrides())
+    judge_recordings(
+        Path(__file__).parent / "recordings/missing_service_file", read_rubric(None), Overrides()
+    )
 
 
 @pytest.fixture

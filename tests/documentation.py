@@ -9,7 +9,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", ROOT / "fixtures/README.md", *sorted((ROOT / "docs").glob("*.md"))]
-_BLOCK = re.compile(r"^( *)```(\w*)(?: title=\"([^\"]+)\")?[^\n]*\n(.*?)^\1```$", re.MULTILINE | re.DOTALL)
+_BLOCK = re.compile(
+    r"^( *)```(\w*)(?: title=\"([^\"]+)\")?[^\n]*\n(.*?)^\1```$", re.MULTILINE | re.DOTALL
+)
 _INLINE = re.compile(r"(?<!`)`([^`\n]+)`(?!`)")
 
 
@@ -25,7 +27,10 @@ class Block:
 def blocks(page: Path, language: str = "") -> list[Block]:
     """Give the blocks of a page, or those in one language."""
     found = _BLOCK.findall(page.read_text(encoding="utf-8"))
-    listed = [Block(kind, title, re.sub(f"^{indent}", "", text, flags=re.M)) for indent, kind, title, text in found]
+    listed = [
+        Block(kind, title, re.sub(f"^{indent}", "", text, flags=re.M))
+        for indent, kind, title, text in found
+    ]
     return [block for block in listed if language in ("", block.language)]
 
 

@@ -40,12 +40,21 @@ def hard_texts(pattern: str, flags: int) -> list[Parts]:
         for _ in range(2):
             begin, once = _sample(before, chance), _sample(body, chance)
             mixed = "".join(_sample(body, chance) for _ in range(6))
-            again = [(begin, once), (begin, mixed), ("", begin), ("", once), ("", begin + once), ("", f"{once}\n")]
+            again = [
+                (begin, once),
+                (begin, mixed),
+                ("", begin),
+                ("", once),
+                ("", begin + once),
+                ("", f"{once}\n"),
+            ]
             found |= {(first, repeated, end) for first, repeated in again for end in _ENDS}
     return sorted(parts for parts in found if parts[1])
 
 
-def _repetitions(items: Sequence[Any], before: Sequence[Any]) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:
+def _repetitions(
+    items: Sequence[Any], before: Sequence[Any]
+) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:
     """Yield what stands before each long repetition in a pattern, and what is repeated."""
     for item in items:
         code, value = item
@@ -85,13 +94,25 @@ def _sample(items: Sequence[Any], chance: random.Random) -> str:
 def _letter(code: Any, value: Any, chance: random.Random) -> str:
     if code is codes.ANY:
         return chance.choice("a1 ")
-    members = [(codes.NEGATE, None), (codes.LITERAL, value)] if code is codes.NOT_LITERAL else list(value)
+    members = (
+        [(codes.NEGATE, None), (codes.LITERAL, value)] if code is codes.NOT_LITERAL else list(value)
+    )
     negated = members[0][0] is codes.NEGATE
     members = members[negated:]
     letters = set(_LETTERS)
     for kind, what in members:
-        letters |= {chr(what)} if kind is codes.LITERAL else {*map(chr, what)} if kind is codes.RANGE else set()
-    fitting = [letter for letter in sorted(letters) if any(_is(letter, *member) for member in members) is not negated]
+        letters |= (
+            {chr(what)}
+            if kind is codes.LITERAL
+            else {*map(chr, what)}
+            if kind is codes.RANGE
+            else set()
+        )
+    fitting = [
+        letter
+        for letter in sorted(letters)
+        if any(_is(letter, *member) for member in members) is not negated
+    ]
     return str(chance.choice(fitting or ["a"]))
 
 

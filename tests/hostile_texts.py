@@ -18,7 +18,11 @@ SETUP = "setup(entry_points={'console_scripts': a60}, data_files=a60)\nself.crea
 TEXTS = {
     "a hundred thousand parentheses": "x = " + "(" * 100_000 + ")" * 100_000,
     "brackets that stay open": "[{(" * 50_000,
-    "a long sum": "x = 'a'" + " + 'a'" * DEEP + "\nsetup(entry_points='a'" + " + 'a'" * DEEP + ")\n",
+    "a long sum": "x = 'a'"
+    + " + 'a'" * DEEP
+    + "\nsetup(entry_points='a'"
+    + " + 'a'" * DEEP
+    + ")\n",
     "a longer sum": "x = 1" + " + 1" * 30_000,
     "a chain of attributes": "x = a" + ".b" * DEEP + ".create_publisher(1, 2, 3)\n",
     "a chain of calls": "x = a" + "()" * DEEP + "\n",
@@ -46,8 +50,16 @@ TEXTS = {
         "setup(entry_points={**{}, (1, 2): [3], 'console_scripts': {'a': 1}}, "
         "data_files=[('a', [1, None, b'x']), (glob(1), []), ([] % 1, []), ('{}'.format, [1]), ('a'.format(1), 2)])\n"
     ),
-    "functions around much": "x = " + "lambda: " * 300 + "[" + "0, " * 3000 + "]\nsetup(data_files=[])\n",
-    "attributes of much": "f([" + "0, " * 3000 + "])" + ".append" * 300 + "\nsetup(data_files=[])\n",
+    "functions around much": "x = "
+    + "lambda: " * 300
+    + "["
+    + "0, " * 3000
+    + "]\nsetup(data_files=[])\n",
+    "attributes of much": "f(["
+    + "0, " * 3000
+    + "])"
+    + ".append" * 300
+    + "\nsetup(data_files=[])\n",
     "methods of a choice beside much": (
         "setup(data_files=[], entry_points={'console_scripts': [('a=b:c' if 1 else ["
         + "0, " * 3000
@@ -64,12 +76,24 @@ TEXTS = {
         "set(a " + "x" * 900 + ")\nlist(APPEND b " + "${a} " * 500 + ")\nforeach(i ${b})\n"
         "message(" + "${b}y" * 1500 + ")\nendforeach()\ninstall(DIRECTORY d0 DESTINATION share/p)\n"
     ),
-    "blanks without end": "[options.entry_points]\nx" + " " * 20_000 + "y\nconsole_scripts =\n  a = b:c\n",
-    "patterns without end": "setup(data_files=[" + "('share/p', glob('" + "**/" * 11 + "x'))," * 300 + "])\n",
-    "commands without end": "install(" * 30_000 + "install(PROGRAMS " * 10_000 + "ament_auto_package(" * 5_000,
+    "blanks without end": "[options.entry_points]\nx"
+    + " " * 20_000
+    + "y\nconsole_scripts =\n  a = b:c\n",
+    "patterns without end": "setup(data_files=["
+    + "('share/p', glob('"
+    + "**/" * 11
+    + "x'))," * 300
+    + "])\n",
+    "commands without end": "install(" * 30_000
+    + "install(PROGRAMS " * 10_000
+    + "ament_auto_package(" * 5_000,
     "more commands than files": "install(DIRECTORY a b c DESTINATION share/p)\n" * 5_000,
-    "more scripts than anyone needs": "setup(entry_points='''[console_scripts]\n" + "a=b:c\n" * 5_000 + "''')\n",
-    "sections without end": "[a]\n" * 5_000 + "[options.entry_points]\nconsole_scripts =\n" + "  a=b:c\n" * 5_000,
+    "more scripts than anyone needs": "setup(entry_points='''[console_scripts]\n"
+    + "a=b:c\n" * 5_000
+    + "''')\n",
+    "sections without end": "[a]\n" * 5_000
+    + "[options.entry_points]\nconsole_scripts =\n"
+    + "  a=b:c\n" * 5_000,
     "a zero byte": "import rclpy\nx = 1\0\n",
     "lone surrogates": "# \udfff\nx = '\ud800'\nself.create_publisher(String, '\ud800', 10)\n",
     "a line of a hundred thousand letters": "x" * 100_000,
@@ -83,7 +107,10 @@ TEXTS = {
     "headings without words": "# h\n" * 8_000,
     "a letter with a hundred thousand accents": "a" + "\u0301" * 100_000,
     "elements within each other": "<a>" * 50_000 + "</a>" * 50_000,
-    "a manifest of depth": "<package><name>p</name>" + "<a>" * 50_000 + "</a>" * 50_000 + "</package>",
+    "a manifest of depth": "<package><name>p</name>"
+    + "<a>" * 50_000
+    + "</a>" * 50_000
+    + "</package>",
     "entities": '<!DOCTYPE p [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><package><name>&b;</name></package>',
     "another encoding": '<?xml version="1.0" encoding="utf-16"?><package><name>p</name></package>',
     "a package's name without end": "<package><name>" + "a" * 100_000 + "</name></package>",

@@ -46,7 +46,13 @@ def _kind_of_module(module: str) -> Kind:
     name, text = Path(module).name, (ROOT / module).read_text(encoding="utf-8")
     if re.search(r"pytest\.mark\.live\b", text):
         alone = Kind.FIXTURE if name == "test_fixtures.py" else Kind.LIVE_TEST
-        return Kind.ATTACK if name == "test_attacks.py" else alone if name in ONE_BY_ONE else Kind.LIVE_MODULE
+        return (
+            Kind.ATTACK
+            if name == "test_attacks.py"
+            else alone
+            if name in ONE_BY_ONE
+            else Kind.LIVE_MODULE
+        )
     patient = Path(module).parts[1] in PATIENT and name not in IMPATIENT
     return Kind.LONG if name in LONG else Kind.PURE if patient else Kind.CLOCK
 
@@ -76,12 +82,17 @@ class InTurn(LoadScopeScheduling):  # type: ignore[misc]
 
     def _turn(self, node: WorkerController, kind: Kind) -> int:
         if kind is Kind.ATTACK:
-            theirs = [w for n, w in self.assigned_work.items() if n is not node and self._attacks(w)]
+            theirs = [
+                w for n, w in self.assigned_work.items() if n is not node and self._attacks(w)
+            ]
             return kind if len(theirs) < ATTACKS_AT_A_TIME else Kind.PURE + 1
         return kind - len(Kind) if self._is_behind(node) and kind >= Kind.LONG else kind
 
     def _attacks(self, work: dict[str, dict[str, bool]]) -> bool:
-        return any(kind_of(scope) is Kind.ATTACK and not all(tests.values()) for scope, tests in work.items())
+        return any(
+            kind_of(scope) is Kind.ATTACK and not all(tests.values())
+            for scope, tests in work.items()
+        )
 
     def _is_behind(self, node: WorkerController) -> bool:
         if self._behind is None:
@@ -90,7 +101,9 @@ class InTurn(LoadScopeScheduling):  # type: ignore[misc]
 
     def _reschedule(self, node: WorkerController) -> None:
         """Let the worker that computes end when all is computed."""
-        if self._is_behind(node) and not any(kind_of(scope) >= Kind.LONG for scope in self.workqueue):
+        if self._is_behind(node) and not any(
+            kind_of(scope) >= Kind.LONG for scope in self.workqueue
+        ):
             if not node.shutting_down:
                 node.shutdown()
             return
@@ -107,5 +120,7 @@ def worker_behind(workers: int, collection: list[str]) -> str:
 def step_behind(config: pytest.Config, items: list[pytest.Item]) -> None:
     """Let this process be behind others, if it is that worker; what it starts is so too."""
     told = getattr(config, "workerinput", None)
-    if told and told["workerid"] == worker_behind(told["workercount"], [item.nodeid for item in items]):
+    if told and told["workerid"] == worker_behind(
+        told["workercount"], [item.nodeid for item in items]
+    ):
         os.nice(NICE)

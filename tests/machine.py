@@ -66,12 +66,16 @@ class Others:
     @staticmethod
     def _look() -> tuple[float, float, float]:
         of_all_cores = Path("/proc/stat").read_text(encoding="ascii").split("\n", 1)[0]
-        user, nice, system, _, _, irq, softirq, steal = (int(number) for number in of_all_cores.split()[1:9])
+        user, nice, system, _, _, irq, softirq, steal = (
+            int(number) for number in of_all_cores.split()[1:9]
+        )
         busy_s = (user + nice + system + irq + softirq + steal) / os.sysconf("SC_CLK_TCK")
         return time.monotonic(), busy_s, sum(os.times()[:4])
 
     @property
     def share(self) -> float:
         """The part of all cores; of this process, those of its children that have ended are its own."""
-        elapsed_s, busy_s, own_s = (now - then for now, then in zip(self._look(), self._begun, strict=True))
+        elapsed_s, busy_s, own_s = (
+            now - then for now, then in zip(self._look(), self._begun, strict=True)
+        )
         return (busy_s - own_s) / (elapsed_s * (os.cpu_count() or 1))

@@ -48,7 +48,12 @@ class Slip:
 
 SLIPS = (
     Slip(0.45, "qos.explains", "0", "There is next to nothing in writing about the trade-offs."),
-    Slip(0.42, "subscriber.mean", "0", "Your numbers match the signed error; the lab asks for |error|."),
+    Slip(
+        0.42,
+        "subscriber.mean",
+        "0",
+        "Your numbers match the signed error; the lab asks for |error|.",
+    ),
     Slip(
         0.38,
         "service.refuses",
@@ -58,7 +63,12 @@ SLIPS = (
     Slip(0.33, "publisher.rate", "0.6", "Messages come at {rate} Hz, {off}% slower than 100 Hz."),
     Slip(0.3, "documentation.readme", "0.4", "It found no mention of {file}, {other}."),
     Slip(0.28, "documentation.code", "0.8", "Neither a docstring nor a comment explains {docs}."),
-    Slip(0.28, "qos.profiles", "0.94", "/test_control_command has durability volatile, not transient_local."),
+    Slip(
+        0.28,
+        "qos.profiles",
+        "0.94",
+        "/test_control_command has durability volatile, not transient_local.",
+    ),
     Slip(0.2, "launch.parameters", "0.8", "The launch file gives {node} no publish_rate."),
     Slip(
         0.16,
@@ -66,7 +76,12 @@ SLIPS = (
         "0.4",
         "The topic is named {topic}, not /joint_commands; the rest is judged on {topic}.",
     ),
-    Slip(0.14, "publisher.reliable", "0", "The publisher offers BEST_EFFORT reliability, not RELIABLE."),
+    Slip(
+        0.14,
+        "publisher.reliable",
+        "0",
+        "The publisher offers BEST_EFFORT reliability, not RELIABLE.",
+    ),
     Slip(
         0.14,
         "qos.honest",
@@ -79,7 +94,13 @@ SLIPS = (
         "0",
         "There is no robot_service.py in the submission.",
         "Hand in a file named robot_service.py.",
-        ("service.enables", "service.disables", "service.parameters", "service.refuses", "service.two_clients"),
+        (
+            "service.enables",
+            "service.disables",
+            "service.parameters",
+            "service.refuses",
+            "service.two_clients",
+        ),
     ),
     Slip(
         0.1,
@@ -96,7 +117,12 @@ SLIPS = (
         ("launch.arguments", "launch.nodes", "launch.parameters", "launch.together"),
     ),
     Slip(0.06, "qos.honest", "0", "best_effort reports {n} messages; 999 were published."),
-    Slip(0.05, "service.two_clients", "0.5", "{n} of 50 calls took longer than 1 s, or got no answer."),
+    Slip(
+        0.05,
+        "service.two_clients",
+        "0.5",
+        "{n} of 50 calls took longer than 1 s, or got no answer.",
+    ),
 )
 
 
@@ -105,14 +131,18 @@ def solution_result(rubric: Rubric) -> dict[str, Any]:
     return to_plain(judge(open_recordings(SOLUTION, rubric), rubric))
 
 
-def sample_class(rubric: Rubric, number: int = 40, base: dict[str, Any] | None = None) -> list[ClassEntry]:
+def sample_class(
+    rubric: Rubric, number: int = 40, base: dict[str, Any] | None = None
+) -> list[ClassEntry]:
     """Make a class: most have some mistakes, one was not graded, two have something undecided, one a violation."""
     chance = random.Random(20261120)
     base = base or solution_result(rubric)
     hints = {check.id: check.hint for check in rubric.checks()}
     entries = []
     for n in range(number):
-        name = f"{FIRST[n % len(FIRST)]}_{LAST[(n * 7) % len(LAST)]}" + (str(n) if n >= len(FIRST) else "")
+        name = f"{FIRST[n % len(FIRST)]}_{LAST[(n * 7) % len(LAST)]}" + (
+            str(n) if n >= len(FIRST) else ""
+        )
         result = copy.deepcopy(base) | {"submission": name}
         result["provenance"] |= {"submission_sha256": hashlib.sha256(name.encode()).hexdigest()}
         weakness = min(1.9, max(0.0, chance.gauss(0.95, 0.5)))
@@ -120,13 +150,20 @@ def sample_class(rubric: Rubric, number: int = 40, base: dict[str, Any] | None =
             if chance.random() < slip.share * weakness:
                 spoil(result, slip, chance, hints)
         if n in (11, 26):
-            leave_open(result, "subscriber.rms", "The machine kept the node from a core for too long to tell.")
-        if n == 17:
-            text = (
-                "/joint_state_subscriber published 40 messages on /joint_states, which is the reference node's topic."
+            leave_open(
+                result,
+                "subscriber.rms",
+                "The machine kept the node from a core for too long to tell.",
             )
+        if n == 17:
+            text = "/joint_state_subscriber published 40 messages on /joint_states, which is the reference node's topic."
             result["violations"] = [
-                {"kind": "publishes_on_reference_topic", "session": "subscriber", "text": text, "certain": True}
+                {
+                    "kind": "publishes_on_reference_topic",
+                    "session": "subscriber",
+                    "text": text,
+                    "certain": True,
+                }
             ]
         if n == 5:
             late = {
@@ -138,10 +175,16 @@ def sample_class(rubric: Rubric, number: int = 40, base: dict[str, Any] | None =
             result["adjustments"] = [late | {"who": "", "when": ""}]
         add_up(result)
         handed_in = DUE - timedelta(minutes=chance.randrange(9000)) + timedelta(days=n == 5 and 7)
-        entries.append(ClassEntry(name, read_result(result), "", report_link(name), handed_in, f"{4100000 + 37 * n}"))
+        entries.append(
+            ClassEntry(
+                name, read_result(result), "", report_link(name), handed_in, f"{4100000 + 37 * n}"
+            )
+        )
     if number > 33:
         there_is_none = "There is nothing in it that the lab asks for: no joint_publisher.py, no joint_subscriber.py."
-        entries[33] = ClassEntry(entries[33].name, None, there_is_none, "", entries[33].submitted_at, "4101221")
+        entries[33] = ClassEntry(
+            entries[33].name, None, there_is_none, "", entries[33].submitted_at, "4101221"
+        )
     return entries
 
 
@@ -156,7 +199,9 @@ def values(chance: random.Random) -> dict[str, Any]:
         "other": chance.choice(("robot_service.py", "qos_comparison.py")),
         "docs": ", ".join(modules[: chance.randint(1, 3)]),
         "node": chance.choice(("joint_command_publisher", "/joint_command_publisher")),
-        "topic": chance.choice(("/joint_command", "/commands", "/joint_cmd", "/cmd_joints", "/jointcommands")),
+        "topic": chance.choice(
+            ("/joint_command", "/commands", "/joint_cmd", "/cmd_joints", "/jointcommands")
+        ),
         "n": chance.randint(2, 40),
         "lines": chance.randint(30, 90),
         "exe": chance.choice(("state_subscriber", "joint_subsciber", "subscriber")),
@@ -166,7 +211,9 @@ def values(chance: random.Random) -> dict[str, Any]:
 
 def check_of(result: dict[str, Any], name: str) -> dict[str, Any]:
     """Give a check of a result by its id."""
-    return next(c for criterion in result["criteria"] for c in criterion["checks"] if c["id"] == name)
+    return next(
+        c for criterion in result["criteria"] for c in criterion["checks"] if c["id"] == name
+    )
 
 
 def spoil(result: dict[str, Any], slip: Slip, chance: random.Random, hints: dict[str, str]) -> None:
@@ -177,7 +224,12 @@ def spoil(result: dict[str, Any], slip: Slip, chance: random.Random, hints: dict
     earned = (Decimal(str(check["possible"])) * Decimal(slip.credit)).quantize(Decimal("0.1"))
     reason = slip.reason.format(**values(chance))
     outcome = "partial" if earned else "failed"
-    check |= {"outcome": outcome, "earned": float(earned), "reason": reason, "hint": slip.hint or hints[slip.check]}
+    check |= {
+        "outcome": outcome,
+        "earned": float(earned),
+        "reason": reason,
+        "hint": slip.hint or hints[slip.check],
+    }
     for name in slip.blocks:
         reason = f"Not tested, because '{check['title']}' failed."
         check_of(result, name).update(outcome="not_reached", earned=0, reason=reason, hint="")
@@ -186,7 +238,13 @@ def spoil(result: dict[str, Any], slip: Slip, chance: random.Random, hints: dict
 def leave_open(result: dict[str, Any], name: str, reason: str) -> None:
     """Let a check of a result be undecided."""
     check = check_of(result, name)
-    check |= {"outcome": "inconclusive", "earned": 0, "undecided": check["possible"], "reason": reason, "hint": ""}
+    check |= {
+        "outcome": "inconclusive",
+        "earned": 0,
+        "undecided": check["possible"],
+        "reason": reason,
+        "hint": "",
+    }
 
 
 def add_up(result: dict[str, Any]) -> None:

@@ -78,13 +78,18 @@ def _message(store: Any, described: Any, value: Any = None) -> Any:
     """Make a message, or a part of one, of its type as `rosbags` describes it."""
     kind, what = described
     if kind == 1:
-        return _ZERO.get(what[0] if isinstance(what, tuple) else what, 0) if value is None else value
+        return (
+            _ZERO.get(what[0] if isinstance(what, tuple) else what, 0) if value is None else value
+        )
     if kind == 2:
         fields, given = store.fielddefs[what][1], value or {}
-        return store.types[what](**{name: _message(store, part, given.get(name)) for name, part in fields})
+        return store.types[what](
+            **{name: _message(store, part, given.get(name)) for name, part in fields}
+        )
     element, length = what
     listed = [
-        _message(store, element, each) for each in (value if value is not None else [None] * length * (kind == 3))
+        _message(store, element, each)
+        for each in (value if value is not None else [None] * length * (kind == 3))
     ]
     primitive = element[1][0] if element[0] == 1 else "string"
     return listed if primitive in ("string", "wstring") else np.array(listed, dtype=primitive)
@@ -122,11 +127,17 @@ class Session:
         type_hash: str = "",
     ) -> Session:
         """Record messages of numbers, published at the times given."""
-        channel = self._writer.add_channel(topic, FLOATS, type_hash, DEFINITIONS[FLOATS], [RELIABLE])
+        channel = self._writer.add_channel(
+            topic, FLOATS, type_hash, DEFINITIONS[FLOATS], [RELIABLE]
+        )
         numbers = sequence if sequence is not None else range(1, len(rows) + 1)
         for row, time_s, number in zip(rows, times_s, numbers, strict=True):
             self._writer.write(
-                channel, floats(row), received_ns=at(time_s + latency_s), source_ns=at(time_s), sequence=number
+                channel,
+                floats(row),
+                received_ns=at(time_s + latency_s),
+                source_ns=at(time_s),
+                sequence=number,
             )
         return self
 
@@ -134,20 +145,36 @@ class Session:
         """Record messages of text."""
         channel = self._writer.add_channel(topic, TEXT, "", DEFINITIONS[TEXT], [RELIABLE])
         for number, (value, time_s) in enumerate(zip(texts, times_s, strict=True), 1):
-            self._writer.write(channel, text(value), received_ns=at(time_s), source_ns=at(time_s), sequence=number)
+            self._writer.write(
+                channel, text(value), received_ns=at(time_s), source_ns=at(time_s), sequence=number
+            )
         return self
 
     def raw(
-        self, topic: str, kind: str, definition: str, messages: Sequence[bytes], times_s: Iterable[float]
+        self,
+        topic: str,
+        kind: str,
+        definition: str,
+        messages: Sequence[bytes],
+        times_s: Iterable[float],
     ) -> Session:
         """Record messages of another type by their CDR."""
-        channel = self._writer.add_channel(topic, kind, "", MessageDefinition("ros2msg", definition), [RELIABLE])
+        channel = self._writer.add_channel(
+            topic, kind, "", MessageDefinition("ros2msg", definition), [RELIABLE]
+        )
         for number, (data, time_s) in enumerate(zip(messages, times_s, strict=True), 1):
-            self._writer.write(channel, data, received_ns=at(time_s), source_ns=at(time_s), sequence=number)
+            self._writer.write(
+                channel, data, received_ns=at(time_s), source_ns=at(time_s), sequence=number
+            )
         return self
 
     def typed(
-        self, topic: str, kind: str, messages: Sequence[Mapping[str, Any]], times_s: Iterable[float], lag_s: float = 0.0
+        self,
+        topic: str,
+        kind: str,
+        messages: Sequence[Mapping[str, Any]],
+        times_s: Iterable[float],
+        lag_s: float = 0.0,
     ) -> Session:
         """Record messages of any type of ROS by their fields, received so long after they were published.
 
@@ -159,15 +186,24 @@ class Session:
         for number, (fields, time_s) in enumerate(zip(messages, times_s, strict=True), 1):
             data = bytes(store.serialize_cdr(_message(store, (2, kind), fields), kind))
             received_ns = at(time_s + lag_s)
-            self._writer.write(channel, data, received_ns=received_ns, source_ns=at(time_s), sequence=number)
+            self._writer.write(
+                channel, data, received_ns=received_ns, source_ns=at(time_s), sequence=number
+            )
         return self
 
     def endpoint(
-        self, kind: str, topic: str, node: str = "/student", topic_type: str = FLOATS, qos: Qos = RELIABLE
+        self,
+        kind: str,
+        topic: str,
+        node: str = "/student",
+        topic_type: str = FLOATS,
+        qos: Qos = RELIABLE,
     ) -> Session:
         """Put a publisher or a subscription into the graph, and its node."""
         self._gids += 1
-        self.graph.endpoints.append(Endpoint(kind, topic, topic_type, "", node, f"{self._gids:032x}", qos))
+        self.graph.endpoints.append(
+            Endpoint(kind, topic, topic_type, "", node, f"{self._gids:032x}", qos)
+        )
         return self.node(node)
 
     def node(self, name: str) -> Session:
@@ -176,17 +212,28 @@ class Session:
             self.graph.nodes.append(name)
         return self
 
-    def service(self, name: str, node: str = "/student", kind: str = "std_srvs/srv/SetBool") -> Session:
+    def service(
+        self, name: str, node: str = "/student", kind: str = "std_srvs/srv/SetBool"
+    ) -> Session:
         """Put a service into the graph."""
         self.graph.services.append(ServiceEndpoint(name, kind, node))
         return self.node(node)
 
-    def process(self, name: str = "it", lines: Iterable[str | tuple[float, str]] = (), **facts: Any) -> Session:
+    def process(
+        self, name: str = "it", lines: Iterable[str | tuple[float, str]] = (), **facts: Any
+    ) -> Session:
         """Add a student's process that wrote lines; each may have its time in s."""
         timed = [line if isinstance(line, tuple) else (2.0, line) for line in lines]
         output = [OutputLine(at(time_s), "stdout", said) for time_s, said in timed]
-        run = ProcessRun(name, "student", ["python", name], artifact=name, started_ns=at(0.1), output=output)
-        run.interrupted_ns, run.exited_ns, run.exit_status, run.ended_by = at(20.0), at(20.1), 0, "interrupt"
+        run = ProcessRun(
+            name, "student", ["python", name], artifact=name, started_ns=at(0.1), output=output
+        )
+        run.interrupted_ns, run.exited_ns, run.exit_status, run.ended_by = (
+            at(20.0),
+            at(20.1),
+            0,
+            "interrupt",
+        )
         for key, value in facts.items():
             setattr(run, key, value)
         self.record.processes.append(run)
@@ -196,24 +243,33 @@ class Session:
         """Let the machine have delayed a process for a time, evenly from 0 to `until_s`."""
         run = next(p for p in self.record.processes if p.name == name)
         shares = [n / (2 * until_s) for n in range(round(2 * until_s) + 1)]
-        run.usage = [Usage(at(s * until_s), round(s * cpu_s * 1e9), round(s * delay_s * 1e9)) for s in shares]
+        run.usage = [
+            Usage(at(s * until_s), round(s * cpu_s * 1e9), round(s * delay_s * 1e9)) for s in shares
+        ]
         return self
 
     def disturbed(self, name: str, *delays_s: tuple[float, float]) -> Session:
         """Let a process have been watched, and the machine have delayed it at some times for so long."""
         run = next(p for p in self.record.processes if p.name == name)
-        run.disturbed = [[at(start_s), round(delay_s * 1e9), round(delay_s * 1e9)] for start_s, delay_s in delays_s]
+        run.disturbed = [
+            [at(start_s), round(delay_s * 1e9), round(delay_s * 1e9)]
+            for start_s, delay_s in delays_s
+        ]
         return self
 
     def clock(self, ahead_s: Mapping[float, float]) -> Session:
         """Let the system's clock be ahead of the monotonic one by some seconds, as sampled at some times."""
-        self.record.machine = [MachineSample(at(t), round(ahead * 1e9)) for t, ahead in ahead_s.items()]
+        self.record.machine = [
+            MachineSample(at(t), round(ahead * 1e9)) for t, ahead in ahead_s.items()
+        ]
         return self
 
     def step(self, kind: str, label: str, outcome: str = "done", **result: Any) -> Session:
         """Add a step by its result; `parameters` are taken out of it."""
         parameters = result.pop("parameters", {})
-        self.record.steps.append(StepRun(kind, parameters, label, at(1.0), at(2.0), outcome, result))
+        self.record.steps.append(
+            StepRun(kind, parameters, label, at(1.0), at(2.0), outcome, result)
+        )
         return self
 
     def window(self, start_s: float, end_s: float, label: str = "window") -> Session:
@@ -245,7 +301,9 @@ def submission(files: Mapping[str, str] | None = None, **artifacts: str | None) 
         record.files.append(FileFact(path, len(content), ""))
         record.texts[path] = content
     for name, place in (artifacts or {"it": "it.py"}).items():
-        record.artifacts.append(ArtifactFact(name, f"{name}.py", place, "name" if place else "missing"))
+        record.artifacts.append(
+            ArtifactFact(name, f"{name}.py", place, "name" if place else "missing")
+        )
     return record
 
 

@@ -43,7 +43,11 @@ def test_an_attack_is_reported_so_that_it_can_be_judged(attack: Attack, rubric: 
     assert attack.expect.limit is None or attack.expect.limit in LIMITS
     assert attack.twin == SOLUTION or (ROOT / "fixtures" / attack.twin / "expected.yaml").is_file()
     assert all((ROOT / folder).is_dir() for folder in attack.files_of)
-    assert (attack.folder / "make.py").is_file() or (attack.folder / "submission").is_dir() or attack.named
+    assert (
+        (attack.folder / "make.py").is_file()
+        or (attack.folder / "submission").is_dir()
+        or attack.named
+    )
     assert attack.archive is None or (attack.folder / "make.py").is_file()
     assert 0 < attack.most_points(rubric) <= 100
 

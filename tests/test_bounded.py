@@ -43,7 +43,10 @@ def _fail() -> None:
 
 def test_what_work_returns_comes_back() -> None:
     """The value is the same, however large; the process was another."""
-    assert in_process(lambda: ("x" * 10**6, os.getpid() != os.getppid()), SMALL) == ("x" * 10**6, True)
+    assert in_process(lambda: ("x" * 10**6, os.getpid() != os.getppid()), SMALL) == (
+        "x" * 10**6,
+        True,
+    )
     assert in_process(os.getpid, SMALL) != os.getpid()
 
 
@@ -51,7 +54,11 @@ def test_what_work_raises_is_raised() -> None:
     """An error arrives with where it came up and its remedy, and with a trace as its cause."""
     with pytest.raises(RecordingError) as caught:
         in_process(_fail, SMALL)
-    assert (caught.value.problem, caught.value.location, caught.value.remedy) == ("it is damaged", "here", "Mend it.")
+    assert (caught.value.problem, caught.value.location, caught.value.remedy) == (
+        "it is damaged",
+        "here",
+        "Mend it.",
+    )
     assert "in _fail" in str(caught.value.__cause__)
 
 
@@ -64,7 +71,9 @@ def test_what_work_raises_is_raised() -> None:
         (_end_itself, SMALL, "status -9"),
     ],
 )
-def test_work_beyond_its_bound_is_ended(work: Callable[[], object], bound: Bound, words: str) -> None:
+def test_work_beyond_its_bound_is_ended(
+    work: Callable[[], object], bound: Bound, words: str
+) -> None:
     """Computing, waiting and memory are bounded, each with its words, and no process stays behind."""
     with pytest.raises(BoundError, match=words):
         in_process(work, bound)
@@ -74,7 +83,11 @@ def test_work_beyond_its_bound_is_ended(work: Callable[[], object], bound: Bound
 
 def test_one_that_does_not_end_does_not_keep_the_others() -> None:
     """Of several pieces of work each has its own bound; nothing of what is given up half-way stays behind."""
-    works: dict[str, Callable[[], object]] = {"spins": _spin, "first": lambda: 1, "second": lambda: 2}
+    works: dict[str, Callable[[], object]] = {
+        "spins": _spin,
+        "first": lambda: 1,
+        "second": lambda: 2,
+    }
     outcomes = list(in_processes(works, SMALL, at_a_time=2))
     assert outcomes[:2] == [("first", 1), ("second", 2)]
     assert isinstance(outcomes[2][1], BoundError)
@@ -90,7 +103,9 @@ def endless(tmp_path: Path) -> Rubric:
     """Give the lab's rubric, with an oracle that never ends."""
     shutil.copytree(ROOT / "reference", tmp_path / "lab/reference")
     oracles = tmp_path / "lab/reference/oracles.py"
-    oracles.write_text(oracles.read_text(encoding="utf-8") + "while True:\n    pass\n", encoding="utf-8")
+    oracles.write_text(
+        oracles.read_text(encoding="utf-8") + "while True:\n    pass\n", encoding="utf-8"
+    )
     shutil.copy(ROOT / "rubric.yaml", tmp_path / "lab")
     return load_rubric(tmp_path / "lab/rubric.yaml", rubrics.rubric_kinds())
 
@@ -99,10 +114,14 @@ def test_judging_without_end_keeps_the_recordings(
     endless: Rubric, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Judging is given up in time; recordings and the earlier result stay, and the error says what to do."""
-    monkeypatch.setattr(judgement, "JUDGING_BOUND", dataclasses.replace(judgement.JUDGING_BOUND, cpu_s=2.0))
+    monkeypatch.setattr(
+        judgement, "JUDGING_BOUND", dataclasses.replace(judgement.JUDGING_BOUND, cpu_s=2.0)
+    )
     results = tmp_path / "results/ann"
     shutil.copytree(ROOT / "tests/recordings/solution", results / result_folder.RECORDINGS)
-    shutil.copy(ROOT / "rubric.yaml", results / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
+    shutil.copy(
+        ROOT / "rubric.yaml", results / result_folder.RECORDINGS / result_folder.RUBRIC_COPY
+    )
     before = judge_results(results, rubrics.read_rubric(None))
     with pytest.raises(BoundError, match="judging the submission took more than 2 s"):
         judge_results(results, endless)

@@ -18,7 +18,13 @@ ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = ["ci/install.sh", "ci/github/grade.sh", "ci/gitlab/grade.sh", "ci/gradescope/setup.sh"]
 SCRIPTS += ["ci/gradescope/run_autograder"]
 #: Options of `grade` and `grade export` in scripts; those of other programs are told by name.
-_OTHERS = {"--quiet", "--no-install-recommends", "--disable-pip-version-check", "--no-cache-dir", "--constraint"}
+_OTHERS = {
+    "--quiet",
+    "--no-install-recommends",
+    "--disable-pip-version-check",
+    "--no-cache-dir",
+    "--constraint",
+}
 _OTHERS |= {"--depth", "--branch", "--format", "--add-file"}
 
 
@@ -40,7 +46,14 @@ def read(path: str) -> dict[str, Any]:
 )
 def test_files_satisfy_the_systems_schemas(schema: str, file: str) -> None:
     """Each is what its system accepts."""
-    command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", schema, str(ROOT / file)]
+    command = [
+        sys.executable,
+        "-m",
+        "check_jsonschema",
+        "--builtin-schema",
+        schema,
+        str(ROOT / file),
+    ]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
 
@@ -48,8 +61,18 @@ def test_files_satisfy_the_systems_schemas(schema: str, file: str) -> None:
 def test_the_schemas_refuse_what_is_wrong(tmp_path: Path) -> None:
     """A misspelt key is found, so the test above can fail."""
     wrong = tmp_path / "wrong.yml"
-    wrong.write_text((ROOT / "action.yml").read_text(encoding="utf-8").replace("using:", "use:"), encoding="utf-8")
-    command = [sys.executable, "-m", "check_jsonschema", "--builtin-schema", "vendor.github-actions", str(wrong)]
+    wrong.write_text(
+        (ROOT / "action.yml").read_text(encoding="utf-8").replace("using:", "use:"),
+        encoding="utf-8",
+    )
+    command = [
+        sys.executable,
+        "-m",
+        "check_jsonschema",
+        "--builtin-schema",
+        "vendor.github-actions",
+        str(wrong),
+    ]
     assert subprocess.run(command, capture_output=True, check=False).returncode == 1
 
 
@@ -57,7 +80,9 @@ def test_the_schemas_refuse_what_is_wrong(tmp_path: Path) -> None:
 def test_shell_scripts_are_sound(script: str) -> None:
     """ShellCheck has nothing to say, and the file can be run."""
     shellcheck = Path(sys.executable).with_name("shellcheck")
-    done = subprocess.run([shellcheck, str(ROOT / script)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [shellcheck, str(ROOT / script)], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stdout
     assert (ROOT / script).stat().st_mode & 0o111
 
@@ -75,7 +100,11 @@ def test_all_that_an_installation_is_made_of_goes_along(file: str) -> None:
 @pytest.mark.parametrize("file", [*SCRIPTS, "ci/classroom50/autograder.py", "docs/ci.md"])
 def test_every_option_is_one_of_the_command(file: str) -> None:
     """What the scripts and the page say, `grade` or `grade export` knows."""
-    known = {option for parser in (grade_parser(""), export_parser()) for option in parser._option_string_actions}
+    known = {
+        option
+        for parser in (grade_parser(""), export_parser())
+        for option in parser._option_string_actions
+    }
     text = (ROOT / file).read_text(encoding="utf-8")
     named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", text)) - _OTHERS
     assert named <= known
@@ -110,7 +139,10 @@ def test_inputs_never_become_part_of_a_script() -> None:
 
 def test_actions_are_pinned_by_version() -> None:
     """Every action that is used has a version."""
-    steps = [*read("action.yml")["runs"]["steps"], *read("ci/github-workflow.yml")["jobs"]["grade"]["steps"]]
+    steps = [
+        *read("action.yml")["runs"]["steps"],
+        *read("ci/github-workflow.yml")["jobs"]["grade"]["steps"],
+    ]
     used = [step["uses"] for step in steps if "uses" in step]
     assert len(used) == 3
     assert all(re.fullmatch(r"[\w.-]+/[\w.-]+@v\d+", each) for each in used)
@@ -121,4 +153,7 @@ def test_gitlab_keeps_what_the_script_writes() -> None:
     artifacts = read("ci/gitlab-ci.yml")["grade"]["artifacts"]
     assert artifacts["when"] == "always"
     assert artifacts["paths"] == ["grade/"]
-    assert artifacts["reports"] == {"junit": "grade/junit.xml", "codequality": "grade/codequality.json"}
+    assert artifacts["reports"] == {
+        "junit": "grade/junit.xml",
+        "codequality": "grade/codequality.json",
+    }

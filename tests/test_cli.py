@@ -78,7 +78,9 @@ def test_a_file_in_place_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (status, "this is not a zip or tar archive" in errors) == (3, True)
 
 
-def test_one_file_of_several_is_reported(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_file_of_several_is_reported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Who gives a file in place of its folder is told so; who gives the folder, or the only file, is not."""
     (tmp_path / "no-folder").touch()
     for name in ("joint_publisher.py", "robot_service.py"):
@@ -92,7 +94,9 @@ def test_one_file_of_several_is_reported(tmp_path: Path, capsys: pytest.CaptureF
     assert said[1] == ""
 
 
-def test_names_of_folders_cannot_steer_the_terminal(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_of_folders_cannot_steer_the_terminal(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Escape sequences in a path are shown, not obeyed."""
     status, _, errors = run(capsys, tmp_path / "\x1b[2Jann", "-o", tmp_path / "results")
     assert status == 3
@@ -128,10 +132,14 @@ def test_a_reader_that_leaves_changes_no_result(tmp_path: Path) -> None:
 # -- rubrics ---------------------------------------------------------------------------------------
 
 
-def test_a_broken_rubric_ends_with_all_its_lines(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_broken_rubric_ends_with_all_its_lines(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Each mistake is a line with file and number, before anything is run."""
     text = SHIPPED.read_text(encoding="utf-8")
-    broken = text.replace("points: 100", "points: 99").replace("check: topic_rate", "check: topic_rat")
+    broken = text.replace("points: 100", "points: 99").replace(
+        "check: topic_rate", "check: topic_rat"
+    )
     shutil.copytree(lab_folder() / "reference", tmp_path / "reference")
     (tmp_path / "mine.yaml").write_text(broken, encoding="utf-8")
     status, _, errors = run(capsys, ROOT / "submissions/alice", "--rubric", tmp_path / "mine.yaml")
@@ -149,7 +157,9 @@ def test_a_rubric_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixtur
 def test_a_session_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A session that the rubric does not have is wrong usage, and the known ones are named."""
     out = tmp_path / "results"
-    status, _, errors = run(capsys, ROOT / "submissions/alice", "--sessions", "publisher, sevrice", "-o", out)
+    status, _, errors = run(
+        capsys, ROOT / "submissions/alice", "--sessions", "publisher, sevrice", "-o", out
+    )
     assert (status, out.exists()) == (2, False)
     assert "there is no session 'sevrice'" in errors
     assert "publisher, subscriber, service, launch, qos" in errors
@@ -221,7 +231,9 @@ def test_checks_lists_each_check_with_its_parameters(capsys: pytest.CaptureFixtu
 # -- regrading -------------------------------------------------------------------------------------
 
 
-def test_regrading_writes_result_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_regrading_writes_result_and_report(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Kept recordings are judged, and the points are printed."""
     results = results_of("solution", tmp_path)
     status, output, errors = run(capsys, "regrade", results)
@@ -240,7 +252,9 @@ def test_fail_under(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(capsys, "regrade", results, "--fail-under", str(earned + 0.1))[0] == 1
 
 
-def test_several_results_are_regraded_at_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_results_are_regraded_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """One below the limit is enough to end with 1, and all are judged."""
     folders = [results_of(name, tmp_path) for name in ("missing_service_file", "wrong_topic")]
     status, output, _ = run(capsys, "regrade", *folders, "--fail-under", "20")
@@ -250,7 +264,9 @@ def test_several_results_are_regraded_at_once(tmp_path: Path, capsys: pytest.Cap
 
 
 @pytest.mark.parametrize("what", ["nothing", "no record", "damaged"])
-def test_recordings_that_cannot_be_read(tmp_path: Path, capsys: pytest.CaptureFixture[str], what: str) -> None:
+def test_recordings_that_cannot_be_read(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], what: str
+) -> None:
     """A folder without recordings, or with damaged ones, ends with 6 and says where."""
     results = tmp_path / "empty"
     if what != "nothing":
@@ -270,7 +286,9 @@ def test_the_installed_command_is_this_one(tmp_path: Path) -> None:
     script = Path(sys.executable).parent / "grade"
     if not script.exists():
         pytest.skip("the package is not installed here")
-    ended = subprocess.run([script, "regrade", tmp_path], capture_output=True, text=True, check=False)
+    ended = subprocess.run(
+        [script, "regrade", tmp_path], capture_output=True, text=True, check=False
+    )
     assert ended.returncode == 6
     assert "Traceback" not in ended.stderr
 
@@ -278,12 +296,16 @@ def test_the_installed_command_is_this_one(tmp_path: Path) -> None:
 # -- rubrics ---------------------------------------------------------------------------------------
 
 
-def test_a_rubric_is_checked_without_grading(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rubric_is_checked_without_grading(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The lab's rubric is in order; a mistyped window ends with the exit status of a wrong rubric, and its line."""
     assert run(capsys, "rubric")[0] == 0
     text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
     mine = tmp_path / "mine.yaml"
-    mine.write_text(text.replace("window: window, rate_hz", "window: windw, rate_hz"), encoding="utf-8")
+    mine.write_text(
+        text.replace("window: window, rate_hz", "window: windw, rate_hz"), encoding="utf-8"
+    )
     status, _, errors = run(capsys, "rubric", mine)
     line = text[: text.index("window: window, rate_hz")].count("\n") + 1
     assert (status, errors.count("mine.yaml:")) == (4, 1 + 1)
@@ -291,7 +313,9 @@ def test_a_rubric_is_checked_without_grading(tmp_path: Path, capsys: pytest.Capt
     assert "did you mean 'window'?" in errors
 
 
-def test_the_schema_takes_the_labs_rubric_and_finds_mistakes(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_schema_takes_the_labs_rubric_and_finds_mistakes(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     """It is a JSON Schema that an editor can use, made of the models that read rubrics, and the shipped one is it."""
     schema = json.loads(run(capsys, "rubric", "--schema")[1])
     assert schema == json.loads((ROOT / "rubric.schema.json").read_text(encoding="utf-8"))

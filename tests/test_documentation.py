@@ -23,10 +23,30 @@ from grader.judging.rubrics import read_rubric
 from tests.documentation import PAGES, ROOT, blocks, command_lines, inline
 
 #: Options of other programs, which pages name in sentences.
-OTHERS = {"--privileged", "--security-opt", "--user", "--memory", "--cpus", "--nthreads", "--exclusive", "--strict"}
+OTHERS = {
+    "--privileged",
+    "--security-opt",
+    "--user",
+    "--memory",
+    "--cpus",
+    "--nthreads",
+    "--exclusive",
+    "--strict",
+}
 OTHERS |= {"--scheduler-file", "--plain", "--network"}
 #: Folders of the repository; what is set as code and lies in one has to be there.
-FOLDERS = ("grader", "reference", "fixtures", "submissions", "ci", "docs", "bench", "tests", "tools", "labs")
+FOLDERS = (
+    "grader",
+    "reference",
+    "fixtures",
+    "submissions",
+    "ci",
+    "docs",
+    "bench",
+    "tests",
+    "tools",
+    "labs",
+)
 _OPTION = re.compile(r"(?<![\w-])--?[a-zA-Z][a-z-]*")
 
 named = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
@@ -51,9 +71,13 @@ def wrong_options(line: str) -> set[str]:
     words = shlex.split(line, comments=True)[1:]
     command = words[:1] if words[:1] and words[0] in COMMANDS else ["grade"]
     # A command may have commands of its own, which argparse lists.
-    if words[1:] and re.search(rf"^    {re.escape(words[1])} {{2,}}", said_by(*command), re.MULTILINE):
+    if words[1:] and re.search(
+        rf"^    {re.escape(words[1])} {{2,}}", said_by(*command), re.MULTILINE
+    ):
         command = words[:2]
-    return {word.partition("=")[0] for word in words if word.startswith("-") and word != "-"} - options(*command)
+    return {
+        word.partition("=")[0] for word in words if word.startswith("-") and word != "-"
+    } - options(*command)
 
 
 def test_an_option_that_there_is_not_is_found() -> None:
@@ -73,15 +97,26 @@ def test_commands_have_the_options_that_pages_give_them(page: Path) -> None:
 def test_options_in_sentences_are_those_of_some_command(page: Path) -> None:
     """`--rubric` by itself is an option of a command, or known to be another program's."""
     known = OTHERS.union(*(options(command) for command in ("grade", *COMMANDS)))
-    said = {match for text in inline(page) if text.startswith("-") for match in re.findall(r"^--?[a-z][a-z-]*", text)}
+    said = {
+        match
+        for text in inline(page)
+        if text.startswith("-")
+        for match in re.findall(r"^--?[a-z][a-z-]*", text)
+    }
     assert said - known == set()
 
 
 @named
 def test_targets_of_make_are_there(page: Path) -> None:
     """`make alice`, in a block or a sentence."""
-    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE))
-    said = {m for text in [*command_lines(page), *inline(page)] for m in re.findall(r"^make ([a-z-]+)", text)}
+    targets = set(
+        re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    )
+    said = {
+        m
+        for text in [*command_lines(page), *inline(page)]
+        for m in re.findall(r"^make ([a-z-]+)", text)
+    }
     assert said - targets == set()
 
 
@@ -90,14 +125,20 @@ def test_files_that_pages_name_are_there(page: Path) -> None:
     """`grader/checks/` is a folder of the repository."""
     pattern = rf"(?:{'|'.join(FOLDERS)})(?:/[\w.-]+)+/?"
     said = {text.rstrip("/") for text in inline(page) if re.fullmatch(pattern, text)}
-    missing = {text for text in said if not (ROOT / text).exists() and not (ROOT / "docs" / text).exists()}
+    missing = {
+        text for text in said if not (ROOT / text).exists() and not (ROOT / "docs" / text).exists()
+    }
     assert missing == set()
 
 
 def test_every_room_of_the_house_is_in_the_layout() -> None:
     """Each package and module of `grader/`, and each package of its live half."""
     grader, said = ROOT / "grader", set(inline(ROOT / "docs/developers.md"))
-    rooms = {path.name + "/" * path.is_dir() for path in grader.iterdir() if path.suffix == ".py" or path.is_dir()}
+    rooms = {
+        path.name + "/" * path.is_dir()
+        for path in grader.iterdir()
+        if path.suffix == ".py" or path.is_dir()
+    }
     rooms |= {f"live/{path.parent.name}/" for path in grader.glob("live/*/__init__.py")}
     assert {name for name in rooms if not name.startswith("__")} - said == set()
 
@@ -115,7 +156,11 @@ def test_the_parts_of_the_example_are_a_rubric(tmp_path: Path) -> None:
     """The blocks of "Writing a rubric", put together, have no mistake."""
     parts: dict[str, object] = {}
     for block in blocks(ROOT / "docs/rubric.md", "yaml"):
-        parts |= {key: value for key, value in (yaml.safe_load(block.text) or {}).items() if key != "reference"}
+        parts |= {
+            key: value
+            for key, value in (yaml.safe_load(block.text) or {}).items()
+            if key != "reference"
+        }
     (tmp_path / "rubric.yaml").write_text(yaml.safe_dump(parts), encoding="utf-8")
     rubric = read_rubric(tmp_path / "rubric.yaml")
     assert [check.id for check in rubric.checks()] == ["talker.publishes", "talker.rate"]
@@ -139,11 +184,16 @@ def test_the_examples_of_a_labs_code_can_be_named_by_a_rubric(tmp_path: Path) ->
         "points": 1,
         "checks": [{"id": "d", "points": 1, "session": "listening", **named}],
     }
-    rest = {"lab": {"id": "x", "title": "X", "points": 1}, "artifacts": {"listener": {"file": "listener.py"}}}
+    rest = {
+        "lab": {"id": "x", "title": "X", "points": 1},
+        "artifacts": {"listener": {"file": "listener.py"}},
+    }
     rubric = tmp_path / "rubric.yaml"
     rubric.write_text(yaml.safe_dump({**rest, **parts, "criteria": [criterion]}), encoding="utf-8")
     assert next(iter(read_rubric(rubric).checks())).parameters.model_dump()["least_m"] == 0.3
-    rubric.write_text(rubric.read_text(encoding="utf-8").replace("rate_hz", "rate_hzz"), encoding="utf-8")
+    rubric.write_text(
+        rubric.read_text(encoding="utf-8").replace("rate_hz", "rate_hzz"), encoding="utf-8"
+    )
     with pytest.raises(RubricError) as found:
         read_rubric(rubric)
     assert "did you mean 'rate_hz'" in found.value.mistakes[0]
@@ -151,7 +201,11 @@ def test_the_examples_of_a_labs_code_can_be_named_by_a_rubric(tmp_path: Path) ->
 
 def test_the_example_of_an_oracle_gives_what_it_says() -> None:
     """It is called as a check calls it."""
-    (block,) = (block for block in blocks(ROOT / "docs/lab-code.md", "python") if "def doubled" in block.text)
+    (block,) = (
+        block
+        for block in blocks(ROOT / "docs/lab-code.md", "python")
+        if "def doubled" in block.text
+    )
     names: dict[str, object] = {}
     exec(block.text, names)
     stream = SimpleNamespace(source_ns=np.array([10, 20]), values=np.array([[1.5], [2.0]]))

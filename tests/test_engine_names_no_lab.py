@@ -17,13 +17,23 @@ RUBRICS = [ROOT / "rubric.yaml", *sorted(ROOT.glob("labs/*/rubric.yaml"))]
 OF_ROS = {"/tf", "/tf_static", "/clock", "/rosout"}
 #: Where a lab gives its names: keys of steps, checks and figures.
 _NAMING = {
-    *("node", "publisher", "subscription", "service", "action", "topic", "first_message_on", "nodes"),
+    *(
+        "node",
+        "publisher",
+        "subscription",
+        "service",
+        "action",
+        "topic",
+        "first_message_on",
+        "nodes",
+    ),
     *("child", "parent", "frame", "within", "executable", "file"),
 }
 _LINES = {
     path.relative_to(ROOT): path.read_text(encoding="utf-8")
     for path in sorted((ROOT / "grader").rglob("*"))
-    if path.suffix in (".py", ".j2", ".js", ".yaml") and not any(path.is_relative_to(own) for own in LABS_OF_ITS_OWN)
+    if path.suffix in (".py", ".j2", ".js", ".yaml")
+    and not any(path.is_relative_to(own) for own in LABS_OF_ITS_OWN)
 }
 
 
@@ -40,7 +50,9 @@ def names_in(part: Any, key: str = "") -> set[str]:
 def names_of(rubric: Path) -> set[str]:
     """Give the names of a lab: its id, and what its rubric, its nodes and its oracles name."""
     plain = yaml.safe_load(rubric.read_text(encoding="utf-8"))
-    names = names_in({key: plain[key] for key in ("sessions", "criteria", "artifacts")}) | names_in(plain.get("bonus"))
+    names = names_in({key: plain[key] for key in ("sessions", "criteria", "artifacts")}) | names_in(
+        plain.get("bonus")
+    )
     for file in (*rubric.parent.glob("*.py"), *rubric.parent.glob("reference/*.py")):
         names |= set(re.findall(r"\b\w+_(?:joint|link)\b", file.read_text(encoding="utf-8")))
     return {plain["lab"]["id"], *names} - OF_ROS
@@ -51,7 +63,11 @@ def test_no_line_of_the_engine_names_a_lab(rubric: Path) -> None:
     """Neither its id, nor a topic, node, action, file, joint or frame of it."""
     names = names_of(rubric)
     assert len(names) > 5
-    words = re.compile("|".join(rf"(?<![\w/]){re.escape(name)}(?!\w)" for name in sorted(names, key=len, reverse=True)))
+    words = re.compile(
+        "|".join(
+            rf"(?<![\w/]){re.escape(name)}(?!\w)" for name in sorted(names, key=len, reverse=True)
+        )
+    )
     found = [
         f"{path}:{number}: {line.strip()}"
         for path, text in _LINES.items()
@@ -64,5 +80,18 @@ def test_no_line_of_the_engine_names_a_lab(rubric: Path) -> None:
 def test_a_name_would_be_found() -> None:
     """Frames, joints, topics, nodes and files of both labs are among what is looked for."""
     first, second = (names_of(rubric) for rubric in RUBRICS[:2])
-    assert {"09-01", "/joint_commands", "/robot_mode_service", "joint_publisher.py", "/execute_trajectory"} <= first
-    assert {"09-02", "camera_link", "turret_joint", "/target_in_camera", "forearm_link", "camera_mount.py"} <= second
+    assert {
+        "09-01",
+        "/joint_commands",
+        "/robot_mode_service",
+        "joint_publisher.py",
+        "/execute_trajectory",
+    } <= first
+    assert {
+        "09-02",
+        "camera_link",
+        "turret_joint",
+        "/target_in_camera",
+        "forearm_link",
+        "camera_mount.py",
+    } <= second

@@ -55,19 +55,29 @@ class _Names(dict[str, Any]):
 
 def uses() -> Iterator[Use]:
     """Find all regular expressions in the source."""
-    texts = {path: path.read_text(encoding="utf-8") for path in sorted((ROOT / "grader").rglob("*.py"))}
+    texts = {
+        path: path.read_text(encoding="utf-8") for path in sorted((ROOT / "grader").rglob("*.py"))
+    }
     everything = "\n".join(texts.values())
     for path, text in texts.items():
         tree = ast.parse(text)
-        calls = {node: name for node in _nodes(tree) if isinstance(node, ast.Call) and (name := _function(node))}
+        calls = {
+            node: name
+            for node in _nodes(tree)
+            if isinstance(node, ast.Call) and (name := _function(node))
+        }
         module = _constants(tree) if calls else {}
         for call in calls:
             names = _names_at(call, tree, module)
             place = f"{path.relative_to(ROOT)}:{call.lineno}"
             position = FUNCTIONS[calls[call]]
-            given = [k.value for k in call.keywords if k.arg == "flags"] + call.args[position : position + 1]
+            given = [k.value for k in call.keywords if k.arg == "flags"] + call.args[
+                position : position + 1
+            ]
             for node in _passed(call, tree):
-                with suppress(AttributeError, TypeError):  # It comes from elsewhere: from a file, or out of an object.
+                with suppress(
+                    AttributeError, TypeError
+                ):  # It comes from elsewhere: from a file, or out of an object.
                     flags = int(_value(given[0], names)) if given else 0
                     yield Use(place, _value(node, names), flags, _how(call, tree, everything))
 
@@ -89,8 +99,13 @@ def _passed(call: ast.Call, tree: ast.Module) -> list[ast.expr]:
     for node in _around(call, tree):
         names = [argument.arg for argument in node.args.args]
         if isinstance(pattern, ast.Name) and pattern.id in names:
-            place, callers = names.index(pattern.id), (n for n in _nodes(tree) if isinstance(n, ast.Call))
-            inside = [n for n in callers if ast.unparse(n.func) == node.name and len(n.args) > place]
+            place, callers = (
+                names.index(pattern.id),
+                (n for n in _nodes(tree) if isinstance(n, ast.Call)),
+            )
+            inside = [
+                n for n in callers if ast.unparse(n.func) == node.name and len(n.args) > place
+            ]
             return [n.args[place] for n in inside]
     return [pattern]
 
@@ -132,7 +147,11 @@ def _how(call: ast.Call, tree: ast.Module, everything: str) -> frozenset[str]:
     """Return the functions by which a pattern is used; all that look anywhere, where this cannot be told."""
     if (function := _function(call)) != "compile":
         return frozenset({function})
-    named = [ast.unparse(n.targets[0]) for n in tree.body if isinstance(n, ast.Assign) and n.value is call]
+    named = [
+        ast.unparse(n.targets[0])
+        for n in tree.body
+        if isinstance(n, ast.Assign) and n.value is call
+    ]
     where = ast.unparse(tree) if named and named[0].startswith("_") else everything
     found = re.findall(rf"\b{named[0]}\.(\w+)\b", where) if named else []
     return frozenset(FUNCTIONS.keys() & found) or frozenset({"match", "fullmatch"})
@@ -142,13 +161,17 @@ def slowness(use: Use) -> str:
     """Say for which text a pattern takes too long; nothing if there is none."""
     compiled = re.compile(use.pattern, use.flags)
     for begin, again, end in hard_texts(use.pattern, use.flags):
-        text, quarter = (begin + (again * size)[:size] + end for size in (CHARACTERS, CHARACTERS // 4))
+        text, quarter = (
+            begin + (again * size)[:size] + end for size in (CHARACTERS, CHARACTERS // 4)
+        )
         for how in use.how:
             if _took_s(compiled, how, text) > SOON_S:
                 short_s = min(_took_s(compiled, how, quarter) for _ in range(4))
                 # The machine may be busy with something else, which takes longer, never less long.
                 least_s = max(SOON_S, MOST_TIMES * short_s)
-                long_s = next((s for _ in range(4) if (s := _took_s(compiled, how, text)) <= least_s), None)
+                long_s = next(
+                    (s for _ in range(4) if (s := _took_s(compiled, how, text)) <= least_s), None
+                )
                 if long_s is None:
                     return f"{how}: {begin!r} {again!r} {end!r} takes over {least_s:.3f} s, a quarter {short_s:.4f} s"
     return ""
@@ -182,7 +205,9 @@ def test_no_pattern_takes_longer_than_its_text_is_long() -> None:
     tried = {n: partial(slow_ones, some) for n, some in enumerate(parts)}
     for n, told in in_processes(tried, BOUND, at_a_time=2):
         if isinstance(told, Exception):  # One of them has no end.
-            each = in_processes({use: partial(slowness, use) for use in parts[n]}, BOUND, at_a_time=2)
+            each = in_processes(
+                {use: partial(slowness, use) for use in parts[n]}, BOUND, at_a_time=2
+            )
             told = [_describe(use, problem) for use, problem in each if problem]
         slow += told
     assert not slow, "\n" + "\n".join(sorted(slow))

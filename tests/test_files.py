@@ -17,7 +17,11 @@ PARTS = ("recordings", "report.html", "result.json")
 
 def contents(folder: Path) -> dict[str, str]:
     """Give the texts of all files below a folder."""
-    return {str(p.relative_to(folder)): p.read_text(encoding="utf-8") for p in folder.rglob("*") if p.is_file()}
+    return {
+        str(p.relative_to(folder)): p.read_text(encoding="utf-8")
+        for p in folder.rglob("*")
+        if p.is_file()
+    }
 
 
 def make(folder: Path, text: str) -> None:
@@ -41,7 +45,9 @@ def test_new_results_take_the_place_of_old_ones(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("problem", [KeyboardInterrupt, SystemExit, OSError])
-def test_work_that_is_broken_off_leaves_the_old_results(tmp_path: Path, problem: type[BaseException]) -> None:
+def test_work_that_is_broken_off_leaves_the_old_results(
+    tmp_path: Path, problem: type[BaseException]
+) -> None:
     """Whatever ends it, and however far it was."""
     make(tmp_path, "old")
     before = contents(tmp_path)

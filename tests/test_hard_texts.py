@@ -42,7 +42,12 @@ def _read_readme(text: str) -> None:
     prose.mention(blocks, PARTS, PARTS)
     prose.command_line(blocks, [r"ros2\s+(?:run|launch)\s+\S+\s+\S+"])
     prose.instruction_line(blocks, ["run"])
-    prose.concepts(prose.document_passages(document, "R"), {"x": ["reliab"], "y": ["*laten"]}, ["because"], ["qos"])
+    prose.concepts(
+        prose.document_passages(document, "R"),
+        {"x": ["reliab"], "y": ["*laten"]},
+        ["because"],
+        ["qos"],
+    )
 
 
 def _read_source(text: str) -> None:
@@ -54,11 +59,15 @@ def _read_source(text: str) -> None:
 
 def _read_results(text: str) -> None:
     for loosely in (False, True):
-        result_rows.result_row(_output(f"best_effort: {text}\n{text}"), NAMES[0], NAMES[1:], loosely=loosely)
+        result_rows.result_row(
+            _output(f"best_effort: {text}\n{text}"), NAMES[0], NAMES[1:], loosely=loosely
+        )
 
 
 def _read_statistics(text: str) -> None:
-    printed.printed_vector(_output(f"Mean {text}"), ["Mean", "average"], after_ns=0, unless="root|square")
+    printed.printed_vector(
+        _output(f"Mean {text}"), ["Mean", "average"], after_ns=0, unless="root|square"
+    )
 
 
 def _read_output(text: str) -> None:
@@ -100,10 +109,59 @@ READERS: dict[str, Callable[[str], None]] = {
     "names": _read_names,
 }
 PIECES = (
-    *("1", "1 ", "1.", "+1", "1e", "1,", "1 ms ", "1 milli", "j1=1 ", "avg ", "max x ", "received ", "latenc"),
-    *("Mean [", "Mean: ", " ", "a ", "\n", "`", "[a](", "![", "<a ", "<!--", "**a", "# a\n", "a\n===\n", "a | b\n"),
-    *("1. a\n", "http://", ".. a::\n", "# x = (\n", "# @a(\n", "'''", "f'{", "{", "(", "not ", "lambda:", "\\", '"'),
-    *("def f():\n  pass\n", "class A:\n  pass\n", "Traceback (most recent call last):\n", "a.b:", "\x1b[0;"),
+    *(
+        "1",
+        "1 ",
+        "1.",
+        "+1",
+        "1e",
+        "1,",
+        "1 ms ",
+        "1 milli",
+        "j1=1 ",
+        "avg ",
+        "max x ",
+        "received ",
+        "latenc",
+    ),
+    *(
+        "Mean [",
+        "Mean: ",
+        " ",
+        "a ",
+        "\n",
+        "`",
+        "[a](",
+        "![",
+        "<a ",
+        "<!--",
+        "**a",
+        "# a\n",
+        "a\n===\n",
+        "a | b\n",
+    ),
+    *(
+        "1. a\n",
+        "http://",
+        ".. a::\n",
+        "# x = (\n",
+        "# @a(\n",
+        "'''",
+        "f'{",
+        "{",
+        "(",
+        "not ",
+        "lambda:",
+        "\\",
+        '"',
+    ),
+    *(
+        "def f():\n  pass\n",
+        "class A:\n  pass\n",
+        "Traceback (most recent call last):\n",
+        "a.b:",
+        "\x1b[0;",
+    ),
     *('  File "a.py", line 1, in f\n', "incompatible QoS ", "- ", "&a ", "[", "/"),
 )
 
@@ -130,7 +188,9 @@ def test_nested_f_strings_are_read_once_a_level() -> None:
 def test_files_of_thousands_of_functions_are_read() -> None:
     """What the parser takes is right, where the compiler would take the square of its time."""
     began_s = time.process_time()
-    (facts,) = source.read_sources({"a.py": "def f():\n  pass\n  pass\n  pass\n  pass\n  pass\n" * 4_000})
+    (facts,) = source.read_sources(
+        {"a.py": "def f():\n  pass\n  pass\n  pass\n  pass\n  pass\n" * 4_000}
+    )
     assert len(facts.units) == 4_001
     assert time.process_time() - began_s < MOST_S
 

@@ -81,7 +81,9 @@ def test_packages_of_any_text(place: str, text: str, rubric: Rubric, tmp_path: P
     for path in texts:
         (tmp_path / "handed_in" / path).parent.mkdir(exist_ok=True)
         (tmp_path / "handed_in" / path).write_text(TEXTS[text], encoding="utf-8", errors="replace")
-    record = SubmissionRecord("ann", files=[FileFact(path, 1, "") for path in texts], texts=texts, packages=[package])
+    record = SubmissionRecord(
+        "ann", files=[FileFact(path, 1, "") for path in texts], texts=texts, packages=[package]
+    )
     stage(tmp_path / "handed_in", record, rubric, tmp_path / "ws", sys.executable)
     assert (tmp_path / "ws" / "install/share" / package.name).is_dir()
 
@@ -94,10 +96,15 @@ def test_judging_any_text(text: str, solution: Recordings, rubric: Rubric) -> No
     README, a source and a launch file are all that is read in a way of its own.
     """
     submission = solution.submission
-    texts = {path: TEXTS[text] for path in submission.texts if "publisher" not in path and "service" not in path}
+    texts = {
+        path: TEXTS[text]
+        for path in submission.texts
+        if "publisher" not in path and "service" not in path
+    }
     assert len(texts) == 4
     changed = dataclasses.replace(
-        solution, submission=dataclasses.replace(submission, texts=texts, sessions=["launch", "qos"])
+        solution,
+        submission=dataclasses.replace(submission, texts=texts, sessions=["launch", "qos"]),
     )
     result = judge(changed, rubric)
     findings = {check.id: check for criterion in result.criteria for check in criterion.checks}
@@ -119,7 +126,9 @@ def test_commands_that_are_not_closed_are_looked_at_once() -> None:
 def test_packages_within_each_other_are_installed_soon(rubric: Rubric, tmp_path: Path) -> None:
     """Each file is read once, however many packages within each other have it for each of their executables."""
     folders = ["p/" * depth for depth in range(10)]
-    texts = {f"{folder}{name}": PYTHON for folder in folders for name in ("package.xml", "setup.py")}
+    texts = {
+        f"{folder}{name}": PYTHON for folder in folders for name in ("package.xml", "setup.py")
+    }
     texts |= {f"{folders[-1]}f{n}.py": "def main():\n    pass\n" for n in range(50)}
     record = SubmissionRecord("ann", files=[FileFact(path, 1, "") for path in texts], texts=texts)
     for folder in folders:

@@ -21,7 +21,9 @@ def test_any_text_comes_back_without_halves_of_pairs(text: str) -> None:
     read = json.loads(written)[""][0]
     read.encode("utf-8")
     whole = text.encode("utf-16-le", "surrogatepass").decode("utf-16-le", "replace")
-    assert re.sub(r"⟨U\+D[89A-F][0-9A-F]{2}⟩", "\ufffd", read) == re.sub(r"⟨U\+D[89A-F][0-9A-F]{2}⟩", "\ufffd", whole)
+    assert re.sub(r"⟨U\+D[89A-F][0-9A-F]{2}⟩", "\ufffd", read) == re.sub(
+        r"⟨U\+D[89A-F][0-9A-F]{2}⟩", "\ufffd", whole
+    )
 
 
 @given(st.floats(allow_nan=True, allow_infinity=True))

@@ -78,7 +78,8 @@ def test_no_message_has_a_word_of_our_own(words: str, messages: list[Any]) -> No
 
 #: What a line defines: a function or class, a variable or field, a parameter.
 _DEFINED = re.compile(
-    r"^ *(?:async )?(?:def|class) (\w+)|^ *(?:self\.)?(\w+)(?:: [^=\n]+)? = |[(,] *(\w+): ", re.MULTILINE
+    r"^ *(?:async )?(?:def|class) (\w+)|^ *(?:self\.)?(\w+)(?:: [^=\n]+)? = |[(,] *(\w+): ",
+    re.MULTILINE,
 )
 
 
@@ -86,8 +87,14 @@ def test_no_name_has_a_word_of_our_own() -> None:
     """What is defined in the grader is called as the glossary has it."""
     wrong = []
     for path in sorted((ROOT / "grader").rglob("*.py")):
-        names = {"".join(match.groups("")) for match in _DEFINED.finditer(path.read_text(encoding="utf-8"))}
+        names = {
+            "".join(match.groups(""))
+            for match in _DEFINED.finditer(path.read_text(encoding="utf-8"))
+        }
         for name in names:
             parts = set(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_"))
-            wrong += [f"{path.relative_to(ROOT)}: {name}: {NOT_NAMED[p]}" for p in parts & NOT_NAMED.keys() - RECORDED]
+            wrong += [
+                f"{path.relative_to(ROOT)}: {name}: {NOT_NAMED[p]}"
+                for p in parts & NOT_NAMED.keys() - RECORDED
+            ]
     assert not wrong

@@ -50,7 +50,10 @@ def results(tmp_path: Path) -> Path:
 
 def written(results: Path) -> dict[str, bytes]:
     """Give the files that judging writes."""
-    return {name: (results / name).read_bytes() for name in (result_folder.RESULT_FILE, result_folder.REPORT_FILE)}
+    return {
+        name: (results / name).read_bytes()
+        for name in (result_folder.RESULT_FILE, result_folder.REPORT_FILE)
+    }
 
 
 def test_regrading_twice_gives_equal_bytes(results: Path) -> None:
@@ -85,9 +88,15 @@ def test_without_ros_regrading_gives_the_same_bytes(results: Path, tmp_path: Pat
     shutil.copytree(results, other)
     for name in here:
         (other / name).unlink()
-    environment = {"PYTHONPATH": str(ROOT), "PYTHONHASHSEED": "7", "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1"}
+    environment = {
+        "PYTHONPATH": str(ROOT),
+        "PYTHONHASHSEED": "7",
+        "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
+    }
     command = [sys.executable, "-c", WITHOUT_ROS, str(other)]
-    run = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False)
+    run = subprocess.run(
+        command, env=environment, cwd=tmp_path, capture_output=True, text=True, check=False
+    )
     assert run.returncode == 0, run.stderr
     assert written(other) == here
 
@@ -95,13 +104,17 @@ def test_without_ros_regrading_gives_the_same_bytes(results: Path, tmp_path: Pat
 def test_another_rubric_changes_the_points(results: Path) -> None:
     """A corrected rubric judges old recordings anew, and the provenance tells which it was."""
     before = regraded(results)
-    text = SHIPPED.read_text(encoding="utf-8").replace("rate_hz: 100, full_within", "rate_hz: 50, full_within")
+    text = SHIPPED.read_text(encoding="utf-8").replace(
+        "rate_hz: 100, full_within", "rate_hz: 50, full_within"
+    )
     mended = results.parent / "mended.yaml"
     mended.write_text(text, encoding="utf-8")
     after = regraded(results, mended)
     assert before.score.earned - after.score.earned == 5
     assert before.provenance["rubric_sha256"] != after.provenance["rubric_sha256"]
-    kept = (results / result_folder.RECORDINGS / result_folder.RUBRIC_COPY).read_text(encoding="utf-8")
+    kept = (results / result_folder.RECORDINGS / result_folder.RUBRIC_COPY).read_text(
+        encoding="utf-8"
+    )
     assert kept == SHIPPED.read_text(encoding="utf-8")
 
 
@@ -152,8 +165,13 @@ def options(sessions: list[str] | None) -> pipeline.Options:
 
 def test_sessions_without_their_file_do_not_run(rubric: Rubric) -> None:
     """Only what was handed in is started."""
-    assert pipeline.chosen_sessions(rubric, options(None), submission("publisher", "qos")) == ["publisher", "qos"]
-    assert pipeline.chosen_sessions(rubric, options(["qos", "launch"]), submission("qos")) == ["qos"]
+    assert pipeline.chosen_sessions(rubric, options(None), submission("publisher", "qos")) == [
+        "publisher",
+        "qos",
+    ]
+    assert pipeline.chosen_sessions(rubric, options(["qos", "launch"]), submission("qos")) == [
+        "qos"
+    ]
     assert pipeline.chosen_sessions(rubric, options([]), submission("qos")) == []
 
 
@@ -191,7 +209,9 @@ def test_a_recording_that_leaves_more_undecided_does_not_take_the_place_of_anoth
     recordings, retry = results / result_folder.RECORDINGS, results / "retry"
     judged = partial(judgement.judge_bounded, recordings, rubric, Overrides())
     before = judged()
-    second = dataclasses.replace(read_session(recordings / "publisher"), attempt=2, complete=again == "sound")
+    second = dataclasses.replace(
+        read_session(recordings / "publisher"), attempt=2, complete=again == "sound"
+    )
     shutil.copytree(recordings / "publisher", retry / "publisher")
     write_session(retry / "publisher", second)
     after = attempts.keep_better(recordings, retry, ["publisher"], before, judged)
@@ -201,14 +221,20 @@ def test_a_recording_that_leaves_more_undecided_does_not_take_the_place_of_anoth
     assert not list(retry.iterdir())
 
 
-def test_a_session_is_recorded_again_until_its_checks_are_decided(results: Path, rubric: Rubric) -> None:
+def test_a_session_is_recorded_again_until_its_checks_are_decided(
+    results: Path, rubric: Rubric
+) -> None:
     """The first retry that decides them counts; what it replaced is gone, and no session is recorded once more."""
     recordings, sound = results / result_folder.RECORDINGS, results / "sound"
     shutil.copytree(recordings / "publisher", sound)
-    write_session(recordings / "publisher", dataclasses.replace(read_session(sound), complete=False))
+    write_session(
+        recordings / "publisher", dataclasses.replace(read_session(sound), complete=False)
+    )
     asked = []
 
-    def record(sessions: Sequence[str], folder: Path, attempt: int, disturbed: frozenset[str]) -> None:
+    def record(
+        sessions: Sequence[str], folder: Path, attempt: int, disturbed: frozenset[str]
+    ) -> None:
         asked.append((list(sessions), attempt))
         shutil.copytree(sound, folder / "publisher")
 
@@ -227,7 +253,10 @@ def test_the_result_of_the_submission_before_is_found(tmp_path: Path) -> None:
         score = {"earned": 1, "possible": 1, "undecided": 0}
         plain = {"submission": "ada", "lab": "Lab", "score": score, "criteria": []}
         provenance = {"submission_sha256": of} if of else {}
-        path.write_text(json_text({"schema": RESULT_SCHEMA, **plain, "provenance": provenance}), encoding="utf-8")
+        path.write_text(
+            json_text({"schema": RESULT_SCHEMA, **plain, "provenance": provenance}),
+            encoding="utf-8",
+        )
         return path.read_text(encoding="utf-8")
 
     assert pipeline.earlier_results(tmp_path) == ()

@@ -23,7 +23,15 @@ def test_sessions_are_measured_by_their_progress() -> None:
     """A session counts from its first word to its end; each attempt by itself, and all is passed on."""
     watch, heard = Stopwatch(), list[Told]()
     listen = watch.follow(heard.append)
-    told = [Told("a"), Told("b"), Told("a"), Told("a", ended=True), Told("a"), Told("a", ended=True), Told("c", True)]
+    told = [
+        Told("a"),
+        Told("b"),
+        Told("a"),
+        Told("a", ended=True),
+        Told("a"),
+        Told("a", ended=True),
+        Told("c", True),
+    ]
     with watch.stage("sessions"):
         for progress in told:
             listen(progress)
@@ -56,14 +64,18 @@ def test_the_students_cpu_time_is_not_the_graders() -> None:
     """The stages and the processes that were waited for make up the grader's time, but for the student's own."""
     sessions = {"publisher": {"cpu_s": {"student": 2.0, "reference": 0.25, "grader": 0.5}}}
     assert own_cpu_s(_watch()) == 1.5
-    assert "the student's processes 2.00 s, the grader's 3.50 s (with" in cpu_summary(_watch(), sessions, 4.0)
+    assert "the student's processes 2.00 s, the grader's 3.50 s (with" in cpu_summary(
+        _watch(), sessions, 4.0
+    )
 
 
 def test_the_table_shows_each_attempt_with_the_cpu_time_of_the_last() -> None:
     """Names come from a rubric, and are shown as they are, not as markup."""
     watch, out = _watch(), io.StringIO()
     watch.session_runs.append(SessionRun("[bold]x[/bold]", 0.0, 1.0))
-    provenance = {"sessions": {"publisher": {"cpu_s": {"student": 2.0, "reference": 0.25, "grader": 0.5}}}}
+    provenance = {
+        "sessions": {"publisher": {"cpu_s": {"student": 2.0, "reference": 0.25, "grader": 0.5}}}
+    }
     print_timings(Console(file=out, width=120), watch, provenance, 4.0)
     lines = out.getvalue().splitlines()
     first, second = (line for line in lines if line.startswith("publisher"))

@@ -45,7 +45,11 @@ _LINK_OUT = re.compile(r"(?<=\]\()\.\./([^)#\s]+)")
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
     """Add copies of the files of the repository to which pages lead, and which the navigation names."""
-    paths = {path for page in files.documentation_pages() for path in _LINK_OUT.findall(page.content_string)}
+    paths = {
+        path
+        for page in files.documentation_pages()
+        for path in _LINK_OUT.findall(page.content_string)
+    }
     paths |= set(re.findall(rf"'{COPIES}/([^']+)'", str(config.nav)))
     for path in sorted(paths):
         if (ROOT / path).is_file():
@@ -70,15 +74,31 @@ def table(parameters: Iterable[Parameter]) -> str:
     if not rows:
         return "It has no parameters."
     return "\n".join(
-        ["<div class='keys' markdown>\n", "| key | value | default | |", "|---|---|---|---|", *rows, "\n</div>"]
+        [
+            "<div class='keys' markdown>\n",
+            "| key | value | default | |",
+            "|---|---|---|---|",
+            *rows,
+            "\n</div>",
+        ]
     )
 
 
 def _rows(parameters: Iterable[Parameter], prefix: str = "") -> Iterator[str]:
     for each in parameters:
-        cells = (_plain(each.type.replace("number or text", "share")), _need(each), _plain(each.description))
+        cells = (
+            _plain(each.type.replace("number or text", "share")),
+            _need(each),
+            _plain(each.description),
+        )
         yield f"| `{prefix}{each.name}` | " + " | ".join(cells) + " |"
-        within = "[]" if each.type.startswith("list") else ".NAME" if each.type.startswith("mapping of") else ""
+        within = (
+            "[]"
+            if each.type.startswith("list")
+            else ".NAME"
+            if each.type.startswith("mapping of")
+            else ""
+        )
         yield from _rows(each.parameters, f"{prefix}{each.name}{within}.")
 
 
@@ -92,7 +112,9 @@ def _need(parameter: Parameter) -> str:
 def _plain(text: str) -> str:
     """Return a text of a model as Markdown that shows it as it is, but for what it sets as code."""
     parts = text.split("`")
-    parts[::2] = (re.sub(r"[<>\[\]*|\\]", lambda found: f"&#{ord(found[0])};", part) for part in parts[::2])
+    parts[::2] = (
+        re.sub(r"[<>\[\]*|\\]", lambda found: f"&#{ord(found[0])};", part) for part in parts[::2]
+    )
     return "`".join(parts)
 
 
@@ -100,9 +122,16 @@ def described_steps() -> str:
     """Return a section for each kind of step; of some keys of a step exactly one is given."""
     one = " Exactly one of {} is given."
     entries = entries_of("steps")
-    targets = {entry.name: ", ".join(f"`{key}`" for key in STEPS[entry.name].exactly_one) for entry in entries}
+    targets = {
+        entry.name: ", ".join(f"`{key}`" for key in STEPS[entry.name].exactly_one)
+        for entry in entries
+    }
     return _sections(
-        replace(entry, description=entry.description + (one.format(targets[entry.name]) if targets[entry.name] else ""))
+        replace(
+            entry,
+            description=entry.description
+            + (one.format(targets[entry.name]) if targets[entry.name] else ""),
+        )
         for entry in entries
     )
 
@@ -120,12 +149,17 @@ def grouped_checks() -> str:
     groups: dict[str, list[Entry]] = {}
     for entry in entries_of("checks"):
         groups.setdefault(REGISTRY[entry.name].find.__module__, []).append(entry)
-    return "\n".join(f"## {_heading(module)}\n\n{_sections(group, 3)}" for module, group in groups.items())
+    return "\n".join(
+        f"## {_heading(module)}\n\n{_sections(group, 3)}" for module, group in groups.items()
+    )
 
 
 def overview() -> str:
     """Return a table of all checks, each with the first sentence of what it says of itself."""
-    first = {entry.name: re.split(r"[.;] ", entry.description)[0].rstrip(".") for entry in entries_of("checks")}
+    first = {
+        entry.name: re.split(r"[.;] ", entry.description)[0].rstrip(".")
+        for entry in entries_of("checks")
+    }
     rows = (f"| [{name}](#{name}) | {_plain(said)}. |" for name, said in first.items())
     return "\n".join(["| check | |", "|---|---|", *rows])
 
@@ -141,7 +175,9 @@ def part(name: str) -> str:
     """Return the keys of a part of a rubric."""
     schema = json_schema(rubric_kinds())
     # What has a page or a section of its own is not told again.
-    told = [each for each in parameters_in(schema["$defs"][name], schema) if each.name not in _APART]
+    told = [
+        each for each in parameters_in(schema["$defs"][name], schema) if each.name not in _APART
+    ]
     return table(replace(each, type="text") if each.name in _KINDS else each for each in told)
 
 
@@ -155,7 +191,9 @@ def commands_said() -> str:
         said = _help(name)
         sections.append(f"## grade {name}\n\n```text\n{said}```\n")
         parts = _PART.findall(said)
-        sections += [f"### grade {name} {part}\n\n```text\n{_help(name, part)}```\n" for part in parts]
+        sections += [
+            f"### grade {name} {part}\n\n```text\n{_help(name, part)}```\n" for part in parts
+        ]
     return "\n".join(sections)
 
 
@@ -163,7 +201,9 @@ def _help(*words: str) -> str:
     said, width = io.StringIO(), os.environ.get("COLUMNS")
     os.environ["COLUMNS"] = "88"
     with contextlib.redirect_stdout(said), contextlib.suppress(SystemExit):
-        importlib.import_module(f"grader.commands.{words[0]}").run([*words[1:], "--help"], Console())
+        importlib.import_module(f"grader.commands.{words[0]}").run(
+            [*words[1:], "--help"], Console()
+        )
     os.environ.pop("COLUMNS") if width is None else os.environ.update(COLUMNS=width)
     return said.getvalue()
 

@@ -28,7 +28,10 @@ def main() -> None:
     executor.add_node(node)
     times_s: deque[float] = deque(maxlen=_WINDOW + 1)
     node.create_subscription(
-        Float64MultiArray, TOPIC, lambda message: times_s.append(time.monotonic()), qos_profile_sensor_data
+        Float64MultiArray,
+        TOPIC,
+        lambda message: times_s.append(time.monotonic()),
+        qos_profile_sensor_data,
     )
     if sys.argv[1] == "busy":
         node.create_timer(PERIOD_S, work)

@@ -23,7 +23,9 @@ def main() -> None:
         folder = Path(scratch) / "bag"
         recorder = Recorder(BagWriter(folder, "bench"), int(os.environ["ROS_DOMAIN_ID"]))
         offered = Qos("reliable", "volatile")
-        recorder.follow([Endpoint("publisher", TOPIC, "std_msgs/msg/Float64MultiArray", "", "/x", "", offered)])
+        recorder.follow(
+            [Endpoint("publisher", TOPIC, "std_msgs/msg/Float64MultiArray", "", "/x", "", offered)]
+        )
         until_told(sys.argv[1] == "busy")
         recorder.stop()
         stream = Bag.open(folder).stream(TOPIC)

@@ -27,7 +27,10 @@ def main() -> None:
     executor.add_node(node)
     sequences = set()
     ended = end_of_input()
-    with tempfile.TemporaryDirectory(prefix="bench-bag-") as scratch, Writer(Path(scratch) / "bag", version=9) as bag:
+    with (
+        tempfile.TemporaryDirectory(prefix="bench-bag-") as scratch,
+        Writer(Path(scratch) / "bag", version=9) as bag,
+    ):
         store = get_typestore(Stores.ROS2_JAZZY)
         connection = bag.add_connection(TOPIC, "std_msgs/msg/Float64MultiArray", typestore=store)
 
@@ -35,7 +38,9 @@ def main() -> None:
             sequences.add(info["publication_sequence_number"])
             bag.write(connection, time.time_ns(), data)
 
-        node.create_subscription(Float64MultiArray, TOPIC, on_message, QoSProfile(depth=_DEPTH), raw=True)
+        node.create_subscription(
+            Float64MultiArray, TOPIC, on_message, QoSProfile(depth=_DEPTH), raw=True
+        )
         while not ended.is_set():
             executor.spin_once(timeout_sec=0.1)
     print(json.dumps({"recorded": len(sequences)}))

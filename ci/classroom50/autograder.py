@@ -35,14 +35,17 @@ def install() -> None:
         return
     source = Path(tempfile.mkdtemp(prefix="grade-source-"))
     subprocess.run(
-        ["git", "clone", "--quiet", "--depth=1", f"--branch={GRADER_REF}", GRADER_URL, str(source)], check=True
+        ["git", "clone", "--quiet", "--depth=1", f"--branch={GRADER_REF}", GRADER_URL, str(source)],
+        check=True,
     )
     subprocess.run(["bash", str(source / "ci/install.sh"), str(source)], check=True)
 
 
 def grade(results: Path) -> int:
     """Grade the working folder; returns the exit status."""
-    command = as_root(GRADE, ".", "--one", "--output", results, "--require-isolation", "no-cgroup", *OPTIONS)
+    command = as_root(
+        GRADE, ".", "--one", "--output", results, "--require-isolation", "no-cgroup", *OPTIONS
+    )
     status = subprocess.run(command, check=False).returncode
     subprocess.run(as_root("chown", "-R", f"{os.getuid()}:{os.getgid()}", results), check=True)
     return status
@@ -50,7 +53,10 @@ def grade(results: Path) -> int:
 
 def hand_over(folder: Path) -> None:
     """Write what Classroom 50 reads into the working folder, through no link that the submission has laid out there."""
-    subprocess.run([GRADE, "export", folder, "--to", "classroom50=result.json", "--to", "github-summary"], check=True)
+    subprocess.run(
+        [GRADE, "export", folder, "--to", "classroom50=result.json", "--to", "github-summary"],
+        check=True,
+    )
     place(folder / "report.html", Path("report.html"))
     if (folder / "summary.md").stat().st_size <= MOST_RELEASE_BYTES:
         place(folder / "summary.md", Path("release-body.md"))

@@ -56,10 +56,12 @@ class FeedbackWanted(OfGoal):
     at_least_hz: float | None = Field(None, gt=0)
     hz_tolerance: Share = Field(0.05, description="By how much the rate may be lower.")
     rising: _FeedbackField | None = Field(
-        None, description="Field with a number that never falls, or an array that never gets shorter."
+        None,
+        description="Field with a number that never falls, or an array that never gets shorter.",
     )
     falling: _FeedbackField | None = Field(
-        None, description="Field with a number that never rises, or an array that never gets longer."
+        None,
+        description="Field with a number that never rises, or an array that never gets longer.",
     )
     other_order_credit: Share = Field(0.5, description="Credit where that field goes another way.")
 
@@ -67,7 +69,9 @@ class FeedbackWanted(OfGoal):
 class ResultWanted(OfGoal):
     """Values in the result, each of which counts the same."""
 
-    values: Annotated[Mapping[str, Any], ref.fields_of_type("_Result", "step")] = Field(min_length=1)
+    values: Annotated[Mapping[str, Any], ref.fields_of_type("_Result", "step")] = Field(
+        min_length=1
+    )
     tolerance: float = Field(0.0, ge=0, description="By how much a number may differ.")
 
 
@@ -81,7 +85,9 @@ class CancelledWanted(OfGoal):
     """A goal ends soon after it was cancelled, as canceled."""
 
     within_s: float = Field(1.0, gt=0, description="How soon after it was asked for.")
-    other_status_credit: Share = Field(0.5, description="Credit where it ends in time, but in another status.")
+    other_status_credit: Share = Field(
+        0.5, description="Credit where it ends in time, but in another status."
+    )
     late_credit: Share = Field(0.5, description="Credit where it ends in that status, but later.")
 
 
@@ -174,15 +180,24 @@ def action_server(context: Context, p: ActionServer) -> Finding:
     for key, wanted in p.parts().items():
         words, judge = _PARTS[key]
         step = context.session.step(getattr(wanted, "step", ""))
-        asked.append(words(p, wanted) + (f" (goal {_shown(step.parameters['goal'])})" if step is not None else ""))
+        asked.append(
+            words(p, wanted)
+            + (f" (goal {_shown(step.parameters['goal'])})" if step is not None else "")
+        )
         try:
-            found = judge(context, p) if key == "offered" else judge(_sent(context, p, step), wanted)
+            found = (
+                judge(context, p) if key == "offered" else judge(_sent(context, p, step), wanted)
+            )
         except _NotTested as why:
             reason = f"Not tested, because {why}. {THEN_THESE}"
             before = untested[reason].weight if reason in untested else 0.0
-            untested[reason] = _Nothing(0.0, reason=reason, hint=why.hint, weight=before + wanted.weight)
+            untested[reason] = _Nothing(
+                0.0, reason=reason, hint=why.hint, weight=before + wanted.weight
+            )
         else:
-            parts.append(replace(found, weight=wanted.weight, where=_where(context, p, key, step, found)))
+            parts.append(
+                replace(found, weight=wanted.weight, where=_where(context, p, key, step, found))
+            )
     expected = "; ".join(asked)
     if not parts and _is_charged(context):
         return not_reached(next(iter(untested)), expected=expected)
@@ -194,13 +209,21 @@ def action_server(context: Context, p: ActionServer) -> Finding:
 def _is_charged(context: Context) -> bool:
     """Whether a check of the same session took points: what may be flaky of that one was asked about there."""
     session = context.location().session
-    here = (name for name, found in context.findings.items() if any(w.session == session for w in found.where))
+    here = (
+        name
+        for name, found in context.findings.items()
+        if any(w.session == session for w in found.where)
+    )
     return any(map(context.charged, here))
 
 
-def _where(context: Context, p: ActionServer, key: str, step: StepRun | None, found: Part) -> tuple[Location, ...]:
+def _where(
+    context: Context, p: ActionServer, key: str, step: StepRun | None, found: Part
+) -> tuple[Location, ...]:
     """Point at the goal, and where something is lost that stands where the server is made, at that line."""
-    there = context.location(p.action, Span(step.started_ns, step.ended_ns) if step is not None else None)
+    there = context.location(
+        p.action, Span(step.started_ns, step.ended_ns) if step is not None else None
+    )
     made = found.share < 1 and key in ("offered", "accepted", "rejected")
     return (*(claimed_at(claim_of(context, "action", p.action)) if made else ()), there)
 
@@ -223,7 +246,12 @@ def _shown(values: Mapping[str, Any]) -> str:
 
 def _offered(context: Context, p: ActionServer) -> Part:
     used = context.session.used(p.action)
-    offers = [offer for graph in context.session.record.graph for offer in graph.actions if offer.name == used]
+    offers = [
+        offer
+        for graph in context.session.record.graph
+        for offer in graph.actions
+        if offer.name == used
+    ]
     offers = [offer for offer in offers if offer.node not in context.reference_nodes]
     if not offers:
         reason = f"The action {p.action} did not appear, nor one of a similar name. A client would wait forever."
@@ -232,7 +260,11 @@ def _offered(context: Context, p: ActionServer) -> Part:
     faults = p.faults("action", (p.action, p.type), (used, offer.type), [offer.node])
     faults += p.node_faults([offer.node])
     measured = f"{used} of type {offer.type}, from {offer.node}"
-    return Part(max(0.0, 1 - sum(cost for cost, _ in faults)), measured, " ".join(reason for _, reason in faults))
+    return Part(
+        max(0.0, 1 - sum(cost for cost, _ in faults)),
+        measured,
+        " ".join(reason for _, reason in faults),
+    )
 
 
 def _sent(context: Context, p: ActionServer, step: StepRun | None) -> _Sent:
@@ -255,7 +287,11 @@ def _sent(context: Context, p: ActionServer, step: StepRun | None) -> _Sent:
 def _steps(context: Context, step: StepRun) -> list[StepRun]:
     """Return the steps that send goals to the same action."""
     action = step.parameters["action"]
-    return [s for s in context.session.record.steps if s.kind == "send_goal" and s.parameters["action"] == action]
+    return [
+        s
+        for s in context.session.record.steps
+        if s.kind == "send_goal" and s.parameters["action"] == action
+    ]
 
 
 def _goals(step: StepRun) -> list[dict[str, Any]]:
@@ -265,7 +301,9 @@ def _goals(step: StepRun) -> list[dict[str, Any]]:
 
 # -- whether a goal is accepted --------------------------------------------------------------------
 
-_ACCEPT_HINT = "goal_callback must return GoalResponse.ACCEPT for such a goal; without one, rclpy accepts all."
+_ACCEPT_HINT = (
+    "goal_callback must return GoalResponse.ACCEPT for such a goal; without one, rclpy accepts all."
+)
 
 
 def _accepted(sent: _Sent, wanted: OfGoal) -> Part:
@@ -340,7 +378,12 @@ def _feedback(sent: _Sent, wanted: FeedbackWanted) -> Part:
         parts.append(_feedback_rate(sent, wanted.at_least_hz, wanted.hz_tolerance))
     for field, sign, way in ((wanted.rising, 1, "falls"), (wanted.falling, -1, "rises")):
         if field is not None and _reverses(sent, field, sign):
-            parts.append(Part(wanted.other_order_credit, reason=f"From one message to the next, {field} {way}."))
+            parts.append(
+                Part(
+                    wanted.other_order_credit,
+                    reason=f"From one message to the next, {field} {way}.",
+                )
+            )
     return Part(
         math.prod(part.share for part in parts),
         " ".join(part.text for part in parts if part.text),
@@ -356,7 +399,9 @@ def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
     rate_hz = (sent.record["feedback_count"] - 1) / length_s if length_s else 0.0
     delay_s = sent.delay_s(first_ns, last_ns) if length_s else 0.0
     full_hz = wanted_hz * (1 - tolerance)
-    share, best = (quantise(hz / full_hz) for hz in (rate_hz, without_delay(rate_hz, delay_s, length_s)))
+    share, best = (
+        quantise(hz / full_hz) for hz in (rate_hz, without_delay(rate_hz, delay_s, length_s))
+    )
     shown = f"{apart(rate_hz, full_hz, places=1)} Hz"
     reason = f"The feedback comes at {shown}; {full_hz:g} Hz give full credit." if share < 1 else ""
     doubt = cpu_delay_doubt(delay_s, length_s) if best > share else ""
@@ -377,23 +422,35 @@ def _result(sent: _Sent, wanted: ResultWanted) -> Part:
     result = sent.record["result"]
     if sent.record["ended_ns"] is None:
         reason = f"The {sent.words} ended as {sent.status}, but its result never came."
-        return _Nothing(0.0, "no result", reason, hint="End the execute callback with `return result`.")
+        return _Nothing(
+            0.0, "no result", reason, hint="End the execute callback with `return result`."
+        )
     got = {path: value_at(result, path) for path in wanted.values}
-    wrong = [path for path, value in wanted.values.items() if not equal_within(got[path], value, wanted.tolerance)]
-    reasons = [f"{path} is {_short(got[path])}, not {_short(wanted.values[path])}" for path in wrong]
+    wrong = [
+        path
+        for path, value in wanted.values.items()
+        if not equal_within(got[path], value, wanted.tolerance)
+    ]
+    reasons = [
+        f"{path} is {_short(got[path])}, not {_short(wanted.values[path])}" for path in wrong
+    ]
     hint = ""
     if len(wrong) == len(got) and not any(got.values()):
         hint = "Fill in the fields of the result that the execute callback returns."
     share = 1 - len(wrong) / len(got)
     measured = "result " + ", ".join(f"{path}={_short(value)}" for path, value in got.items())
-    return Part(share, measured, f"In the result, {' and '.join(reasons)}." if wrong else "", hint=hint)
+    return Part(
+        share, measured, f"In the result, {' and '.join(reasons)}." if wrong else "", hint=hint
+    )
 
 
 # -- how a goal ends -------------------------------------------------------------------------------
 
 #: What rclpy prints where the execute callback leaves the goal without a status, or raises an exception.
 _NOT_SET, _RAISED = "Goal state not set, assuming aborted", "Error raised in execute callback"
-_WITHOUT_STATUS = "The execute callback ended without setting a status, which rclpy takes for ABORTED."
+_WITHOUT_STATUS = (
+    "The execute callback ended without setting a status, which rclpy takes for ABORTED."
+)
 #: As `action_msgs/srv/CancelGoal` numbers its answers; rclpy gives it where the request was seen too late.
 _GOAL_TERMINATED = 3
 #: What sets a status.
@@ -422,7 +479,12 @@ def _final_status(sent: _Sent, wanted: StatusWanted) -> Part:
         return _Nothing(0.0, measured, f"{reason} The execute callback raised an exception.")
     if sent.record["status"] == "aborted" and sent.printed(_NOT_SET):
         reason += f" {_WITHOUT_STATUS}"
-    return Part(0.0, measured, reason, hint=f"Call goal_handle.{_SETTER[wanted.status]}() before `return result`.")
+    return Part(
+        0.0,
+        measured,
+        reason,
+        hint=f"Call goal_handle.{_SETTER[wanted.status]}() before `return result`.",
+    )
 
 
 def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
@@ -431,10 +493,14 @@ def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
     if cancel is None:
         return _too_early(sent, "cancelled", "cancel_after_s")
     if cancel["accepted"]:
-        return _ends_early(sent, wanted, ("canceled",), _CANCELED_HINT, cancel["sent_ns"], "it was cancelled")
+        return _ends_early(
+            sent, wanted, ("canceled",), _CANCELED_HINT, cancel["sent_ns"], "it was cancelled"
+        )
     if cancel["answered_ns"] is not None and cancel["code"] != _GOAL_TERMINATED:
         hint = "Give ActionServer a cancel_callback that returns CancelResponse.ACCEPT; without one, rclpy refuses."
-        return Part(0.0, "cancelling refused", f"Cancelling the {sent.words} was refused.", hint=hint)
+        return Part(
+            0.0, "cancelling refused", f"Cancelling the {sent.words} was refused.", hint=hint
+        )
     reason = f"The request to cancel the {sent.words} was not answered while it was under way."
     return Part(0.0, "cancelling not answered in time", reason, hint=_BLOCKED_HINT)
 
@@ -446,10 +512,24 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     newer = replace(sent, record=_goals(sent.step)[1])
     if newer.record["accepted"] is False:
         hint = "Accept it, and abort the goal that is under way."
-        return Part(0.0, "newer goal rejected", "A newer goal is rejected while one is under way.", hint=hint)
+        return Part(
+            0.0,
+            "newer goal rejected",
+            "A newer goal is rejected while one is under way.",
+            hint=hint,
+        )
     if newer.record["accepted"] is None:
-        return Part(0.0, "newer goal not answered", "A newer goal was not answered.", hint=_BLOCKED_HINT)
-    found = _ends_early(sent, wanted, wanted.status, _PREEMPTED_HINT, newer.record["sent_ns"], "a newer one was sent")
+        return Part(
+            0.0, "newer goal not answered", "A newer goal was not answered.", hint=_BLOCKED_HINT
+        )
+    found = _ends_early(
+        sent,
+        wanted,
+        wanted.status,
+        _PREEMPTED_HINT,
+        newer.record["sent_ns"],
+        "a newer one was sent",
+    )
     answered_s = (newer.record["answered_ns"] - newer.record["sent_ns"]) / 1e9
     if not found.share and answered_s > wanted.within_s:
         reason = f"A newer goal was answered only after {apart(answered_s, wanted.within_s, places=2)} s."
@@ -459,7 +539,10 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     if is_excused or newer.record["status"] == "succeeded":
         return found
     became = f"ended as {newer.status}" if newer.has_ended else "did not end"
-    reason, share = f"{found.reason} The newer goal {became}.".strip(), wanted.other_status_credit * found.share
+    reason, share = (
+        f"{found.reason} The newer goal {became}.".strip(),
+        wanted.other_status_credit * found.share,
+    )
     best = wanted.other_status_credit * (found.share if found.best is None else found.best)
     return replace(found, share=share, best=best, reason=reason, hint=found.hint or _END_HINT)
 
@@ -469,27 +552,44 @@ def _too_early(sent: _Sent, what: str, key: str) -> Part:
     if not sent.has_ended:
         raise _NotTested(f"the moment at which the {sent.words} was to be {what} never came")
     ended = f"The {sent.words} had ended as {sent.status} before it could be {what}."
-    found = Part(0.0, "ended before", ended, hint="Let the execute callback work until it is asked to end.")
+    found = Part(
+        0.0, "ended before", ended, hint="Let the execute callback work until it is asked to end."
+    )
     after_s, end_ns = sent.step.parameters.get(key), sent.record["ended_ns"]
     if after_s is None or end_ns is None:
         return found
     late_s = (end_ns - sent.record["answered_ns"]) / 1e9 - after_s
     delay_s = sent.delay_s(sent.record["answered_ns"], end_ns)
     is_ours = 0 < late_s <= delay_s
-    return replace(found, best=1.0, doubt=cpu_delay_doubt(delay_s, late_s + after_s)) if is_ours else found
+    return (
+        replace(found, best=1.0, doubt=cpu_delay_doubt(delay_s, late_s + after_s))
+        if is_ours
+        else found
+    )
 
 
 def _ends_early(
-    sent: _Sent, wanted: CancelledWanted, statuses: Sequence[str], hint: str, asked_ns: int, since: str
+    sent: _Sent,
+    wanted: CancelledWanted,
+    statuses: Sequence[str],
+    hint: str,
+    asked_ns: int,
+    since: str,
 ) -> Part:
     """Judge how soon, and in which status, a goal ended once it was asked to."""
     named = " or ".join(status.upper() for status in statuses)
     if sent.record["ended_ns"] is None:
         reason = f"The {sent.words} did not end after {since}."
         return Part(0.0, "goes on", reason, hint=hint)
-    took_s, delay_s = (sent.record["ended_ns"] - asked_ns) / 1e9, sent.delay_s(asked_ns, sent.record["ended_ns"])
+    took_s, delay_s = (
+        (sent.record["ended_ns"] - asked_ns) / 1e9,
+        sent.delay_s(asked_ns, sent.record["ended_ns"]),
+    )
     fits = sent.record["status"] in statuses
-    credits = {True: 1.0 if fits else wanted.other_status_credit, False: wanted.late_credit if fits else 0.0}
+    credits = {
+        True: 1.0 if fits else wanted.other_status_credit,
+        False: wanted.late_credit if fits else 0.0,
+    }
     share, best = (credits[time_s <= wanted.within_s] for time_s in (took_s, took_s - delay_s))
     shown = f"{apart(took_s, wanted.within_s, places=2)} s after {since}"
     reasons = [] if fits else [f"The {sent.words} ended as {sent.status}, not as {named}."]
@@ -498,7 +598,11 @@ def _ends_early(
         hint = f"Call goal_handle.{_SETTER[statuses[0]]}() before `return result`."
     if took_s > wanted.within_s:
         reasons.append(f"It ended {shown}; within {wanted.within_s:g} s gives full credit.")
-        hint = "Look for it more often, in each round of the execute callback's loop." if fits else hint
+        hint = (
+            "Look for it more often, in each round of the execute callback's loop."
+            if fits
+            else hint
+        )
     doubt = cpu_delay_doubt(delay_s, took_s) if best > share else ""
     return Part(share, f"{sent.status} {shown}", " ".join(reasons), best, doubt, hint * (share < 1))
 
@@ -506,15 +610,23 @@ def _ends_early(
 _Judge = Callable[..., Part]
 #: Key of a part -> what is expected, in words by the parameters and the part's, and what judges it.
 _PARTS: dict[str, tuple[Callable[[ActionServer, Any], str], _Judge]] = {
-    "offered": (lambda p, _: f"{p.action} of type {p.type}" + (f", from node {p.node}" if p.node else ""), _offered),
+    "offered": (
+        lambda p, _: f"{p.action} of type {p.type}" + (f", from node {p.node}" if p.node else ""),
+        _offered,
+    ),
     "accepted": (lambda p, _: "accepted", _accepted),
     "rejected": (lambda p, _: "rejected", _rejected),
     "feedback": (lambda p, w: _feedback_words(w), _feedback),
-    "result": (lambda p, w: "result " + ", ".join(f"{k}={_short(v)}" for k, v in w.values.items()), _result),
+    "result": (
+        lambda p, w: "result " + ", ".join(f"{k}={_short(v)}" for k, v in w.values.items()),
+        _result,
+    ),
     "final_status": (lambda p, w: f"ends as {w.status.upper()}", _final_status),
     "cancelled": (lambda p, w: f"CANCELED within {w.within_s:g} s of cancelling", _cancelled),
     "preempted": (
-        lambda p, w: f"{' or '.join(w.status).upper()} within {w.within_s:g} s of a newer goal, which is carried out",
+        lambda p, w: (
+            f"{' or '.join(w.status).upper()} within {w.within_s:g} s of a newer goal, which is carried out"
+        ),
         _preempted,
     ),
 }

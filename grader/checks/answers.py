@@ -32,8 +32,12 @@ class WantedAnswer(Parameters):
     """What a call is answered with, by the paths of fields."""
 
     step: ref.CallLabel
-    values: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "step")] = Field(default_factory=dict)
-    patterns: Annotated[Mapping[str, Pattern], ref.fields_of_type("_Response", "step")] = Field(default_factory=dict)
+    values: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "step")] = Field(
+        default_factory=dict
+    )
+    patterns: Annotated[Mapping[str, Pattern], ref.fields_of_type("_Response", "step")] = Field(
+        default_factory=dict
+    )
 
 
 class CallValue(Parameters):
@@ -43,35 +47,58 @@ class CallValue(Parameters):
     artifact: ref.Artifact
     each: tuple[WantedAnswer, ...] = Field(min_length=1)
     oracle: ref.Loadable | None = Field(
-        None, description="file.py:function(request, parameters, seed); gives values by the paths of fields."
+        None,
+        description="file.py:function(request, parameters, seed); gives values by the paths of fields.",
     )
-    parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
-    alternatives: tuple[Alternative, ...] = Field((), description="Known mistakes, by other parameters of the oracle.")
+    parameters: Mapping[str, Any] = Field(
+        default_factory=dict, description="Passed on to the oracle."
+    )
+    alternatives: tuple[Alternative, ...] = Field(
+        (), description="Known mistakes, by other parameters of the oracle."
+    )
     tolerance: float = Field(1e-6, ge=0, description="Of numbers.")
-    tolerances: Mapping[str, float] = Field(default_factory=dict, description="Path of a field -> its own tolerance.")
+    tolerances: Mapping[str, float] = Field(
+        default_factory=dict, description="Path of a field -> its own tolerance."
+    )
 
     @model_validator(mode="after")
     def _asks_for_something(self) -> CallValue:
-        if self.oracle is None and not all(answer.values or answer.patterns for answer in self.each):
+        if self.oracle is None and not all(
+            answer.values or answer.patterns for answer in self.each
+        ):
             raise ValueError("each needs values or patterns, where no oracle computes them")
         return self
 
     def wanted(
-        self, context: Context, answer: WantedAnswer, step: StepRun, other: Mapping[str, Any] | None = None
+        self,
+        context: Context,
+        answer: WantedAnswer,
+        step: StepRun,
+        other: Mapping[str, Any] | None = None,
     ) -> dict[str, Any]:
         """Return the values that an answer must have, with other parameters of the oracle."""
         if self.oracle is None:
             return dict(answer.values)
-        request, parameters = step.parameters.get("request", {}), {**self.parameters, **(other or {})}
+        request, parameters = (
+            step.parameters.get("request", {}),
+            {**self.parameters, **(other or {})},
+        )
         computed = context.oracle(self.oracle)(request, parameters, context.session.record.seed)
         # An oracle may compute with numpy.
-        plain = {path: value.tolist() if hasattr(value, "tolist") else value for path, value in computed.items()}
+        plain = {
+            path: value.tolist() if hasattr(value, "tolist") else value
+            for path, value in computed.items()
+        }
         return {**plain, **answer.values}
 
     def right(self, got: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
         """Return the paths of the fields that are as wanted."""
         tolerances = {path: self.tolerances.get(path, self.tolerance) for path in wanted}
-        return [path for path, value in wanted.items() if equal_within(value_at(got, path), value, tolerances[path])]
+        return [
+            path
+            for path, value in wanted.items()
+            if equal_within(value_at(got, path), value, tolerances[path])
+        ]
 
 
 def call_value(context: Context, p: CallValue) -> Finding:
@@ -81,11 +108,19 @@ def call_value(context: Context, p: CallValue) -> Finding:
     answers = [answer_of(step) for step in steps]
     if all(answer is None for answer in answers):
         return silence(context, steps[0], expected, problem_of(steps[0]))
-    parts = [_judge_answer(context, p, answer, step) for answer, step in zip(p.each, steps, strict=True)]
+    parts = [
+        _judge_answer(context, p, answer, step) for answer, step in zip(p.each, steps, strict=True)
+    ]
     requests = [step.parameters.get("request") for step in steps if step is not None]
-    alike = len(answers) > 1 and answers.count(answers[0]) == len(answers) and requests.count(requests[0]) == 1
+    alike = (
+        len(answers) > 1
+        and answers.count(answers[0]) == len(answers)
+        and requests.count(requests[0]) == 1
+    )
     if alike and any(part.share < 1 for part in parts):
-        parts[0] = replace(parts[0], reason=f"All {len(parts)} calls get the same answer, whatever they ask for.")
+        parts[0] = replace(
+            parts[0], reason=f"All {len(parts)} calls get the same answer, whatever they ask for."
+        )
         parts[1:] = [replace(part, reason="") for part in parts[1:]]
     return of_parts(expected, parts, where=tuple(call_location(context, step) for step in steps))
 
@@ -95,14 +130,23 @@ def _wanted_words(answer: WantedAnswer, p: CallValue) -> str:
     return shown({**answer.values, **patterns}) or f"as {p.oracle} computes it"
 
 
-def _judge_answer(context: Context, p: CallValue, answer: WantedAnswer, step: StepRun | None) -> Part:
+def _judge_answer(
+    context: Context, p: CallValue, answer: WantedAnswer, step: StepRun | None
+) -> Part:
     """Judge one answer by the share of its fields that are right, or by the known mistake that it shows."""
     got = answer_of(step)
     if step is None or got is None:
         earlier = earlier_silence(context, step, "") is not None
-        return Part(0.0, f"{answer.step}: no answer", "" if earlier else f"{answer.step}: {problem_of(step)}")
+        return Part(
+            0.0,
+            f"{answer.step}: no answer",
+            "" if earlier else f"{answer.step}: {problem_of(step)}",
+        )
     if (same := same_request(context, step)) is not None:
-        return Part(0.0, reason=f"The request of '{answer.step}' cannot be sent: it is that of '{same.label}'.")
+        return Part(
+            0.0,
+            reason=f"The request of '{answer.step}' cannot be sent: it is that of '{same.label}'.",
+        )
     wanted = p.wanted(context, answer, step)
     right = p.right(got, wanted)
     paths = [*wanted, *answer.patterns]
@@ -113,14 +157,23 @@ def _judge_answer(context: Context, p: CallValue, answer: WantedAnswer, step: St
     share = len(right) / max(1, len(paths))
     if share == 1:
         return Part(1.0, text)
-    asked = {**{path: f", not {value!r}" for path, value in wanted.items()}, **dict.fromkeys(answer.patterns, "")}
-    wrong = [f"{path} is {values[path]!r}"[:_MOST_SHOWN] + words for path, words in asked.items() if path not in right]
+    asked = {
+        **{path: f", not {value!r}" for path, value in wanted.items()},
+        **dict.fromkeys(answer.patterns, ""),
+    }
+    wrong = [
+        f"{path} is {values[path]!r}"[:_MOST_SHOWN] + words
+        for path, words in asked.items()
+        if path not in right
+    ]
     more = f" and {len(wrong) - _MOST_WRONG} more are wrong" if len(wrong) > _MOST_WRONG else ""
     reason = f"In the answer to '{answer.step}', {' and '.join(wrong[:_MOST_WRONG])}{more}."
     for known in p.alternatives:
         other = p.wanted(context, answer, step, known.parameters)
         if len(p.right(got, other)) == len(other):
-            return Part(max(share, known.left(context)), text, f"{reason} It matches {known.meaning}.")
+            return Part(
+                max(share, known.left(context)), text, f"{reason} It matches {known.meaning}."
+            )
     return Part(share, text, reason)
 
 
@@ -141,10 +194,14 @@ def unanswered(context: Context, step: StepRun | None, expected: str) -> Finding
         return None
     steps = context.session.record.steps
     before = steps[: steps.index(step)] if step is not None else steps
-    silent = next((s for s in before if s.kind in _ASKING and s.outcome in ("timeout", "cancelled")), None)
+    silent = next(
+        (s for s in before if s.kind in _ASKING and s.outcome in ("timeout", "cancelled")), None
+    )
     if silent is not None:
         which = f'"{silent.label}"' if silent.label else f"an earlier step ({silent.kind})"
-        return not_reached(f"Not tested, because {which} got no answer. {THEN_THESE}", expected=expected)
+        return not_reached(
+            f"Not tested, because {which} got no answer. {THEN_THESE}", expected=expected
+        )
     problem = str(step.result.get("problem", "")) if step is not None else ""
     reason = f"The node did not answer{': ' + problem if problem else ''}."
     return unexplained(failed(expected, "no answer", reason))

@@ -45,7 +45,11 @@ class Context:
         """Point at the check's session, and at a topic or service there under the name that the student used."""
         name = self.recorded.record.session if self.recorded else None
         used = self.session.used(topic) if topic else None
-        ends = [self.session.since_start_s(t) for t in (span.start_ns, span.end_ns)] if span else [None, None]
+        ends = (
+            [self.session.since_start_s(t) for t in (span.start_ns, span.end_ns)]
+            if span
+            else [None, None]
+        )
         return Location(session=name, topic=used, start_s=ends[0], end_s=ends[1])
 
     def path_of(self, artifact: str) -> str | None:
@@ -60,7 +64,11 @@ class Context:
     def charged(self, check: str | None) -> bool:
         """Whether a check, if any, has already taken points."""
         finding = self.findings.get(check) if check is not None else None
-        return finding is not None and finding.outcome in (Outcome.FAILED, Outcome.PARTIAL, Outcome.NOT_REACHED)
+        return finding is not None and finding.outcome in (
+            Outcome.FAILED,
+            Outcome.PARTIAL,
+            Outcome.NOT_REACHED,
+        )
 
     def explain(self, run: ProcessRun) -> Diagnosis | None:
         """Explain why a process ended or misbehaved, from its output."""
@@ -87,9 +95,13 @@ def credit_of(share: float) -> Decimal:
     return Decimal(str(round(min(1.0, max(0.0, share)), 3)))
 
 
-def passed(expected: str, measured: str, *, where: Sequence[Location] = (), notes: Sequence[str] = ()) -> Finding:
+def passed(
+    expected: str, measured: str, *, where: Sequence[Location] = (), notes: Sequence[str] = ()
+) -> Finding:
     """State that all is as it should be."""
-    return Finding(Outcome.PASSED, Decimal(1), expected, measured, where=tuple(where), notes=tuple(notes))
+    return Finding(
+        Outcome.PASSED, Decimal(1), expected, measured, where=tuple(where), notes=tuple(notes)
+    )
 
 
 _MEASUREMENT_ERROR = "The measurement error spans more than one credit level."
@@ -119,11 +131,16 @@ def graded(
     from being decided where these differ, and is empty where that is the error of a measurement. A measured share is
     rounded down to so many credit levels; 0 where it is none.
     """
-    low, high = (credit_of(quantise(s, levels) if levels else s) for s in (share, share if best is None else best))
+    low, high = (
+        credit_of(quantise(s, levels) if levels else s)
+        for s in (share, share if best is None else best)
+    )
     if low != high:
         uneven = not doubt and float(high - low) > 1.5 / (levels or CREDIT_LEVELS)
         settled = graded(float(low), expected, measured, reason, where=where) if uneven else None
-        return inconclusive(expected, measured, doubt or _MEASUREMENT_ERROR, where=where, settled=settled)
+        return inconclusive(
+            expected, measured, doubt or _MEASUREMENT_ERROR, where=where, settled=settled
+        )
     if low >= _AS_GOOD_AS_FULL:
         return passed(expected, measured, where=where, notes=notes)
     outcome = Outcome.PARTIAL if low > 0 else Outcome.FAILED
@@ -164,12 +181,19 @@ def of_parts(
 ) -> Finding:
     """State what parts earn together, each by its weight, less what costs a share of the whole."""
     lost, whole = sum(share for share, _ in costs), sum(part.weight for part in parts) or 1.0
-    best = sum(part.weight * (part.share if part.best is None else max(part.share, part.best)) for part in parts)
+    best = sum(
+        part.weight * (part.share if part.best is None else max(part.share, part.best))
+        for part in parts
+    )
     return graded(
         max(0.0, sum(part.weight * part.share for part in parts) / whole - lost),
         expected,
         measured or "; ".join(part.text for part in parts if part.text),
-        " ".join(dict.fromkeys([*(reason for _, reason in costs), *(part.reason for part in parts if part.reason)])),
+        " ".join(
+            dict.fromkeys(
+                [*(reason for _, reason in costs), *(part.reason for part in parts if part.reason)]
+            )
+        ),
         hint=next((part.hint for part in parts if part.hint), ""),
         where=[*(location for part in parts for location in part.where), *where],
         notes=[note for part in parts for note in part.notes],
@@ -192,7 +216,9 @@ def quantise(share: float, levels: int = CREDIT_LEVELS) -> float:
     return math.floor(max(0.0, share) * levels + 1e-9) / levels
 
 
-def failed(expected: str, measured: str, reason: str, *, hint: str = "", where: Sequence[Location] = ()) -> Finding:
+def failed(
+    expected: str, measured: str, reason: str, *, hint: str = "", where: Sequence[Location] = ()
+) -> Finding:
     """State that nothing of it is as it should be."""
     return graded(0.0, expected, measured, reason, hint=hint, where=where)
 
@@ -212,12 +238,31 @@ def inconclusive(
     settled: Finding | None = None,
 ) -> Finding:
     """State that the recording cannot answer: the machine's doing, or for a person to decide; it earns nothing."""
-    return Finding(Outcome.INCONCLUSIVE, Decimal(0), expected, measured, reason, "", tuple(where), (), retry, settled)
+    return Finding(
+        Outcome.INCONCLUSIVE,
+        Decimal(0),
+        expected,
+        measured,
+        reason,
+        "",
+        tuple(where),
+        (),
+        retry,
+        settled,
+    )
 
 
-def undecided(finding: Finding, reason: str, *, retry: bool = True, settled: Finding | None = None) -> Finding:
+def undecided(
+    finding: Finding, reason: str, *, retry: bool = True, settled: Finding | None = None
+) -> Finding:
     """Return a finding as one that the recording cannot answer after all."""
-    lost: dict[str, Any] = {"credit": Decimal(0), "reason": reason, "hint": "", "retry": retry, "settled": settled}
+    lost: dict[str, Any] = {
+        "credit": Decimal(0),
+        "reason": reason,
+        "hint": "",
+        "retry": retry,
+        "settled": settled,
+    }
     return replace(finding, outcome=Outcome.INCONCLUSIVE, **lost)
 
 
@@ -249,7 +294,10 @@ def apart(value: float, *limits: float, places: int) -> str:
     A verdict by 99.98 must not read as if it were by 100.0.
     """
     for digits in range(places, _MOST_PLACES):
-        shown = [(round(value, digits) > round(n, digits)) - (round(value, digits) < round(n, digits)) for n in limits]
+        shown = [
+            (round(value, digits) > round(n, digits)) - (round(value, digits) < round(n, digits))
+            for n in limits
+        ]
         if shown == [(value > n) - (value < n) for n in limits]:
             return f"{value:.{digits}f}"
     return f"{value:.{places}f}"

@@ -24,13 +24,21 @@ class OfferedProfile(Parameters):
 class OfNode(Parameters):
     """What the node is called, and what another name costs."""
 
-    node: ref.RosName | None = Field(None, description="Fully qualified name that the node should have.")
-    other_node_costs: Share = Field(0.2, description="Share of the credit that another node name costs.")
+    node: ref.RosName | None = Field(
+        None, description="Fully qualified name that the node should have."
+    )
+    other_node_costs: Share = Field(
+        0.2, description="Share of the credit that another node name costs."
+    )
 
     def node_faults(self, nodes: Sequence[str]) -> list[tuple[float, str]]:
         """Return what another name of the node behind some endpoints costs; a namespace more is no mistake."""
         wanted = self.node
-        if wanted is None or not nodes or any(n.rsplit("/", 1)[-1] == wanted.rsplit("/", 1)[-1] for n in nodes):
+        if (
+            wanted is None
+            or not nodes
+            or any(n.rsplit("/", 1)[-1] == wanted.rsplit("/", 1)[-1] for n in nodes)
+        ):
             return []
         return [(self.other_node_costs, f"The node is named {nodes[0]}, not {wanted}.")]
 
@@ -90,7 +98,11 @@ def unheard(context: Context, topic: str) -> str | None:
 
     None too where one side is not there.
     """
-    offers = [e for e in context.session.endpoints_on(topic, "publisher") if e.node in context.reference_nodes]
+    offers = [
+        e
+        for e in context.session.endpoints_on(topic, "publisher")
+        if e.node in context.reference_nodes
+    ]
     requests = student_endpoints(context, topic, "subscription")
     found = [clash(requested, offer.qos) for requested in requests for offer in offers]
     return found[0] if found and all(found) else None
@@ -103,7 +115,11 @@ def claim_of(context: Context, kind: str, name: str) -> Claim | None:
 
 def claimed_at(claim: Claim | None) -> tuple[Location, ...]:
     """Return the source line of a call, if it is the student's."""
-    return (Location(file=claim.file, line=claim.line),) if claim is not None and not claim.file.startswith("/") else ()
+    return (
+        (Location(file=claim.file, line=claim.line),)
+        if claim is not None and not claim.file.startswith("/")
+        else ()
+    )
 
 
 class QosWanted(Parameters):
@@ -121,24 +137,42 @@ def qos_as_wanted(context: Context, p: QosWanted, kind: str, verb: str) -> Findi
 
     They count the same. History and depth only advise.
     """
-    wanted = {k: v for k, v in (("reliability", p.reliability), ("durability", p.durability)) if v is not None}
+    wanted = {
+        k: v
+        for k, v in (("reliability", p.reliability), ("durability", p.durability))
+        if v is not None
+    }
     expected = f"{verb} " + ", ".join(v.upper() for v in wanted.values())
     endpoints = student_endpoints(context, p.topic, kind)
     if not endpoints:
         return failed(expected, f"no {kind}", f"There is no {kind}.")
     # Which of several publishers sent what is not known; one that fits does not make up for another.
-    unfit = [e.qos for e in endpoints if any(getattr(e.qos, name) != value for name, value in wanted.items())]
+    unfit = [
+        e.qos
+        for e in endpoints
+        if any(getattr(e.qos, name) != value for name, value in wanted.items())
+    ]
     qos = unfit[0] if unfit else endpoints[0].qos
-    wrong = [(name, getattr(qos, name)) for name, value in wanted.items() if getattr(qos, name) != value]
+    wrong = [
+        (name, getattr(qos, name)) for name, value in wanted.items() if getattr(qos, name) != value
+    ]
     claim = claim_of(context, kind, p.topic)
     asked = claim.qos if claim is not None else None
     notes = []
     if asked is not None and p.depth is not None and asked.depth != p.depth:
         depth = "left to the middleware" if asked.history == "system_default" else asked.depth
         notes.append(f"The depth is {depth}; the lab asks for {p.depth}.")
-    reason = " ".join(f"The {kind} {verb} {value.upper()} {name}, not {wanted[name].upper()}." for name, value in wrong)
+    reason = " ".join(
+        f"The {kind} {verb} {value.upper()} {name}, not {wanted[name].upper()}."
+        for name, value in wrong
+    )
     measured = f"{verb} {qos.reliability.upper()}, {qos.durability.upper()}"
     measured += f", depth {asked.depth} in the source" if asked is not None else ""
     where = (*claimed_at(claim), context.location(p.topic))
-    finding = graded(1 - len(wrong) / max(1, len(wanted)), expected, measured, reason, where=where, notes=notes)
-    return replace(finding, cut_off=bool(wrong) and kind == "subscription" and unheard(context, p.topic) is not None)
+    finding = graded(
+        1 - len(wrong) / max(1, len(wanted)), expected, measured, reason, where=where, notes=notes
+    )
+    return replace(
+        finding,
+        cut_off=bool(wrong) and kind == "subscription" and unheard(context, p.topic) is not None,
+    )

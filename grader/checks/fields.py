@@ -10,7 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator, model_validator
 
-from grader.checks.base import CREDIT_LEVELS, Context, apart, failed, graded, percent, quantise, ramp, unexplained
+from grader.checks.base import (
+    CREDIT_LEVELS,
+    Context,
+    apart,
+    failed,
+    graded,
+    percent,
+    quantise,
+    ramp,
+    unexplained,
+)
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import is_number
 from grader.evidence.recorded import Floats, Integers, NumericStream, Recorded, numeric_stream
@@ -36,7 +46,9 @@ class NumbersOf(Parameters):
     @classmethod
     def _has_groups(cls, value: str | None) -> str | None:
         if value is not None and not compiled(value).groups:
-            raise ValueError("a group of the pattern has to hold each number, as in 'range=([0-9.]+)'")
+            raise ValueError(
+                "a group of the pattern has to hold each number, as in 'range=([0-9.]+)'"
+            )
         return value
 
     def rows(self, recorded: Recorded) -> Sequence[Floats | None]:
@@ -45,7 +57,9 @@ class NumbersOf(Parameters):
             return recorded.rows(self.topic, self.field)
         return [numbers_in(self.pattern, text) for text in recorded.texts(self.topic, self.field)]
 
-    def series(self, recorded: Recorded, span: Span | None = None, *, finite: bool = True) -> NumericStream | None:
+    def series(
+        self, recorded: Recorded, span: Span | None = None, *, finite: bool = True
+    ) -> NumericStream | None:
         """Return the messages with (finite) numbers by source time, of a span; None without any."""
         found = numeric_stream(recorded.stream(self.topic), self.rows(recorded), finite=finite)
         if found is None or span is None:
@@ -57,7 +71,9 @@ class NumbersOf(Parameters):
 class InWindow(Parameters):
     """Base of checks that look at messages, all of them or those of a time."""
 
-    window: ref.Window | None = Field(None, description="Label of the observe step; else the whole session.")
+    window: ref.Window | None = Field(
+        None, description="Label of the observe step; else the whole session."
+    )
 
     def span(self, context: Context) -> Span | None:
         """Return the time that counts; None where that is the whole session, or the step was not reached."""
@@ -68,7 +84,9 @@ class OfMessages(InWindow):
     """Base of checks that count in how many messages all is right."""
 
     full_from: Share = Field(1.0, description="Share of right messages from which credit is full.")
-    none_below: Share = Field(0.0, description="Share of right messages up to which there is no credit.")
+    none_below: Share = Field(
+        0.0, description="Share of right messages up to which there is no credit."
+    )
 
     @model_validator(mode="after")
     def _falls(self) -> OfMessages:
@@ -83,14 +101,21 @@ class OfMessages(InWindow):
         """
         if share >= self.full_from - 1e-9:
             return 1.0
-        return min(quantise(ramp(1 - share, 1 - self.full_from, 1 - self.none_below)), 1 - 1 / CREDIT_LEVELS)
+        return min(
+            quantise(ramp(1 - share, 1 - self.full_from, 1 - self.none_below)),
+            1 - 1 / CREDIT_LEVELS,
+        )
 
     @property
     def in_messages(self) -> str:
         """In how many messages all has to be right, in words."""
-        return "every message" if self.full_from == 1 else f"{percent(self.full_from)} of the messages"
+        return (
+            "every message" if self.full_from == 1 else f"{percent(self.full_from)} of the messages"
+        )
 
-    def due(self, context: Context, times_ns: Integers, first_ns: int, within_s: float) -> NDArray[np.bool_]:
+    def due(
+        self, context: Context, times_ns: Integers, first_ns: int, within_s: float
+    ) -> NDArray[np.bool_]:
         """Return which of some messages have to be answered, so soon: those of the window, or while somebody listened.
 
         A node listens when it has answered the first, which may be later than it was asked, but not by long.
@@ -99,7 +124,9 @@ class OfMessages(InWindow):
         if span is None:
             start_ns = min(first_ns, int(times_ns.min(initial=first_ns)) + LATE_NS)
             span = Span(start_ns, min(_asked_to_end_ns(context)))
-        due: NDArray[np.bool_] = (times_ns >= span.start_ns) & (times_ns <= span.end_ns - round(within_s * 1e9))
+        due: NDArray[np.bool_] = (times_ns >= span.start_ns) & (
+            times_ns <= span.end_ns - round(within_s * 1e9)
+        )
         return due
 
     def chosen(self, context: Context, topic: str) -> list[int]:
@@ -116,9 +143,15 @@ LATE_NS = 2_000_000_000
 def _asked_to_end_ns(context: Context) -> list[int]:
     """Return when the student's processes were asked to end, or awaited to; one that ends unasked stops answering."""
     record = context.session.record
-    awaited = {str(step.parameters.get("process")) for step in record.steps if step.kind == "wait_exit"}
+    awaited = {
+        str(step.parameters.get("process")) for step in record.steps if step.kind == "wait_exit"
+    }
     asked = [run.interrupted_ns for run in context.session.students]
-    asked += [run.exited_ns for run in context.session.students if run.ended_by == "kill" or run.name in awaited]
+    asked += [
+        run.exited_ns
+        for run in context.session.students
+        if run.ended_by == "kill" or run.name in awaited
+    ]
     return [record.ended_ns, *filter(None, asked)]
 
 
@@ -128,7 +161,10 @@ def numbers_in(pattern: str, text: str | None) -> Floats | None:
     if found is None:
         return None
     try:
-        return np.array([float(group) for group in found.groupdict().values() or found.groups()], dtype=np.float64)
+        return np.array(
+            [float(group) for group in found.groupdict().values() or found.groups()],
+            dtype=np.float64,
+        )
     except (TypeError, ValueError):
         return None
 
@@ -163,14 +199,18 @@ class FieldRange(OfMessages, NumbersOf):
     """Numbers in a field stay within limits, and do not change too fast."""
 
     low: Limit = Field(None, description="Least value, of all numbers or a list with one for each.")
-    high: Limit = Field(None, description="Greatest value, of all numbers or a list with one for each.")
+    high: Limit = Field(
+        None, description="Greatest value, of all numbers or a list with one for each."
+    )
     change_per_s: float | None = Field(
         None,
         gt=0,
         description="Most by which a number may change in a second, from one message to the next; "
         "messages that come sooner than usual count as if they came as usual.",
     )
-    finite: bool = Field(True, description="Whether all must be finite; else those that are no numbers are left out.")
+    finite: bool = Field(
+        True, description="Whether all must be finite; else those that are no numbers are left out."
+    )
 
     @model_validator(mode="after")
     def _limits_something(self) -> FieldRange:
@@ -204,12 +244,21 @@ def field_range(context: Context, p: FieldRange) -> Finding:
     sure = np.array([excess > 0 for excess, _ in over]) | ((steps > 0) & ~late)
     count, good = len(chosen), int((~bad).sum())
     measured = f"{good} of {count} messages"
-    doubt = "Not your fault: the grading computer was busy when the numbers seem to change too fast."
+    doubt = (
+        "Not your fault: the grading computer was busy when the numbers seem to change too fast."
+    )
     excesses = np.array([excess for excess, _ in over])
     worst = int(np.argmax(excesses if excesses.max() > 0 else steps))
-    at_s, span = moment(context, p.topic, int(context.session.stream(p.topic).source_ns[chosen[worst]]))
-    what = over[worst][1] or f"{p.field} changes by {steps[worst]:.4g} a second, more than {p.change_per_s}"
-    reason = f"At {at_s:.2f} s {what}." + (f" So it is in {count - good} messages." if count - good > 1 else "")
+    at_s, span = moment(
+        context, p.topic, int(context.session.stream(p.topic).source_ns[chosen[worst]])
+    )
+    what = (
+        over[worst][1]
+        or f"{p.field} changes by {steps[worst]:.4g} a second, more than {p.change_per_s}"
+    )
+    reason = f"At {at_s:.2f} s {what}." + (
+        f" So it is in {count - good} messages." if count - good > 1 else ""
+    )
     shares = (p.credit(good / count), p.credit(float((~sure).mean())))
     where = (context.location(p.topic, span if bad.any() else p.span(context)),)
     return graded(shares[0], p.expected, measured, reason, where=where, best=shares[1], doubt=doubt)
@@ -221,7 +270,9 @@ def _beyond(p: FieldRange, row: Floats | None) -> tuple[float, str]:
     length = max(len(low), len(high))
     if row is None or not len(row) or length not in (1, len(row)):
         holds = "no numbers" if row is None or not len(row) else f"{len(row)} numbers, not {length}"
-        return np.inf, f"the message holds {holds}" + (f" in {p.field}" if p.pattern is None else "")
+        return np.inf, f"the message holds {holds}" + (
+            f" in {p.field}" if p.pattern is None else ""
+        )
     if p.finite and not np.isfinite(row).all():
         index = int(np.argmin(np.isfinite(row)))
         return np.inf, f"{_element(p, row, index)} is {row[index]}"
@@ -231,14 +282,24 @@ def _beyond(p: FieldRange, row: Floats | None) -> tuple[float, str]:
         return 0.0, ""
     limits = [float(np.broadcast_to(limit, row.shape)[index]) for limit in (low, high)]
     side = f"below {limits[0]:g}" if row[index] < limits[0] else f"above {limits[1]:g}"
-    return float(excess[index]), f"{_element(p, row, index)} is {apart(float(row[index]), *limits, places=3)}, {side}"
+    return float(
+        excess[index]
+    ), f"{_element(p, row, index)} is {apart(float(row[index]), *limits, places=3)}, {side}"
 
 
 def _element(p: NumbersOf, row: Floats, index: int) -> str:
-    return p.field if len(row) == 1 else f"{p.field}, number {index}," if p.pattern else f"{p.field}[{index}]"
+    return (
+        p.field
+        if len(row) == 1
+        else f"{p.field}, number {index},"
+        if p.pattern
+        else f"{p.field}[{index}]"
+    )
 
 
-def _too_fast(context: Context, p: FieldRange, chosen: Sequence[int]) -> tuple[Floats, NDArray[np.bool_]]:
+def _too_fast(
+    context: Context, p: FieldRange, chosen: Sequence[int]
+) -> tuple[Floats, NDArray[np.bool_]]:
     """Return how fast numbers changed before each message, where that was too fast, else 0; and where that is unsure.
 
     It is where the machine delayed somebody since the message before: what was computed in time was sent late.
@@ -253,7 +314,9 @@ def _too_fast(context: Context, p: FieldRange, chosen: Sequence[int]) -> tuple[F
     places = {index: n for n, index in enumerate(chosen)}
     rows = [places[int(index)] for index in series.index[1:]]
     fast[rows] = np.where(rates > p.change_per_s * (1 + _UNEVEN), rates, 0.0)
-    delays_s = context.session.delays_s(series.source_ns[:-1] - round(usual_s * 1e9), series.source_ns[1:])
+    delays_s = context.session.delays_s(
+        series.source_ns[:-1] - round(usual_s * 1e9), series.source_ns[1:]
+    )
     late[rows] = delays_s > _DELAYED * usual_s
     return fast, late
 
@@ -270,12 +333,16 @@ class Between(Parameters):
 
     def hold(self, numbers: Floats) -> NDArray[np.bool_]:
         """Return which numbers lie within them."""
-        found: NDArray[np.bool_] = (numbers >= _of_limit(self.low, -np.inf)) & (numbers <= _of_limit(self.high, np.inf))
+        found: NDArray[np.bool_] = (numbers >= _of_limit(self.low, -np.inf)) & (
+            numbers <= _of_limit(self.high, np.inf)
+        )
         return found
 
     def __str__(self) -> str:
         limits = {"at least": self.low, "at most": self.high}
-        return " and ".join(f"{words} {limit:g}" for words, limit in limits.items() if limit is not None)
+        return " and ".join(
+            f"{words} {limit:g}" for words, limit in limits.items() if limit is not None
+        )
 
 
 class FieldMatches(OfMessages):
@@ -289,12 +356,16 @@ class FieldMatches(OfMessages):
     field: ref.WordField
     pattern: Pattern = Field(description="Regular expression that is found in every message.")
     numbers: Mapping[str, Between] = Field(
-        default_factory=dict, description="Named group of the pattern -> limits of the number that it holds."
+        default_factory=dict,
+        description="Named group of the pattern -> limits of the number that it holds.",
     )
     in_order: tuple[Pattern, ...] = Field(
-        (), description="Regular expressions that are found one after the other, with others between them or not."
+        (),
+        description="Regular expressions that are found one after the other, with others between them or not.",
     )
-    order_costs: Share = Field(0.5, description="Share of the credit that is lost where none of them comes in order.")
+    order_costs: Share = Field(
+        0.5, description="Share of the credit that is lost where none of them comes in order."
+    )
 
     @model_validator(mode="after")
     def _groups_are_there(self) -> FieldMatches:
@@ -308,23 +379,35 @@ def field_matches(context: Context, p: FieldMatches) -> Finding:
     """Judge the share of messages that match, and how much of the order came."""
     values = context.session.stream(p.topic).field(p.field)
     chosen = p.chosen(context, p.topic)
-    expected = f"'{p.pattern}' in {p.in_messages}" + f", in the order {', '.join(p.in_order)}" * bool(p.in_order)
+    expected = (
+        f"'{p.pattern}' in {p.in_messages}"
+        + f", in the order {', '.join(p.in_order)}" * bool(p.in_order)
+    )
     if not chosen:
         return nothing_came(context, p.topic, expected)
     texts = [_written(values[i]) for i in chosen]
     faults = list(map(partial(_mismatch, p), texts))
     good = faults.count("")
-    share, where, reasons = p.credit(good / len(texts)), context.location(p.topic, p.span(context)), []
+    share, where, reasons = (
+        p.credit(good / len(texts)),
+        context.location(p.topic, p.span(context)),
+        [],
+    )
     if good < len(texts):
         first = next(n for n, fault in enumerate(faults) if fault)
-        at_s, span = moment(context, p.topic, int(context.session.stream(p.topic).source_ns[chosen[first]]))
+        at_s, span = moment(
+            context, p.topic, int(context.session.stream(p.topic).source_ns[chosen[first]])
+        )
         reasons, where = [f"At {at_s:.2f} s {faults[first]}."], context.location(p.topic, span)
     came = _came_in_order(p.in_order, texts)
     if came < len(p.in_order):
         share *= 1 - p.order_costs * (1 - came / len(p.in_order))
         after = f" after '{p.in_order[came - 1]}'" if came else ""
         reasons.append(f"'{p.in_order[came]}' does not come{after}.")
-    measured = f"{good} of {len(texts)} messages match" + f", {came} of {len(p.in_order)} in order" * bool(p.in_order)
+    measured = (
+        f"{good} of {len(texts)} messages match"
+        + f", {came} of {len(p.in_order)} in order" * bool(p.in_order)
+    )
     return graded(share, expected, measured, " ".join(reasons), where=(where,))
 
 

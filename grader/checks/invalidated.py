@@ -25,7 +25,9 @@ def with_checks(tampering: Tampering, recorded: Recorded, rubric: Rubric) -> Vio
         return violation
     specs = [spec for spec in rubric.checks() if spec.session == violation.session]
     invalidated = tuple(
-        s.id for s in specs if tampering.whole or not tampering.invalidated.isdisjoint(named(s, recorded))
+        s.id
+        for s in specs
+        if tampering.whole or not tampering.invalidated.isdisjoint(named(s, recorded))
     )
     return replace(violation, checks=invalidated)
 
@@ -33,7 +35,9 @@ def with_checks(tampering: Tampering, recorded: Recorded, rubric: Rubric) -> Vio
 def not_measurable(expected: str, violation: Violation) -> Finding:
     """Return what is found instead, where what a check measures was tampered with."""
     reason = f"{violation.text} So this cannot be measured."
-    return Finding(Outcome.FAILED, Decimal(0), expected, "not measured", reason, where=(violation.where,))
+    return Finding(
+        Outcome.FAILED, Decimal(0), expected, "not measured", reason, where=(violation.where,)
+    )
 
 
 def without_rest(finding: Finding, gap: RecordingGap, *, timed: bool) -> Finding:
@@ -48,7 +52,9 @@ def without_rest(finding: Finding, gap: RecordingGap, *, timed: bool) -> Finding
         credit=Decimal(0),
         measured=finding.measured if seen else "not measured in full",
         reason=" ".join([*([finding.reason] if seen else []), describe_gap(gap)]),
-        hint=finding.hint if seen else "Send messages no larger and no more often than the lab asks for.",
+        hint=finding.hint
+        if seen
+        else "Send messages no larger and no more often than the lab asks for.",
     )
 
 
@@ -69,6 +75,12 @@ def named(spec: CheckSpec, recorded: Recorded) -> set[str]:
 def _words(value: Any) -> Iterator[str]:
     if isinstance(value, str):
         yield value
-    inner = value.values() if isinstance(value, Mapping) else value if isinstance(value, (list, tuple)) else ()
+    inner = (
+        value.values()
+        if isinstance(value, Mapping)
+        else value
+        if isinstance(value, (list, tuple))
+        else ()
+    )
     for part in inner:
         yield from _words(part)

@@ -36,7 +36,9 @@ class LatencyLimit(Parameters):
     """How soon a share of the messages is answered; credit falls between two limits."""
 
     share: Share = Field(description="Share of the messages, e.g. 50% for the median, or 95%.")
-    full_within_s: float = Field(gt=0, description="Time within which they are answered for full credit.")
+    full_within_s: float = Field(
+        gt=0, description="Time within which they are answered for full credit."
+    )
     none_beyond_s: float = Field(gt=0, description="Time beyond which there is none.")
 
     @model_validator(mode="after")
@@ -50,7 +52,9 @@ class End(Parameters):
     """A topic, and which field says to what its messages belong."""
 
     topic: ref.Topic
-    field: ref.WordField | None = Field(None, description="Field that a message and its answer have alike.")
+    field: ref.WordField | None = Field(
+        None, description="Field that a message and its answer have alike."
+    )
 
 
 class MessageLatency(OfMessages):
@@ -93,10 +97,14 @@ def message_latency(context: Context, p: MessageLatency) -> Finding:
         return nothing_came(context, p.output.topic, expected)
     asked, answered = _answers(context, p)
     if not len(asked):
-        return not_reached(f"No message was recorded on {p.input.topic} that could be answered.", expected=expected)
+        return not_reached(
+            f"No message was recorded on {p.input.topic} that could be answered.", expected=expected
+        )
     there = answered >= 0
     if not there.any():
-        reason = f"No message on {context.session.used(p.output.topic)} answers one on {p.input.topic}."
+        reason = (
+            f"No message on {context.session.used(p.output.topic)} answers one on {p.input.topic}."
+        )
         return unexplained(failed(expected, f"0 of {len(there)} messages answered", reason))
     lost = lost_share(context, context.session.students, [p.input.topic], asked)
     asked, answered = asked[there], answered[there]
@@ -104,15 +112,21 @@ def message_latency(context: Context, p: MessageLatency) -> Finding:
     delays_s = context.session.delays_s(asked - round(_WAITED_S * 1e9), answered)
     took_s: Floats = (answered - asked) / 1e9
     parts = [_within(limit, took_s, np.maximum(took_s - delays_s, 0.0)) for limit in p.limits]
-    share, best = (sum(getattr(part, key) for part in parts) / len(parts) for key in ("share", "best"))
+    share, best = (
+        sum(getattr(part, key) for part in parts) / len(parts) for key in ("share", "best")
+    )
     all_there, most_there = (p.credit(min(1.0, float(there.mean()) + more)) for more in (0.0, lost))
     texts = [*(part.text for part in parts), f"{len(asked)} of {len(there)} messages answered"]
     reasons = [part.reason for part in parts if part.share < 1]
-    reasons += [f"{int((~there).sum())} of {len(there)} messages were not answered."] * (all_there < 1)
+    reasons += [f"{int((~there).sum())} of {len(there)} messages were not answered."] * (
+        all_there < 1
+    )
     slowest, whole = int(np.argmax(took_s)), Span(int(asked.min()), int(answered.max()))
     where = context.location(p.output.topic, Span(int(asked[slowest]), int(answered[slowest])))
     unsure = lost > 0 or any(part.doubt for part in parts)
-    doubt = cpu_delay_doubt(context.session.longest_delay_s(whole), whole.duration_s) if unsure else ""
+    doubt = (
+        cpu_delay_doubt(context.session.longest_delay_s(whole), whole.duration_s) if unsure else ""
+    )
     finding = (share * all_there, expected, "; ".join(texts), " ".join(reasons))
     return graded(*finding, where=(where,), best=best * most_there, doubt=doubt)
 
@@ -129,7 +143,10 @@ def _within(limit: LatencyLimit, took_s: Floats, least_s: Floats) -> Part:
     """
 
     def earned(times_s: Floats, share: float) -> float:
-        return quantise(ramp(float(np.quantile(times_s, share)), limit.full_within_s, limit.none_beyond_s), _LEVELS)
+        return quantise(
+            ramp(float(np.quantile(times_s, share)), limit.full_within_s, limit.none_beyond_s),
+            _LEVELS,
+        )
 
     low, high = shares_around(limit.share, len(took_s))
     touched = earned(took_s, limit.share) != earned(least_s, limit.share)
@@ -158,10 +175,18 @@ def _answers(context: Context, p: MessageLatency) -> tuple[Integers, Integers]:
         next_ns = np.append(asked[1:], np.iinfo(np.int64).max)
         answered = np.where(found < next_ns, found, -1)
     else:
-        sent_ns = dict(zip(reversed(p.keys(context, p.output)), reversed(outputs.source_ns.tolist()), strict=True))
+        sent_ns = dict(
+            zip(
+                reversed(p.keys(context, p.output)),
+                reversed(outputs.source_ns.tolist()),
+                strict=True,
+            )
+        )
         sent_ns.pop(None, None)
         asked = inputs.source_ns
-        answered = np.array([sent_ns.get(key, -1) for key in p.keys(context, p.input)], dtype=np.int64)
+        answered = np.array(
+            [sent_ns.get(key, -1) for key in p.keys(context, p.input)], dtype=np.int64
+        )
     answered = np.where(answered < asked, -1, answered)  # What came before it does not answer it.
     first_ns = int(asked[answered >= 0].min(initial=outputs.source_ns.max()))
     due = p.due(context, asked, first_ns, max(limit.none_beyond_s for limit in p.limits))

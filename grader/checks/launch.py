@@ -70,9 +70,12 @@ class LaunchLoads(Parameters):
     artifact: ref.Artifact
     step: ref.PlanLabel
     repaired_rest: Share = Field(
-        0.75, description="Share that the checks which depend on this one earn where a mistake was repaired on a copy."
+        0.75,
+        description="Share that the checks which depend on this one earn where a mistake was repaired on a copy.",
     )
-    not_installed_costs: Share = Field(0.0, description="Cost of a file that its package's build does not install.")
+    not_installed_costs: Share = Field(
+        0.0, description="Cost of a file that its package's build does not install."
+    )
 
 
 def launch_loads(context: Context, p: LaunchLoads) -> Finding:
@@ -83,7 +86,11 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     expected = "a launch description without an error"
     plan = plan_of(context, p.step)
     if plan is _NO_PLAN:
-        return inconclusive(expected, "not evaluated", "The recording does not hold an evaluation of the launch file.")
+        return inconclusive(
+            expected,
+            "not evaluated",
+            "The recording does not hold an evaluation of the launch file.",
+        )
     problem = plan.problem
     noted = [*worked_around(context, p.step), *([vars(problem)] if problem is not None else [])]
     faults = [each for each in noted if not _excuse(context, each)]
@@ -91,7 +98,9 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         return _repaired(faults, expected, p.repaired_rest)
     if problem is None or not faults:
         notes = [_excuse(context, each) for each in noted]
-        notes += [f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings]
+        notes += [
+            f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings
+        ]
         measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
         notes += _silent(plan)
         if (package := _leaves_out(context, p.artifact)) is None:
@@ -100,8 +109,18 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
         where = (Location(file=f"{package.path}/{build}".lstrip("/")),)
         reason = f"The package {package.name} does not install it, so that `ros2 launch` finds it by its path only."
         hint = f"Install it in {build}, as the remark about the package says."
-        return graded(1 - p.not_installed_costs, expected, measured, reason, hint=hint, where=where, notes=notes)
-    newer = problem.kind == "syntax_error" and is_newer_python(context.submission.texts.get(problem.file or "", ""))
+        return graded(
+            1 - p.not_installed_costs,
+            expected,
+            measured,
+            reason,
+            hint=hint,
+            where=where,
+            notes=notes,
+        )
+    newer = problem.kind == "syntax_error" and is_newer_python(
+        context.submission.texts.get(problem.file or "", "")
+    )
     # A module may be said to be missing that the launch file does not import, or that is not missing here.
     made_up = problem.kind == "missing_module" and not absent_module(
         problem.module, problem.file or "", problem.line, context.submission
@@ -109,10 +128,14 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     if newer or (plan.outcome == "not_assessable" and not made_up):
         lacking = "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
         reason = lacking if newer else "The grader cannot evaluate this launch file."
-        return inconclusive(expected, problem.message, reason, where=_at(context, problem), retry=False)
+        return inconclusive(
+            expected, problem.message, reason, where=_at(context, problem), retry=False
+        )
     location = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
     reason = _capitalised(problem.message) + location
-    finding = failed(expected, problem.message, reason, hint=problem.remedy, where=_at(context, problem))
+    finding = failed(
+        expected, problem.message, reason, hint=problem.remedy, where=_at(context, problem)
+    )
     # What it declares until it stops was seen, and counts.
     return replace(finding, rest=credit_of(p.repaired_rest)) if plan.arguments else finding
 
@@ -130,7 +153,9 @@ def _excuse(context: Context, noted: Mapping[str, Any]) -> str:
     """Say why a name of something that is not there is no mistake of the launch file, if it is none."""
     submission, said = context.submission, _capitalised(noted["message"])
     missing = [a.expected.removesuffix(".py") for a in submission.artifacts if a.path is None]
-    if noted["kind"] in ("unknown_executable", "unknown_package") and any(name in said for name in missing):
+    if noted["kind"] in ("unknown_executable", "unknown_package") and any(
+        name in said for name in missing
+    ):
         return f"{said} Its file is missing, which costs points in another check."
     near = "Did you mean" in noted["remedy"]
     if noted["kind"] == "unknown_package" and not submission.packages and not near:
@@ -148,18 +173,24 @@ def _repaired(faults: Sequence[Mapping[str, Any]], expected: str, rest: float) -
         "it stops with an error",
         f"{reasons} `ros2 launch` stops there. {judged}",
         hint=" ".join(dict.fromkeys(str(noted["remedy"]) for noted in faults)),
-        where=[Location(file=noted["file"], line=noted["line"]) for noted in faults if noted["file"]],
+        where=[
+            Location(file=noted["file"], line=noted["line"]) for noted in faults if noted["file"]
+        ],
     )
     return replace(finding, rest=credit_of(rest))
 
 
 def _at(context: Context, problem: Problem | None) -> tuple[Location, ...]:
-    return (Location(problem.file, problem.line) if problem and problem.file else context.location(),)
+    return (
+        Location(problem.file, problem.line) if problem and problem.file else context.location(),
+    )
 
 
 def _silent(plan: Plan) -> list[str]:
     """Advise where what nodes print goes to a log file alone; it costs nothing."""
-    quiet = [p for p in plan.processes if p.output == "log" and p.kind != "executable" and not p.absent]
+    quiet = [
+        p for p in plan.processes if p.output == "log" and p.kind != "executable" and not p.absent
+    ]
     if not quiet:
         return []
     named = list(dict.fromkeys(p.called or p.runs for p in quiet))
@@ -171,7 +202,9 @@ def _silent(plan: Plan) -> list[str]:
 
 def _capitalised(message: str) -> str:
     first = message.split(" ", 1)[0]
-    text = message[:1].upper() + message[1:] if first.isalpha() else message  # a name stays as it is
+    text = (
+        message[:1].upper() + message[1:] if first.isalpha() else message
+    )  # a name stays as it is
     return text if text.endswith((".", "?", "!")) else text + "."
 
 
@@ -187,7 +220,9 @@ class LaunchArguments(Parameters):
 
     step: ref.PlanLabel
     arguments: tuple[WantedArgument, ...] = Field(min_length=1)
-    other_default_credit: Share = Field(0.5, description="Credit of one that is declared with another default.")
+    other_default_credit: Share = Field(
+        0.5, description="Credit of one that is declared with another default."
+    )
 
 
 def _same(a: Any, b: Any) -> bool:
@@ -206,20 +241,30 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
     plan = plan_of(context, p.step)
     declared = {a.name: a for a in plan.arguments}
     parts = []
-    assumed = " ".join(str(noted["message"]) for noted in worked_around(context, p.step, "undefined_configuration"))
+    assumed = " ".join(
+        str(noted["message"]) for noted in worked_around(context, p.step, "undefined_configuration")
+    )
     for wanted in p.arguments:
         got = declared.get(wanted.name)
         if got is None and f"'{wanted.name}'" in assumed:
-            parts.append(Part(1.0))  # That it is not declared keeps the file from loading, and is charged there.
+            parts.append(
+                Part(1.0)
+            )  # That it is not declared keeps the file from loading, and is charged there.
         elif got is None:
             others = ", ".join(n for n in declared if n not in {a.name for a in p.arguments})
             known = f"; declared are {others}" if others else ""
             until = "" if plan.problem is None else " until the file stops"
-            parts.append(Part(0.0, reason=f"The argument {wanted.name} is not declared{until}{known}."))
+            parts.append(
+                Part(0.0, reason=f"The argument {wanted.name} is not declared{until}{known}.")
+            )
         else:
             right = got.default is not None and _same(got.default, wanted.default)
             default = "no default" if got.default is None else f"the default {got.default!r}"
-            reason = "" if right else f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
+            reason = (
+                ""
+                if right
+                else f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
+            )
             where = (Location(file=got.file, line=got.line),)
             parts.append(Part(1.0 if right else p.other_default_credit, "", reason, where=where))
     measured = ", ".join(f"{n} = {a.default!r}" for n, a in declared.items()) or "no arguments"
@@ -237,7 +282,8 @@ class WantedNode(Parameters):
         None, description="Check that charges parameters declared with a wrong type."
     )
     hears_charged_by: ref.EarlierCheckId | None = Field(
-        None, description="Check that charges what another node sends it; an exception by that is no second fault."
+        None,
+        description="Check that charges what another node sends it; an exception by that is no second fault.",
     )
 
 
@@ -247,7 +293,9 @@ class LaunchNodes(Parameters):
     step: ref.PlanLabel
     nodes: tuple[WantedNode, ...] = Field(min_length=1)
     other_name_credit: Share = Field(0.5, description="Credit of one that runs under another name.")
-    down_costs: Share = Field(0.0, description="Least share of the credit that is lost where one of them does not run.")
+    down_costs: Share = Field(
+        0.0, description="Least share of the credit that is lost where one of them does not run."
+    )
 
 
 def _entry_for(context: Context, plan: Plan, node: str, executable: str = "") -> Process | None:
@@ -258,7 +306,11 @@ def _entry_for(context: Context, plan: Plan, node: str, executable: str = "") ->
     short, stem = node.rsplit("/", 1)[-1], executable.removesuffix(".py")
     by_name = [e for e in plan.processes if e.called == short]
     by_program = [e for e in plan.processes if stem and e.runs.removesuffix(".py") == stem]
-    single = {artifact.expected.removesuffix(".py") for artifact in context.submission.artifacts if not artifact.bonus}
+    single = {
+        artifact.expected.removesuffix(".py")
+        for artifact in context.submission.artifacts
+        if not artifact.bonus
+    }
     programs = (e for e in plan.processes if e.kind == "node" and e.called is None and not e.absent)
     several = [e for e in programs if e.runs.removesuffix(".py") not in single]
     return next(iter(by_name or by_program or (several if len(several) == 1 else [])), None)
@@ -270,12 +322,24 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
     plan = plan_of(context, p.step)
     if (problem := plan.problem) is not None:
         reason = f"{_capitalised(problem.message)} `ros2 launch` stops there and starts nothing."
-        return failed(expected, "nothing was started", reason, hint=problem.remedy, where=_at(context, problem))
+        return failed(
+            expected,
+            "nothing was started",
+            reason,
+            hint=problem.remedy,
+            where=_at(context, problem),
+        )
     entries = {n.node: _entry_for(context, plan, n.node, n.executable) for n in p.nodes}
-    absent = [node for node, entry in entries.items() if entry is None and node not in context.session.nodes]
+    absent = [
+        node
+        for node, entry in entries.items()
+        if entry is None and node not in context.session.nodes
+    ]
     if absent and (plan.loaded_components or any(process.components for process in plan.processes)):
         reason = "The grader runs no component containers, so it cannot judge nodes that are loaded into one."
-        return inconclusive(expected, f"no {', '.join(absent)}, but components", reason, retry=False)
+        return inconclusive(
+            expected, f"no {', '.join(absent)}, but components", reason, retry=False
+        )
     parts = []
     for wanted in p.nodes:
         # Nodes of one process end together, and the fault of one is the others' end.
@@ -292,17 +356,25 @@ def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
 
 
 def _judge_node(
-    context: Context, entry: Process | None, wanted: WantedNode, mates: Sequence[WantedNode], other_name_credit: float
+    context: Context,
+    entry: Process | None,
+    wanted: WantedNode,
+    mates: Sequence[WantedNode],
+    other_name_credit: float,
 ) -> Part:
     if wanted.node in context.session.nodes and not _died(context, entry):
         return Part(1.0)
     if entry is None:
-        return Part(0.0, "", f"Nothing in the launch file starts {wanted.executable} as {wanted.node}.")
+        return Part(
+            0.0, "", f"Nothing in the launch file starts {wanted.executable} as {wanted.node}."
+        )
     name = wanted.node.rsplit("/", 1)[-1]
     if context.path_of(wanted.artifact) is None:
         note = f"The file for {wanted.node} is missing, which costs points in {wanted.charged_by}."
         return Part(1.0, notes=(note,))
-    if note := next((note for mate in mates if (note := _charged_elsewhere(context, entry, mate))), ""):
+    if note := next(
+        (note for mate in mates if (note := _charged_elsewhere(context, entry, mate))), ""
+    ):
         return Part(1.0, notes=(note,))
     run = context.session.process(entry.id)
     found = context.explain(run) if run is not None else None
@@ -312,7 +384,9 @@ def _judge_node(
     if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
         shown = used if used != wanted.node else entry.full_name or entry.called
         reason = f"{wanted.executable} runs under the name {shown}, not {wanted.node}."
-        return Part(other_name_credit, "", reason, where=(Location(file=entry.file, line=entry.line),))
+        return Part(
+            other_name_credit, "", reason, where=(Location(file=entry.file, line=entry.line),)
+        )
     return _why_down(context, entry, wanted.executable)
 
 
@@ -329,14 +403,29 @@ def _charged_elsewhere(context: Context, entry: Process, wanted: WantedNode) -> 
     run = context.session.process(entry.id)
     found = context.explain(run) if run is not None else None
     end = _end_of(context, run) if run is not None else None
-    others = [session for session in context.sessions.values() if session is not context.session and end is not None]
-    ends = {s.record.session: [_end_of(context, r) for r in s.processes_of(wanted.artifact)] for s in others}
+    others = [
+        session
+        for session in context.sessions.values()
+        if session is not context.session and end is not None
+    ]
+    ends = {
+        s.record.session: [_end_of(context, r) for r in s.processes_of(wanted.artifact)]
+        for s in others
+    }
     alike = {session for session, alone in ends.items() if end in alone}
-    charged = [check for check, finding in context.findings.items() if alike & {at.session for at in finding.where}]
+    charged = [
+        check
+        for check, finding in context.findings.items()
+        if alike & {at.session for at in finding.where}
+    ]
     of_types = found is not None and found.kind == "parameter-type"
     ends_here = found is not None and end is not None and not any(map(any, ends.values()))
     for holds, what, check in (
-        (entry.called in (wanted.node.rsplit("/", 1)[-1], None), "has a fault of its own", wanted.charged_by),
+        (
+            entry.called in (wanted.node.rsplit("/", 1)[-1], None),
+            "has a fault of its own",
+            wanted.charged_by,
+        ),
         (True, "ended as it does alone", next(filter(context.charged, charged), None)),
         (of_types, "ended because of a parameter's type", wanted.types_charged_by),
         (ends_here and not of_types, "ended by what it hears here", wanted.hears_charged_by),
@@ -351,7 +440,11 @@ def _end_of(context: Context, run: ProcessRun) -> tuple[object, ...] | None:
     if run.exited_ns is None or run.interrupted_ns is not None:
         return None
     found = context.explain(run)
-    return (run.limit, run.exit_status) if found is None else (found.file, found.line, found.kind, found.exception_type)
+    return (
+        (run.limit, run.exit_status)
+        if found is None
+        else (found.file, found.line, found.kind, found.exception_type)
+    )
 
 
 def _why_down(context: Context, entry: Process, executable: str) -> Part:
@@ -365,13 +458,19 @@ def _why_down(context: Context, entry: Process, executable: str) -> Part:
     found = context.explain(run)
     if found is None:
         shown = f": {run.output[-1].text!r}." if run.output else "."
-        return Part(0.0, "", f"{executable} ended with status {run.exit_status}{shown}", where=location)
+        return Part(
+            0.0, "", f"{executable} ended with status {run.exit_status}{shown}", where=location
+        )
     line = entry.line
     if found.kind == "parameter-type" and entry.file:
-        line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, found.subject)
+        line = parameter_line(
+            context.submission.texts.get(entry.file, ""), entry.line, found.subject
+        )
     cause = (Location(file=found.file, line=found.line),) if found.file else ()
     reason = f"{executable} ended with status {run.exit_status}: {describe_diagnosis(found)}"
-    return Part(0.0, "", reason, hint=found.remedy, where=(Location(file=entry.file, line=line), *cause))
+    return Part(
+        0.0, "", reason, hint=found.remedy, where=(Location(file=entry.file, line=line), *cause)
+    )
 
 
 #: Lines that a node's entry in a launch file takes at most.
@@ -381,7 +480,9 @@ _MOST_LINES = 60
 def parameter_line(text: str, node_line: int | None, parameter: str) -> int | None:
     """Find the line of a launch file that gives a node a parameter; else the one on which the node is made."""
     first = node_line or 0
-    for number, line in enumerate(text.split("\n")[first : first + _MOST_LINES] if first else (), first + 1):
+    for number, line in enumerate(
+        text.split("\n")[first : first + _MOST_LINES] if first else (), first + 1
+    ):
         if f"'{parameter}'" in line or f'"{parameter}"' in line:
             return number
         if "Node(" in line:
@@ -408,13 +509,19 @@ class LaunchParameters(Parameters):
 
     step: ref.PlanLabel
     parameters: tuple[WantedNodeParameter, ...] = Field(min_length=1)
-    other_step: ref.PlanLabel = Field(description="Step that evaluated the file with other arguments.")
-    unwired_credit: Share = Field(0.5, description="Credit of one that does not follow its argument.")
+    other_step: ref.PlanLabel = Field(
+        description="Step that evaluated the file with other arguments."
+    )
+    unwired_credit: Share = Field(
+        0.5, description="Credit of one that does not follow its argument."
+    )
 
 
 def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
     """Judge values in the running nodes, or in the plan where a node does not declare the parameter."""
-    expected = ", ".join(f"{w.node.rsplit('/', 1)[-1]}.{w.name} = {w.value!r}" for w in p.parameters)
+    expected = ", ".join(
+        f"{w.node.rsplit('/', 1)[-1]}.{w.name} = {w.value!r}" for w in p.parameters
+    )
     plan, other = plan_of(context, p.step), plan_of(context, p.other_step)
     parts = []
     for wanted in p.parameters:
@@ -423,7 +530,9 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
             continue  # The node is not started, which is charged with the nodes.
         part = _judge_parameter(context, p, wanted, entry, plan, other)
         if entry.file and part.reason:
-            line = parameter_line(context.submission.texts.get(entry.file, ""), entry.line, wanted.name)
+            line = parameter_line(
+                context.submission.texts.get(entry.file, ""), entry.line, wanted.name
+            )
             part = replace(part, where=(Location(file=entry.file, line=line),))
         parts.append(part)
     if not parts:
@@ -432,19 +541,32 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
 
 
 def _judge_parameter(
-    context: Context, p: LaunchParameters, wanted: WantedNodeParameter, entry: Process, plan: Plan, other: Plan
+    context: Context,
+    p: LaunchParameters,
+    wanted: WantedNodeParameter,
+    entry: Process,
+    plan: Plan,
+    other: Plan,
 ) -> Part:
     planned = entry.effective_parameters(wanted.node).get(wanted.name)
     step = context.session.step(wanted.step)
     result = step.result if step is not None else {}
     running = result.get("values", {}).get(wanted.name)
     short = wanted.node.rsplit("/", 1)[-1]
-    subject, value = f"{wanted.name} of {short}", running["value"] if running is not None else planned
+    subject, value = (
+        f"{wanted.name} of {short}",
+        running["value"] if running is not None else planned,
+    )
     text = f"{short}.{wanted.name} {'missing' if value is None else f'= {value!r}'}"
     if planned is None:
         own = f"; {value!r} is the node's own default" if value is not None else ""
         return Part(0.0, text, f"The launch file gives {short} no {wanted.name}{own}.")
-    if running is None and step is not None and step.outcome == "done" and wanted.name in result.get("declared", []):
+    if (
+        running is None
+        and step is not None
+        and step.outcome == "done"
+        and wanted.name in result.get("declared", [])
+    ):
         return Part(0.0, f"{short}.{wanted.name} unreadable", f"{subject} could not be read.")
     # What default the launch file gives the argument is charged with the arguments, and so is one that is missing.
     declared = {a.name: a.default for a in plan.arguments}
@@ -452,13 +574,21 @@ def _judge_parameter(
     if not _same(value, wanted.value) and not follows:
         return Part(0.0, text, f"{subject} is {value!r}, not {wanted.value!r}.")
     entry_then = _entry_for(context, other, wanted.node, wanted.executable)
-    changed = entry_then.effective_parameters(wanted.node).get(wanted.name) if entry_then is not None else None
+    changed = (
+        entry_then.effective_parameters(wanted.node).get(wanted.name)
+        if entry_then is not None
+        else None
+    )
     no_argument = wanted.argument is not None and wanted.argument not in declared
     if wanted.other is None or no_argument or _same(changed, wanted.other):
         return Part(1.0, text)
     shown = "nothing" if changed is None else repr(changed)
     moves = changed is not None and not _same(changed, planned)
-    how = "follows its launch argument, but not as it should" if moves else "is not wired to its launch argument"
+    how = (
+        "follows its launch argument, but not as it should"
+        if moves
+        else "is not wired to its launch argument"
+    )
     reason = f"{subject} {how}: with another argument it is {shown}, not {wanted.other!r}."
     return Part(p.unwired_credit, f"{text} ({shown} with another argument)", reason)
 
@@ -468,7 +598,8 @@ class _Doer(Parameters):
 
     charged_by: ref.EarlierCheckId
     node: ref.RosName | None = Field(
-        None, description="The node that does it; if it is not up, the check of the nodes charges that."
+        None,
+        description="The node that does it; if it is not up, the check of the nodes charges that.",
     )
 
 
@@ -481,12 +612,17 @@ class TogetherCommands(_Doer):
     alone_session: ref.SessionId
     window: ref.Window
     least_share: Share = 0.8
-    rate_step: ref.GetLabel | None = Field(None, description="Step that read the parameter below in the running node.")
+    rate_step: ref.GetLabel | None = Field(
+        None, description="Step that read the parameter below in the running node."
+    )
     rate_parameter: ref.GivenName | None = Field(
-        None, description="Parameter that sets the rate; which value it is given is judged elsewhere."
+        None,
+        description="Parameter that sets the rate; which value it is given is judged elsewhere.",
     )
 
-    def judged(self, context: Context, span: Span | None, delay_s: float, *, late: bool) -> Part | None:
+    def judged(
+        self, context: Context, span: Span | None, delay_s: float, *, late: bool
+    ) -> Part | None:
         """Compare the rate with the one alone."""
         timing = timing_of(context.session.stream(self.topic), span)
         if timing is None:
@@ -498,15 +634,27 @@ class TogetherCommands(_Doer):
         )
         alone_span = alone.window(self.window) if alone is not None else None
         by_itself = timing_of(alone.stream(self.topic), alone_span) if alone is not None else None
-        clock_set = alone is not None and alone_span is not None and clock_step_s(alone.record, alone_span) > 0
+        clock_set = (
+            alone is not None
+            and alone_span is not None
+            and clock_step_s(alone.record, alone_span) > 0
+        )
         alone_hz = by_itself.rate_hz if by_itself is not None and not clock_set else None
         as_set = (
-            isinstance(wanted_hz, (int, float)) and 0 < wanted_hz * self.least_share <= timing.rate_hz <= 2 * wanted_hz
+            isinstance(wanted_hz, (int, float))
+            and 0 < wanted_hz * self.least_share <= timing.rate_hz <= 2 * wanted_hz
         )
         if alone_hz is None or as_set:
             return Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
-        most_hz = without_delay(timing.rate_hz, delay_s, span.duration_s) if span is not None else timing.rate_hz
-        share, best = (quantise(min(1.0, hz / alone_hz / self.least_share), 2) for hz in (timing.rate_hz, most_hz))
+        most_hz = (
+            without_delay(timing.rate_hz, delay_s, span.duration_s)
+            if span is not None
+            else timing.rate_hz
+        )
+        share, best = (
+            quantise(min(1.0, hz / alone_hz / self.least_share), 2)
+            for hz in (timing.rate_hz, most_hz)
+        )
         both = (timing.rate_hz, alone_hz)
         shown, alone_shown = (apart(hz, *(both if share < 1 else ()), places=1) for hz in both)
         reason = f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
@@ -521,46 +669,76 @@ class TogetherFollows(_Doer):
     topic: ref.Topic
     field: ref.FieldPath
     command: ref.Topic | None = Field(None, description="Topic of the commands, in the same field.")
-    commanded: NumbersOf | None = Field(None, description="Topic and field of the commands, where that is another.")
+    commanded: NumbersOf | None = Field(
+        None, description="Topic and field of the commands, where that is another."
+    )
     index: int | None = Field(None, description="Element that is compared; else all.")
     subject: str = Field("the robot", description="What follows, in words.")
     unit: str = Field("", description="Unit of the field.")
-    off_share: Share = Field(0.5, description="By how much of the command's size it may be off; one that rests is 1.")
+    off_share: Share = Field(
+        0.5, description="By how much of the command's size it may be off; one that rests is 1."
+    )
     off: float = Field(0.05, ge=0, description="By how much it may be off besides.")
 
     @property
     def follows(self) -> NumbersOf:
         """Topic and field of the commands."""
-        return self.commanded or NumbersOf.model_construct(topic=self.command or "", field=self.field)
+        return self.commanded or NumbersOf.model_construct(
+            topic=self.command or "", field=self.field
+        )
 
     @property
     def expected(self) -> str:
         """What it is to do, in words."""
         return f"{self.subject} follows"
 
-    def judged(self, context: Context, span: Span | None, delay_s: float, *, late: bool) -> Part | None:
+    def judged(
+        self, context: Context, span: Span | None, delay_s: float, *, late: bool
+    ) -> Part | None:
         """Compare the second half of the motion with the commands."""
-        command, state = self.follows.series(context.session), context.session.numeric(self.topic, self.field)
+        command, state = (
+            self.follows.series(context.session),
+            context.session.numeric(self.topic, self.field),
+        )
         if command is None or state is None:
             return None
         widths = {command.values.shape[1], state.values.shape[1]}
-        topic, index = self.follows.topic, slice(None) if self.index is None else slice(self.index, self.index + 1)
-        own = (e for e in context.session.endpoints_on(topic, "subscription") if e.node in context.reference_nodes)
+        topic, index = (
+            self.follows.topic,
+            slice(None) if self.index is None else slice(self.index, self.index + 1),
+        )
+        own = (
+            e
+            for e in context.session.endpoints_on(topic, "subscription")
+            if e.node in context.reference_nodes
+        )
         asked = {endpoint.type for endpoint in own}
         heard = not asked or context.session.stream(topic).topic_type in asked
         commands, states = command.values[:, index], state.values[:, index]
         # It takes no commands of another type or length, and cannot follow what does not move.
-        if not heard or len(widths) > 1 or not commands.size or float(np.ptp(commands, axis=0).max()) < 1e-3:
+        if (
+            not heard
+            or len(widths) > 1
+            or not commands.size
+            or float(np.ptp(commands, axis=0).max()) < 1e-3
+        ):
             return None
-        measured = np.array([np.interp(command.source_ns, state.source_ns, column) for column in states.T]).T
+        measured = np.array(
+            [np.interp(command.source_ns, state.source_ns, column) for column in states.T]
+        ).T
         half = len(measured) // 2
         # Each the root of the mean over all rows of a row's squared length.
-        off, size = (np.sqrt(np.mean((rows[half:] ** 2).sum(axis=1))) for rows in (measured - commands, commands))
+        off, size = (
+            np.sqrt(np.mean((rows[half:] ** 2).sum(axis=1)))
+            for rows in (measured - commands, commands)
+        )
         text = f"{self.subject} is off by {off:.3f} {self.unit}".rstrip()
         # What rests is off by the whole size of the command.
         if off < self.off_share * size + self.off:
             return Part(1.0, text)
-        return Part(0.0, text, f"{self.subject.capitalize()} does not follow the commands.", float(late))
+        return Part(
+            0.0, text, f"{self.subject.capitalize()} does not follow the commands.", float(late)
+        )
 
 
 class TogetherAnswers(_Doer):
@@ -570,13 +748,19 @@ class TogetherAnswers(_Doer):
 
     step: ref.CallLabel
 
-    def judged(self, context: Context, span: Span | None, delay_s: float, *, late: bool) -> Part | None:
+    def judged(
+        self, context: Context, span: Span | None, delay_s: float, *, late: bool
+    ) -> Part | None:
         """See whether its first call was answered."""
         step = context.session.step(self.step)
-        calls: Sequence[Mapping[str, Any]] = step.result.get("calls", []) if step is not None else []
+        calls: Sequence[Mapping[str, Any]] = (
+            step.result.get("calls", []) if step is not None else []
+        )
         if calls and calls[0]["response"] is not None:
             return Part(1.0, "the service answers")
-        return Part(0.0, "no answer from the service", "The service does not answer while all run together.")
+        return Part(
+            0.0, "no answer from the service", "The service does not answer while all run together."
+        )
 
 
 class LaunchTogether(Parameters):
@@ -591,7 +775,9 @@ class LaunchTogether(Parameters):
     @property
     def doers(self) -> tuple[TogetherCommands | TogetherFollows | TogetherAnswers, ...]:
         """The parts that are asked for."""
-        return tuple(part for part in (self.commands, self.follows, self.answers) if part is not None)
+        return tuple(
+            part for part in (self.commands, self.follows, self.answers) if part is not None
+        )
 
     @model_validator(mode="after")
     def _asks_for_something(self) -> LaunchTogether:
@@ -606,7 +792,11 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     record = context.session.record
     span = context.session.window(p.commands.window) if p.commands is not None else None
     whole = span if p.commands is not None else Span(record.started_ns, record.ended_ns)
-    delay_s, length_s = (context.session.longest_delay_s(whole), whole.duration_s) if whole is not None else (0.0, 0.0)
+    delay_s, length_s = (
+        (context.session.longest_delay_s(whole), whole.duration_s)
+        if whole is not None
+        else (0.0, 0.0)
+    )
     late = delay_s > MANY_DELAYS * length_s
     doers = p.doers
     parts = [doer.judged(context, span, delay_s, late=late) for doer in doers]
@@ -618,7 +808,9 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     for part, doer, name, process in zip(parts, doers, names, processes, strict=True):
         # What is charged alone is not charged again, neither in this node nor in others of its process.
         mates = [mate for mate, other in zip(doers, processes, strict=True) if other == process]
-        is_charged = any(context.charged(mate.charged_by) for mate in (mates if process is not None else [doer]))
+        is_charged = any(
+            context.charged(mate.charged_by) for mate in (mates if process is not None else [doer])
+        )
         # A node that did not come up, or did not stay, is charged with the nodes.
         is_up = name is None or (name in context.session.nodes and not _died(context, process))
         if part is not None and is_up and (part.share == 1 or not is_charged):
@@ -630,4 +822,6 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
             return passed(expected, "nothing", notes=(reason,))
         return not_reached(reason, expected=expected)
     topic = next((doer.topic for doer in (p.commands, p.follows) if doer is not None), None)
-    return of_parts(expected, judged, where=(context.location(topic),), doubt=cpu_delay_doubt(delay_s, length_s))
+    return of_parts(
+        expected, judged, where=(context.location(topic),), doubt=cpu_delay_doubt(delay_s, length_s)
+    )

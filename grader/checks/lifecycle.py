@@ -40,8 +40,12 @@ class Lifecycle(Parameters):
     process: ref.Process
     transitions: tuple[WantedTransition, ...] = Field(min_length=1)
     published: tuple[PublishedIn, ...] = ()
-    transitions_share: Share = Field(0.5, description="What the transitions count, where publishing is judged too.")
-    everywhere_credit: Share = Field(0.25, description="Credit of a topic on which it publishes in every state.")
+    transitions_share: Share = Field(
+        0.5, description="What the transitions count, where publishing is judged too."
+    )
+    everywhere_credit: Share = Field(
+        0.25, description="Credit of a topic on which it publishes in every state."
+    )
 
 
 @dataclass(frozen=True)
@@ -54,15 +58,24 @@ class _Stay:
 
 def lifecycle(context: Context, p: Lifecycle) -> Finding:
     """Judge the transitions by the node's answers, and what it published by when it was published."""
-    expected = ", ".join(f"{w.step} → {w.state}{'' if w.succeeds else ' (refused)'}" for w in p.transitions)
+    expected = ", ".join(
+        f"{w.step} → {w.state}{'' if w.succeeds else ' (refused)'}" for w in p.transitions
+    )
     steps = [context.session.step(wanted.step) for wanted in p.transitions]
     silent = [unanswered(context, step, expected) for step in steps]
     if None not in silent and silent[0] is not None:
         return silent[0]
-    went = [_transition(context, wanted, step) for wanted, step in zip(p.transitions, steps, strict=True)]
+    went = [
+        _transition(context, wanted, step)
+        for wanted, step in zip(p.transitions, steps, strict=True)
+    ]
     for n, step in enumerate(steps[1:], 1):
         # From another state than it was to reach, a transition proves nothing; that has cost points before.
-        if step is not None and went[n].share < 1 and step.result.get("before") != p.transitions[n - 1].state:
+        if (
+            step is not None
+            and went[n].share < 1
+            and step.result.get("before") != p.transitions[n - 1].state
+        ):
             went[n] = Part(0.0, f"{p.transitions[n].step}: not tested")
     stays = _stays(context, {step.result.get("node") for step in steps if step is not None})
     published = [_published(context, p, of, stays) for of in p.published]
@@ -90,7 +103,9 @@ def _transition(context: Context, wanted: WantedTransition, step: StepRun | None
 
 _RAISED = "Its callback raised an exception or returned ERROR."
 _RAISED_HINT = "rclpy hides an exception in a transition callback: wrap the callback's body in try, and log the error."
-_FAILURE_HINT = "End the callback with `return TransitionCallbackReturn.SUCCESS`, or that of super()."
+_FAILURE_HINT = (
+    "End the callback with `return TransitionCallbackReturn.SUCCESS`, or that of super()."
+)
 
 
 def _raised(context: Context, step: StepRun) -> bool:
@@ -98,20 +113,36 @@ def _raised(context: Context, step: StepRun) -> bool:
     topic = f"{step.result.get('node')}/transition_event"
     stream, goals = context.session.stream(topic), context.session.texts(topic, "goal_state.label")
     during = (stream.source_ns >= step.started_ns) & (stream.source_ns <= step.ended_ns)
-    return any(goal == "errorprocessing" for goal, inside in zip(goals, during, strict=True) if inside)
+    return any(
+        goal == "errorprocessing" for goal, inside in zip(goals, during, strict=True) if inside
+    )
 
 
 def _stays(context: Context, nodes: set[Any]) -> list[_Stay]:
     """Return a node's times in each state by its answers to all transitions; where two disagree, it is not known."""
     record = context.session.record
-    answered = [step.result for step in record.steps if step.kind == "change_state" and step.outcome == "done"]
+    answered = [
+        step.result
+        for step in record.steps
+        if step.kind == "change_state" and step.outcome == "done"
+    ]
     steps = [result for result in answered if result["node"] in nodes]
     if not steps:
         return []
-    begins = [(steps[0]["before"], record.started_ns), *((step["after"], step["answered_ns"]) for step in steps)]
-    ends = [*((step["before"], step["called_ns"]) for step in steps), (steps[-1]["after"], record.ended_ns)]
+    begins = [
+        (steps[0]["before"], record.started_ns),
+        *((step["after"], step["answered_ns"]) for step in steps),
+    ]
+    ends = [
+        *((step["before"], step["called_ns"]) for step in steps),
+        (steps[-1]["after"], record.ended_ns),
+    ]
     pairs = zip(begins, ends, strict=True)
-    return [_Stay(state, Span(start_ns, end_ns)) for (state, start_ns), (same, end_ns) in pairs if state == same]
+    return [
+        _Stay(state, Span(start_ns, end_ns))
+        for (state, start_ns), (same, end_ns) in pairs
+        if state == same
+    ]
 
 
 #: A message that was under way to be sent when the state changed may be stamped so much later.
@@ -132,7 +163,9 @@ def _published(context: Context, p: Lifecycle, of: PublishedIn, stays: list[_Sta
             few[stay.span] = len(inside)
         elif not wanted and len(inside):
             stray[Span(stay.span.start_ns, int(inside[-1]))] = stay.state
-    text = f"{of.topic}: " + ", ".join(f"{number} messages while {state}" for state, number in counted.items())
+    text = f"{of.topic}: " + ", ".join(
+        f"{number} messages while {state}" for state, number in counted.items()
+    )
     if not counted.keys() & set(of.states):
         return Part(0.0, text)
     if few:
@@ -144,12 +177,16 @@ def _published(context: Context, p: Lifecycle, of: PublishedIn, stays: list[_Sta
         reason = f"{of.topic} carries messages while the node is {others} too: {_EVERYWHERE}"
         doubt = _late(context, p, stray)
         best = 1.0 if doubt else None
-        return Part(p.everywhere_credit, text, reason, hint=_EVERYWHERE_HINT, best=best, doubt=doubt)
+        return Part(
+            p.everywhere_credit, text, reason, hint=_EVERYWHERE_HINT, best=best, doubt=doubt
+        )
     return Part(1.0, text)
 
 
 _EVERYWHERE = "an ordinary publisher publishes in every state."
-_EVERYWHERE_HINT = "Make it with create_lifecycle_publisher(), or publish only while the node is active."
+_EVERYWHERE_HINT = (
+    "Make it with create_lifecycle_publisher(), or publish only while the node is active."
+)
 _SILENT_HINT = (
     "A lifecycle publisher publishes once on_activate() has returned super().on_activate(state); until then, and "
     "without that, publish() does nothing."

@@ -60,11 +60,21 @@ class Target(Parameters):
 
     exactly_one = ("value", "field", "oracle")
 
-    value: float | tuple[float, ...] | None = Field(None, description="A number, or one for each of the field's.")
-    field: NumbersOf | None = Field(None, description="Topic and field that is followed as it moves.")
-    oracle: ref.Loadable | None = Field(None, description="file.py:function beside the rubric, that returns a value.")
-    streams: Mapping[str, NumbersOf] = Field(default_factory=dict, description="Role that the oracle knows -> field.")
-    parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
+    value: float | tuple[float, ...] | None = Field(
+        None, description="A number, or one for each of the field's."
+    )
+    field: NumbersOf | None = Field(
+        None, description="Topic and field that is followed as it moves."
+    )
+    oracle: ref.Loadable | None = Field(
+        None, description="file.py:function beside the rubric, that returns a value."
+    )
+    streams: Mapping[str, NumbersOf] = Field(
+        default_factory=dict, description="Role that the oracle knows -> field."
+    )
+    parameters: Mapping[str, Any] = Field(
+        default_factory=dict, description="Passed on to the oracle."
+    )
 
     def at(self, context: Context, times_ns: np.typing.NDArray[np.int64]) -> Floats | None:
         """Return the target at some times, a row each; None where it was not recorded."""
@@ -72,14 +82,20 @@ class Target(Parameters):
             other = self.field.series(context.session)
             if other is None:
                 return None
-            last: Floats = other.values[np.maximum(np.searchsorted(other.source_ns, times_ns, side="right") - 1, 0)]
+            last: Floats = other.values[
+                np.maximum(np.searchsorted(other.source_ns, times_ns, side="right") - 1, 0)
+            ]
             return last
         value = self.value
         if self.oracle is not None:
-            streams = {role: numbers.series(context.session) for role, numbers in self.streams.items()}
+            streams = {
+                role: numbers.series(context.session) for role, numbers in self.streams.items()
+            }
             if None in streams.values():
                 return None
-            value = context.oracle(self.oracle)(streams, dict(self.parameters), context.session.record.seed)
+            value = context.oracle(self.oracle)(
+                streams, dict(self.parameters), context.session.record.seed
+            )
         row = np.atleast_1d(np.asarray(value, dtype=np.float64))
         return np.broadcast_to(row, (len(times_ns), len(row)))
 
@@ -94,16 +110,27 @@ class Reaches(InWindow, NumbersOf):
 
     target: Target = Field(description="Where it has to come.")
     distance: Distance = Field(
-        "straight", description="How far it is off: straight (Euclidean), angle (rad), rotation (of quaternions, rad)."
+        "straight",
+        description="How far it is off: straight (Euclidean), angle (rad), rotation (of quaternions, rad).",
     )
     tolerance: float = Field(gt=0, description="How near is near enough.")
     hold_s: float = Field(0.0, ge=0, description="How long it has to stay so near.")
-    after: ref.AnyStep | None = Field(None, description="Label of the step after which it counts; else the window.")
+    after: ref.AnyStep | None = Field(
+        None, description="Label of the step after which it counts; else the window."
+    )
     within_s: float = Field(gt=0, description="Time within which it comes there, for full credit.")
-    none_from_s: float | None = Field(None, gt=0, description="Time from which it is too late for any credit.")
-    near_credit: Share = Field(0.5, description="Most credit of one that never comes to stay, by how near it comes.")
-    none_beyond: float | None = Field(None, gt=0, description="Distance beyond which there is no credit for that.")
-    overshoot: float | None = Field(None, ge=0, description="How far it may go beyond the target, seen from its start.")
+    none_from_s: float | None = Field(
+        None, gt=0, description="Time from which it is too late for any credit."
+    )
+    near_credit: Share = Field(
+        0.5, description="Most credit of one that never comes to stay, by how near it comes."
+    )
+    none_beyond: float | None = Field(
+        None, gt=0, description="Distance beyond which there is no credit for that."
+    )
+    overshoot: float | None = Field(
+        None, ge=0, description="How far it may go beyond the target, seen from its start."
+    )
     overshoot_costs: Share = Field(0.3, description="Share of the credit that going farther costs.")
 
     @model_validator(mode="after")
@@ -127,19 +154,31 @@ class Reaches(InWindow, NumbersOf):
         record, window, step = context.session.record, self.span(context), None
         if self.after is not None:
             step = context.session.step(self.after)
-        if (self.after is not None and step is None) or (self.window is not None and window is None):
+        if (self.after is not None and step is None) or (
+            self.window is not None and window is None
+        ):
             return None
-        start_ns = step.ended_ns if step is not None else window.start_ns if window is not None else record.started_ns
+        start_ns = (
+            step.ended_ns
+            if step is not None
+            else window.start_ns
+            if window is not None
+            else record.started_ns
+        )
         return Span(start_ns, window.end_ns if window is not None else record.ended_ns)
 
 
 def reaches(context: Context, p: Reaches) -> Finding:
     """Judge when the field came to stay at its target, or else how near it came."""
     hold = f" and stays for {p.hold_s:g} s" if p.hold_s else ""
-    expected = f"{p.field} within {p.tolerance:g} of its target after {p.within_s:g} s at most{hold}"
+    expected = (
+        f"{p.field} within {p.tolerance:g} of its target after {p.within_s:g} s at most{hold}"
+    )
     span = p.counts(context)
     if span is None:
-        return not_reached("Not tested: the step after which the motion counts was not reached.", expected=expected)
+        return not_reached(
+            "Not tested: the step after which the motion counts was not reached.", expected=expected
+        )
     series = p.series(context.session, span)
     target = p.target.at(context, series.source_ns) if series is not None else None
     if series is None:
@@ -158,7 +197,9 @@ def reaches(context: Context, p: Reaches) -> Finding:
         reason = f"{reason} It goes {shown} beyond the target; {p.overshoot:g} is allowed.".strip()
         measured += f", {shown} beyond"
     low, high = (quantise(share, CREDIT_LEVELS) for share in shares)
-    return graded(low, expected, measured, reason, where=part.where, best=max(low, high), doubt=part.doubt)
+    return graded(
+        low, expected, measured, reason, where=part.where, best=max(low, high), doubt=part.doubt
+    )
 
 
 def _arrival(context: Context, p: Reaches, span: Span, series: NumericStream, off: Floats) -> Part:
@@ -169,13 +210,20 @@ def _arrival(context: Context, p: Reaches, span: Span, series: NumericStream, of
     first = int(np.argmax(held <= p.tolerance)) if came else near
     at_s, here = moment(context, p.topic, int(series.source_ns[first]))
     late_s = (here.start_ns - span.start_ns) / 1e9
-    shown, after = apart(float(held[first]), p.tolerance, places=3), apart(late_s, p.within_s, places=2)
+    shown, after = (
+        apart(float(held[first]), p.tolerance, places=3),
+        apart(late_s, p.within_s, places=2),
+    )
     if np.isinf(held[near]):
         shown = f"{off.min():.3f}"
     if came:
         delay_s = context.session.longest_delay_s(Span(span.start_ns, here.end_ns))
         share, best = p.timely(late_s), p.timely(late_s - delay_s)
-        reason = f"The target is reached after {after} s; {p.within_s:g} s are allowed." if share < 1 else ""
+        reason = (
+            f"The target is reached after {after} s; {p.within_s:g} s are allowed."
+            if share < 1
+            else ""
+        )
     else:
         delay_s = context.session.longest_delay_s(span)
         share = p.near_credit * ramp(float(held[near]), p.tolerance, p.none_beyond or p.tolerance)

@@ -24,7 +24,8 @@ class OracleStream(NumbersOf):
     """Numbers that an oracle gets."""
 
     finite: bool = Field(
-        True, description="Whether it gets messages of finite numbers only; else all, where infinity says something."
+        True,
+        description="Whether it gets messages of finite numbers only; else all, where infinity says something.",
     )
 
 
@@ -38,12 +39,16 @@ class TopicEqualsOracle(OfMessages, NumbersOf):
 
     example: ClassVar = {"match": "nearest"}
 
-    stamp: ref.StampField = Field("header.stamp", description="Field with the stamp in both messages.")
+    stamp: ref.StampField = Field(
+        "header.stamp", description="Field with the stamp in both messages."
+    )
     streams: Mapping[str, OracleStream] = Field(
         min_length=1, description="Role that the oracle knows -> topic and field."
     )
     oracle: ref.Loadable = Field(description="file.py:function beside the rubric.")
-    parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
+    parameters: Mapping[str, Any] = Field(
+        default_factory=dict, description="Passed on to the oracle."
+    )
     for_each: str | None = Field(None, description="Role of which each message has its answer.")
     match: Literal["stamp", "order", "nearest", "interpolated"] = Field(
         description="How a published message finds its values: by the stamp that it has from a message of `for_each`; "
@@ -54,10 +59,16 @@ class TopicEqualsOracle(OfMessages, NumbersOf):
         gt=0,
         description="By how much a value may be older or newer where time matches, else how late it may come.",
     )
-    tolerance: float = Field(ge=0, description="How far a message's numbers may be off together, in their unit.")
-    relative: Share = Field(0.0, description="How far they may be off besides, as a share of the value's size.")
+    tolerance: float = Field(
+        ge=0, description="How far a message's numbers may be off together, in their unit."
+    )
+    relative: Share = Field(
+        0.0, description="How far they may be off besides, as a share of the value's size."
+    )
     distance: Distance = Field("straight", description="How that is measured, as for reaches.")
-    alternatives: tuple[Alternative, ...] = Field((), description="Known mistakes, by other parameters of the oracle.")
+    alternatives: tuple[Alternative, ...] = Field(
+        (), description="Known mistakes, by other parameters of the oracle."
+    )
 
     @model_validator(mode="after")
     def _fits(self, info: ValidationInfo) -> TopicEqualsOracle:
@@ -66,12 +77,17 @@ class TopicEqualsOracle(OfMessages, NumbersOf):
             if self.match == "stamp":
                 ref.stamped(info, (self.topic, self.streams[self.for_each].topic), self.stamp)
         elif self.match == "stamp":
-            raise ValueError("to match by stamp, for_each must say the messages of which role have the stamps")
+            raise ValueError(
+                "to match by stamp, for_each must say the messages of which role have the stamps"
+            )
         return self
 
     def wanted(self, context: Context, other: Mapping[str, Any] | None = None) -> _Wanted | None:
         """Return what is right, with other parameters; None where a stream was not recorded."""
-        streams = {role: each.series(context.session, finite=each.finite) for role, each in self.streams.items()}
+        streams = {
+            role: each.series(context.session, finite=each.finite)
+            for role, each in self.streams.items()
+        }
         if any(stream is None for stream in streams.values()):
             return None
         parameters = {**self.parameters, **(other or {})}
@@ -87,7 +103,9 @@ class TopicEqualsOracle(OfMessages, NumbersOf):
     def stamps(self, context: Context, topic: str, index: Integers) -> Integers:
         """Return the stamps of some messages; -1 where one has none."""
         stamps = context.session.stamps_ns(topic, self.stamp)
-        return np.array([-1 if (stamp := stamps[i]) is None else stamp for i in index], dtype=np.int64)
+        return np.array(
+            [-1 if (stamp := stamps[i]) is None else stamp for i in index], dtype=np.int64
+        )
 
 
 def _rows(values: Any) -> Floats:
@@ -143,14 +161,23 @@ def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
         return nothing_came(context, p.topic, expected)
     wanted = p.wanted(context)
     if wanted is None or not wanted.asked.any():
-        return not_reached("Not tested: nothing was recorded from which the right values follow.", expected=expected)
+        return not_reached(
+            "Not tested: nothing was recorded from which the right values follow.",
+            expected=expected,
+        )
     width, own = wanted.values.shape[1], published.values.shape[1]
     if width != own:
-        return failed(expected, f"{own} numbers a message", f"A message holds {own} numbers, not {width}.")
+        return failed(
+            expected, f"{own} numbers a message", f"A message holds {own} numbers, not {width}."
+        )
     found = _compared(context, p, published, wanted)
     odd = len(p.chosen(context, p.topic)) - len(published.values)
     if not len(found.excess):
-        return failed(expected, "0 messages to compare", "No message came at a time for which there is a right value.")
+        return failed(
+            expected,
+            "0 messages to compare",
+            "No message came at a time for which there is a right value.",
+        )
     part = _judged(context, p, found, odd)
     where = part.where or (context.location(p.topic, p.span(context)),)
     for other in p.alternatives if part.share < 1 else ():
@@ -161,7 +188,9 @@ def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
         if len(alike.excess) and (alike.excess <= 0).mean() >= p.full_from - 1e-9:
             wrong = failed(expected, part.text, part.reason, where=where)
             return other.explains(context, wrong, part.share)
-    return graded(part.share, expected, part.text, part.reason, where=where, best=part.best, doubt=part.doubt)
+    return graded(
+        part.share, expected, part.text, part.reason, where=where, best=part.best, doubt=part.doubt
+    )
 
 
 def _judged(context: Context, p: TopicEqualsOracle, found: _Compared, odd: int) -> Part:
@@ -169,7 +198,9 @@ def _judged(context: Context, p: TopicEqualsOracle, found: _Compared, odd: int) 
     wrong, of = found.excess > 0, len(found.excess) + found.missing + odd
     extra, right = int((~_asked(found.right)).sum()), int((~wrong).sum())
     text = f"{right} of {of} messages right" + f", {found.missing} missing" * (found.missing > 0)
-    text += f", {extra} superfluous" * (extra > 0) + f", {odd} with another number of values" * (odd > 0)
+    text += f", {extra} superfluous" * (extra > 0) + f", {odd} with another number of values" * (
+        odd > 0
+    )
     if right == of:
         return Part(1.0, text)
     excused = min(found.missing, _unsent(context, p, found)) + _old(context, p, found)
@@ -181,10 +212,15 @@ def _judged(context: Context, p: TopicEqualsOracle, found: _Compared, odd: int) 
         return Part(p.credit(right / of), text, reason, best, doubt)
     first = int(np.argmax(wrong))
     at_s, span = moment(context, p.topic, int(found.published.source_ns[first]))
-    shown, meant = (" ".join(f"{n:.5g}" for n in row) for row in (found.published.values[first], found.right[first]))
+    shown, meant = (
+        " ".join(f"{n:.5g}" for n in row)
+        for row in (found.published.values[first], found.right[first])
+    )
     nothing = np.isnan(found.right[first]).all()
     reason = f"At {at_s:.2f} s it publishes {shown}{', where nothing was asked' if nothing else f'; right is {meant}'}."
-    return Part(p.credit(right / of), text, reason, best, doubt, where=(context.location(p.topic, span),))
+    return Part(
+        p.credit(right / of), text, reason, best, doubt, where=(context.location(p.topic, span),)
+    )
 
 
 def _unsent(context: Context, p: TopicEqualsOracle, found: _Compared) -> int:
@@ -205,7 +241,10 @@ def _old(context: Context, p: TopicEqualsOracle, found: _Compared) -> int:
     if p.match in ("stamp", "order"):
         return 0
     times_ns = found.published.source_ns
-    late = context.session.delays_s(times_ns - round(p.within_s * 1e9), times_ns) > _DELAYED * p.within_s
+    late = (
+        context.session.delays_s(times_ns - round(p.within_s * 1e9), times_ns)
+        > _DELAYED * p.within_s
+    )
     return int((late & (found.excess > 0)).sum())
 
 
@@ -213,19 +252,27 @@ def _old(context: Context, p: TopicEqualsOracle, found: _Compared) -> int:
 _DELAYED = 0.2
 
 
-def _compared(context: Context, p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted) -> _Compared:
+def _compared(
+    context: Context, p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted
+) -> _Compared:
     if p.match == "stamp":
         assert wanted.stamps_ns is not None
         places = {int(stamp): n for n, stamp in enumerate(wanted.stamps_ns.tolist()) if stamp >= 0}
         stamps = p.stamps(context, p.topic, published.index).tolist()
-        return _by_place(context, p, published, wanted, np.array([places.get(stamp, -1) for stamp in stamps]))
+        return _by_place(
+            context, p, published, wanted, np.array([places.get(stamp, -1) for stamp in stamps])
+        )
     if p.match == "order":
         return _in_order(context, p, published, wanted)
     return _by_time(p, published, wanted)
 
 
 def _by_place(
-    context: Context, p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted, places: Integers
+    context: Context,
+    p: TopicEqualsOracle,
+    published: NumericStream,
+    wanted: _Wanted,
+    places: Integers,
 ) -> _Compared:
     """Compare each message with the row at a place, -1 where there is none; what answers it again is superfluous."""
     again = np.ones(len(places), dtype=bool)
@@ -239,7 +286,9 @@ def _by_place(
     return _Compared(published, _excess(p, published.values, right), right, int(due.sum()), missing)
 
 
-def _in_order(context: Context, p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted) -> _Compared:
+def _in_order(
+    context: Context, p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted
+) -> _Compared:
     """Compare the n-th message with the n-th row, or one some places after that: a node may begin late."""
     asked, stream = np.flatnonzero(wanted.asked), context.session.stream(p.topic)
     counted = published.sequence - stream.sequence.min()
@@ -309,7 +358,9 @@ _TIMES = 17
 def _at(p: TopicEqualsOracle, times: Integers, values: Floats, at_ns: Integers) -> Floats:
     """Return the right values at some times; not a number where the oracle has none there."""
     if p.match == "interpolated":
-        return np.column_stack([np.interp(at_ns, times, each, left=np.nan, right=np.nan) for each in values.T])
+        return np.column_stack(
+            [np.interp(at_ns, times, each, left=np.nan, right=np.nan) for each in values.T]
+        )
     after = np.minimum(np.searchsorted(times, at_ns), len(times) - 1)
     before = np.maximum(after - 1, 0)
     nearest = np.where(at_ns - times[before] <= times[after] - at_ns, before, after)

@@ -162,8 +162,13 @@ class Context(Submission):
         """Return the messages on a topic, or those received within the `observe` step of a label: none if it failed."""
         stream, span = self._session.stream(topic), self._span(window)
         if span is not None:
-            stream = stream.only((stream.received_ns >= span.start_ns) & (stream.received_ns <= span.end_ns))
-        sent, received = self._session.seconds(stream.source_ns), self._session.seconds(stream.received_ns)
+            stream = stream.only(
+                (stream.received_ns >= span.start_ns) & (stream.received_ns <= span.end_ns)
+            )
+        sent, received = (
+            self._session.seconds(stream.source_ns),
+            self._session.seconds(stream.received_ns),
+        )
         return Messages(stream.topic, stream.topic_type, sent, received, stream.sequence, stream)
 
     def window(self, label: str) -> tuple[float, float] | None:
@@ -194,21 +199,41 @@ class Context(Submission):
     def _run(self, run: ProcessRun) -> Run:
         since = self._session.since_start_s
         ended_s = since(run.exited_ns) if run.exited_ns is not None else None
-        lines = tuple(Line(since(line.t_ns), line.stream, line.text) for line in self._session.lines_of(run))
+        lines = tuple(
+            Line(since(line.t_ns), line.stream, line.text) for line in self._session.lines_of(run)
+        )
         started_s = since(run.started_ns)
         return Run(
-            run.name, run.role, run.artifact, started_s, ended_s, run.exit_status, run.ended_by, run.limit, lines
+            run.name,
+            run.role,
+            run.artifact,
+            started_s,
+            ended_s,
+            run.exit_status,
+            run.ended_by,
+            run.limit,
+            lines,
         )
 
     def delay_s(self, process: str, window: str) -> float:
         """Return for how long within a step the machine kept a process from a core: 0 on an idle one."""
-        run, step, span = self._session.process(process), self._session.step(window), self._session.window(window)
+        run, step, span = (
+            self._session.process(process),
+            self._session.step(window),
+            self._session.window(window),
+        )
         span = Span(step.started_ns, step.ended_ns) if span is None and step is not None else span
-        return self._session.machine_delay_s(run, span) if run is not None and span is not None else 0.0
+        return (
+            self._session.machine_delay_s(run, span)
+            if run is not None and span is not None
+            else 0.0
+        )
 
     def location(self, topic: str | None = None, window: str | None = None) -> Location:
         """Point at a topic, within a window, as where the proof of a finding lies."""
-        return self._inner.location(topic, self._session.window(window) if window is not None else None)
+        return self._inner.location(
+            topic, self._session.window(window) if window is not None else None
+        )
 
 
 #: Outcomes of a finding that are without credit.
@@ -236,7 +261,9 @@ def load_own(lab_folder: Path, check: str) -> Callable[..., Any]:
     function = load_oracle(lab_folder, check)
     wanted = vars(sys.modules[function.__module__]).get("API_VERSION", API_VERSION)
     if wanted != API_VERSION:
-        raise ValueError(f"it is written for version {wanted} of grader.own_checks, and this is version {API_VERSION}")
+        raise ValueError(
+            f"it is written for version {wanted} of grader.own_checks, and this is version {API_VERSION}"
+        )
     return function
 
 
@@ -248,11 +275,17 @@ def built(function: Callable[..., Any], p: OwnParameters) -> list[Any]:
     wanted = list(inspect.signature(function).parameters.values())[1:]
     # It is a text where the file imports annotations from the future; the class stands in the same file.
     beside = vars(sys.modules[function.__module__])
-    kinds = [beside[w.annotation.strip("'\"")] if isinstance(w.annotation, str) else w.annotation for w in wanted]
+    kinds = [
+        beside[w.annotation.strip("'\"")] if isinstance(w.annotation, str) else w.annotation
+        for w in wanted
+    ]
     try:
         return [TypeAdapter(kind).validate_python(p.model_dump()) for kind in kinds]
     except ValidationError as error:
-        wrong = (": ".join([*map(str, e["loc"]), e["msg"].removeprefix("Value error, ")]) for e in error.errors())
+        wrong = (
+            ": ".join([*map(str, e["loc"]), e["msg"].removeprefix("Value error, ")])
+            for e in error.errors()
+        )
         raise ValueError("; ".join(wrong)) from error
 
 
@@ -261,14 +294,23 @@ def _checked(finding: Any) -> Finding:
 
     Whoever makes one by hand could give more points than there are, or what no result can be written of.
     """
-    if not isinstance(finding, Finding) or not all(isinstance(location, Location) for location in finding.where):
-        raise TypeError("a Finding is expected, as passed() and failed() give it, and where they lie by location()")
+    if not isinstance(finding, Finding) or not all(
+        isinstance(location, Location) for location in finding.where
+    ):
+        raise TypeError(
+            "a Finding is expected, as passed() and failed() give it, and where they lie by location()"
+        )
     credit = finding.credit
     fits = {Outcome.PASSED: credit == 1, Outcome.PARTIAL: 0 < credit < 1}
-    if not isinstance(credit, Decimal) or not fits.get(finding.outcome, credit == 0 and finding.outcome in _WITHOUT):
-        raise ValueError("its credit does not fit its outcome; use passed(), failed(), graded() or inconclusive()")
+    if not isinstance(credit, Decimal) or not fits.get(
+        finding.outcome, credit == 0 and finding.outcome in _WITHOUT
+    ):
+        raise ValueError(
+            "its credit does not fit its outcome; use passed(), failed(), graded() or inconclusive()"
+        )
     texts: dict[str, Any] = {
-        name: str(getattr(finding, name))[:_MOST_TEXT] for name in ("expected", "measured", "reason", "hint")
+        name: str(getattr(finding, name))[:_MOST_TEXT]
+        for name in ("expected", "measured", "reason", "hint")
     }
     return Finding(
         finding.outcome,
@@ -286,7 +328,9 @@ def _plain(location: Location) -> Location:
     """Return a location without numbers of numpy's, of which no JSON is made."""
     kinds = {"line": int, "start_s": float, "end_s": float}
     given = {name: getattr(location, name) for name in kinds}
-    return replace(location, **{name: kinds[name](value) for name, value in given.items() if value is not None})
+    return replace(
+        location, **{name: kinds[name](value) for name, value in given.items() if value is not None}
+    )
 
 
 @contextmanager
@@ -298,7 +342,9 @@ def _bounded() -> Iterator[None]:
     # Nothing could end it in another thread, where nothing is judged but nobody's submission, to be prepared.
     if threading.current_thread() is not threading.main_thread():
         raise _TooLong("it is called in a main thread only")
-    computing = _timer(signal.ITIMER_VIRTUAL, signal.SIGVTALRM, _MOST_CPU_S, f"{_MOST_CPU_S:g} s of CPU time")
+    computing = _timer(
+        signal.ITIMER_VIRTUAL, signal.SIGVTALRM, _MOST_CPU_S, f"{_MOST_CPU_S:g} s of CPU time"
+    )
     with computing, _timer(signal.ITIMER_REAL, signal.SIGALRM, _MOST_S, f"{_MOST_S:g} s"):
         yield
 

@@ -16,7 +16,9 @@ class Person(Parameters):
     of_session = False
 
     levels: tuple[Level, ...] = Field((), description="What can be chosen at the desk, best first.")
-    read: tuple[ref.Artifact, ...] = Field((), description="Files that are shown to whoever grades it.")
+    read: tuple[ref.Artifact, ...] = Field(
+        (), description="Files that are shown to whoever grades it."
+    )
 
 
 def person(context: Context, p: Person) -> Finding:

@@ -27,8 +27,14 @@ def missing_artifact(context: Context, artifact: str | None) -> Finding | None:
         return None
     fact = context.submission.artifact(artifact)
     name = fact.expected if fact else artifact
-    left_out = [note for note in context.submission.left_out if PurePosixPath(note.partition(": ")[0]).name == name]
-    reason = f"There is no {name} in the submission." + (f" Left out was {left_out[0]}." if left_out else "")
+    left_out = [
+        note
+        for note in context.submission.left_out
+        if PurePosixPath(note.partition(": ")[0]).name == name
+    ]
+    reason = f"There is no {name} in the submission." + (
+        f" Left out was {left_out[0]}." if left_out else ""
+    )
     return failed(f"a file {name}", "no such file", reason, hint=f"Hand in a file named {name}.")
 
 
@@ -44,7 +50,9 @@ def artifact_of(context: Context, p: Any) -> str | None:
     """Return the artifact that a check is about: it names it, or its process; else the first that was started."""
     run = context.session.process(getattr(p, "process", ""))
     students = (run.artifact for run in context.session.record.processes if run.role == "student")
-    return getattr(p, "artifact", None) or (run.artifact if run is not None else next(students, None))
+    return getattr(p, "artifact", None) or (
+        run.artifact if run is not None else next(students, None)
+    )
 
 
 def explained(context: Context, p: Any, finding: Finding) -> Finding:
@@ -53,7 +61,10 @@ def explained(context: Context, p: Any, finding: Finding) -> Finding:
         return finding
     artifact = artifact_of(context, p)
     reason, hint, where = (artifact and why_nothing(context, artifact)) or (finding.reason, "", ())
-    where = (*where, *(location for location in finding.where or proof(context, p) if location not in where))
+    where = (
+        *where,
+        *(location for location in finding.where or proof(context, p) if location not in where),
+    )
     return replace(finding, reason=reason, hint=hint or finding.hint, where=where)
 
 
@@ -73,13 +84,21 @@ def why_nothing(context: Context, artifact: str) -> Explanation | None:
 def _ended_already(context: Context, artifact: str) -> Explanation | None:
     """Say of a program that ended by itself what was seen of it; None if it went on until it was asked to end."""
     run = next(reversed(context.session.processes_of(artifact)), None)
-    if run is None or run.exited_ns is None or run.interrupted_ns is not None or run.ended_by != "itself":
+    if (
+        run is None
+        or run.exited_ns is None
+        or run.interrupted_ns is not None
+        or run.ended_by != "itself"
+    ):
         return None
     after_s = (run.exited_ns - run.started_ns) / 1e9
     how = f" (exit status 0 after {after_s:.1f} s, no error)"
     hint = "main() has to reach rclpy.spin(node), which runs the node's callbacks until Ctrl-C."
     if run.exit_status != 0:
-        how, hint = f", with exit status {run.exit_status} after {after_s:.1f} s", "Its output shows what ended it."
+        how, hint = (
+            f", with exit status {run.exit_status} after {after_s:.1f} s",
+            "Its output shows what ended it.",
+        )
     return f"Your {artifact} node had already ended{how}.", hint, (context.output_of(artifact),)
 
 
@@ -102,9 +121,16 @@ def environment_gap_of(context: Context, artifact: str, found: Diagnosis | None)
     if found is None or reason is None:
         return None
     records = [recorded.record for recorded in context.sessions.values()]
-    runs = [run for record in records for run in record.processes if run.role == "student" and run.artifact == artifact]
+    runs = [
+        run
+        for record in records
+        for run in record.processes
+        if run.role == "student" and run.artifact == artifact
+    ]
     ends = map(context.explain, runs)
-    alike = all(end is not None and (end.kind, end.subject) == (found.kind, found.subject) for end in ends)
+    alike = all(
+        end is not None and (end.kind, end.subject) == (found.kind, found.subject) for end in ends
+    )
     return reason if alike else None
 
 
@@ -120,21 +146,27 @@ def unseen(context: Context, p: Any, finding: Finding, kinds: Sequence[str]) -> 
         asked = (c for c in claims if sought in (("node", c.node), (c.kind, c.name.lstrip("/"))))
         claim = next((c for c in asked if _went_on(context, c)), None)
         if claim is not None:
-            reason = (
-                f"The node asked for the {kind} {used} ({claim.file}:{claim.line}), but it was not seen in the graph."
-            )
+            reason = f"The node asked for the {kind} {used} ({claim.file}:{claim.line}), but it was not seen in the graph."
             return undecided(replace(finding, where=claimed_at(claim)), reason, settled=finding)
     return None
 
 
 #: What names an endpoint of a kind in a check's parameters.
-_NAMED_BY = {"publisher": "topic", "subscription": "topic", "service": "service", "action": "action", "node": "node"}
+_NAMED_BY = {
+    "publisher": "topic",
+    "subscription": "topic",
+    "service": "service",
+    "action": "action",
+    "node": "node",
+}
 
 
 def wanted_by(p: Any) -> list[dict[str, Any]]:
     """Return what each of several parts asks for, or the check itself."""
     plain = p.model_dump()
-    return next((list(plain[name]) for name in ("topics", "nodes", "profiles") if name in plain), [plain])
+    return next(
+        (list(plain[name]) for name in ("topics", "nodes", "profiles") if name in plain), [plain]
+    )
 
 
 def _is_in_graph(context: Context, kind: str, name: str) -> bool:
@@ -142,7 +174,9 @@ def _is_in_graph(context: Context, kind: str, name: str) -> bool:
     if kind == "node":
         return name in session.nodes
     if kind in ("service", "action"):
-        offers = (graph.services if kind == "service" else graph.actions for graph in session.record.graph)
+        offers = (
+            graph.services if kind == "service" else graph.actions for graph in session.record.graph
+        )
         return any(offer.name == name for listed in offers for offer in listed)
     return bool(session.endpoints_on(name, kind, context.reference_nodes))
 
@@ -160,4 +194,8 @@ def clock_set(context: Context, p: Any, *, lost: bool) -> str:
     record, window = context.session.record, getattr(p, "window", None)
     span = context.session.window(window) if window else Span(record.started_ns, record.ended_ns)
     step_s = clock_step_s(record, span) if span is not None and (lost or window) else 0.0
-    return f"The grading computer's clock jumped by {step_s * 1e3:.1f} ms during this measurement." if step_s else ""
+    return (
+        f"The grading computer's clock jumped by {step_s * 1e3:.1f} ms during this measurement."
+        if step_s
+        else ""
+    )

@@ -8,7 +8,15 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field, StringConstraints, model_validator
 
-from grader.checks.base import CREDIT_LEVELS, Context, cpu_delay_doubt, graded, not_reached, quantise, ramp
+from grader.checks.base import (
+    CREDIT_LEVELS,
+    Context,
+    cpu_delay_doubt,
+    graded,
+    not_reached,
+    quantise,
+    ramp,
+)
 from grader.checks.fields import InWindow, NumbersOf, moment, nothing_came
 from grader.evidence.cpu_delay import Span
 from grader.evidence.recorded import Floats, Integers, NumericStream
@@ -25,10 +33,12 @@ class Signal(NumbersOf):
     """A number over time, from a field."""
 
     of_several: Literal["length", "least", "greatest"] = Field(
-        "length", description="What counts where the field holds several numbers: their Euclidean length, or one."
+        "length",
+        description="What counts where the field holds several numbers: their Euclidean length, or one.",
     )
     between: Literal["hold", "linear"] = Field(
-        "hold", description="Value between two messages: that of the last one, or on the line between the two."
+        "hold",
+        description="Value between two messages: that of the last one, or on the line between the two.",
     )
 
     def seen(self, context: Context) -> NumericStream | None:
@@ -39,11 +49,15 @@ class Signal(NumbersOf):
         """Return its values at some times."""
         values = series.values[:, 0]
         if series.values.shape[1] > 1:
-            several = {"least": np.fmin.reduce, "greatest": np.fmax.reduce}.get(self.of_several, np.linalg.norm)
+            several = {"least": np.fmin.reduce, "greatest": np.fmax.reduce}.get(
+                self.of_several, np.linalg.norm
+            )
             values = several(series.values, axis=1)
         if self.between == "linear":
             return np.interp(times_ns, series.source_ns, values)
-        held: Floats = values[np.maximum(np.searchsorted(series.source_ns, times_ns, side="right") - 1, 0)]
+        held: Floats = values[
+            np.maximum(np.searchsorted(series.source_ns, times_ns, side="right") - 1, 0)
+        ]
         return held
 
 
@@ -67,10 +81,16 @@ class SignalProperty(InWindow):
         "eventually(a), until(a, b), each with bounds in s as in always[0, 2](a). Equal numbers are compared by "
         "abs(a - b) <= 0.01."
     )
-    step_s: float = Field(0.01, gt=0, description="Time between samples, to which the bounds are rounded.")
+    step_s: float = Field(
+        0.01, gt=0, description="Time between samples, to which the bounds are rounded."
+    )
     full_from: float = Field(0.0, description="Robustness from which credit is full.")
-    none_below: float | None = Field(None, description="Robustness up to which there is none; else full or none.")
-    vacuous_credit: Share = Field(0.0, description="Credit where the condition of an implication is never true.")
+    none_below: float | None = Field(
+        None, description="Robustness up to which there is none; else full or none."
+    )
+    vacuous_credit: Share = Field(
+        0.0, description="Credit where the condition of an implication is never true."
+    )
 
     @model_validator(mode="after")
     def _can_be_read(self) -> SignalProperty:
@@ -107,12 +127,19 @@ def signal_property(context: Context, p: SignalProperty) -> Finding:
         found = p.read().robustness(signals, step_ns / 1e9)
     except TooShortError:
         seen_s = (end_ns - start_ns) / 1e9
-        return not_reached(f"The signals were seen for {seen_s:.1f} s, which is too short for it.", expected=expected)
+        return not_reached(
+            f"The signals were seen for {seen_s:.1f} s, which is too short for it.",
+            expected=expected,
+        )
     return _judged(context, p, found, signals, times_ns)
 
 
 def _judged(
-    context: Context, p: SignalProperty, found: Robustness, signals: Mapping[str, Floats], times_ns: Integers
+    context: Context,
+    p: SignalProperty,
+    found: Robustness,
+    signals: Mapping[str, Floats],
+    times_ns: Integers,
 ) -> Finding:
     at_s, here = moment(context, p.signals[next(iter(signals))].topic, int(times_ns[found.worst]))
     shown = ", ".join(f"{name} = {values[found.worst]:.4g}" for name, values in signals.items())

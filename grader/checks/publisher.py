@@ -25,7 +25,14 @@ from grader.checks.base import (
     unexplained,
     without_delay,
 )
-from grader.checks.endpoints import OfEndpoint, QosWanted, claim_of, claimed_at, qos_as_wanted, student_endpoints
+from grader.checks.endpoints import (
+    OfEndpoint,
+    QosWanted,
+    claim_of,
+    claimed_at,
+    qos_as_wanted,
+    student_endpoints,
+)
 from grader.evidence.cpu_delay import Calm, Span, calm_intervals, shares_around
 from grader.evidence.recorded import Floats, NumericStream
 from grader.evidence.schedule import kept_schedule
@@ -49,7 +56,9 @@ class TopicPublished(OfEndpoint):
 
 def topic_published(context: Context, p: TopicPublished) -> Finding:
     """Judge whether the artifact's node publishes on the topic, under the right names."""
-    expected = f"messages of type {p.type} on {p.topic}" + (f", from node {p.node}" if p.node else "")
+    expected = f"messages of type {p.type} on {p.topic}" + (
+        f", from node {p.node}" if p.node else ""
+    )
     endpoints = student_endpoints(context, p.topic, "publisher")
     stream = context.session.stream(p.topic)
     if not endpoints and not len(stream):
@@ -57,27 +66,43 @@ def topic_published(context: Context, p: TopicPublished) -> Finding:
         return unexplained(failed(expected, "no publisher in the graph", fallback))
     used = context.session.used(p.topic)
     types = [*(e.type for e in endpoints), *([stream.topic_type] if len(stream) else [])]
-    found_type = next((t for t in types if t != p.type), p.type)  # one that fits does not make up for another
+    found_type = next(
+        (t for t in types if t != p.type), p.type
+    )  # one that fits does not make up for another
     if not len(stream):
-        reason = f"The publisher on {used} exists, but sent no message.{_by_timer(_timers(context))}"
-        return unexplained(failed(expected, f"{found_type} on {used}, 0 messages", reason, hint=_NO_TIMER_HINT))
+        reason = (
+            f"The publisher on {used} exists, but sent no message.{_by_timer(_timers(context))}"
+        )
+        return unexplained(
+            failed(expected, f"{found_type} on {used}, 0 messages", reason, hint=_NO_TIMER_HINT)
+        )
     nodes = [e.node for e in endpoints]
     wrong = p.faults("topic", (p.topic, p.type), (used, found_type), nodes)
-    wrong += [(p.other_type_costs, reason) for reason in _wrong_definition(context, used, endpoints)]
+    wrong += [
+        (p.other_type_costs, reason) for reason in _wrong_definition(context, used, endpoints)
+    ]
     wrong += p.node_faults(nodes)
-    measured = f"{len(stream)} messages of type {found_type} on {used}" + (f", from {nodes[0]}" if nodes else "")
+    measured = f"{len(stream)} messages of type {found_type} on {used}" + (
+        f", from {nodes[0]}" if nodes else ""
+    )
     where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.location(p.topic))
     return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)
 
 
 def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> list[str]:
     """Judge the definitions that publishers announce for their types, by the hashes of those that are installed."""
-    hashes = {i.topic_type: i.type_hash for i in context.session.bag.topics if i.topic == topic and i.type_hash}
+    hashes = {
+        i.topic_type: i.type_hash
+        for i in context.session.bag.topics
+        if i.topic == topic and i.type_hash
+    }
     for endpoint in endpoints:
         announced, known = endpoint.type_hash, hashes.get(endpoint.type)
         if announced.startswith("RIHS01_") and known is not None and announced != known:
             short, right = announced[:15], known[:15]
-            return [f"{endpoint.type} is announced with another definition ({short}...) than it has ({right}...)."]
+            return [
+                f"{endpoint.type} is announced with another definition ({short}...) than it has ({right}...)."
+            ]
     return []
 
 
@@ -92,14 +117,19 @@ class _Timed(Parameters):
 
     topic: ref.Topic
     process: ref.Process
-    window: ref.Window | None = Field(None, description="Label of the observe step; else the whole session.")
+    window: ref.Window | None = Field(
+        None, description="Label of the observe step; else the whole session."
+    )
 
     def measured(self, context: Context) -> tuple[Timing | None, Span | None, float, str]:
         """Return timing, window, the machine's delay in it in s, and a clause.
 
         Where stamps cannot be true, the timing is that of arrival, as the clause says, with the recorder's delay too.
         """
-        span, run = context.session.window(self.window) if self.window else None, context.session.process(self.process)
+        span, run = (
+            context.session.window(self.window) if self.window else None,
+            context.session.process(self.process),
+        )
         timing = timing_of(context.session.stream(self.topic), span)
         if span is None:
             return timing, None, 0.0, ""
@@ -112,13 +142,23 @@ class _Timed(Parameters):
         by = " by times of arrival, as the time stamps are not the times of publication"
         return timing.arrived, span, delay_s + late_s, by
 
-    def calm(self, context: Context, timing: Timing, by: str, delay_s: float, harmless_s: float) -> Calm | None:
+    def calm(
+        self, context: Context, timing: Timing, by: str, delay_s: float, harmless_s: float
+    ) -> Calm | None:
         """Return, where the machine delayed it notably, the gaps that this did not affect; None if too few."""
         run = context.session.process(self.process)
         notable = delay_s > _NOTABLE_DELAY * timing.written / timing.rate_hz
-        if run is None or run.disturbed is None or by or timing.burst_error_hz is not None or not notable:
+        if (
+            run is None
+            or run.disturbed is None
+            or by
+            or timing.burst_error_hz is not None
+            or not notable
+        ):
             return None
-        calm = calm_intervals(context.session.delays(run), timing.times_ns, timing.intervals_s, harmless_s)
+        calm = calm_intervals(
+            context.session.delays(run), timing.times_ns, timing.intervals_s, harmless_s
+        )
         return calm if calm.is_enough else None
 
 
@@ -135,7 +175,9 @@ class TopicRate(_Timed):
     """A topic is published at a rate; credit falls in even steps between two deviations."""
 
     rate_hz: float = Field(gt=0)
-    full_within: Share = Field(description="Relative deviation up to which credit is full, e.g. 2%.")
+    full_within: Share = Field(
+        description="Relative deviation up to which credit is full, e.g. 2%."
+    )
     zero_beyond: Share = Field(description="Relative deviation from which there is none.")
 
 
@@ -143,16 +185,19 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     """Judge the rate from source timestamps and sequence numbers, by the bounds between which it surely was."""
     timing, span, delay_s, by = p.measured(context)
     full, zero = (
-        [f"{p.rate_hz * (1 + sign * share):g}" for sign in (-1, 1)] for share in (p.full_within, p.zero_beyond)
+        [f"{p.rate_hz * (1 + sign * share):g}" for sign in (-1, 1)]
+        for share in (p.full_within, p.zero_beyond)
     )
-    expected = (
-        f"{full[0]} to {full[1]} Hz for full credit; less the further off; none below {zero[0]} or above {zero[1]} Hz"
-    )
+    expected = f"{full[0]} to {full[1]} Hz for full credit; less the further off; none below {zero[0]} or above {zero[1]} Hz"
     timers, location = _timers(context), context.location(p.topic, span)
     where = (*(claimed_at(timers[0]) if len(timers) == 1 else ()), location)
     if timing is None:
         times_ns = context.session.stream(p.topic).source_ns
-        count = int(((times_ns >= span.start_ns) & (times_ns <= span.end_ns)).sum()) if span else len(times_ns)
+        count = (
+            int(((times_ns >= span.start_ns) & (times_ns <= span.end_ns)).sum())
+            if span
+            else len(times_ns)
+        )
         reason = f"Only {count} messages arrived, too few to measure a rate."
         return failed(expected, f"{count} messages", reason, where=where)
     length_s = span.duration_s if span else timing.written / timing.rate_hz
@@ -160,7 +205,10 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
     bounds_hz, error_hz, by = _rate_between(context, p, timing, span, delay_s, by)
     rate_hz = min(max(timing.rate_hz, bounds_hz[0] + error_hz), bounds_hz[1] - error_hz)
     nearest_hz = min(max(p.rate_hz, bounds_hz[0]), bounds_hz[1])
-    furthest_off, nearest_off = max(abs(hz / p.rate_hz - 1) for hz in bounds_hz), abs(nearest_hz / p.rate_hz - 1)
+    furthest_off, nearest_off = (
+        max(abs(hz / p.rate_hz - 1) for hz in bounds_hz),
+        abs(nearest_hz / p.rate_hz - 1),
+    )
     worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (furthest_off, nearest_off))
     silent_s, of_s = _silence_s(context, p, span)
     if silent_s - delay_s > max(_SILENT_S, _SILENT_INTERVALS * timing.median_s):
@@ -171,20 +219,26 @@ def topic_rate(context: Context, p: TopicRate) -> Finding:
         hint = "Publish for as long as the node runs; its output shows what ended or stopped it."
         return unexplained(graded(share, expected, measured, reason, hint=hint, where=(location,)))
     shown_hz = apart(rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
-    longest = f", the longest interval {timing.intervals_s.max():.2f} s" if len(timing.intervals_s) else ""
-    measured = (
-        f"{shown_hz} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s{longest}){by}"
+    longest = (
+        f", the longest interval {timing.intervals_s.max():.2f} s"
+        if len(timing.intervals_s)
+        else ""
     )
+    measured = f"{shown_hz} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s{longest}){by}"
     reason = f"Messages come at {_compared(rate_hz, p)}.{_by_timer(timers)}"
     doubt = _doubt(delay_s, length_s)
-    return graded(worst, expected, measured, reason, where=where, best=best, levels=CREDIT_LEVELS, doubt=doubt)
+    return graded(
+        worst, expected, measured, reason, where=where, best=best, levels=CREDIT_LEVELS, doubt=doubt
+    )
 
 
 def _compared(rate_hz: float, p: TopicRate) -> str:
     """Say by how much a rate differs from the one asked for."""
     times = rate_hz / p.rate_hz
     off = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
-    than = f"{off}% {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
+    than = (
+        f"{off}% {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
+    )
     return f"{apart(rate_hz, p.rate_hz, places=1)} Hz, {than} {p.rate_hz:g} Hz"
 
 
@@ -195,9 +249,13 @@ def _rate_between(
     length_s = span.duration_s if span else timing.written / timing.rate_hz
     run, before_s = context.session.process(p.process), 0.0
     if run is not None and span is not None:
-        before_s = context.session.machine_delay_s(run, Span(min(run.started_ns, span.start_ns), span.start_ns))
+        before_s = context.session.machine_delay_s(
+            run, Span(min(run.started_ns, span.start_ns), span.start_ns)
+        )
     least_hz, most_hz = _bounds_hz(timing, length_s, delay_s, before_s, p.rate_hz)
-    error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
+    error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(
+        length_s, 1e-9
+    )
     bounds_hz = (least_hz - error_hz, most_hz + error_hz)
     harmless_s = _HARMLESS * timing.median_s
     calm = p.calm(context, timing, by, delay_s, harmless_s)
@@ -237,7 +295,9 @@ def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float
     if span is not None:
         before, after = source_ns <= span.end_ns, source_ns > span.end_ns
         last_ns = int(source_ns[before].max())
-        missed = int(stream.sequence[after].min() - stream.sequence[before].max()) if after.any() else 0
+        missed = (
+            int(stream.sequence[after].min() - stream.sequence[before].max()) if after.any() else 0
+        )
         # What was sent and not recorded is the recorder's loss, of which only the next message tells.
         return (span.end_ns - last_ns) / 1e9 if missed <= 1 else 0.0, span.duration_s
     step = context.session.step(p.window) if p.window else None
@@ -259,7 +319,9 @@ def _bounds_hz(
     """
     usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
     least_hz = max(timing.rate_hz * length_s / (length_s + before_s), usual_hz, wanted_hz)
-    longer_s = 2 * delay_s / max(len(timing.intervals_s), 1) if delay_s > MANY_DELAYS * length_s else 0.0
+    longer_s = (
+        2 * delay_s / max(len(timing.intervals_s), 1) if delay_s > MANY_DELAYS * length_s else 0.0
+    )
     usual_hz = 1 / (timing.median_s - longer_s) if timing.median_s > longer_s else float("inf")
     most_hz = min(without_delay(timing.rate_hz, delay_s, length_s), usual_hz, wanted_hz)
     return min(timing.rate_hz, least_hz), max(timing.rate_hz, most_hz)
@@ -293,7 +355,10 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     where = (context.location(p.topic, span),)
     if timing is None or not len(timing.intervals_s):
         return failed(
-            expected, "too few messages", "Too few messages arrived to measure the gaps between them.", where=where
+            expected,
+            "too few messages",
+            "Too few messages arrived to measure the gaps between them.",
+            where=where,
         )
     least, largest = shares_around(p.share, len(timing.intervals_s))
     least_s, largest_s = timing.deviation_s(least, delay_s), timing.deviation_s(largest)
@@ -304,12 +369,23 @@ def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     longest = f"longest {timing.intervals_s.max() * 1e3:.1f} ms"
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)
     shown_ms = apart(deviation_s * 1e3, *limits_ms, places=2)
-    measured = f"{percent(p.share)} within {shown_ms} ms of {timing.median_s * 1e3:.2f} ms ({longest}){by}"
+    measured = (
+        f"{percent(p.share)} within {shown_ms} ms of {timing.median_s * 1e3:.2f} ms ({longest}){by}"
+    )
     worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
     off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
     reason = f"One gap in {round(1 / (1 - p.share))} is more than {off}."
     doubt = _doubt(delay_s, span.duration_s if span else float(timing.intervals_s.sum()))
-    return graded(worst, expected, measured, reason, where=where, best=best, levels=_JITTER_LEVELS, doubt=doubt)
+    return graded(
+        worst,
+        expected,
+        measured,
+        reason,
+        where=where,
+        best=best,
+        levels=_JITTER_LEVELS,
+        doubt=doubt,
+    )
 
 
 class MessageValues(Parameters):
@@ -320,7 +396,8 @@ class MessageValues(Parameters):
     length: int
     reach: float | None = Field(None, gt=0, description="No value may lie farther from 0.")
     unsafe_by: ref.EarlierCheckId | None = Field(
-        None, description="Check of what the values do; where it failed, they are not safe, and worth nothing."
+        None,
+        description="Check of what the values do; where it failed, they are not safe, and worth nothing.",
     )
 
 
@@ -338,7 +415,9 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     usual = max(set(lengths), key=lengths.count)
     measured = f"{good} of {len(rows)} messages hold {p.length} finite numbers"
     reasons = (
-        [f"{others} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual})."] if others else []
+        [f"{others} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual})."]
+        if others
+        else []
     )
     if not all(finite):
         reasons.append(f"{finite.count(False)} messages hold numbers that are not finite.")
@@ -353,9 +432,13 @@ def message_values(context: Context, p: MessageValues) -> Finding:
         where = (context.location(p.topic, Span(at_ns, at_ns)),)
         reason = f"A value of {farthest:.2f} is beyond ±{p.reach:g}."
         return failed(expected, f"{measured}, up to {farthest:.2f}", reason, where=where)
-    if (unsafe := context.findings.get(p.unsafe_by or "")) is not None and unsafe.outcome is Outcome.FAILED:
+    if (
+        unsafe := context.findings.get(p.unsafe_by or "")
+    ) is not None and unsafe.outcome is Outcome.FAILED:
         reason = " ".join([*reasons, unsafe.reason])
-        return failed(expected, unsafe.measured or measured, reason, hint=unsafe.hint, where=unsafe.where)
+        return failed(
+            expected, unsafe.measured or measured, reason, hint=unsafe.hint, where=unsafe.where
+        )
     # One bad message is as clear as many, however often it comes.
     share = 1.0 if good == len(rows) else min(quantise(good / len(rows)), 1 - 1 / CREDIT_LEVELS)
     return graded(share, expected, measured, " ".join(reasons))
@@ -384,15 +467,23 @@ class Sinusoids(Parameters):
     field: ref.FieldPath
     components: tuple[Component, ...] = Field(min_length=1)
     tick_s: float = Field(gt=0, description="Time step per message with which the node computes.")
-    others_still: int = Field(0, description="The elements up to this one that have no component stay at 0.")
-    reach: float | None = Field(None, gt=0, description="No element may go farther from 0: nothing is earned then.")
+    others_still: int = Field(
+        0, description="The elements up to this one that have no component stay at 0."
+    )
+    reach: float | None = Field(
+        None, gt=0, description="No element may go farther from 0: nothing is earned then."
+    )
     starts_within: float | None = Field(
         None, gt=0, description="So near 0 each element begins; one that jumps there earns nothing."
     )
     tolerance: Share = 0.05
-    phase_tolerance: Share = Field(0.125, description="Share of a period by which a sinusoid may begin elsewhere.")
+    phase_tolerance: Share = Field(
+        0.125, description="Share of a period by which a sinusoid may begin elsewhere."
+    )
     slips: tuple[Slip, ...] = ()
-    phase_credit: Share = Field(2 / 3, description="Credit of one that begins at another place of its period.")
+    phase_credit: Share = Field(
+        2 / 3, description="Credit of one that begins at another place of its period."
+    )
 
 
 def sinusoids(context: Context, p: Sinusoids) -> Finding:
@@ -400,20 +491,34 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
 
     A wrong rate is charged elsewhere. What sends a joint where it must not go earns nothing.
     """
-    wanted = ", ".join(f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components)
+    wanted = ", ".join(
+        f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components
+    )
     expected = f"{wanted}, the others 0"
     series = context.session.numeric(p.topic, p.field, finite=False)
     if series is None or len(series.values) < _FEWEST:
-        return not_reached("Too few messages with numbers arrived to see a motion.", expected=expected)
+        return not_reached(
+            "Too few messages with numbers arrived to see a motion.", expected=expected
+        )
     fits = {component.index: _fits(series, component, p) for component in p.components}
-    parts = [_judge_component(series, component, p, fits[component.index]) for component in p.components]
+    parts = [
+        _judge_component(series, component, p, fits[component.index]) for component in p.components
+    ]
     moving = ", ".join(map(str, _others_that_move(series.values, p)))
-    parts.append(Part(0.0, "", f"Element {moving} should stay at 0, but does not.") if moving else Part(1.0))
-    unmoved = [component for component, part in zip(p.components, parts, strict=False) if part.share < _RECOGNISED]
+    parts.append(
+        Part(0.0, "", f"Element {moving} should stay at 0, but does not.") if moving else Part(1.0)
+    )
+    unmoved = [
+        component
+        for component, part in zip(p.components, parts, strict=False)
+        if part.share < _RECOGNISED
+    ]
     danger, first = _danger(series, p, fits)
     if not danger:
         places = [(component.index, _element_of(series, component, p)) for component in unmoved]
-        danger = " ".join(f"The motion of element {own} is in element {n}." for own, n in places if n is not None)
+        danger = " ".join(
+            f"The motion of element {own} is in element {n}." for own, n in places if n is not None
+        )
     ends_ns = (int(series.source_ns[n]) for n in ((0, -1) if first is None else (first, first)))
     where = (context.location(p.topic, Span(*ends_ns)),)
     if danger:
@@ -447,9 +552,14 @@ def _danger(series: NumericStream, p: Sinusoids, fits: _Fits) -> tuple[str, int 
     sizes = np.where(finite, np.abs(values), 0.0)
     if p.reach is not None and (far := float(sizes.max())) > p.reach:
         first = int(np.argmax(sizes.max(axis=1) > p.reach))
-        return f"Element {int(sizes.max(axis=0).argmax())} goes as far as {far:.2f}, beyond ±{p.reach:g}.", first
+        return (
+            f"Element {int(sizes.max(axis=0).argmax())} goes as far as {far:.2f}, beyond ±{p.reach:g}.",
+            first,
+        )
     few = slice(_FIRST_MESSAGES)
-    steps = np.abs(np.diff(sizes[few], axis=0)) / np.maximum(1, np.diff(series.sequence[few]))[:, None]
+    steps = (
+        np.abs(np.diff(sizes[few], axis=0)) / np.maximum(1, np.diff(series.sequence[few]))[:, None]
+    )
     nearest = sizes[0] - (series.sequence[0] - 1) * steps.max(axis=0, initial=0.0)
     begins = dict(enumerate(nearest)) if series.sequence[0] <= _FIRST_MESSAGES else _begins(p, fits)
     element = max(begins, key=lambda n: begins[n], default=0)
@@ -461,7 +571,9 @@ def _danger(series: NumericStream, p: Sinusoids, fits: _Fits) -> tuple[str, int 
 def _begins(p: Sinusoids, fits: _Fits) -> dict[int, float]:
     """Return how far from 0 the elements began that move as they should, by their motion since then."""
     right = ((c.index, _earliest(fits[c.index], c, p)) for c in p.components)
-    return {index: fit.amplitude * abs(np.sin(fit.phase)) for index, fit in right if fit is not None}
+    return {
+        index: fit.amplitude * abs(np.sin(fit.phase)) for index, fit in right if fit is not None
+    }
 
 
 #: So many messages show a motion.
@@ -472,7 +584,11 @@ def _element_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None
     """Return the other element that moves as a component should."""
     places = (i for i in range(min(p.others_still, series.values.shape[1])) if i != c.index)
     finite = (i for i in places if np.isfinite(series.values[:, i]).all())
-    moved = (c.model_copy(update={"index": i}) for i in finite if float(np.ptp(series.values[:, i])) > c.amplitude)
+    moved = (
+        c.model_copy(update={"index": i})
+        for i in finite
+        if float(np.ptp(series.values[:, i])) > c.amplitude
+    )
     return next((m.index for m in moved if _earliest(_fits(series, m, p), m, p) is not None), None)
 
 
@@ -480,11 +596,15 @@ def _others_that_move(values: Floats, p: Sinusoids) -> list[int]:
     used = {c.index for c in p.components}
     smallest = min(c.amplitude for c in p.components)
     others = [i for i in range(min(p.others_still, values.shape[1])) if i not in used]
-    sizes = np.where(np.isfinite(values), np.abs(values), 0.0).max(axis=0)  # what is no number is charged elsewhere
+    sizes = np.where(np.isfinite(values), np.abs(values), 0.0).max(
+        axis=0
+    )  # what is no number is charged elsewhere
     return [i for i in others if float(sizes[i]) > p.tolerance * smallest]
 
 
-def _judge_component(series: NumericStream, c: Component, p: Sinusoids, fits: Sequence[Sinusoid]) -> Part:
+def _judge_component(
+    series: NumericStream, c: Component, p: Sinusoids, fits: Sequence[Sinusoid]
+) -> Part:
     if c.index >= series.values.shape[1]:
         return Part(0.0, f"no element {c.index}", f"Messages have no element {c.index}.")
     values = series.values[np.isfinite(series.values[:, c.index]), c.index]
@@ -499,7 +619,9 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids, fits: Se
     if (early := _earliest(fits, c, p)) is not None:
         if abs(early.phase) <= 2 * np.pi * p.phase_tolerance:
             return Part(1.0, text)
-        begins = f"{np.degrees(early.phase):.0f}° into its sine instead of at 0° (180° inverts the sign)"
+        begins = (
+            f"{np.degrees(early.phase):.0f}° into its sine instead of at 0° (180° inverts the sign)"
+        )
         reason = f"Element {c.index} has the right amplitude and frequency, but begins {begins}."
         return Part(p.phase_credit, text, reason)
     if float(np.ptp(values)) < p.tolerance * c.amplitude:
@@ -511,7 +633,10 @@ def _judge_component(series: NumericStream, c: Component, p: Sinusoids, fits: Se
     reason += "" if centred else f" about {best.offset:.3f} instead of 0"
     reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz){'' if clean else ', and is no clean sine'}."
     factors = np.array(_ratios(best, c))
-    slip = next((s.meaning for s in p.slips if np.allclose(factors, (s.amplitude, s.frequency), rtol=0.05)), "")
+    slip = next(
+        (s.meaning for s in p.slips if np.allclose(factors, (s.amplitude, s.frequency), rtol=0.05)),
+        "",
+    )
     return Part(0.5 * (right[1] + (right[0] and centred)), text, f"{reason} {slip}".strip())
 
 
@@ -525,7 +650,11 @@ _SLOWEST, _FASTEST = 0.1, 20
 
 def _earliest(fits: Sequence[Sinusoid], c: Component, p: Sinusoids) -> Sinusoid | None:
     """Return the fit that begins nearest to the start of its sine, of those that are right; None if none is."""
-    return min((f for f in fits if _badness(f, c) <= p.tolerance), key=lambda fit: abs(fit.phase), default=None)
+    return min(
+        (f for f in fits if _badness(f, c) <= p.tolerance),
+        key=lambda fit: abs(fit.phase),
+        default=None,
+    )
 
 
 def _fits(series: NumericStream, c: Component, p: Sinusoids) -> list[Sinusoid]:
@@ -538,9 +667,15 @@ def _fits(series: NumericStream, c: Component, p: Sinusoids) -> list[Sinusoid]:
     series = series.only(np.isfinite(series.values[:, c.index]))
     by_count: Floats = (series.sequence - 1) * np.float64(p.tick_s)
     bounds = (_SLOWEST * c.frequency_hz, _FASTEST * c.frequency_hz)
-    fits = [fit_sinusoid(times, series.values[:, c.index], *bounds) for times in (_since_first_s(series), by_count)]
+    fits = [
+        fit_sinusoid(times, series.values[:, c.index], *bounds)
+        for times in (_since_first_s(series), by_count)
+    ]
     if _earliest(fits, c, p) is None:
-        usual_s = float(np.median(np.diff(series.source_ns) / np.maximum(np.diff(series.sequence), 1))) / 1e9
+        usual_s = (
+            float(np.median(np.diff(series.source_ns) / np.maximum(np.diff(series.sequence), 1)))
+            / 1e9
+        )
         by_period: Floats = (series.sequence - 1) * np.float64(usual_s)
         fits.append(fit_sinusoid(by_period, series.values[:, c.index], *bounds))
     return fits

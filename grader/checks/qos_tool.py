@@ -31,7 +31,14 @@ from grader.checks.endpoints import claim_of, claimed_at, clash, student_endpoin
 from grader.evidence.cpu_delay import Span, clipped
 from grader.evidence.flakiness import flaky_end
 from grader.evidence.recorded import Floats, clock_step_s
-from grader.evidence.text.result_rows import LINE_LIMIT, ResultRow, lines_naming, plain_numbers, result_row, rounding_of
+from grader.evidence.text.result_rows import (
+    LINE_LIMIT,
+    ResultRow,
+    lines_naming,
+    plain_numbers,
+    result_row,
+    rounding_of,
+)
 from grader.lab import references as ref
 from grader.lab.patterns import compiled, search
 from grader.lab.references import Parameters, Pattern, Share
@@ -48,7 +55,8 @@ class EndsByItself(Parameters):
     most_s: float
     output: Pattern = Field(description="Regular expression that its output matches.")
     half_credit: Share = Field(
-        0.5, description="Credit for results without an end in time, or an end in time without results."
+        0.5,
+        description="Credit for results without an end in time, or an end in time without results.",
     )
 
 
@@ -71,17 +79,27 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         return graded(half, expected, "had to be stopped", reason, hint=hint)
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
     shown_s = apart(ran_s, p.least_s, places=1)
-    measured = f"ended after {shown_s} s with status {run.exit_status}" + ("" if claimed else ", no results")
+    measured = f"ended after {shown_s} s with status {run.exit_status}" + (
+        "" if claimed else ", no results"
+    )
     if claimed:
         reason = f"It ended after {shown_s} s, which is too early."
         share = half if ran_s < p.least_s else 1.0
         note = "It does not end with exit status 0; stop executors and threads before rclpy.shutdown()."
-        return graded(share, expected, measured, reason, notes=[] if run.exit_status == 0 else [note])
+        return graded(
+            share, expected, measured, reason, notes=[] if run.exit_status == 0 else [note]
+        )
     if run.exit_status == 0 and ran_s >= p.least_s:
         unread = bool(printed.strip())
-        what = "but nothing that it printed could be read as results" if unread else "and printed nothing"
+        what = (
+            "but nothing that it printed could be read as results"
+            if unread
+            else "and printed nothing"
+        )
         hint = "Print the results before the program ends, with print() or the logger."
-        return graded(p.half_credit * unread, expected, measured, f"It ended in time, {what}.", hint=hint)
+        return graded(
+            p.half_credit * unread, expected, measured, f"It ended in time, {what}.", hint=hint
+        )
     return unexplained(graded(0.0, expected, measured, "It ended without results."))
 
 
@@ -105,8 +123,12 @@ class TopicsCarryTraffic(Parameters):
 
     topics: tuple[ref.Topic, ...] = Field(min_length=1)
     least_messages: int = 1
-    other_name_costs: Share = Field(0.5, description="Share of a topic's credit that another name costs.")
-    unheard_credit: Share = Field(1.0, description="Credit of a topic from which no subscription of its own can hear.")
+    other_name_costs: Share = Field(
+        0.5, description="Share of a topic's credit that another name costs."
+    )
+    unheard_credit: Share = Field(
+        1.0, description="Credit of a topic from which no subscription of its own can hear."
+    )
 
 
 def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
@@ -121,10 +143,15 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
     for topic in p.topics:
         used, count = context.session.used(topic), _written(context, topic)
         renamed, few = bool(count) and used != topic, count < p.least_messages
-        least, most = (quantise(n / p.least_messages) for n in (count, without_delay(count, delay_s, length_s)))
+        least, most = (
+            quantise(n / p.least_messages) for n in (count, without_delay(count, delay_s, length_s))
+        )
         unheard = _unheard(context, topic) if count else ""
         heard = p.unheard_credit if unheard else 1.0
-        share, best = (max(0.0, min(1.0, each) - p.other_name_costs * renamed) * heard for each in (least, most))
+        share, best = (
+            max(0.0, min(1.0, each) - p.other_name_costs * renamed) * heard
+            for each in (least, most)
+        )
         reasons = [unheard] * bool(unheard)
         reasons += [f"Too few messages arrived on {topic}."] * few
         reasons += [f"{topic} is named {used}; the other checks use that name."] * renamed
@@ -134,11 +161,15 @@ def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
 
 def _unheard(context: Context, topic: str) -> str:
     """Say why nothing that is published on a topic can be received by the student's own side, or nothing."""
-    offers, requests = (student_endpoints(context, topic, kind) for kind in ("publisher", "subscription"))
+    offers, requests = (
+        student_endpoints(context, topic, kind) for kind in ("publisher", "subscription")
+    )
     if not requests:
         return f"Nothing subscribes to {topic}."
     policy = clash(requests[0], offers[0].qos) if offers else None
-    return f"The two sides of {topic} are incompatible in {policy}: none can arrive." if policy else ""
+    return (
+        f"The two sides of {topic} are incompatible in {policy}: none can arrive." if policy else ""
+    )
 
 
 def _delay_s(context: Context, run: ProcessRun) -> tuple[float, float]:
@@ -153,7 +184,9 @@ def _life(context: Context, run: ProcessRun) -> Span:
 
 def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
     stream = context.session.stream(topic)
-    sequence = stream.sequence if until_ns is None else stream.sequence[stream.source_ns <= until_ns]
+    sequence = (
+        stream.sequence if until_ns is None else stream.sequence[stream.source_ns <= until_ns]
+    )
     return int(sequence.max()) if len(sequence) else 0
 
 
@@ -172,8 +205,12 @@ class QosProfiles(Parameters):
 
     artifact: ref.Artifact
     profiles: tuple[WantedProfile, ...] = Field(min_length=1)
-    one_sided_credit: Share = Field(0.5, description="Most of a profile's credit where a side of its topic is lacking.")
-    alike_credit: Share = Field(1.0, description="Most of the credit where all profiles are one and the same.")
+    one_sided_credit: Share = Field(
+        0.5, description="Most of a profile's credit where a side of its topic is lacking."
+    )
+    alike_credit: Share = Field(
+        1.0, description="Most of the credit where all profiles are one and the same."
+    )
 
 
 _POLICIES = ("reliability", "durability", "history", "depth")
@@ -204,44 +241,80 @@ class _Side:
         """Say which policies are others than wanted, and how."""
         each = [(policy, value) for policy in _POLICIES for value in self.values(policy)]
         others = [(policy, value) for policy, value in each if value != getattr(wanted, policy)]
-        return ", and ".join(f"{policy} {value}, not {getattr(wanted, policy)}" for policy, value in others)
+        return ", and ".join(
+            f"{policy} {value}, not {getattr(wanted, policy)}" for policy, value in others
+        )
 
     def __str__(self) -> str:
-        history = f"{self.asked.history} {self.asked.depth}" if self.asked is not None else "history unknown"
-        return f"{self.seen[0].reliability}, {history}, {self.seen[0].durability}" if self.seen else "nothing"
+        history = (
+            f"{self.asked.history} {self.asked.depth}"
+            if self.asked is not None
+            else "history unknown"
+        )
+        return (
+            f"{self.seen[0].reliability}, {history}, {self.seen[0].durability}"
+            if self.seen
+            else "nothing"
+        )
 
 
 def qos_profiles(context: Context, p: QosProfiles) -> Finding:
     """Judge reliability and durability from discovery, history and depth from what the program asked rclpy for."""
-    sides = {w: [_Side.of(context, kind, w.topic) for kind in ("publisher", "subscription")] for w in p.profiles}
+    sides = {
+        w: [_Side.of(context, kind, w.topic) for kind in ("publisher", "subscription")]
+        for w in p.profiles
+    }
     parts = [_judge_profile(wanted, each, p.one_sided_credit) for wanted, each in sides.items()]
-    alike = len(parts) > 1 and len({str(side) for each in sides.values() for side in each if side.seen}) == 1
+    alike = (
+        len(parts) > 1
+        and len({str(side) for each in sides.values() for side in each if side.seen}) == 1
+    )
     if alike and sum(part.share for part in parts) > p.alike_credit * len(parts):
         parts = [replace(part, share=p.alike_credit) for part in parts]
         reason = f"All topics have one and the same profile, so that nothing is compared. {parts[0].reason}"
         parts[0] = replace(parts[0], reason=reason.strip())
     finding = of_parts(
-        "; ".join(f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles),
+        "; ".join(
+            f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles
+        ),
         parts,
         where=(context.location(),),
     )
-    unknown = [f"the {s.kind} on {w.topic}" for w, each in sides.items() for s in each if s.seen and s.asked is None]
+    unknown = [
+        f"the {s.kind} on {w.topic}"
+        for w, each in sides.items()
+        for s in each
+        if s.seen and s.asked is None
+    ]
     if not unknown or finding.outcome is not Outcome.PASSED:
         return finding
-    return undecided(finding, f"The recording does not show the history and depth of {unknown[0]}.", retry=False)
+    return undecided(
+        finding, f"The recording does not show the history and depth of {unknown[0]}.", retry=False
+    )
 
 
 def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side], one_sided_credit: float) -> Part:
     """Judge a topic: each policy counts the same."""
     topic, lacking = wanted.topic, [side.kind for side in sides if not side.seen]
     reasons = [f"There is no {' and no '.join(lacking)} on {topic}."] if lacking else []
-    values = {policy: [value for side in sides for value in side.values(policy)] for policy in _POLICIES}
-    right = [each.count(getattr(wanted, policy)) / len(each) if each else 1.0 for policy, each in values.items()]
+    values = {
+        policy: [value for side in sides for value in side.values(policy)] for policy in _POLICIES
+    }
+    right = [
+        each.count(getattr(wanted, policy)) / len(each) if each else 1.0
+        for policy, each in values.items()
+    ]
     wrong = [(side, side.wrong(wanted)) for side in sides if len(lacking) < len(sides)]
     alike = len({text for _, text in wrong}) == 1
     charged = [(side, text) for side, text in (wrong[:1] if alike else wrong) if text]
-    reasons += [f"{topic if alike else f'The {side.kind} on {topic}'} has {text}." for side, text in charged]
-    shown = str(sides[0]) if len(set(map(str, sides))) == 1 else " / ".join(f"{side.kind} {side}" for side in sides)
+    reasons += [
+        f"{topic if alike else f'The {side.kind} on {topic}'} has {text}." for side, text in charged
+    ]
+    shown = (
+        str(sides[0])
+        if len(set(map(str, sides))) == 1
+        else " / ".join(f"{side.kind} {side}" for side in sides)
+    )
     return Part(
         sum(right) / len(right) * (1.0, one_sided_credit, 0.0)[len(lacking)],
         f"{topic}: {shown}",
@@ -264,13 +337,18 @@ class ReportedTraffic(Parameters):
     rows: tuple[Row, ...] = Field(min_length=1)
     pattern: Pattern = Field(
         description="Regular expression with groups count, mean_ms and max_ms.",
-        examples=[r"(?P<count>\d+) messages, mean (?P<mean_ms>[0-9.]+) ms, most (?P<max_ms>[0-9.]+) ms"],
+        examples=[
+            r"(?P<count>\d+) messages, mean (?P<mean_ms>[0-9.]+) ms, most (?P<max_ms>[0-9.]+) ms"
+        ],
     )
     count_tolerance: Share = 0.02
     latency_factor: float = Field(
-        4, description="The reported mean may be above the recorded one, or below its least, by this factor."
+        4,
+        description="The reported mean may be above the recorded one, or below its least, by this factor.",
     )
-    latency_slack_s: float = Field(0.004, description="It may be above the recorded one by this much in any case.")
+    latency_slack_s: float = Field(
+        0.004, description="It may be above the recorded one by this much in any case."
+    )
 
     @field_validator("pattern")
     @classmethod
@@ -285,18 +363,24 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     claims = {row.name: _claimed(context, p, row) for row in p.rows}
     # Where nothing was sent, and nothing is said to have come, that is charged with the traffic.
     rows = [
-        r for r in p.rows if _written(context, r.topic) or ((claimed := claims[r.name]) is not None and claimed.count)
+        r
+        for r in p.rows
+        if _written(context, r.topic) or ((claimed := claims[r.name]) is not None and claimed.count)
     ]
-    expected = (
-        f"for each profile the messages delivered (± {percent(p.count_tolerance)}) and a latency that is possible"
-    )
+    expected = f"for each profile the messages delivered (± {percent(p.count_tolerance)}) and a latency that is possible"
     if not rows:
-        return not_reached("Not tested, because nothing was sent on any of the topics.", expected=expected)
-    if constants := _written_beforehand(context, p, [claim for claim in claims.values() if claim is not None]):
+        return not_reached(
+            "Not tested, because nothing was sent on any of the topics.", expected=expected
+        )
+    if constants := _written_beforehand(
+        context, p, [claim for claim in claims.values() if claim is not None]
+    ):
         reason = "Every count and latency that it prints is a constant in its source, so none was measured."
         hint = "Count in the callbacks, and print what was counted."
         found = failed(expected, "constants of the source", reason, hint=hint, where=constants)
-        return replace(found, unmeasured="All counts and latencies that it prints are constants of its source.")
+        return replace(
+            found, unmeasured="All counts and latencies that it prints are constants of its source."
+        )
     run = context.session.process(p.artifact)
     delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
     late_s = context.session.backlog(run, _life(context, run)).late_s if run is not None else 0.0
@@ -308,18 +392,35 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
             hint = f"Print a line for each profile, as '{row.name}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."
             parts.append(Part(0.0, reason=untold, hint=hint))
             continue
-        written = min((_written(context, row.topic, t) for t in (None, claim.t_ns)), key=lambda n: abs(n - claim.count))
-        unheld, waits_s = (f(context, run, row.topic) if run is not None else 0.0 for f in (_unheld, _waits_s))
+        written = min(
+            (_written(context, row.topic, t) for t in (None, claim.t_ns)),
+            key=lambda n: abs(n - claim.count),
+        )
+        unheld, waits_s = (
+            f(context, run, row.topic) if run is not None else 0.0 for f in (_unheld, _waits_s)
+        )
         share, reason = _judge_row(
-            context, p, row, claim, written, late_s=waits_s, pushed_out=min(unheld, _MOST_UNHELD * written)
+            context,
+            p,
+            row,
+            claim,
+            written,
+            late_s=waits_s,
+            pushed_out=min(unheld, _MOST_UNHELD * written),
         )
         # What waits for a core comes late, and may push out of a short queue what waits already.
         pushed_out = written * delay_s / length_s
-        best, _ = _judge_row(context, p, row, claim, written, late_s=max(late_s, waits_s), pushed_out=pushed_out)
+        best, _ = _judge_row(
+            context, p, row, claim, written, late_s=max(late_s, waits_s), pushed_out=pushed_out
+        )
         latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
         sides = "Give publisher and subscription of a profile the same QoSProfile; then messages arrive."
         hint = sides if "incompatible" in reason else ""
-        parts.append(Part(share, f"{row.name} {claim.count} of {written}, {latency}", reason, best, hint=hint))
+        parts.append(
+            Part(
+                share, f"{row.name} {claim.count} of {written}, {latency}", reason, best, hint=hint
+            )
+        )
     where, doubt = (context.output_of(p.artifact),), cpu_delay_doubt(delay_s, length_s)
     measured = "" if any(part.text for part in parts) else "no results"
     finding = of_parts(expected, parts, measured=measured, where=where, doubt=doubt)
@@ -331,7 +432,9 @@ def _unmeasured(
 ) -> str | None:
     """Say which counts cannot come from messages that were received; None if there are no such."""
     counted = [row for row in rows if (claim := claims[row.name]) is not None and claim.count]
-    unheard = [row.topic for row in counted if not student_endpoints(context, row.topic, "subscription")]
+    unheard = [
+        row.topic for row in counted if not student_endpoints(context, row.topic, "subscription")
+    ]
     if unheard:
         return f"It counts messages on {', '.join(unheard)}, to which nothing of the submission subscribes."
     if len(counted) == len(rows) > 1 and finding.outcome is Outcome.FAILED:
@@ -344,20 +447,30 @@ _NUMBER = re.compile(r"(?<![\w.])\d{1,15}(?:\.\d{1,15})?(?:[eE]-?\d{1,2})?(?![\w
 _LEAST_LATENCIES = 4
 
 
-def _written_beforehand(context: Context, p: ReportedTraffic, claims: Sequence[ResultRow]) -> list[Location]:
+def _written_beforehand(
+    context: Context, p: ReportedTraffic, claims: Sequence[ResultRow]
+) -> list[Location]:
     """Return the lines of the source that hold all that is printed, as counts and latencies in s, ms or µs."""
     path = context.path_of(p.artifact) or ""
     lines = context.submission.texts.get(path, "").splitlines()
     held = {
-        float(number): place for place, line in enumerate(lines, 1) for number in _NUMBER.findall(line[:LINE_LIMIT])
+        float(number): place
+        for place, line in enumerate(lines, 1)
+        for number in _NUMBER.findall(line[:LINE_LIMIT])
     }
     latencies = {value for claim in claims for value in (claim.mean_s, claim.max_s) if value}
     if len(latencies) < _LEAST_LATENCIES or not all(claim.count in held for claim in claims):
         return []
     for unit in (1.0, 1e3, 1e6):
-        places = [next((at for n, at in held.items() if math.isclose(n, value * unit)), None) for value in latencies]
+        places = [
+            next((at for n, at in held.items() if math.isclose(n, value * unit)), None)
+            for value in latencies
+        ]
         if None not in places:
-            return [Location(file=path, line=place) for place in sorted({place for place in places if place})][:4]
+            return [
+                Location(file=path, line=place)
+                for place in sorted({place for place in places if place})
+            ][:4]
     return []
 
 
@@ -404,12 +517,21 @@ def _waits_s(context: Context, run: ProcessRun, topic: str) -> float:
     if not run.disturbed or len(times) < 2:
         return 0.0
     span = Span(int(times[0]), int(times[-1]))
-    squares = sum((delay.delay_ns / 1e9) ** 2 for delay in clipped(context.session.delays(run), span))
+    squares = sum(
+        (delay.delay_ns / 1e9) ** 2 for delay in clipped(context.session.delays(run), span)
+    )
     return squares / 2 / max(span.duration_s, 1e-9)
 
 
 def _judge_row(
-    context: Context, p: ReportedTraffic, row: Row, got: ResultRow, written: int, *, late_s: float, pushed_out: float
+    context: Context,
+    p: ReportedTraffic,
+    row: Row,
+    got: ResultRow,
+    written: int,
+    *,
+    late_s: float,
+    pushed_out: float,
 ) -> tuple[float, str]:
     """Return what a row earns, and why no more; numbers that cannot be are worth nothing together.
 
@@ -429,7 +551,9 @@ def _judge_row(
     return (0.75, f"{row.name} reports no largest latency.") if got.max_s is None else (1.0, "")
 
 
-def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: ResultRow, late_s: float) -> str:
+def _latency_problem(
+    context: Context, p: ReportedTraffic, row: Row, got: ResultRow, late_s: float
+) -> str:
     """Say why a reported latency cannot be, or nothing.
 
     Nothing is delivered much sooner than the soonest that was recorded; later is a matter of the machine.
@@ -441,17 +565,25 @@ def _latency_problem(context: Context, p: ReportedTraffic, row: Row, got: Result
     if not len(latencies):
         return ""
     if _stamped_otherwise(context, latencies):
-        return f"The messages on {row.topic} have time stamps that are not their times of publication."
+        return (
+            f"The messages on {row.topic} have time stamps that are not their times of publication."
+        )
     truth_s = float(np.mean(latencies))
     least_s = float(np.min(latencies)) / p.latency_factor
     most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s) + late_s
     in_order = got.max_s is None or got.mean_s <= got.max_s + 1e-5
-    if least_s - got.rounding_s <= got.mean_s <= most_s + got.rounding_s and got.mean_s >= 0 and in_order:
+    if (
+        least_s - got.rounding_s <= got.mean_s <= most_s + got.rounding_s
+        and got.mean_s >= 0
+        and in_order
+    ):
         return ""
     most = f" (max {got.max_s * 1e3:.2f} ms)" if got.max_s is not None else ""
     mean_ms = apart(got.mean_s * 1e3, *([] if got.max_s is None else [got.max_s * 1e3]), places=2)
     slip = (
-        " The value is right in seconds; multiply it by 1000 for ms." if least_s <= 1e3 * got.mean_s <= most_s else ""
+        " The value is right in seconds; multiply it by 1000 for ms."
+        if least_s <= 1e3 * got.mean_s <= most_s
+        else ""
     )
     return f"{row.name} reports a mean latency of {mean_ms} ms{most}; recorded was {truth_s * 1e3:.2f} ms.{slip}"
 

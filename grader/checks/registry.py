@@ -92,7 +92,11 @@ class Check:
             return finding
         finding = explained(context, p, finding)
         shows_nothing = finding.unexplained or (artifact is not None and self.by_endpoints)
-        if shows_nothing and finding.outcome is Outcome.FAILED and (of := artifact_of(context, p)) is not None:
+        if (
+            shows_nothing
+            and finding.outcome is Outcome.FAILED
+            and (of := artifact_of(context, p)) is not None
+        ):
             finding = not_assessable_here(context, of, finding.expected) or finding
         if self.seeks and finding.outcome in LOST:
             finding = unseen(context, p, finding, self.seeks) or finding

@@ -10,7 +10,18 @@ from typing import Annotated, Any
 
 from pydantic import Field
 
-from grader.checks.base import Context, Part, apart, failed, graded, not_reached, of_parts, passed, unclear, unexplained
+from grader.checks.base import (
+    Context,
+    Part,
+    apart,
+    failed,
+    graded,
+    not_reached,
+    of_parts,
+    passed,
+    unclear,
+    unexplained,
+)
 from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at
 from grader.evidence.cpu_delay import Span
 from grader.lab import references as ref
@@ -37,7 +48,11 @@ def service_offered(context: Context, p: ServiceOffered) -> Finding:
     call = next((step for step in context.session.record.steps if step.kind == "call"), None)
     run = next(iter(context.session.processes_of(p.artifact)), None)
     # The graph may have had the service of a node that ended at once for a moment, in which nobody could call it.
-    too_short = call is not None and run is not None and (run.exited_ns or call.started_ns) < call.started_ns
+    too_short = (
+        call is not None
+        and run is not None
+        and (run.exited_ns or call.started_ns) < call.started_ns
+    )
     if not offers or too_short:
         fallback = f"The service {p.service} did not appear, nor one of a similar name. A client would wait forever."
         return unexplained(failed(expected, "no service in the graph", fallback))
@@ -55,7 +70,9 @@ class Given(Parameters):
     step: ref.GetLabel = Field(description="The step that read the parameter.")
     name: ref.GivenName
     value: Any
-    instead: ref.CallLabel = Field(description="The call that counts where the node began with another value.")
+    instead: ref.CallLabel = Field(
+        description="The call that counts where the node began with another value."
+    )
 
 
 class CallAnswered(Parameters):
@@ -68,16 +85,23 @@ class CallAnswered(Parameters):
     )
     message_field: Annotated[str, ref.fields_of_type("_Response", "step")] = "message"
     message: Pattern | None = Field(None, description="Regular expression for the message field.")
-    contrary: Pattern | None = Field(None, description="A message that matches contradicts the answer: no credit.")
+    contrary: Pattern | None = Field(
+        None, description="A message that matches contradicts the answer: no credit."
+    )
     again: ref.CallLabel | None = Field(
         None, description="A later step with the same request, which must get the same answer."
     )
     again_charged_by: ref.EarlierCheckId | None = Field(
-        None, description="Where this check took points, neither a later answer nor a contrary message takes any."
+        None,
+        description="Where this check took points, neither a later answer nor a contrary message takes any.",
     )
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
-    changed_credit: Share = Field(0.75, description="Credit of a right answer that is another one later.")
-    wordless_credit: Share = Field(0.75, description="Credit of a right answer whose message is empty.")
+    changed_credit: Share = Field(
+        0.75, description="Credit of a right answer that is another one later."
+    )
+    wordless_credit: Share = Field(
+        0.75, description="Credit of a right answer whose message is empty."
+    )
 
 
 def _calls(step: StepRun | None) -> list[Mapping[str, Any]]:
@@ -122,9 +146,16 @@ def _silent(step: StepRun) -> bool:
 def not_asked(context: Context, step: StepRun | None, kind: str) -> str:
     """Say, as a clause, that a service or action was asked for by the lab's name, and has another; empty if not so."""
     name = step.parameters.get(kind) if step is not None else None
-    awaited = any(s.kind == "wait_for" and s.parameters.get(kind) == name for s in context.session.record.steps)
+    awaited = any(
+        s.kind == "wait_for" and s.parameters.get(kind) == name
+        for s in context.session.record.steps
+    )
     used = context.session.used(str(name))
-    return "" if name is None or awaited or used == name else f"it was called as {name}, and yours is named {used}"
+    return (
+        ""
+        if name is None or awaited or used == name
+        else f"it was called as {name}, and yours is named {used}"
+    )
 
 
 def earlier_silence(context: Context, step: StepRun | None, expected: str) -> Finding | None:
@@ -152,7 +183,9 @@ _STUCK_HINT = (
 def silence(context: Context, step: StepRun | None, expected: str, problem: str) -> Finding:
     """State that a call had no answer, which is charged once: with the first of them."""
     steps = context.session.record.steps
-    stuck = bool(_calls(step)) and any(s.kind == "get_parameters" and s.outcome == "timeout" for s in steps)
+    stuck = bool(_calls(step)) and any(
+        s.kind == "get_parameters" and s.outcome == "timeout" for s in steps
+    )
     hint = _STUCK_HINT if stuck else _UNANSWERED_HINT if _calls(step) else ""
     reason = f"{problem} {_STUCK}" if stuck else problem
     fails = failed(expected, "no answer", reason, hint=hint, where=(call_location(context, step),))
@@ -174,9 +207,18 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         return silence(context, step, expected, problem_of(step))
     if (same := same_request(context, step)) is not None:
         reason = f"A request of this type has no field {' or '.join(request)}, so nobody can ask for this: "
-        return failed(expected, "the same request", f"{reason}it is the same as that of '{same.label}'.", where=where)
+        return failed(
+            expected,
+            "the same request",
+            f"{reason}it is the same as that of '{same.label}'.",
+            where=where,
+        )
     measured = f"{shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
-    wrong = [f"{k} is {response.get(k)!r}, not {v!r}" for k, v in p.response.items() if response.get(k) != v]
+    wrong = [
+        f"{k} is {response.get(k)!r}, not {v!r}"
+        for k, v in p.response.items()
+        if response.get(k) != v
+    ]
     if wrong:
         return failed(expected, measured, f"In the answer, {' and '.join(wrong)}.", where=where)
     later = [] if context.charged(p.again_charged_by) else _later_answers(context, p)
@@ -185,13 +227,17 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         reason = f"It answers this request with {shown(contrary)}, which means the opposite."
         hint = "Set the state to request.data instead of toggling it, and report the new state, not the previous one."
         return failed(expected, measured, reason, hint=hint, where=where)
-    if (changed := next((answer for answer in later if not _fits(answer, p.response)), None)) is not None:
+    if (
+        changed := next((answer for answer in later if not _fits(answer, p.response)), None)
+    ) is not None:
         reason = f"To the same request it answers {shown(changed)} later."
         hint = "Answer each request by its own content, whatever the previous state was."
         return graded(p.changed_credit, expected, measured, reason, hint=hint, where=where)
     text = str(response.get(p.message_field, ""))
     if p.message is not None and not text.strip():
-        return graded(p.wordless_credit, expected, measured, "The answer's message is empty.", where=where)
+        return graded(
+            p.wordless_credit, expected, measured, "The answer's message is empty.", where=where
+        )
     other_words = p.message is not None and not search(p.message, text)
     notes = [f"The message {text!r} is not worded as in the lab."] if other_words else []
     return passed(expected, measured, where=where, notes=notes)
@@ -213,20 +259,28 @@ def same_request(context: Context, step: StepRun | None) -> StepRun | None:
         return None
     steps = context.session.record.steps
     earlier = (s for s in steps[: steps.index(step)] if s.kind == step.kind)
-    return next((s for s in earlier if s.parameters.get("request") != step.parameters.get("request")), None)
+    return next(
+        (s for s in earlier if s.parameters.get("request") != step.parameters.get("request")), None
+    )
 
 
 def _later_answers(context: Context, p: CallAnswered) -> list[Mapping[str, Any]]:
     """Return the answers of the later step, if it made the same request."""
     step, later = context.session.step(p.step), context.session.step(p.again) if p.again else None
-    requests = [s.parameters.get("request") for s in (step, later) if s is not None and _was_sent(s)]
+    requests = [
+        s.parameters.get("request") for s in (step, later) if s is not None and _was_sent(s)
+    ]
     alike = len(requests) == 2 and requests[0] == requests[1]
     return [c["response"] for c in _calls(later) if c["response"] is not None] if alike else []
 
 
 def _contradicts(p: CallAnswered, answer: Mapping[str, Any]) -> bool:
     """Whether a message says the contrary of the request, and not what is wanted too, as "enabled (was disabled)"."""
-    rest, found = without(p.contrary, str(answer.get(p.message_field, ""))) if p.contrary is not None else ("", False)
+    rest, found = (
+        without(p.contrary, str(answer.get(p.message_field, "")))
+        if p.contrary is not None
+        else ("", False)
+    )
     return bool(found) and not (p.message is not None and search(p.message, rest))
 
 
@@ -236,33 +290,54 @@ class CallGated(Parameters):
     set_step: ref.SetLabel = Field(description="The step that sets the parameter.")
     refused_step: ref.CallLabel
     recovered_step: ref.CallLabel
-    from_start_step: ref.CallLabel = Field(description="The call to a node that had the parameter from its start.")
+    from_start_step: ref.CallLabel = Field(
+        description="The call to a node that had the parameter from its start."
+    )
     allowed_step: ref.CallLabel | None = Field(
         None, description="A call that must be answered as ever while the parameter is off."
     )
     enables: ref.EarlierCheckId | None = Field(
-        None, description="Check of the answer in the normal case; if that one fails, this is not tested."
+        None,
+        description="Check of the answer in the normal case; if that one fails, this is not tested.",
     )
     allowed_charged_by: ref.EarlierCheckId | None = Field(
-        None, description="Where this check took points, another answer to the allowed call takes none."
+        None,
+        description="Where this check took points, another answer to the allowed call takes none.",
     )
     refused: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "refused_step")]
     recovered: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "recovered_step")]
     message_field: Annotated[str, ref.fields_of_type("_Response", "refused_step")] = "message"
-    allowed: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "allowed_step")] = Field(default_factory=dict)
-    refusal: Pattern | None = Field(None, description="A message that refuses, whatever the other fields say.")
-    half_credit: Share = Field(0.5, description="Credit of one half, such as refusing without recovering.")
-    from_start_credit: Share = Field(0.5, description="Credit of refusing only what was given from the start.")
-    disallowed_credit: Share = Field(0.5, description="Credit where what must stay possible is refused too.")
+    allowed: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "allowed_step")] = Field(
+        default_factory=dict
+    )
+    refusal: Pattern | None = Field(
+        None, description="A message that refuses, whatever the other fields say."
+    )
+    half_credit: Share = Field(
+        0.5, description="Credit of one half, such as refusing without recovering."
+    )
+    from_start_credit: Share = Field(
+        0.5, description="Credit of refusing only what was given from the start."
+    )
+    disallowed_credit: Share = Field(
+        0.5, description="Credit where what must stay possible is refused too."
+    )
 
 
 def call_gated(context: Context, p: CallGated) -> Finding:
     """Judge refusal, and recovery after it; recovery alone earns nothing, a refusal only from the start little."""
     refused, recovered = shown(p.refused), shown(p.recovered)
     expected = f"{refused} while the parameter is off, and after such a refusal {recovered} when it is on again"
-    steps = {name: context.session.step(name) for name in (p.refused_step, p.recovered_step, p.from_start_step)}
+    steps = {
+        name: context.session.step(name)
+        for name in (p.refused_step, p.recovered_step, p.from_start_step)
+    }
     off, on, started_off = (answer_of(step) for step in steps.values())
-    refuses, recovers, refuses_at_start = _fits(off, p.refused), _fits(on, p.recovered), _fits(started_off, p.refused)
+    refuses, recovers, refuses_at_start = (
+        _fits(off, p.refused),
+        _fits(on, p.recovered),
+        _fits(started_off, p.refused),
+    )
     measured = f"off: {shown(off)}; on again: {shown(on)}; off from the start: {shown(started_off)}"
     where = tuple(call_location(context, step) for step in steps.values())
     enabling = context.findings.get(p.enables) if p.enables is not None else None
@@ -276,7 +351,14 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         if not_asked(context, step, "service") or earlier_silence(context, step, expected) is None:
             return silence(context, step, expected, "No answer came while the parameter was false.")
         reason = "Not tested, because the node had already stopped answering."
-        return graded(p.half_credit * refuses_at_start, expected, measured, reason, hint=THEN_THESE, where=where)
+        return graded(
+            p.half_credit * refuses_at_start,
+            expected,
+            measured,
+            reason,
+            hint=THEN_THESE,
+            where=where,
+        )
     unset = _not_set(context.session.step(p.set_step))
     words = str(off.get(p.message_field, "")) if off is not None else ""
     allowed_step = context.session.step(p.allowed_step) if p.allowed_step is not None else None
@@ -288,10 +370,25 @@ def call_gated(context: Context, p: CallGated) -> Finding:
         (turned, p.half_credit, _REVERSED, "Invert the condition."),
         (disallows, p.disallowed_credit, f"{_DISALLOWS} {shown(allowed)}.", _DISALLOWS_HINT),
         (refuses and recovers, 1.0, "", ""),
-        (refuses, p.half_credit, "It refuses, but does not recover when the parameter is true again.", ""),
-        (only_message, p.half_credit, _ONLY_MESSAGE, "Set the success field to False too, not only the message."),
+        (
+            refuses,
+            p.half_credit,
+            "It refuses, but does not recover when the parameter is true again.",
+            "",
+        ),
+        (
+            only_message,
+            p.half_credit,
+            _ONLY_MESSAGE,
+            "Set the success field to False too, not only the message.",
+        ),
         (refuses_at_start and unset, p.half_credit, f"{_AT_START} {unset}", _SET_HINT),
-        (refuses_at_start, p.from_start_credit, f"{_AT_START} a change while it runs has no effect.", ""),
+        (
+            refuses_at_start,
+            p.from_start_credit,
+            f"{_AT_START} a change while it runs has no effect.",
+            "",
+        ),
         (unset, 0.0, f"It still enables the robot, because {unset}", _SET_HINT),
         (True, 0.0, "It enables although the parameter is false.", ""),
     )
@@ -308,13 +405,15 @@ def _not_set(step: StepRun | None) -> str:
 
 
 _AT_START = "It refuses only when the parameter is false from the start;"
-_ONLY_MESSAGE = "Its message refuses, but the other fields report success, and client programs read those."
-_DISALLOWS = "While the parameter is false it refuses what must always be possible too:"
-_DISALLOWS_HINT = "Let the parameter decide over enabling alone; to disable must always be possible."
-_REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
-_SET_HINT = (
-    "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
+_ONLY_MESSAGE = (
+    "Its message refuses, but the other fields report success, and client programs read those."
 )
+_DISALLOWS = "While the parameter is false it refuses what must always be possible too:"
+_DISALLOWS_HINT = (
+    "Let the parameter decide over enabling alone; to disable must always be possible."
+)
+_REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
+_SET_HINT = "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
 
 
 class WantedParameter(Parameters):
@@ -330,7 +429,9 @@ class ParametersDeclared(Parameters):
 
     step: ref.GetLabel
     parameters: tuple[WantedParameter, ...] = Field(min_length=1)
-    other_value_credit: Share = Field(0.5, description="Credit of one that is declared with another type or default.")
+    other_value_credit: Share = Field(
+        0.5, description="Credit of one that is declared with another type or default."
+    )
 
 
 def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
@@ -339,7 +440,11 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
     step = context.session.step(p.step)
     read = step is not None and step.outcome == "done"
     if step is not None and not read and any(map(_silent, context.session.record.steps)):
-        ended = "the node had ended before it could be asked" if step.outcome == "cancelled" else "it answers no call"
+        ended = (
+            "the node had ended before it could be asked"
+            if step.outcome == "cancelled"
+            else "it answers no call"
+        )
         return not_reached(f"Not tested: {ended}. {THEN_THESE}", expected=expected)
     if step is None or not read:
         problem = str(step.result.get("problem", "")) if step is not None else ""
@@ -364,7 +469,8 @@ class CallsInTime(Parameters):
     step: ref.CallLabel
     within_s: float = Field(gt=0)
     enough: int = Field(
-        10, description="If all answers were in time, this many calls are enough where there was no time for more."
+        10,
+        description="If all answers were in time, this many calls are enough where there was no time for more.",
     )
 
 
@@ -378,7 +484,11 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
         return silence(context, step, expected, problem_of(step))
     latencies = [_latency_s(call) for call in calls if call["response"] is not None]
     quick = sum(latency <= p.within_s for latency in latencies)
-    slowest = f", slowest {apart(max(latencies) * 1e3, p.within_s * 1e3, places=1)} ms" if latencies else ""
+    slowest = (
+        f", slowest {apart(max(latencies) * 1e3, p.within_s * 1e3, places=1)} ms"
+        if latencies
+        else ""
+    )
     measured = f"{quick} of {len(calls)} calls made in time{slowest}"
     few = f"There was time for {len(calls)} of {wanted} calls." if len(calls) < wanted else ""
     if few and quick == len(calls) < p.enough:
@@ -386,12 +496,27 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     # How long the machine delayed a process in a call, that which makes it included, may be why it took so long.
     spans = [Span(int(call["started_ns"]), int(call["ended_ns"])) for call in calls]
     delays = [asking_delay_s(context, *each) for each in zip(spans, calls, strict=True)]
-    best = sum(_latency_s(call) - delay <= p.within_s for call, delay in zip(calls, delays, strict=True)) / len(calls)
+    best = sum(
+        _latency_s(call) - delay <= p.within_s for call, delay in zip(calls, delays, strict=True)
+    ) / len(calls)
     share, notes = quick / len(calls), [few] if few else []
     doubt = f"Not your fault: the grading computer was too busy to time the calls (up to {max(delays):.2f} s)."
     reason = f"{len(calls) - quick} of {len(calls)} calls took longer than {p.within_s:g} s, or got no answer."
-    reason += f" The quickest took {apart(min(latencies), p.within_s, places=2)} s." if latencies and not quick else ""
-    return graded(share, expected, measured, reason, where=where, notes=notes, best=max(share, best), doubt=doubt)
+    reason += (
+        f" The quickest took {apart(min(latencies), p.within_s, places=2)} s."
+        if latencies and not quick
+        else ""
+    )
+    return graded(
+        share,
+        expected,
+        measured,
+        reason,
+        where=where,
+        notes=notes,
+        best=max(share, best),
+        doubt=doubt,
+    )
 
 
 def asking_delay_s(context: Context, span: Span, asked: Mapping[str, Any]) -> float:

@@ -60,7 +60,9 @@ class TopicsSubscribed(OfEndpoint):
     artifact: ref.Artifact
     topics: tuple[WantedTopic, ...] = Field(min_length=1)
     offered: OfferedProfile = OfferedProfile()
-    incompatible_costs: Share = Field(0.6, description="Share of the credit that a profile which gets nothing costs.")
+    incompatible_costs: Share = Field(
+        0.6, description="Share of the credit that a profile which gets nothing costs."
+    )
     reliability: ref.Reliability | None = Field(
         None, description="What the lab lets them request; another one is only noted."
     )
@@ -69,7 +71,9 @@ class TopicsSubscribed(OfEndpoint):
 def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     """Judge the subscriptions from discovery."""
     expected = ", ".join(f"{t.type} from {t.topic}" for t in p.topics)
-    endpoints = {wanted: student_endpoints(context, wanted.topic, "subscription") for wanted in p.topics}
+    endpoints = {
+        wanted: student_endpoints(context, wanted.topic, "subscription") for wanted in p.topics
+    }
     nodes = [endpoint.node for each in endpoints.values() for endpoint in each]
     if not nodes:
         fallback = "The node subscribed to none of the topics, nor to any of a similar name."
@@ -92,8 +96,15 @@ def _judge_subscription(
     wrong = p.faults("topic", (wanted.topic, wanted.type), (used, endpoint.type), [endpoint.node])
     if (policy := clash(endpoint, p.offered) or unheard(context, wanted.topic)) is not None:
         arrives = "so no message would arrive from the lab's publisher."
-        wrong.append((p.incompatible_costs, f"On {used} the two sides are incompatible in {policy}, {arrives}"))
-    weaker = p.reliability == "reliable" and any(e.qos.reliability == "best_effort" for e in endpoints)
+        wrong.append(
+            (
+                p.incompatible_costs,
+                f"On {used} the two sides are incompatible in {policy}, {arrives}",
+            )
+        )
+    weaker = p.reliability == "reliable" and any(
+        e.qos.reliability == "best_effort" for e in endpoints
+    )
     note = f"The subscription on {used} requests BEST_EFFORT; with RELIABLE a lost message would be sent again."
     return Part(
         1 - max((costs for costs, _ in wrong), default=0.0),
@@ -120,13 +131,20 @@ class Streams(Parameters):
     streams: Mapping[str, ref.Topic] = Field(description="Role that the oracle knows -> topic.")
     field: ref.FieldPath
     oracle: ref.Loadable = Field(description="file.py:function beside the rubric.")
-    parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
+    parameters: Mapping[str, Any] = Field(
+        default_factory=dict, description="Passed on to the oracle."
+    )
 
     def answer(
-        self, context: Context, streams: Mapping[str, NumericStream], other: Mapping[str, Any] | None = None
+        self,
+        context: Context,
+        streams: Mapping[str, NumericStream],
+        other: Mapping[str, Any] | None = None,
     ) -> Any:
         """Return what the oracle says over some streams, with the check's parameters and others."""
-        return context.oracle(self.oracle)(streams, {**self.parameters, **(other or {})}, context.session.record.seed)
+        return context.oracle(self.oracle)(
+            streams, {**self.parameters, **(other or {})}, context.session.record.seed
+        )
 
     def recorded(self, context: Context) -> dict[str, NumericStream] | None:
         """Return the streams by role, or None where one of them was not recorded."""
@@ -156,10 +174,15 @@ class Alternative(Parameters):
 
         Numbers of which a share is right all the same are worth at least that.
         """
-        charged, meant = any(map(context.charged, self.charged_by)), f"Your numbers match {self.meaning}."
+        charged, meant = (
+            any(map(context.charged, self.charged_by)),
+            f"Your numbers match {self.meaning}.",
+        )
         share, reason = max(self.left(context), least), f"{finding.reason} {meant}".strip()
         notes = finding.notes if charged or self.credit < 1 else (*finding.notes, meant)
-        return graded(share, finding.expected, finding.measured, reason, where=finding.where, notes=notes)
+        return graded(
+            share, finding.expected, finding.measured, reason, where=finding.where, notes=notes
+        )
 
 
 class ReportShare(Parameters):
@@ -167,7 +190,9 @@ class ReportShare(Parameters):
 
     oracle: ref.Loadable = Field(description="file.py:function beside the rubric.")
     full_from: Share = 0.9
-    costs: Share = Field(0.25, description="Share of the credit that a node loses which reports for next to none.")
+    costs: Share = Field(
+        0.25, description="Share of the credit that a node loses which reports for next to none."
+    )
 
 
 class ReportedSeries(Streams):
@@ -175,11 +200,14 @@ class ReportedSeries(Streams):
 
     pattern: Patterns
     share: ReportShare | None = None
-    tolerance: float = Field(gt=0, description="Absolute; 1 % of the value, and what rounding makes, are allowed too.")
+    tolerance: float = Field(
+        gt=0, description="Absolute; 1 % of the value, and what rounding makes, are allowed too."
+    )
     settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
     alternatives: tuple[Alternative, ...] = ()
     end_charged_by: ref.CheckId | None = Field(
-        None, description="Check that charges a node that ends early; then only half of the spans must be reached."
+        None,
+        description="Check that charges a node that ends early; then only half of the spans must be reached.",
     )
 
 
@@ -204,12 +232,17 @@ class _Plateau:
 
 
 def _plateaus(
-    context: Context, p: ReportedSeries, heard: Sequence[Report], other: Mapping[str, Any] | None = None
+    context: Context,
+    p: ReportedSeries,
+    heard: Sequence[Report],
+    other: Mapping[str, Any] | None = None,
 ) -> list[_Plateau]:
     """Return the oracle's spans with what was reported in each; none if the stimulus was not recorded."""
     streams, found = p.recorded(context), []
     for each in p.answer(context, streams, other) if streams is not None else ():
-        span = Span(each["start_ns"] + int(p.settle_s * 1e9), each["end_ns"] - int(p.settle_s * 1e9))
+        span = Span(
+            each["start_ns"] + int(p.settle_s * 1e9), each["end_ns"] - int(p.settle_s * 1e9)
+        )
         inside = tuple(r for r in heard if span.start_ns <= r.t_ns <= span.end_ns)
         found.append(_Plateau(span, float(each["value"]), inside))
     return found
@@ -223,8 +256,15 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     share, best, measured, reason, doubt = _report_share(context, p, p.share)
     if share >= 1.0:
         return finding
-    kept, most = (float(finding.credit) * (1 - p.share.costs * (1 - quantise(min(1.0, s)))) for s in (share, best))
-    texts = (finding.expected, f"{finding.measured}; {measured}", f"{finding.reason} {reason}".strip())
+    kept, most = (
+        float(finding.credit) * (1 - p.share.costs * (1 - quantise(min(1.0, s))))
+        for s in (share, best)
+    )
+    texts = (
+        finding.expected,
+        f"{finding.measured}; {measured}",
+        f"{finding.reason} {reason}".strip(),
+    )
     return graded(kept, *texts, where=finding.where, notes=finding.notes, best=most, doubt=doubt)
 
 
@@ -237,11 +277,18 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
         return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
     if not heard:
         printed = [line.text for line in context.session.output_of(p.artifact)]
-        last = f"; it printed {len(printed)} others, the last of which is {printed[-1][:100]!r}." if printed else "."
+        last = (
+            f"; it printed {len(printed)} others, the last of which is {printed[-1][:100]!r}."
+            if printed
+            else "."
+        )
         reason = f"The node printed no tracking error in the requested form, neither to its output nor to its log{last}"
         return unexplained(failed(expected, "no report", reason))
     fits = [plateau.is_right(p) for plateau in plateaus]
-    right, reached = sum(fits), max((n for n, each in enumerate(plateaus, 1) if each.reports), default=0)
+    right, reached = (
+        sum(fits),
+        max((n for n, each in enumerate(plateaus, 1) if each.reports), default=0),
+    )
     where = (context.output_of(p.artifact), context.location(next(iter(p.streams.values()))))
     measured = f"right in {right} of {count} phases ({len(heard)} reports)"
     if right == count:
@@ -257,37 +304,61 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
     last_right = max((n for n, fit in enumerate(fits, 1) if fit), default=0)
     unreported, notes = sum(not plateau.reports for plateau in plateaus[:last_right]), []
     if p.end_charged_by is not None and reached < count and _went_on(context, p.artifact) is None:
-        notes = [f"The node ended in phase {reached + 1} of {count}, which costs points in {p.end_charged_by}."]
+        notes = [
+            f"The node ended in phase {reached + 1} of {count}, which costs points in {p.end_charged_by}."
+        ]
         unreported += min(count - reached, count // 2)
     judged = max(right, count - unreported)
     behind = [
         each
         for n, each in enumerate(plateaus)
-        if not fits[n] and any(replace(each, right=before.right).is_right(p) for before in plateaus[:n])
+        if not fits[n]
+        and any(replace(each, right=before.right).is_right(p) for before in plateaus[:n])
     ]
     kept, doubt = _kept_behind(context, p, [*behind, *plateaus[reached:]])
     best = min(1.0, (right + kept) / judged)
-    return graded(right / judged, expected, measured, example, where=where, notes=notes, best=best, doubt=doubt)
+    return graded(
+        right / judged,
+        expected,
+        measured,
+        example,
+        where=where,
+        notes=notes,
+        best=best,
+        doubt=doubt,
+    )
 
 
 #: So long the grader may stall without reading a report at another value than that for which it was printed.
 _READ_LATE_S = 0.3
 
 
-def _kept_behind(context: Context, p: ReportedSeries, behind: Sequence[_Plateau]) -> tuple[float, str]:
+def _kept_behind(
+    context: Context, p: ReportedSeries, behind: Sequence[_Plateau]
+) -> tuple[float, str]:
     """Return on how many plateaus the machine may have kept a node from what is right, and say so.
 
     Those are the silent ones at the end, and those with what was right before, for half of which it had no core; and
     any, where the grader stalled and read too late what was printed.
     """
     times = [stream.source_ns for stream in context.session.streams(p.streams, p.field).values()]
-    run, span = _went_on(context, p.artifact), Span(min(int(t[0]) for t in times), max(int(t[-1]) for t in times))
+    run, span = (
+        _went_on(context, p.artifact),
+        Span(min(int(t[0]) for t in times), max(int(t[-1]) for t in times)),
+    )
     if run is None:
         return 0.0, ""
     doubt = cpu_delay_doubt(context.session.machine_delay_s(run, span), span.duration_s)
-    if context.session.stalled_s(span) > _READ_LATE_S and run.limit is None and not run.output_dropped_bytes:
+    if (
+        context.session.stalled_s(span) > _READ_LATE_S
+        and run.limit is None
+        and not run.output_dropped_bytes
+    ):
         return float("inf"), doubt
-    halves = (context.session.machine_delay_s(run, plateau.span) >= plateau.span.duration_s / 2 for plateau in behind)
+    halves = (
+        context.session.machine_delay_s(run, plateau.span) >= plateau.span.duration_s / 2
+        for plateau in behind
+    )
     return float(sum(halves)), doubt
 
 
@@ -303,7 +374,12 @@ def _wrong(context: Context, plateau: _Plateau) -> str:
 def _went_on(context: Context, artifact: str) -> ProcessRun | None:
     """Return the artifact's last process, unless it ended without having been told to: one that ended did not wait."""
     run = next(reversed(context.session.processes_of(artifact)), None)
-    asked = run is None or run.exited_ns is None or run.interrupted_ns is not None or run.ended_by == "kill"
+    asked = (
+        run is None
+        or run.exited_ns is None
+        or run.interrupted_ns is not None
+        or run.ended_by == "kill"
+    )
     return run if asked else None
 
 
@@ -322,7 +398,9 @@ def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
     return lost, cpu_delay_doubt(late_s, max(span.duration_s, 1e-9))
 
 
-def lost_share(context: Context, runs: Iterable[ProcessRun], topics: Iterable[str], times_ns: Integers) -> float:
+def lost_share(
+    context: Context, runs: Iterable[ProcessRun], topics: Iterable[str], times_ns: Integers
+) -> float:
     """Return which share of the messages that came at these times one of some processes may not have got, at most.
 
     While the queues of its subscriptions to these topics have room, nothing is lost.
@@ -332,7 +410,9 @@ def lost_share(context: Context, runs: Iterable[ProcessRun], topics: Iterable[st
     claims = [claim_of(context, "subscription", topic) for topic in topics]
     room = min(c.qos.depth if c is not None and c.qos is not None else 1 for c in claims) - 1
     room_s = max(0, room) * length_s / len(times_ns)
-    return max((context.session.backlog(run, span, room_s).lost_s / length_s for run in runs), default=0.0)
+    return max(
+        (context.session.backlog(run, span, room_s).lost_s / length_s for run in runs), default=0.0
+    )
 
 
 class Shorter(Parameters):
@@ -341,23 +421,34 @@ class Shorter(Parameters):
     session: ref.SessionId
     least: int = Field(description="Messages from which there must be numbers.")
     most: int = Field(description="With so many messages it would be no shorter run.")
-    credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that prints nothing there.")
+    credit: float = Field(
+        0.5, ge=0, le=1, description="Credit of a node that prints nothing there."
+    )
 
 
 class ReportedStatistics(Streams):
     """A vector printed behind a label agrees with an oracle's bounds."""
 
     label: str
-    synonyms: tuple[str, ...] = Field((), description="Other words for the label, tried in this order after it.")
-    unless: Pattern | None = Field(None, description="Found before the numbers, it tells that they are of another.")
+    synonyms: tuple[str, ...] = Field(
+        (), description="Other words for the label, tried in this order after it."
+    )
+    unless: Pattern | None = Field(
+        None, description="Found before the numbers, it tells that they are of another."
+    )
     key: str = Field(description="Key in the oracle's answer.")
     length: int
-    tolerance: float = Field(0.001, description="Absolute; 1 % of the value, and what rounding makes, are allowed too.")
+    tolerance: float = Field(
+        0.001, description="Absolute; 1 % of the value, and what rounding makes, are allowed too."
+    )
     alternatives: tuple[Alternative, ...] = ()
-    report_pattern: Patterns = Field((), description="The node's report on each message, to see whether it lost any.")
+    report_pattern: Patterns = Field(
+        (), description="The node's report on each message, to see whether it lost any."
+    )
     shorter: Shorter | None = None
     full_from: Share = Field(
-        0.5, description="Share of the messages from which numbers over those alone that the node reports earn all."
+        0.5,
+        description="Share of the messages from which numbers over those alone that the node reports earn all.",
     )
 
 
@@ -368,7 +459,9 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     if streams is None:
         return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
     run = context.session.processes_of(p.artifact)[-1:]
-    printed = _printed(p, context.session.output_of(p.artifact), run[0].interrupted_ns if run else None)
+    printed = _printed(
+        p, context.session.output_of(p.artifact), run[0].interrupted_ns if run else None
+    )
     if printed is None:
         if run and (flaky := flaky_end(run[0])):
             return unclear(expected, "nothing", flaky)
@@ -383,7 +476,9 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     return finding
 
 
-def _printed(p: ReportedStatistics, output: Sequence[Any], stopped_ns: int | None) -> PrintedVector | None:
+def _printed(
+    p: ReportedStatistics, output: Sequence[Any], stopped_ns: int | None
+) -> PrintedVector | None:
     return printed_vector(output, (p.label, *p.synonyms), stopped_ns, p.unless)
 
 
@@ -392,18 +487,28 @@ _LOST_SHARE = 0.03
 
 
 def _judge_vector(
-    context: Context, p: ReportedStatistics, streams: Mapping[str, NumericStream], printed: PrintedVector
+    context: Context,
+    p: ReportedStatistics,
+    streams: Mapping[str, NumericStream],
+    printed: PrintedVector,
 ) -> Finding:
     share = _agreement(context, p, streams, {}, printed)
     right = p.answer(context, streams)[p.key]["value"]
     # Numbers that lose points do not read as the right ones.
     shown = [
-        [f"[{' '.join(f'{x:.{n}f}' for x in each)}]" for each in (printed.values[: p.length], right)]
+        [
+            f"[{' '.join(f'{x:.{n}f}' for x in each)}]"
+            for each in (printed.values[: p.length], right)
+        ]
         for n in range(4, 10)
     ]
-    measured, right_text = next((pair for pair in shown if share < 1 and pair[0] != pair[1]), shown[0])
+    measured, right_text = next(
+        (pair for pair in shown if share < 1 and pair[0] != pair[1]), shown[0]
+    )
     expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
-    other_form = f"{p.label} is printed in another form; the lab asks for a line '{p.label}: [...]'."
+    other_form = (
+        f"{p.label} is printed in another form; the lab asks for a line '{p.label}: [...]'."
+    )
     notes = [] if printed.form == "vector" else [other_form]
     if share >= 1:
         return passed(expected, measured, notes=notes)
@@ -424,19 +529,32 @@ def _judge_vector(
     if fits:
         reason = f"Your numbers match only the {len(heard)} messages that the node reported; it missed the others."
         return graded(
-            of_all, expected, measured, reason, best=of_all + lost / p.full_from, doubt=late, levels=CREDIT_LEVELS
+            of_all,
+            expected,
+            measured,
+            reason,
+            best=of_all + lost / p.full_from,
+            doubt=late,
+            levels=CREDIT_LEVELS,
         )
     best = 1.0 if heard and lost >= _LOST_SHARE else share
-    return graded(share, expected, measured, f"Expected: {right_text}.", notes=notes, best=best, doubt=late)
+    return graded(
+        share, expected, measured, f"Expected: {right_text}.", notes=notes, best=best, doubt=late
+    )
 
 
 def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Shorter) -> str:
     """Say that the node printed no numbers after a run with fewer messages, if it ran, and ended as it should."""
     other = context.sessions.get(shorter.session)
     for run in other.record.processes if other is not None else ():
-        each = (sum(search(one, line.text[:2000]) is not None for line in run.output) for one in p.report_pattern)
+        each = (
+            sum(search(one, line.text[:2000]) is not None for line in run.output)
+            for one in p.report_pattern
+        )
         count = next(filter(None, each), 0)
-        ended = run.role == "student" and run.ended_by == "interrupt" and not run.output_dropped_bytes
+        ended = (
+            run.role == "student" and run.ended_by == "interrupt" and not run.output_dropped_bytes
+        )
         if not ended or not shorter.least <= count <= shorter.most or flaky_end(run):
             continue
         unprinted = _printed(p, run.output, run.interrupted_ns) is None
@@ -481,9 +599,15 @@ class Survives(Parameters):
 
     artifact: ref.Artifact
     step: ref.AnyStep
-    until: ref.AnyStep | None = Field(None, description="A later step; what ends after that one's start has survived.")
-    quiet: Patterns = Field((), description="A report that cannot be made yet, before the later step starts.")
-    quiet_credit: float = Field(0.5, ge=0, le=1, description="Credit of a node that makes it all the same.")
+    until: ref.AnyStep | None = Field(
+        None, description="A later step; what ends after that one's start has survived."
+    )
+    quiet: Patterns = Field(
+        (), description="A report that cannot be made yet, before the later step starts."
+    )
+    quiet_credit: float = Field(
+        0.5, ge=0, le=1, description="Credit of a node that makes it all the same."
+    )
 
 
 def survives(context: Context, p: Survives) -> Finding:
@@ -495,10 +619,17 @@ def survives(context: Context, p: Survives) -> Finding:
     step = context.session.step(p.step)
     processes = context.session.processes_of(p.artifact)
     if step is None or not processes or step.outcome == "failed":
-        return inconclusive(expected, "the step was not reached", "The recording does not show what the node did then.")
+        return inconclusive(
+            expected,
+            "the step was not reached",
+            "The recording does not show what the node did then.",
+        )
     first = processes[0]
     later = context.session.step(p.until) if p.until is not None else None
-    until_ns = min([run.started_ns for run in processes[1:2]] + ([later.started_ns] if later else []), default=2**63)
+    until_ns = min(
+        [run.started_ns for run in processes[1:2]] + ([later.started_ns] if later else []),
+        default=2**63,
+    )
     if first.exited_ns is not None and first.interrupted_ns is None and first.exited_ns <= until_ns:
         measured = f"it ended with status {first.exit_status} at {context.session.since_start_s(first.exited_ns):.2f} s"
         return unexplained(failed(expected, measured, "The node ended."))
@@ -515,13 +646,19 @@ def survives(context: Context, p: Survives) -> Finding:
     when_s = context.session.since_start_s(early[0].t_ns)
     reason = f"At {when_s:.1f} s it reports {early[0].value:g}, when there is nothing yet to compare with."
     return graded(
-        p.quiet_credit, f"{expected}, and reports nothing", f"it went on; early reports: {len(early)}", reason
+        p.quiet_credit,
+        f"{expected}, and reports nothing",
+        f"it went on; early reports: {len(early)}",
+        reason,
     )
 
 
 def _replaced_ns(context: Context, step: StepRun, until_ns: int) -> int | None:
     """Return when what subscribed to a step's topic was first seen gone, or the same node to have subscribed anew."""
-    nodes = {e.gid: e.node for e in student_endpoints(context, str(step.parameters.get("topic")), "subscription")}
+    nodes = {
+        e.gid: e.node
+        for e in student_endpoints(context, str(step.parameters.get("topic")), "subscription")
+    }
     before: set[str] = set()
     for graph in context.session.record.graph:
         there = {endpoint.gid for endpoint in graph.endpoints if endpoint.gid in nodes}
@@ -543,7 +680,9 @@ def _never_matched(context: Context, step: StepRun) -> bool:
     return step.result.get("matched") is False and fit
 
 
-def _early_reports(context: Context, p: Survives, step: StepRun, later: StepRun | None) -> list[Report]:
+def _early_reports(
+    context: Context, p: Survives, step: StepRun, later: StepRun | None
+) -> list[Report]:
     """Return a node's reports on messages with which nothing could be compared yet."""
     heard = reports(context.session, p.artifact, p.quiet) if later is not None else []
     begun_ns = later.started_ns if later is not None else 0
@@ -552,7 +691,9 @@ def _early_reports(context: Context, p: Survives, step: StepRun, later: StepRun 
     return [r for r in heard if step.started_ns <= r.t_ns < begun_ns and r.lead_in in lead_ins]
 
 
-def _report_share(context: Context, p: ReportedSeries, of: ReportShare) -> tuple[float, float, str, str, str]:
+def _report_share(
+    context: Context, p: ReportedSeries, of: ReportShare
+) -> tuple[float, float, str, str, str]:
     """Return the share of messages with a report, the most that it may be, what was counted, why, and the doubt.
 
     The oracle's count goes as far as the output was kept.
@@ -560,8 +701,13 @@ def _report_share(context: Context, p: ReportedSeries, of: ReportShare) -> tuple
     streams, run = p.recorded(context) or {}, context.session.processes_of(p.artifact)[-1:]
     full = bool(run) and bool(run[0].output_dropped_bytes and run[0].output)
     if full:
-        streams = {role: each.only(each.received_ns <= run[0].output[-1].t_ns) for role, each in streams.items()}
-    possible = int(context.oracle(of.oracle)(streams, dict(p.parameters), context.session.record.seed))
+        streams = {
+            role: each.only(each.received_ns <= run[0].output[-1].t_ns)
+            for role, each in streams.items()
+        }
+    possible = int(
+        context.oracle(of.oracle)(streams, dict(p.parameters), context.session.record.seed)
+    )
     lines = reports(context.session, p.artifact, p.pattern)
     heard = len(_without_repeats(context, p, lines))
     repeats = f", and {len(lines) - heard} that repeat one" if heard < len(lines) else ""
@@ -569,7 +715,13 @@ def _report_share(context: Context, p: ReportedSeries, of: ReportShare) -> tuple
     lost, late = _lost_to_machine(context, p)
     share = heard / max(1, possible) / of.full_from
     measured = f"{heard} reports{repeats} for {possible} messages{kept}"
-    return share, share + lost / of.full_from, measured, f"Only {heard} of {possible} messages led to a report.", late
+    return (
+        share,
+        share + lost / of.full_from,
+        measured,
+        f"Only {heard} of {possible} messages led to a report.",
+        late,
+    )
 
 
 #: After so many intervals without a message, those that follow come with another value.
@@ -586,7 +738,11 @@ def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> l
     """
     streams = context.session.streams(p.streams, p.field).values()
     begun_ns = max((int(stream.source_ns[0]) for stream in streams), default=0)
-    sent = max((s.source_ns[s.source_ns >= begun_ns] for s in streams), key=len, default=np.array([], dtype=np.int64))
+    sent = max(
+        (s.source_ns[s.source_ns >= begun_ns] for s in streams),
+        key=len,
+        default=np.array([], dtype=np.int64),
+    )
     if len(sent) < 2:
         return list(heard)
     interval_ns = float(np.median(np.diff(sent)))
@@ -596,7 +752,9 @@ def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> l
     kept: list[Report] = []
     for report in sorted((r for r in heard if r.t_ns >= begun_ns), key=lambda report: report.t_ns):
         came = int(np.searchsorted(sent, report.t_ns, side="right"))
-        if before is None or not math.isclose(report.value, before.value, rel_tol=_ALIKE, abs_tol=1e-8):
+        if before is None or not math.isclose(
+            report.value, before.value, rel_tol=_ALIKE, abs_tol=1e-8
+        ):
             surplus, most, counted = surplus + most, 0, 0
             start = int(np.searchsorted(starts, report.t_ns, side="right")) - 1
             first = int(np.searchsorted(sent, starts[max(0, start)]))

@@ -63,16 +63,25 @@ class WantedPose(Parameters):
     frame: ref.GivenName
     within: ref.GivenName = Field(description="The frame in which it lies.")
     xyz: tuple[float, float, float] | None = Field(None, description="Position in m.")
-    rpy: tuple[float, float, float] = Field((0.0, 0.0, 0.0), description="Roll, pitch and yaw in rad, as in URDF.")
+    rpy: tuple[float, float, float] = Field(
+        (0.0, 0.0, 0.0), description="Roll, pitch and yaw in rad, as in URDF."
+    )
     oracle: ref.Loadable | None = Field(
-        None, description="file.py:function(streams, parameters, seed); gives x, y, z, qx, qy, qz, qw at each times_ns."
+        None,
+        description="file.py:function(streams, parameters, seed); gives x, y, z, qx, qy, qz, qw at each times_ns.",
     )
     streams: Mapping[str, NumbersOf] = Field(
         default_factory=dict, description="Role that the oracle knows -> its numbers."
     )
-    parameters: Mapping[str, Any] = Field(default_factory=dict, description="Passed on to the oracle.")
-    alternatives: tuple[Alternative, ...] = Field((), description="Known mistakes, by other parameters of the oracle.")
-    at_s: tuple[float, ...] = Field((), description="Times after the window opens; by default all that were sent.")
+    parameters: Mapping[str, Any] = Field(
+        default_factory=dict, description="Passed on to the oracle."
+    )
+    alternatives: tuple[Alternative, ...] = Field(
+        (), description="Known mistakes, by other parameters of the oracle."
+    )
+    at_s: tuple[float, ...] = Field(
+        (), description="Times after the window opens; by default all that were sent."
+    )
     tolerance_m: float = Field(0.01, gt=0)
     tolerance_deg: float = Field(1.0, gt=0)
 
@@ -83,8 +92,12 @@ class Weights(Parameters):
     frames: float = Field(3.0, ge=0, description="The wanted frames with their parents.")
     tree: float = Field(1.0, ge=0, description="One root, one parent for each frame, no circle.")
     values: float = Field(1.0, ge=0, description="Finite numbers, and quaternions of length 1.")
-    stamps: float = Field(1.0, ge=0, description="Stamps of what moves: not zero, old or in the future.")
-    static: float = Field(1.0, ge=0, description="What is static on its topic, latched, and nowhere else.")
+    stamps: float = Field(
+        1.0, ge=0, description="Stamps of what moves: not zero, old or in the future."
+    )
+    static: float = Field(
+        1.0, ge=0, description="What is static on its topic, latched, and nowhere else."
+    )
     rates: float = Field(1.0, ge=0)
     poses: float = Field(3.0, ge=0)
 
@@ -95,17 +108,25 @@ class TransformTree(OfNode):
     process: ref.Process
     frames: tuple[WantedFrame, ...] = Field(min_length=1)
     poses: tuple[WantedPose, ...] = ()
-    window: ref.Window | None = Field(None, description="Label of the observe step; else the whole session.")
+    window: ref.Window | None = Field(
+        None, description="Label of the observe step; else the whole session."
+    )
     topic: ref.Topic = "/tf"
     static_topic: ref.Topic = "/tf_static"
     simulated: bool = Field(False, description="Stamps are of the time on /clock.")
     oldest_s: float = Field(0.1, gt=0, description="How old a stamp may be when it is published.")
     ahead_s: float = Field(0.02, ge=0, description="How far it may lie in the future then.")
-    rate_within: Share = Field(0.1, description="Relative deviation of a rate up to which credit is full.")
+    rate_within: Share = Field(
+        0.1, description="Relative deviation of a rate up to which credit is full."
+    )
     rate_beyond: Share = Field(0.5, description="Relative deviation from which there is none.")
     # tf2's BufferCore refuses quaternions whose squared length is more than 0.01 off 1.
-    unit_within: float = Field(0.005, gt=0, description="How far the length of a quaternion may be from 1.")
-    known_credit: Share = Field(0.5, description="Credit of a part with a mistake that is known by name.")
+    unit_within: float = Field(
+        0.005, gt=0, description="How far the length of a quaternion may be from 1."
+    )
+    known_credit: Share = Field(
+        0.5, description="Credit of a part with a mistake that is known by name."
+    )
     weights: Weights = Weights()
 
     @model_validator(mode="after")
@@ -117,7 +138,9 @@ class TransformTree(OfNode):
 
 def transform_tree(context: Context, p: TransformTree) -> Finding:
     """Judge all that was broadcast, each part by its weight."""
-    expected = ", ".join(f"{f.child} in {f.parent}{' (static)' if f.static else ''}" for f in p.frames)
+    expected = ", ".join(
+        f"{f.child} in {f.parent}{' (static)' if f.static else ''}" for f in p.frames
+    )
     expected += f", from node {p.node}" if p.node else ""
     seen = _Seen(context.session, p, context)
     if not any(seen.edge(wanted) for wanted in p.frames):
@@ -126,18 +149,32 @@ def transform_tree(context: Context, p: TransformTree) -> Finding:
     groups = {
         "frames": [_frame(seen, wanted) for wanted in p.frames],
         "tree": _tree(seen),
-        "values": [_values(seen, edge) for wanted in p.frames if (edge := seen.edge(wanted)) is not None],
+        "values": [
+            _values(seen, edge) for wanted in p.frames if (edge := seen.edge(wanted)) is not None
+        ],
         "stamps": [_stamps(seen, wanted) for wanted in p.frames if not wanted.static],
         "static": [_static(seen, wanted) for wanted in p.frames],
-        "rates": [_rate(seen, wanted, wanted.rate_hz) for wanted in p.frames if wanted.rate_hz is not None],
+        "rates": [
+            _rate(seen, wanted, wanted.rate_hz) for wanted in p.frames if wanted.rate_hz is not None
+        ],
         "poses": [_pose(seen, pose) for pose in p.poses],
     }
     weights = p.weights.model_dump()
     parts = [
-        part for name, listed in groups.items() if listed and weights[name] for part in weighed(listed, weights[name])
+        part
+        for name, listed in groups.items()
+        if listed and weights[name]
+        for part in weighed(listed, weights[name])
     ]
-    where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.location(p.topic, seen.span))
-    senders = (e.node for topic in (p.topic, p.static_topic) for e in student_endpoints(context, topic, "publisher"))
+    where = (
+        *claimed_at(claim_of(context, "publisher", p.topic)),
+        context.location(p.topic, seen.span),
+    )
+    senders = (
+        e.node
+        for topic in (p.topic, p.static_topic)
+        for e in student_endpoints(context, topic, "publisher")
+    )
     return of_parts(expected, parts, costs=p.node_faults(list(senders)), where=where)
 
 
@@ -167,7 +204,11 @@ class _Seen:
     def edges(self) -> list[Broadcast]:
         """All that was sent, what moves within the window; what is static first."""
         of_topics = ((self.p.static_topic, True), (self.p.topic, False))
-        sent = (edge for topic, static in of_topics for edge in broadcasts(self.session.stream(topic), static=static))
+        sent = (
+            edge
+            for topic, static in of_topics
+            for edge in broadcasts(self.session.stream(topic), static=static)
+        )
         within = (each.within(None if each.child in self.static else self.span) for each in sent)
         return [edge for edge in within if len(edge.stamps_ns)]
 
@@ -183,9 +224,9 @@ class _Seen:
 
     def is_exchanged(self, wanted: WantedFrame) -> bool:
         """Whether a frame was sent as the parent of its parent."""
-        return wanted.parent not in self.parents.get(wanted.child, ()) and wanted.child in self.parents.get(
-            wanted.parent, ()
-        )
+        return wanted.parent not in self.parents.get(
+            wanted.child, ()
+        ) and wanted.child in self.parents.get(wanted.parent, ())
 
     @cached_property
     def wanted(self) -> frozenset[str]:
@@ -197,12 +238,22 @@ class _Seen:
         sent = {edge.child for edge in self.edges}
         others = sorted(sent - self.wanted)
         missing = [frame.child for frame in self.p.frames if frame.child not in sent]
-        return {name: near[0] for name in missing if (near := [other for other in others if is_misspelt(name, other)])}
+        return {
+            name: near[0]
+            for name in missing
+            if (near := [other for other in others if is_misspelt(name, other)])
+        }
 
     def _named_right(self, edge: Broadcast) -> Broadcast:
         """Return what was sent with the names that were meant."""
-        child = next((name for name, sent in self.misspelt.items() if sent == edge.child), edge.child)
-        parents = [f.parent for f in self.p.frames if f.child == child and is_misspelt(f.parent, edge.parent)]
+        child = next(
+            (name for name, sent in self.misspelt.items() if sent == edge.child), edge.child
+        )
+        parents = [
+            f.parent
+            for f in self.p.frames
+            if f.child == child and is_misspelt(f.parent, edge.parent)
+        ]
         parent = parents[0] if parents and edge.parent not in self.wanted else edge.parent
         return replace(edge, child=child, parent=parent)
 
@@ -210,14 +261,21 @@ class _Seen:
     def put_right(self) -> list[Broadcast]:
         """All that was sent, the wanted last, with the names right where they are exchanged or misspelt."""
         wrong = {(f.child, f.parent) for f in self.p.frames if self.is_exchanged(f)}
-        right = [e.exchanged() if (e.parent, e.child) in wrong else self._named_right(e) for e in self.edges]
+        right = [
+            e.exchanged() if (e.parent, e.child) in wrong else self._named_right(e)
+            for e in self.edges
+        ]
         asked = {(f.parent, f.child) for f in self.p.frames}
         return sorted(right, key=lambda edge: (edge.parent, edge.child) in asked)
 
     def edge(self, wanted: WantedFrame, *, static: bool | None = None) -> Broadcast | None:
         """Return what was sent of a frame, in whatever parent."""
-        fitting = [e for e in self.put_right if e.child == wanted.child and static in (None, e.static)]
-        return next((e for e in fitting if e.parent == wanted.parent), fitting[0] if fitting else None)
+        fitting = [
+            e for e in self.put_right if e.child == wanted.child and static in (None, e.static)
+        ]
+        return next(
+            (e for e in fitting if e.parent == wanted.parent), fitting[0] if fitting else None
+        )
 
     @property
     def clock(self) -> Callable[[Integers], Integers]:
@@ -226,7 +284,9 @@ class _Seen:
         if ticks is None:
             return lambda times_ns: times_ns
         begin_ns, shown_ns = int(ticks.source_ns[0]), np.round(ticks.values[:, 0] * 1e9)
-        return lambda times_ns: np.interp(times_ns - begin_ns, ticks.source_ns - begin_ns, shown_ns).astype(np.int64)
+        return lambda times_ns: np.interp(
+            times_ns - begin_ns, ticks.source_ns - begin_ns, shown_ns
+        ).astype(np.int64)
 
     def delay_s(self, start_ns: int, end_ns: int) -> float:
         """Return for how long the machine delayed the process."""
@@ -263,15 +323,15 @@ def _frame(seen: _Seen, wanted: WantedFrame) -> Part:
     # Where it is one of the wanted frames, the name of the parent is charged there.
     charged = parent in (frame.child for frame in seen.p.frames)
     if parent not in parents and not (charged and seen.misspelt.get(parent) in parents):
-        return Part(0.0, f"{child} in {parents[0]}", f"The parent of {child} is {parents[0]}, not {parent}.")
+        return Part(
+            0.0, f"{child} in {parents[0]}", f"The parent of {child} is {parents[0]}, not {parent}."
+        )
     if edge.slashed:
         return Part(known, f"{child} in {parent}", _SLASH, hint=_SLASH_HINT)
     return Part(1.0, f"{child} in {parent}")
 
 
-_EXCHANGED_HINT = (
-    "header.frame_id is the parent, child_frame_id the child; the pose is that of the child in the parent."
-)
+_EXCHANGED_HINT = "header.frame_id is the parent, child_frame_id the child; the pose is that of the child in the parent."
 _SLASH = "Frame names were sent with a leading slash, with which tf2 does not look them up."
 _SLASH_HINT = "Write frame names without a slash: 'sensor', not '/sensor'."
 
@@ -286,11 +346,15 @@ def _tree(seen: _Seen) -> list[Part]:
     roots = sorted({name for names in parents.values() for name in names} - parents.keys())
     found = []
     if several is not None:
-        found.append(f"The frame {several[0]} has {len(several[1])} parents: {', '.join(several[1][:_MOST_NAMED])}.")
+        found.append(
+            f"The frame {several[0]} has {len(several[1])} parents: {', '.join(several[1][:_MOST_NAMED])}."
+        )
     if circle:
         found.append(f"The frames form a circle: {' → '.join(circle[:_MOST_NAMED])}.")
     if len(roots) > 1:
-        found.append(f"There are {len(roots)} roots, not connected: {', '.join(roots[:_MOST_NAMED])}.")
+        found.append(
+            f"There are {len(roots)} roots, not connected: {', '.join(roots[:_MOST_NAMED])}."
+        )
     sound = Part(1.0, f"{len(parents)} frames below {roots[0]}" if len(roots) == 1 else "")
     return [*(Part(0.0, reason=reason) for reason in found), *[sound] * (3 - len(found))]
 
@@ -321,17 +385,27 @@ def _static(seen: _Seen, wanted: WantedFrame) -> Part:
     if static is None and moving is None:
         return seen.missing(wanted)
     if not wanted.static:
-        reason = f"{child} moves, and was sent on {p.static_topic}, where it is taken to stay for ever."
-        return Part(1.0) if moving is not None and static is None else Part(known if moving else 0.0, reason=reason)
+        reason = (
+            f"{child} moves, and was sent on {p.static_topic}, where it is taken to stay for ever."
+        )
+        return (
+            Part(1.0)
+            if moving is not None and static is None
+            else Part(known if moving else 0.0, reason=reason)
+        )
     if static is None:
         once = moving is not None and len(np.unique(moving.source_ns)) == 1
         reason = f"{child} was sent on {p.topic}, where it ages; what never moves belongs on {p.static_topic}."
         lost = f"{child} was sent once on {p.topic}, without being latched: a node that starts later never gets it."
         return Part(0.0 if once else known, reason=lost if once else reason, hint=_STATIC_HINT)
-    offers = [e.qos.durability for e in student_endpoints(seen.context, p.static_topic, "publisher")]
+    offers = [
+        e.qos.durability for e in student_endpoints(seen.context, p.static_topic, "publisher")
+    ]
     if "volatile" in offers:
         # Listeners of tf2 request TRANSIENT_LOCAL, with which it is not compatible however often it is sent.
-        reason = f"{p.static_topic} is offered VOLATILE: a node that starts later never gets {child}."
+        reason = (
+            f"{p.static_topic} is offered VOLATILE: a node that starts later never gets {child}."
+        )
         return Part(0.0, reason=reason, hint=_STATIC_HINT)
     again = f"{child} was sent on {p.static_topic} and again on {p.topic}; once on {p.static_topic} is enough."
     return Part(1.0) if moving is None else Part(known, reason=again)
@@ -357,12 +431,20 @@ def _stamps(seen: _Seen, wanted: WantedFrame) -> Part:
     share = quantise(1 - float((old | ahead).mean()))
     # Those that got old before they were published, since the machine delayed the program for so long.
     aged = [(int(edge.source_ns[n]), float(ages_s[n])) for n in np.flatnonzero(old)[:_MOST_DOUBTED]]
-    excused = sum(seen.delay_s(sent_ns - round(s * 1e9), sent_ns) >= s - p.oldest_s for sent_ns, s in aged)
+    excused = sum(
+        seen.delay_s(sent_ns - round(s * 1e9), sent_ns) >= s - p.oldest_s for sent_ns, s in aged
+    )
     best = quantise(1 - float((old | ahead).mean()) + excused / len(old))
     which = "in the future" if worst_s < 0 else "old"
-    reason = f"Stamps of {wanted.child} are up to {abs(worst_s):.2f} s {which} when they are published."
+    reason = (
+        f"Stamps of {wanted.child} are up to {abs(worst_s):.2f} s {which} when they are published."
+    )
     doubt = "Not your fault: the grading computer delayed your program between a stamp and its publication."
-    return Part(1.0) if share == 1 else Part(share, reason=reason, best=best, doubt=doubt if best > share else "")
+    return (
+        Part(1.0)
+        if share == 1
+        else Part(share, reason=reason, best=best, doubt=doubt if best > share else "")
+    )
 
 
 #: Of more stamps that are old, not all can be the machine's doing.
@@ -377,7 +459,9 @@ def _rate(seen: _Seen, wanted: WantedFrame, rate_hz: float) -> Part:
     times_ns = np.unique(edge.source_ns)
     span = seen.span or Span(int(times_ns[0]), int(times_ns[-1]))
     if len(times_ns) < 3 or span.duration_s <= 0:
-        return Part(0.0, reason=f"{wanted.child} was sent {len(times_ns)} times only, too few for a rate.")
+        return Part(
+            0.0, reason=f"{wanted.child} was sent {len(times_ns)} times only, too few for a rate."
+        )
     between_hz = (len(times_ns) - 1) / ((times_ns[-1] - times_ns[0]) / 1e9)
     # Where it falls silent within the window, that is its rate too.
     least, most = ((len(times_ns) + k) / span.duration_s for k in (-1, 1))
@@ -387,7 +471,10 @@ def _rate(seen: _Seen, wanted: WantedFrame, rate_hz: float) -> Part:
     error_hz = 2 * float(np.std(np.diff(times_ns))) / 1e9 * low_hz / span.duration_s
     bounds_hz = (low_hz - error_hz, high_hz + error_hz)
     nearest_hz = min(max(rate_hz, bounds_hz[0]), bounds_hz[1])
-    furthest, nearest = max(abs(hz / rate_hz - 1) for hz in bounds_hz), abs(nearest_hz / rate_hz - 1)
+    furthest, nearest = (
+        max(abs(hz / rate_hz - 1) for hz in bounds_hz),
+        abs(nearest_hz / rate_hz - 1),
+    )
     share, best = (quantise(ramp(off, p.rate_within, p.rate_beyond)) for off in (furthest, nearest))
     reason = f"{wanted.child} is sent at {low_hz:.1f} Hz, not {rate_hz:g} Hz." if share < 1 else ""
     doubt = cpu_delay_doubt(delay_s, span.duration_s) if best > share and delay_s else ""
@@ -403,31 +490,51 @@ _EXPLAINS = 0.9
 def _pose(seen: _Seen, p: WantedPose) -> Part:
     """Judge where a frame lies in another; a mistake with a name leaves part of the credit."""
     # What should be static, and was sent as if it moved, has cost its part.
-    tree = FrameTree(replace(edge, static=edge.static or edge.child in seen.static) for edge in seen.put_right)
+    tree = FrameTree(
+        replace(edge, static=edge.static or edge.child in seen.static) for edge in seen.put_right
+    )
     times_ns = tree.times_ns(p.frame, p.within)
     if p.at_s:
-        start_ns = [seen.span.start_ns + round(s * 1e9) for s in p.at_s] if seen.span is not None else []
+        start_ns = (
+            [seen.span.start_ns + round(s * 1e9) for s in p.at_s] if seen.span is not None else []
+        )
         times_ns = seen.clock(np.array(start_ns, dtype=np.int64))
     poses = tree.pose(p.frame, p.within, times_ns)
     if poses is None or not len(times_ns) or (p.at_s and not np.isfinite(poses).any()):
         then = " at the time that is looked at" if p.at_s else ""
-        return Part(0.0, reason=f"Where {p.frame} lies in {p.within} was not tested: nothing connects them{then}.")
+        return Part(
+            0.0,
+            reason=f"Where {p.frame} lies in {p.within} was not tested: nothing connects them{then}.",
+        )
     expected = _expected(seen, p, times_ns, {})
     if expected is None:
-        return Part(0.0, reason=f"Where {p.frame} lies was not tested: nothing was recorded from which it follows.")
+        return Part(
+            0.0,
+            reason=f"Where {p.frame} lies was not tested: nothing was recorded from which it follows.",
+        )
     fits, off = _fit(p, poses, expected)
     share = quantise(float(fits.mean()))
-    best = max(share, _undisturbed(seen, times_ns, fits) if p.oracle is not None and share < 1 else 0.0)
+    best = max(
+        share, _undisturbed(seen, times_ns, fits) if p.oracle is not None and share < 1 else 0.0
+    )
     text = f"{p.frame} in {p.within} off by {off}"
     if share == 1:
         return Part(1.0, text)
     reason = f"{p.frame} in {p.within} is off by {off}; {p.tolerance_m:g} m and {p.tolerance_deg:g}° are allowed."
     slips = _slips(seen, p, tree, times_ns, poses) if share < _EXPLAINS else ()
-    explaining = ((known, meaning, hint) for right, known, meaning, hint in slips if right.mean() >= _EXPLAINS)
+    explaining = (
+        (known, meaning, hint) for right, known, meaning, hint in slips if right.mean() >= _EXPLAINS
+    )
     known, meaning, hint = next(explaining, (0.0, "", ""))
     credit = max(share, known)
-    doubt = "Not your fault: the grading computer delayed your program while it sent poses." if best > credit else ""
-    return Part(credit, text, f"{reason} {meaning}".strip(), best=max(credit, best), doubt=doubt, hint=hint)
+    doubt = (
+        "Not your fault: the grading computer delayed your program while it sent poses."
+        if best > credit
+        else ""
+    )
+    return Part(
+        credit, text, f"{reason} {meaning}".strip(), best=max(credit, best), doubt=doubt, hint=hint
+    )
 
 
 def _undisturbed(seen: _Seen, times_ns: Integers, fits: NDArray[np.bool_]) -> float:
@@ -445,7 +552,9 @@ def _undisturbed(seen: _Seen, times_ns: Integers, fits: NDArray[np.bool_]) -> fl
 _NEAR_NS, _HARMLESS_S, _FEWEST_CALM = 200_000_000, 0.01, 5
 
 
-def _expected(seen: _Seen, p: WantedPose, times_ns: Integers, other: Mapping[str, Any]) -> Floats | None:
+def _expected(
+    seen: _Seen, p: WantedPose, times_ns: Integers, other: Mapping[str, Any]
+) -> Floats | None:
     """Return the poses as they are to be, with other parameters of the oracle; None without what they rest on."""
     if p.oracle is None:
         return np.repeat(pose_of(p.xyz or (), p.rpy), len(times_ns), axis=0)
@@ -488,20 +597,36 @@ def _slips(
     if p.oracle is None:
         degrees = pose_of(p.xyz or (), [float(np.degrees(a)) for a in p.rpy])
         # Turns about moving axes are those about fixed ones in the other order.
-        moving = np.hstack((degrees[:, :3], inverse(pose_of((0, 0, 0), [-a for a in p.rpy]))[:, 3:]))
-        for pose, name, hint in ((degrees, _DEGREES, "Use math.radians()."), (moving, _MOVING_AXES, _MOVING_AXES_HINT)):
+        moving = np.hstack(
+            (degrees[:, :3], inverse(pose_of((0, 0, 0), [-a for a in p.rpy]))[:, 3:])
+        )
+        for pose, name, hint in (
+            (degrees, _DEGREES, "Use math.radians()."),
+            (moving, _MOVING_AXES, _MOVING_AXES_HINT),
+        ):
             yield _fit(p, poses, np.repeat(pose, len(times_ns), axis=0))[0], known, name, hint
     for each in p.alternatives:
         if (other := _expected(seen, p, times_ns, each.parameters)) is not None:
-            yield _fit(p, poses, other)[0], each.left(seen.context), f"Your poses match {each.meaning}.", ""
+            yield (
+                _fit(p, poses, other)[0],
+                each.left(seen.context),
+                f"Your poses match {each.meaning}.",
+                "",
+            )
 
 
 _INVERSE_HINT = "Send the pose of the child as it is seen from the parent."
 _DEGREES = "The angles are in degrees where radians are meant."
-_MOVING_AXES = "Roll, pitch and yaw are about the moving axes, where the parent's fixed ones are meant."
-_MOVING_AXES_HINT = "The quaternion is q(yaw)·q(pitch)·q(roll); for scipy the axes are called 'xyz', not 'XYZ'."
+_MOVING_AXES = (
+    "Roll, pitch and yaw are about the moving axes, where the parent's fixed ones are meant."
+)
+_MOVING_AXES_HINT = (
+    "The quaternion is q(yaw)·q(pitch)·q(roll); for scipy the axes are called 'xyz', not 'XYZ'."
+)
 _WXYZ = "The quaternion is in the order w, x, y, z."
-_WXYZ_HINT = "ROS has x, y, z, w; transforms3d and others give w first: set each of the four by its name."
+_WXYZ_HINT = (
+    "ROS has x, y, z, w; transforms3d and others give w first: set each of the four by its name."
+)
 
 
 def _suspects(tree: FrameTree, p: WantedPose) -> Iterator[list[Broadcast]]:

@@ -19,7 +19,9 @@ from grader.result_folder import AUDIT_FILE, HISTORY, RESULT_FILE
 AUDIT_SCHEMA = "ros-lab-grader/audit/v1"
 
 
-def note_replaced(results: Path, name: str, before: str | None, command: str, *, overrides_sha256: str) -> None:
+def note_replaced(
+    results: Path, name: str, before: str | None, command: str, *, overrides_sha256: str
+) -> None:
     """Keep an old result and add a line to the trail; nothing is written where nothing was replaced.
 
     `before` is the text of the submission's `result.json` as it was, `command` is by what it was replaced, and the
@@ -38,7 +40,9 @@ def note_replaced(results: Path, name: str, before: str | None, command: str, *,
             "grader": grader.__version__,
             "submission": name,
             "overrides_sha256": overrides_sha256 or None,
-            "rubric_sha256": [result.rubric_sha256 if result is not None else None for result in results_of],
+            "rubric_sha256": [
+                result.rubric_sha256 if result is not None else None for result in results_of
+            ],
             "result_sha256": [_sha256(text) if text is not None else None for text in texts],
             "kept": keep(results, name, before) if replaced and before is not None else None,
             **plain_changes(changes_between(old, new)),

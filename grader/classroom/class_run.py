@@ -64,22 +64,36 @@ class ClassRun:
         """
         lab, options = fingerprint.lab_sha256(self.rubric), fingerprint.options_sha256(self.options)
         common = fingerprint.sha256_of((fingerprint.engine_sha256(), lab, options))
-        least = location.level if isinstance(location, Isolation) else Level.of(self.options.least_isolation)
+        least = (
+            location.level
+            if isinstance(location, Isolation)
+            else Level.of(self.options.least_isolation)
+        )
         # All are read, and judged where that suffices, before the first is started, so that no session is timed then.
         tasks = [self._task(one, common) for one in sources]
         entries = [self._entry(task, least) for task in tasks]
         new = [task for task, entry in zip(tasks, entries, strict=True) if entry is None]
-        kept = {task: entry for task, entry in zip(tasks, entries, strict=True) if entry is not None}
+        kept = {
+            task: entry for task, entry in zip(tasks, entries, strict=True) if entry is not None
+        }
         undecided = {}
         if self.options.scope is Scope.UNDECIDED:
             if new:
                 names = ", ".join(task.source.name for task in new)
-                self.display.note(f"Not graded yet, and left out: {names}. Grade them without --undecided.")
+                self.display.note(
+                    f"Not graded yet, and left out: {names}. Grade them without --undecided."
+                )
             found = {task: self._result(task) for task in kept}
-            undecided = {task: result for task, result in found.items() if result and self._is_undecided(result)}
+            undecided = {
+                task: result
+                for task, result in found.items()
+                if result and self._is_undecided(result)
+            }
             kept, new = {task: entry for task, entry in kept.items() if task not in undecided}, []
         sessions = self.rubric.sessions
-        work_s = sum(sessions[s].typical_s for s in self.options.sessions or sessions if s in sessions)
+        work_s = sum(
+            sessions[s].typical_s for s in self.options.sessions or sessions if s in sessions
+        )
         for task in (*new, *undecided):
             self.display.expect(task.source.name, work_s)
         self._judge(kept)
@@ -91,9 +105,14 @@ class ClassRun:
                 submission, time = fingerprint.submission_sha256(intake), intake.source.submitted_at
                 submitted_at = time.isoformat() if time is not None else None
         except Exception:
-            submission, submitted_at = "", None  # What is wrong with it will be said when it is its turn.
+            submission, submitted_at = (
+                "",
+                None,
+            )  # What is wrong with it will be said when it is its turn.
         policy = fingerprint.policy_sha256(self.options, source.name, submitted_at)
-        return _Task(source, submission, submitted_at, fingerprint.sha256_of((common, submission)), policy)
+        return _Task(
+            source, submission, submitted_at, fingerprint.sha256_of((common, submission)), policy
+        )
 
     def _entry(self, task: _Task, least: Level) -> Entry | None:
         """Return what the journal says of recordings that hold good."""
@@ -144,7 +163,12 @@ class ClassRun:
         """Let the recordings say what is known now of who handed them in, and when."""
         recordings = self.journal.results / task.source.name / RECORDINGS
         record, source = read_submission(recordings), task.source
-        known = replace(record, submitted_at=task.submitted_at, student_id=source.student_id, identity=source.identity)
+        known = replace(
+            record,
+            submitted_at=task.submitted_at,
+            student_id=source.student_id,
+            identity=source.identity,
+        )
         if known != record:
             write_submission(recordings, known)
 
@@ -161,9 +185,13 @@ class ClassRun:
                 opened = stack.enter_context(Here(location, self.machine))
             # What this machine leaves undecided is recorded again when no other waits to be begun.
             scope = Scope.ALL if isinstance(location, str) else Scope.ONCE
-            await side_by_side(self._finish(t, undecided.get(t), opened, scope) for t in (*tasks, *undecided))
+            await side_by_side(
+                self._finish(t, undecided.get(t), opened, scope) for t in (*tasks, *undecided)
+            )
 
-    async def _finish(self, task: _Task, earlier: Result | None, site: Here | Cluster, scope: Scope) -> None:
+    async def _finish(
+        self, task: _Task, earlier: Result | None, site: Here | Cluster, scope: Scope
+    ) -> None:
         """Grade a submission, and record again what is undecided in its result, or in an earlier one."""
         if (left := earlier or await self._first(task, site, scope)) is not None:
             await self._again(task, left, site)
@@ -176,7 +204,9 @@ class ClassRun:
         except Exception as error:
             ending = self._abandoned(task, problem_of(error))
         if scope is Scope.ONCE and isinstance(ending, Result) and self._is_undecided(ending):
-            self.display.phase(name, Progress("", "waits for the others, since something is undecided"))
+            self.display.phase(
+                name, Progress("", "waits for the others, since something is undecided")
+            )
             return ending
         self._end(Row(task.source, ending, took_s=self.display.took_s(name)))
         return None
@@ -197,15 +227,25 @@ class ClassRun:
         name, decided_by, seed = task.source.name, self.options.overrides.sha256, self.options.seed
         if seed is None:
             seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
-        options = replace(self.options, seed=seed, scope=scope, earlier=earlier_results(self.journal.results / name))
+        options = replace(
+            self.options,
+            seed=seed,
+            scope=scope,
+            earlier=earlier_results(self.journal.results / name),
+        )
         job = Job(task.source, self.journal.results / name, self.rubric, options)
         before, recorded = text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
         ending, isolation = await site.grade(job, partial(self.display.phase, name))
         if not isinstance(ending, GraderError):
-            audit.note_replaced(self.journal.results, name, before, "grade", overrides_sha256=decided_by)
+            audit.note_replaced(
+                self.journal.results, name, before, "grade", overrides_sha256=decided_by
+            )
             self.journal.note(name, task.key, task.policy, isolation.value)
             return ending
-        if recordings_sha256(job.results) in ("", recorded) or ending.exit_status == RecordingError.exit_status:
+        if (
+            recordings_sha256(job.results) in ("", recorded)
+            or ending.exit_status == RecordingError.exit_status
+        ):
             return ending if scope is Scope.UNDECIDED else self._abandoned(task, ending)
         # What was recorded could not be judged: the next run tries again.
         if before is not None:
@@ -224,7 +264,9 @@ def entries_of(results: Path, rows: Sequence[Row]) -> list[ClassEntry]:
     entries = {entry.name: entry for entry in entries_in(results)}
     for row in rows:
         source = row.source
-        entry = entries.get(source.name, ClassEntry(source.name, None, "There are no results of it."))
+        entry = entries.get(
+            source.name, ClassEntry(source.name, None, "There are no results of it.")
+        )
         if isinstance(row.ending, GraderError):
             entry = ClassEntry(source.name, None, row.ending.problem)
         entries[source.name] = replace(

@@ -56,7 +56,9 @@ class Bundle:
 def packed(files: dict[str, Path]) -> bytes:
     """Return files as an archive, by the names that they shall have."""
     stream = io.BytesIO()
-    with tarfile.open(fileobj=stream, mode="w:gz", compresslevel=1, format=tarfile.PAX_FORMAT) as archive:
+    with tarfile.open(
+        fileobj=stream, mode="w:gz", compresslevel=1, format=tarfile.PAX_FORMAT
+    ) as archive:
         for name, path in files.items():
             archive.add(path, name, recursive=False)
     return stream.getvalue()
@@ -82,7 +84,11 @@ def grade_bundle(bundle: bytes) -> tuple[Ending, str, bytes]:
     sent: Bundle = pickle.loads(bundle)
     if sent.engine != fingerprint.engine_sha256():
         remedy = "Install the same version of grade, Python and the ROS 2 packages on all machines."
-        return PlatformError("a worker's grade differs from the one here", remedy=remedy), Level.NONE.value, b""
+        return (
+            PlatformError("a worker's grade differs from the one here", remedy=remedy),
+            Level.NONE.value,
+            b"",
+        )
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
         job = _laid_out(sent, Path(scratch))
         isolation = probe_isolation(job.options.interpreter)
@@ -104,7 +110,9 @@ def _laid_out(sent: Bundle, scratch: Path) -> Job:
         source=replace(sent.job.source, folder=submission),
         results=scratch / "results",
         rubric=sent.job.rubric.model_copy(update={"folder": lab}),
-        options=replace(options, interpreter=Path(sys.executable)) if sent.own_interpreter else options,
+        options=replace(options, interpreter=Path(sys.executable))
+        if sent.own_interpreter
+        else options,
     )
 
 
@@ -115,14 +123,22 @@ async def cluster(address: str, note: Callable[[str], None]) -> AsyncIterator[Cl
         import distributed
     except ImportError:
         remedy = "In a checkout of the grader: pip install '.[cluster]'"
-        raise PlatformError("the Python package distributed is not installed", remedy=remedy) from None
-    location: dict[str, Any] = {"scheduler_file": address} if Path(address).is_file() else {"address": address}
+        raise PlatformError(
+            "the Python package distributed is not installed", remedy=remedy
+        ) from None
+    location: dict[str, Any] = (
+        {"scheduler_file": address} if Path(address).is_file() else {"address": address}
+    )
     try:
         client_of: Any = distributed.Client
-        client = await client_of(**location, asynchronous=True, timeout=_CONNECT_S, set_as_default=False)
+        client = await client_of(
+            **location, asynchronous=True, timeout=_CONNECT_S, set_as_default=False
+        )
     except (OSError, ValueError, asyncio.TimeoutError) as problem:
         remedy = f"Check --scheduler, and that the scheduler runs. ({problem})"
-        raise PlatformError("the scheduler cannot be reached", location=address, remedy=remedy) from problem
+        raise PlatformError(
+            "the scheduler cannot be reached", location=address, remedy=remedy
+        ) from problem
     opened = Cluster(client)
     if not await opened.workers():
         note("The scheduler has no workers yet; waiting for them.")
@@ -149,7 +165,9 @@ class Cluster:
     _labs: dict[str, bytes] = field(default_factory=dict)
     _engine: str = field(default_factory=fingerprint.engine_sha256)
 
-    async def grade(self, job: Job, on_progress: Callable[[Progress], None]) -> tuple[Ending, Level]:
+    async def grade(
+        self, job: Job, on_progress: Callable[[Progress], None]
+    ) -> tuple[Ending, Level]:
         """Grade a submission on one of the workers."""
         key = f"grade-{uuid.uuid4().hex}"
         async with self._next:
@@ -158,7 +176,9 @@ class Cluster:
             self._under_way[key] = on_progress
         try:
             on_progress(Progress("", "waits for a worker"))
-            future = self.client.submit(grade_bundle, await asyncio.to_thread(self._bundle, job), key=key, pure=False)
+            future = self.client.submit(
+                grade_bundle, await asyncio.to_thread(self._bundle, job), key=key, pure=False
+            )
             try:
                 ending, level, results = await future
             except asyncio.CancelledError:
@@ -184,7 +204,9 @@ class Cluster:
             with suppress(OSError, asyncio.TimeoutError):
                 self._threads = await self.workers()
                 for worker, keys in (await self.client.processing()).items():
-                    for on_progress in filter(None, (self._under_way.get(str(key)) for key in keys)):
+                    for on_progress in filter(
+                        None, (self._under_way.get(str(key)) for key in keys)
+                    ):
                         on_progress(Progress("", f"with {worker}"))
             await asyncio.sleep(_WATCH_S)
 
@@ -195,7 +217,13 @@ class Cluster:
             own = job.options.interpreter == Path(sys.executable)
             sent = replace(job, source=intake)
             return pickle.dumps(
-                Bundle(self._engine, sent, packed(dict(fingerprint.files_below(intake.folder))), lab, own)
+                Bundle(
+                    self._engine,
+                    sent,
+                    packed(dict(fingerprint.files_below(intake.folder))),
+                    lab,
+                    own,
+                )
             )
 
 

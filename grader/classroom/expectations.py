@@ -47,7 +47,9 @@ class ExpectedCheck(Strict):
         """Say in what a check's result differs from this."""
         found = " | ".join(part for part in (check.measured, check.reason) if part)
         if check.outcome.value != self.outcome:
-            is_now, wanted = (outcome.replace("_", " ") for outcome in (check.outcome.value, self.outcome))
+            is_now, wanted = (
+                outcome.replace("_", " ") for outcome in (check.outcome.value, self.outcome)
+            )
             yield f"{check.id} is {is_now}, not {wanted}: {found}"
         loses_all = check.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
         bounds = self.earned or (_NOTHING if loses_all else (check.earned, check.earned))
@@ -94,7 +96,9 @@ class Expectation(Strict):
     def loses_in(self, criterion: str) -> bool:
         """Whether a check of a criterion is expected not to pass."""
         expected = self.criteria.get(criterion)
-        return expected is not None and any(check.outcome != "passed" for check in expected.checks.values())
+        return expected is not None and any(
+            check.outcome != "passed" for check in expected.checks.values()
+        )
 
     def unfit(self, rubric: Rubric) -> list[tuple[Loc, str]]:
         """Say what is named here, and where, that is not in a rubric."""
@@ -103,12 +107,21 @@ class Expectation(Strict):
     def _unfit(self, rubric: Rubric) -> Iterator[tuple[Loc, str]]:
         for n, name in enumerate(self.sessions):
             if name not in rubric.sessions:
-                yield ("sessions", n), f"the rubric has no session {name!r}{suggestion(name, rubric.sessions)}"
+                yield (
+                    ("sessions", n),
+                    f"the rubric has no session {name!r}{suggestion(name, rubric.sessions)}",
+                )
         listed = (*rubric.criteria, *rubric.bonus)
         checks = {criterion.id: [check.id for check in criterion.checks] for criterion in listed}
-        for part, name in [*(("criteria", name) for name in self.criteria), *(("teacher", n) for n in self.teacher)]:
+        for part, name in [
+            *(("criteria", name) for name in self.criteria),
+            *(("teacher", n) for n in self.teacher),
+        ]:
             if name not in checks:
-                yield (part, name), f"the rubric has no criterion {name!r}{suggestion(name, checks)}"
+                yield (
+                    (part, name),
+                    f"the rubric has no criterion {name!r}{suggestion(name, checks)}",
+                )
             for check in self.criteria[name].checks if part == "criteria" else ():
                 if check not in checks.get(name, [check]):
                     words = f"the rubric's criterion {name!r} has no check {check!r}"
@@ -164,15 +177,23 @@ def _absent(expectation: Expectation, layers: Sequence[Path]) -> Iterator[tuple[
     elif not layers[0].is_dir():
         yield ("with_files_of",), f"there is no folder {expectation.with_files_of!r}"
     else:
-        gone = [(n, name) for n, name in enumerate(expectation.without) if not (layers[0] / name).is_file()]
-        yield from ((("without", n), f"there is no file {name!r} in {layers[0].name}") for n, name in gone)
+        gone = [
+            (n, name)
+            for n, name in enumerate(expectation.without)
+            if not (layers[0] / name).is_file()
+        ]
+        yield from (
+            (("without", n), f"there is no file {name!r} in {layers[0].name}") for n, name in gone
+        )
 
 
 def fixtures_in(folder: Path) -> list[Fixture]:
     """Read all fixtures of a folder, in the order of their names; raises SubmissionError if there are none."""
     found = sorted(path.parent for path in folder.glob(f"*/{EXPECTED_FILE}"))
     if not found:
-        remedy = "They come with a checkout of the grader; --fixtures names the folder that holds them."
+        remedy = (
+            "They come with a checkout of the grader; --fixtures names the folder that holds them."
+        )
         raise SubmissionError("there are no fixtures", location=str(folder), remedy=remedy)
     return [load_fixture(path) for path in found]
 
@@ -227,7 +248,9 @@ def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict
         least, most = expectation.total
         undecided = undecided or bool(result.score.undecided)
         if not least <= result.score.earned <= most:
-            differences.append(f"it earns {result.score.earned} points in all, not {_span(least, most)}")
+            differences.append(
+                f"it earns {result.score.earned} points in all, not {_span(least, most)}"
+            )
     return Verdict(tuple(differences), undecided)
 
 

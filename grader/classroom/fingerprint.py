@@ -20,7 +20,9 @@ from grader.submission.extraction import Intake
 def engine_sha256() -> str:
     """Return the hash of the grader's own code and of the versions that a recording keeps."""
     package = Path(grader.__file__).parent
-    ours = {name: path for name, path in files_below(package) if not name.startswith("shipped_lab/")}
+    ours = {
+        name: path for name, path in files_below(package) if not name.startswith("shipped_lab/")
+    }
     stated = {name: version for name, version in versions().items() if name != "kernel"}
     return sha256_of(stated, sorted(ours.items()))
 
@@ -52,7 +54,13 @@ def submission_sha256(intake: Intake) -> str:
 
 def options_sha256(options: Options) -> str:
     """Return the hash of the options on which recordings depend."""
-    stated = (options.interpreter, options.interpreter.resolve(), options.sessions, options.seed, options.launch)
+    stated = (
+        options.interpreter,
+        options.interpreter.resolve(),
+        options.sessions,
+        options.seed,
+        options.launch,
+    )
     return sha256_of(stated)
 
 

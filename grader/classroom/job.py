@@ -43,9 +43,15 @@ Ending = Result | GraderError
 def problem_of(error: Exception) -> GraderError:
     """Return what an exception says, on one line and of a length that can be shown in a table."""
     found = described(error)
-    problem = "; ".join([found.problem, *found.mistakes]) if isinstance(found, RubricError) else found.problem
+    problem = (
+        "; ".join([found.problem, *found.mistakes])
+        if isinstance(found, RubricError)
+        else found.problem
+    )
     kind = ProcessLostError if isinstance(found, ProcessLostError) else GraderError
-    shown = kind(problem[:_MOST_TEXT], location=found.location[:_MOST_TEXT], remedy=found.remedy[:_MOST_TEXT])
+    shown = kind(
+        problem[:_MOST_TEXT], location=found.location[:_MOST_TEXT], remedy=found.remedy[:_MOST_TEXT]
+    )
     shown.exit_status = found.exit_status
     return shown
 

@@ -73,7 +73,9 @@ class Journal:
         What was graded before does not count for a run that grades `afresh`.
         """
         results.mkdir(parents=True, exist_ok=True)
-        file = os.open(results / JOURNAL_FILE, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+        file = os.open(
+            results / JOURNAL_FILE, os.O_RDWR | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644
+        )
         try:
             _lock(file, results)
             yield cls(results, file, afresh=afresh)
@@ -83,7 +85,11 @@ class Journal:
     def holds(self, name: str, key: str) -> Entry | None:
         """Return the entry of a submission that was graded from the same, if its recordings are still there."""
         entry = self._entries.get(name)
-        there = entry is not None and entry.key == key and recordings_sha256(self.results / name) == entry.recordings
+        there = (
+            entry is not None
+            and entry.key == key
+            and recordings_sha256(self.results / name) == entry.recordings
+        )
         return entry if there else None
 
     def note(self, name: str, key: str, policy: str, isolation: str) -> None:
@@ -118,7 +124,9 @@ class Journal:
             self._seed = int(line["run_seed"]) if line["journal"] == _SCHEMA else None
             self._entries.clear()
         elif "graded" in line:
-            self._entries[str(line["graded"])] = Entry(*(str(line[field.name]) for field in fields(Entry)))
+            self._entries[str(line["graded"])] = Entry(
+                *(str(line[field.name]) for field in fields(Entry))
+            )
         elif "not graded" in line:
             self._entries.pop(str(line["not graded"]), None)
 
@@ -146,7 +154,11 @@ def recordings_sha256(folder: Path) -> str:
     try:
         digest = hashlib.sha256(read_submission(recordings).sha256.encode())
         for path in sorted(path for path in recordings.glob("*/*") if path.is_file()):
-            content = path.read_bytes() if path.name == SESSION_FILE else str(path.stat().st_size).encode()
+            content = (
+                path.read_bytes()
+                if path.name == SESSION_FILE
+                else str(path.stat().st_size).encode()
+            )
             digest.update(f"\0{path.relative_to(recordings)}\0".encode() + content)
     except (OSError, ValueError, KeyError):
         return ""

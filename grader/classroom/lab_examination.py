@@ -40,7 +40,9 @@ from grader.result import CheckResult, Outcome, Result
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
 
 #: What importing the files of a lab may take.
-_IMPORT_BOUND = Bound("importing the lab's files", cpu_s=30.0, wall_s=60.0, memory_bytes=2 * 1024**3)
+_IMPORT_BOUND = Bound(
+    "importing the lab's files", cpu_s=30.0, wall_s=60.0, memory_bytes=2 * 1024**3
+)
 _REMEDY = "`grade checks`, `grade steps` and `grade figures` list what can be used."
 
 
@@ -73,7 +75,8 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
         yield Remark("!", "ROS is not installed here: the reference nodes were not imported.")
     if rubric.lab.solution is None:
         yield Remark(
-            "!", "The rubric names no solution (lab.solution), which would show that all points can be earned."
+            "!",
+            "The rubric names no solution (lab.solution), which would show that all points can be earned.",
         )
     yield from _by_recording(rubric, tried)
 
@@ -85,7 +88,9 @@ def _solution_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
     folder = rubric.folder / (rubric.lab.solution or "")
     if not folder.is_dir():
         yield ("lab", "solution"), f"there is no folder {rubric.lab.solution!r} beside the rubric"
-    for name, artifact in rubric.artifacts.items() if rubric.lab.solution and folder.is_dir() else ():
+    for name, artifact in (
+        rubric.artifacts.items() if rubric.lab.solution and folder.is_dir() else ()
+    ):
         if name not in rubric.bonus_artifacts and not any(folder.rglob(artifact.file)):
             yield ("artifacts", name, "file"), f"there is no {artifact.file} in the solution"
 
@@ -95,13 +100,17 @@ def _fixture_mistakes(rubric: Rubric) -> Iterator[str]:
         try:
             load_fixture(path.parent, rubric)
         except RubricError as error:
-            yield from (f"{path.parent.relative_to(rubric.folder)}/{mistake}" for mistake in error.mistakes)
+            yield from (
+                f"{path.parent.relative_to(rubric.folder)}/{mistake}" for mistake in error.mistakes
+            )
 
 
 def _with_interfaces(rubric: Rubric, folder: Path) -> Collection[str]:
     """Put the interfaces that reference nodes import before they run into a folder; returns what cannot be built."""
     texts = files_of(rubric)
-    lines = [line for spec in rubric.reference.values() for line in texts.get(spec.file, "").splitlines()]
+    lines = [
+        line for spec in rubric.reference.values() for line in texts.get(spec.file, "").splitlines()
+    ]
     imports = [line for line in lines if line.startswith(("import ", "from "))]
     ours = [] if find_spec("rclpy") is None else rubric.interface_packages
     ours = ours if any(package.name in line for package in ours for line in imports) else []
@@ -109,13 +118,19 @@ def _with_interfaces(rubric: Rubric, folder: Path) -> Collection[str]:
     return provide(needed, folder, probe_isolation(OWN_INTERPRETER)).missing if needed else ()
 
 
-def _code_mistakes(rubric: Rubric, built: Path, not_built: Collection[str]) -> list[tuple[Loc, str]]:
+def _code_mistakes(
+    rubric: Rubric, built: Path, not_built: Collection[str]
+) -> list[tuple[Loc, str]]:
     """Execute the lab's files and say what is wrong with them, in a process that ends with it."""
     sys.argv = sys.argv[:1]  # A program without a guard finds no configuration and ends.
     sys.path += map(str, built.glob("*/lib/python*/site-packages"))
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         works = _works(rubric)
-        found = [(words, loc) for loc, work, named in works if (words := _failure(loc, work, named, not_built))]
+        found = [
+            (words, loc)
+            for loc, work, named in works
+            if (words := _failure(loc, work, named, not_built))
+        ]
     # What is wrong with a file is said where it is named first.
     return [(loc, words) for words, loc in dict(reversed(found)).items()]
 
@@ -126,7 +141,11 @@ def _failure(loc: Loc, work: Callable[[], object], named: str, not_built: Collec
     except SystemExit as end:  # A program may end; a file of checks would end the judging.
         return describe_failure(end, named) if loc[0] in ("criteria", "bonus") else ""
     except Exception as problem:
-        module = (getattr(problem, "name", None) or "") if isinstance(problem, ModuleNotFoundError) else ""
+        module = (
+            (getattr(problem, "name", None) or "")
+            if isinstance(problem, ModuleNotFoundError)
+            else ""
+        )
         return "" if module.partition(".")[0] in not_built else describe_failure(problem, named)
     return ""
 
@@ -141,13 +160,25 @@ def _works(rubric: Rubric) -> Iterator[tuple[Loc, Callable[[], object], str]]:
             reference = rubric.reference.get(step.parameters.get("reference") or "")
             if reference is not None and reference.settings is not None:
                 loc = ("sessions", session.id, "steps", n, step.kind)
-                yield loc, partial(_settle, folder, reference.settings, step.parameters["with"]), reference.settings
-    placed = [(key, n, each) for key in ("criteria", "bonus") for n, each in enumerate(getattr(rubric, key))]
+                yield (
+                    loc,
+                    partial(_settle, folder, reference.settings, step.parameters["with"]),
+                    reference.settings,
+                )
+    placed = [
+        (key, n, each)
+        for key in ("criteria", "bonus")
+        for n, each in enumerate(getattr(rubric, key))
+    ]
     for key, n, criterion in placed:
         for kind, parts in (("checks", criterion.checks), ("figures", criterion.figures)):
             for m, part in enumerate(parts):
                 for function in functions_of(part):
-                    yield (key, n, kind, m, "with"), partial(_call, folder, function, part), function
+                    yield (
+                        (key, n, kind, m, "with"),
+                        partial(_call, folder, function, part),
+                        function,
+                    )
 
 
 def _settle(folder: Path, settings: str, values: dict[str, Any]) -> None:
@@ -174,26 +205,37 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
     try:
         recorded = _experiments((recordings / RUBRIC_COPY).read_text(encoding="utf-8"))
     except OSError:
-        yield Remark("!", "The solution has not been recorded yet: `grade lab try` does it, and more can be told then.")
+        yield Remark(
+            "!",
+            "The solution has not been recorded yet: `grade lab try` does it, and more can be told then.",
+        )
         return
     if recorded != _experiments(rubric.text):
         yield Remark(
-            "!", "The sessions have changed since the solution was recorded; `grade lab try` records it again."
+            "!",
+            "The sessions have changed since the solution was recorded; `grade lab try` records it again.",
         )
         return
     try:
         result = in_process(partial(_judged, recordings, rubric), JUDGING_BOUND)
         idle = in_process(partial(_judged_idle, recordings, rubric), JUDGING_BOUND)
     except RecordingError as error:
-        yield Remark("!", f"The solution's recording cannot be judged: {error.problem} {error.remedy}")
+        yield Remark(
+            "!", f"The solution's recording cannot be judged: {error.problem} {error.remedy}"
+        )
         return
     beside = {criterion.id for criterion in result.bonus}
     if absent := [criterion.id for criterion in rubric.bonus if criterion.id not in beside]:
-        yield Remark("!", f"The solution holds nothing of the bonus {', '.join(absent)}, so that this is not examined.")
+        yield Remark(
+            "!",
+            f"The solution holds nothing of the bonus {', '.join(absent)}, so that this is not examined.",
+        )
     lost = [check for check in result.every_check if check.outcome is not Outcome.PASSED]
     for check in lost:
         found = f"{check.outcome.value.replace('_', ' ')}; expected {check.expected}, found {check.measured}"
-        yield Remark("!", f"{check.id} does not pass on the solution's recording: {check.reason or found}")
+        yield Remark(
+            "!", f"{check.id} does not pass on the solution's recording: {check.reason or found}"
+        )
     free = [check for check in idle if check.earned]
     for check in free:
         words = f"{check.id} earns {points(check.earned)} points also where nothing happens"
@@ -201,10 +243,14 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
     broken = [check for check in idle if check.outcome is Outcome.ERROR]
     for check in broken:
         yield Remark(
-            "!", f"{check.id} fails with an error where nothing happens, so that it costs nobody: {check.reason}"
+            "!",
+            f"{check.id} fails with an error where nothing happens, so that it costs nobody: {check.reason}",
         )
     if not (lost or free or broken):
-        yield Remark("✓", "On the solution's recording every check passes, and where nothing happens none does.")
+        yield Remark(
+            "✓",
+            "On the solution's recording every check passes, and where nothing happens none does.",
+        )
 
 
 def _experiments(rubric: str) -> list[Any]:
@@ -219,9 +265,15 @@ def _judged(recordings: Path, rubric: Rubric) -> Result:
 def _judged_idle(recordings: Path, rubric: Rubric) -> list[CheckResult]:
     """Judge what would be, had the programs started, done nothing, and been ended; and had no files been handed in."""
     found = open_recordings(recordings, rubric)
-    sessions = {name: Recorded(_idle(recorded.record), Bag.empty()) for name, recorded in found.sessions.items()}
+    sessions = {
+        name: Recorded(_idle(recorded.record), Bag.empty())
+        for name, recorded in found.sessions.items()
+    }
     nobody = replace(found.submission, files=[], texts={}, packages=[], artifacts=[])
-    idle, empty = judge(replace(found, sessions=sessions), rubric), judge(Recordings(nobody, {}), rubric)
+    idle, empty = (
+        judge(replace(found, sessions=sessions), rubric),
+        judge(Recordings(nobody, {}), rubric),
+    )
     of_files = [check for check in empty.every_check if check.session is None]
     return [*(check for check in idle.every_check if check.session is not None), *of_files]
 
@@ -229,7 +281,17 @@ def _judged_idle(recordings: Path, rubric: Rubric) -> list[CheckResult]:
 def _idle(record: SessionRecord) -> SessionRecord:
     silent = [replace(process, output=[]) for process in record.processes]
     empty = [replace(graph, nodes=[], endpoints=[], services=[]) for graph in record.graph]
-    steps = [s if s.kind == "observe" else replace(s, outcome="timeout", result={}) for s in record.steps]
+    steps = [
+        s if s.kind == "observe" else replace(s, outcome="timeout", result={}) for s in record.steps
+    ]
     return replace(
-        record, processes=silent, graph=empty, steps=steps, names={}, claims=[], plan=None, published=[], unrecorded=[]
+        record,
+        processes=silent,
+        graph=empty,
+        steps=steps,
+        names={},
+        claims=[],
+        plan=None,
+        published=[],
+        unrecorded=[],
     )

@@ -99,17 +99,29 @@ class RunProgress(Live):
         table.add_column(no_wrap=True, max_width=_NAME_WIDTH)
         table.add_column(no_wrap=True, overflow="ellipsis")
         for name, phases in self._phases.items():
-            doing = " · ".join(f"{session}: {text}" if session else text for session, text in phases.items())
-            table.add_row(Text(terminal_text(name, _NAME_WIDTH)), Text(terminal_text(doing, 300), "dim"))
+            doing = " · ".join(
+                f"{session}: {text}" if session else text for session, text in phases.items()
+            )
+            table.add_row(
+                Text(terminal_text(name, _NAME_WIDTH)), Text(terminal_text(doing, 300), "dim")
+            )
         bar = Table.grid()  # by itself it would not end its line
-        bar.add_row(ProgressBar(total=max(1, self._done + len(self._work_s)), completed=self._done, width=_BAR_WIDTH))
+        bar.add_row(
+            ProgressBar(
+                total=max(1, self._done + len(self._work_s)), completed=self._done, width=_BAR_WIDTH
+            )
+        )
         return Group(*self._ended, Text(""), self._headline(), bar, table)
 
     def _headline(self) -> Text:
         waiting = len(self._work_s) - len(self._phases)
         parts = [f"{self._done} of {self._done + len(self._work_s)} {self._noun} done"]
         parts += [f"{count} {remark}" for remark, count in self._remarks.items()]
-        parts += [f"{len(self._phases)} under way", f"{waiting} in the queue", f"about {self._time_left()} left"]
+        parts += [
+            f"{len(self._phases)} under way",
+            f"{waiting} in the queue",
+            f"about {self._time_left()} left",
+        ]
         return Text(" · ".join(parts), "bold")
 
     def _time_left(self) -> str:
@@ -134,7 +146,9 @@ def _points(result: Result) -> str:
 
 
 def _problem(ending: GraderError, name: str) -> str:
-    location = f"{ending.location}: " if ending.location and Path(ending.location).name != name else ""
+    location = (
+        f"{ending.location}: " if ending.location and Path(ending.location).name != name else ""
+    )
     return terminal_text(f"{location}{ending.problem}", _PROBLEM_WIDTH)
 
 
@@ -148,16 +162,23 @@ def print_class(console: Console, rows: Sequence[Row]) -> None:
         name = Text(terminal_text(row.source.name, _NAME_WIDTH))
         if isinstance(row.ending, Result):
             undecided = row.ending.score.undecided
-            table.add_row(name, _points(row.ending), Text(points(undecided) if undecided else "", "magenta"))
+            table.add_row(
+                name, _points(row.ending), Text(points(undecided) if undecided else "", "magenta")
+            )
         else:
             table.add_row(name, Text("not graded", "red"), "")
     console.print(table)
     for row in rows:
         if isinstance(row.ending, GraderError):
             shown = terminal_text(row.source.name, _NAME_WIDTH)
-            console.print(Text(f"{shown}: not graded: {_problem(row.ending, row.source.name)}", "red"), soft_wrap=True)
+            console.print(
+                Text(f"{shown}: not graded: {_problem(row.ending, row.source.name)}", "red"),
+                soft_wrap=True,
+            )
             if row.ending.remedy:
-                console.print(Text(f"  → {terminal_text(row.ending.remedy)}", "cyan"), soft_wrap=True)
+                console.print(
+                    Text(f"  → {terminal_text(row.ending.remedy)}", "cyan"), soft_wrap=True
+                )
 
 
 def summary(rows: Sequence[Row]) -> str:

@@ -18,7 +18,13 @@ from grader.errors import GraderError, RecordingError, RubricError, described
 from grader.files import replace_files, text_of, uninterrupted
 from grader.judging import judgement
 from grader.judging.judgement import Judgement
-from grader.judging.rubrics import chosen_rubric, read_overrides, recorded_rubric, require_lab, rubric_copy
+from grader.judging.rubrics import (
+    chosen_rubric,
+    read_overrides,
+    recorded_rubric,
+    require_lab,
+    rubric_copy,
+)
 from grader.lab.kept_lab import kept_files
 from grader.lab.kept_lab import remarks as remarks_on_lab
 from grader.lab.overrides import Overrides
@@ -42,7 +48,9 @@ def recorded_in(results: Path) -> list[Path]:
     """Return the folders of the submissions that were recorded, in the order of their names."""
     if not results.is_dir():
         return []
-    return sorted(p for p in results.iterdir() if not p.name.startswith(".") and (p / RECORDINGS).is_dir())
+    return sorted(
+        p for p in results.iterdir() if not p.name.startswith(".") and (p / RECORDINGS).is_dir()
+    )
 
 
 @dataclass(frozen=True)
@@ -95,13 +103,17 @@ class Regrade:
             names = [*(changes.submission for changes in self.changes.values()), *self.failed]
             late = any(judged.rubric.policy.late is not None for judged in self.judged.values())
             remarks += self.overrides.remarks(names, times_matter=late)
-        ignored = uncounted_overrides(self.results, [made_from(self.results / name) for name in self.judged])
+        ignored = uncounted_overrides(
+            self.results, [made_from(self.results / name) for name in self.judged]
+        )
         remarks += [ignored] if ignored is not None and not self.overrides.sha256 else []
         about: dict[str, list[str]] = {}
         for name, judged in self.judged.items():
             for remark in remarks_on_lab(self.results / name / RECORDINGS, judged.rubric):
                 about.setdefault(remark, []).append(name)
-        return remarks + [f"{', '.join(of)}: {remark}" if whole_class else remark for remark, of in about.items()]
+        return remarks + [
+            f"{', '.join(of)}: {remark}" if whole_class else remark for remark, of in about.items()
+        ]
 
 
 def regrade(
@@ -147,8 +159,13 @@ def regrade_all(
     if len(measures) > 1:
         folder, (rubric, _) = next(iter(measures.items()))
         judgement.prepare(rubric, (folder / RECORDINGS).glob(f"*/{METADATA_FILE}"))
-    works = {folder: partial(_judge, folder, measure, pages, again) for folder, measure in measures.items()}
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    works = {
+        folder: partial(_judge, folder, measure, pages, again)
+        for folder, measure in measures.items()
+    }
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     judged, failed = {}, {}
     for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs or cores):
         name = folder.resolve().name
@@ -161,7 +178,12 @@ def regrade_all(
 
 
 def _measures(
-    results: Path, folders: Sequence[Path], rubric: Path | None, overrides: Path | None, *, trusted: bool
+    results: Path,
+    folders: Sequence[Path],
+    rubric: Path | None,
+    overrides: Path | None,
+    *,
+    trusted: bool,
 ) -> tuple[dict[Path, Measure], dict[str, GraderError]]:
     """Load each rubric once; returns by what each folder is judged, and why which, by its name, cannot be."""
     given = chosen_rubric(folders, rubric) if rubric is not None else None
@@ -183,11 +205,15 @@ def _measures(
         except RubricError as error:
             mistake = next(iter(error.mistakes), error.problem)
             problem = f"the rubric kept with it does not fit this version of the grader: {mistake}"
-            failed[folder.resolve().name] = RubricError(problem, [], location=str(folder), remedy=error.remedy)
+            failed[folder.resolve().name] = RubricError(
+                problem, [], location=str(folder), remedy=error.remedy
+            )
         except (GraderError, OSError, UnicodeDecodeError) as error:
             failed[folder.resolve().name] = described(error)
     sources = [made_from(folder) for folder in folders]
-    decided = {id(own): read_overrides(overrides, results, own, sources) for own in rubric_of.values()}
+    decided = {
+        id(own): read_overrides(overrides, results, own, sources) for own in rubric_of.values()
+    }
     return {folder: (own, decided[id(own)]) for folder, own in rubric_of.items()}, failed
 
 

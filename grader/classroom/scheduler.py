@@ -30,7 +30,12 @@ class Machine:
     """
 
     def __init__(
-        self, slots: int, name: str = "grade", *, spare: int = 0, idle_s: Callable[[], float] = idle_s
+        self,
+        slots: int,
+        name: str = "grade",
+        *,
+        spare: int = 0,
+        idle_s: Callable[[], float] = idle_s,
     ) -> None:
         self.slots = min(slots, MOST_SLOTS)
         self.spare = min(spare, MOST_SLOTS - self.slots)
@@ -57,11 +62,16 @@ class Machine:
         with await self._bind([["turnstile"]]):
             count = parts or self.slots + self.spare
             step = MOST_SLOTS if parts is None else parts
-            names = [[f"slot-{n}" for n in range(first, MOST_SLOTS + 1, step)] for first in range(1, count + 1)]
+            names = [
+                [f"slot-{n}" for n in range(first, MOST_SLOTS + 1, step)]
+                for first in range(1, count + 1)
+            ]
             at_once = len(names) if parts is not None else self.slots
             return (await self._bind(names[:at_once], names[at_once:])).close
 
-    async def _bind(self, groups: Sequence[Sequence[str]], spare: Sequence[Sequence[str]] = ()) -> ExitStack:
+    async def _bind(
+        self, groups: Sequence[Sequence[str]], spare: Sequence[Sequence[str]] = ()
+    ) -> ExitStack:
         """Wait until a group of names is free, or a spare one while cores are idle; returns what holds all of it."""
         looked_s, idle_s = time.monotonic(), self._idle_s() if spare else 0.0
         while True:
@@ -73,7 +83,9 @@ class Machine:
             for names in (*groups, *(spare if has_room else ())):
                 with suppress(OSError), ExitStack() as held:
                     for name in names:
-                        holder = held.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM))
+                        holder = held.enter_context(
+                            socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+                        )
                         holder.bind(f"\0{self._name}-{name}")
                     return held.pop_all()
             await asyncio.sleep(_POLL_S)

@@ -51,7 +51,12 @@ class FixtureRun:
 
 
 async def run_fixtures(
-    fixtures: Sequence[Fixture], rubric: Rubric, options: Options, here: Here, folder: Path, display: RunProgress
+    fixtures: Sequence[Fixture],
+    rubric: Rubric,
+    options: Options,
+    here: Here,
+    folder: Path,
+    display: RunProgress,
 ) -> list[FixtureRun]:
     """Grade fixtures on this machine; whatever becomes of one, the others are graded.
 
@@ -64,25 +69,36 @@ async def run_fixtures(
         if not unfit:
             found = await _graded(fixture, rubric, options, here, folder, display)
         found = replace(found, took_s=display.took_s(fixture.name))
-        line = Text(f"{found.sign} ", _STYLES.get(found.sign, "red")).append(terminal_text(found.name, 40), "default")
+        line = Text(f"{found.sign} ", _STYLES.get(found.sign, "red")).append(
+            terminal_text(found.name, 40), "default"
+        )
         line.append(f": {found.points} ({found.took_s:.0f} s)", "dim")
         display.done(found.name, line, "" if found.sign == "✓" else "not as expected")
         return found
 
     for fixture in fixtures:
-        sessions = (rubric.sessions[s] for s in fixture.expectation.sessions if s in rubric.sessions)
+        sessions = (
+            rubric.sessions[s] for s in fixture.expectation.sessions if s in rubric.sessions
+        )
         display.expect(fixture.name, sum(session.typical_s for session in sessions))
     return await side_by_side(one(fixture) for fixture in fixtures)
 
 
 async def _graded(
-    fixture: Fixture, rubric: Rubric, options: Options, here: Here, folder: Path, display: RunProgress
+    fixture: Fixture,
+    rubric: Rubric,
+    options: Options,
+    here: Here,
+    folder: Path,
+    display: RunProgress,
 ) -> FixtureRun:
     name = fixture.name
     try:
         source = SubmissionSource.of(fixture.lay_out(folder / "submissions"))
         options = replace(options, sessions=list(fixture.expectation.sessions))
-        ending, _ = await here.grade(Job(source, folder / name, rubric, options), partial(display.phase, name))
+        ending, _ = await here.grade(
+            Job(source, folder / name, rubric, options), partial(display.phase, name)
+        )
     except OSError as error:
         ending = problem_of(error)
     if isinstance(ending, GraderError):
@@ -102,7 +118,12 @@ def print_fixtures(console: Console, found: Sequence[FixtureRun]) -> None:
     table.add_column(justify="right", no_wrap=True)
     for each in found:
         name = Text(terminal_text(each.name, 40))
-        table.add_row(Text(each.sign, _STYLES.get(each.sign, "red")), name, each.points, f"{each.took_s:.1f} s")
+        table.add_row(
+            Text(each.sign, _STYLES.get(each.sign, "red")),
+            name,
+            each.points,
+            f"{each.took_s:.1f} s",
+        )
     console.print(table)
     for each in found:
         if each.differences:
@@ -119,7 +140,11 @@ def quick(fixtures: Sequence[Fixture], rubric: Rubric) -> list[Fixture]:
     """
     chosen = [f for f in fixtures if not f.expectation.sessions or f.expectation.total is not None]
     for criterion in rubric.criteria:
-        losing = (f for f in fixtures if len(f.expectation.sessions) == 1 and f.expectation.loses_in(criterion.id))
+        losing = (
+            f
+            for f in fixtures
+            if len(f.expectation.sessions) == 1 and f.expectation.loses_in(criterion.id)
+        )
         first = next(losing, None)
         chosen += [first] if first is not None and first not in chosen else []
     return sorted(chosen, key=list(fixtures).index)

@@ -10,7 +10,14 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from grader.bounded import Bound, in_process, in_processes
-from grader.cohort.similarity import MOST_NODES, Program, Similarity, copies_of, pairs_of, program_of
+from grader.cohort.similarity import (
+    MOST_NODES,
+    Program,
+    Similarity,
+    copies_of,
+    pairs_of,
+    program_of,
+)
 from grader.errors import RecordingError, SubmissionError, described
 from grader.files import replace_file
 from grader.json_text import json_text
@@ -21,7 +28,9 @@ from grader.submission.artifacts import collect_files
 
 #: What parsing one submission, and comparing all, may take: 0.02 s, and 1 s for 125, on a core of today.
 _READING_BOUND = Bound(what="parsing its files", cpu_s=20.0, wall_s=100.0, memory_bytes=1024**3)
-_COMPARING_BOUND = Bound(what="comparing the class", cpu_s=600.0, wall_s=1200.0, memory_bytes=4 * 1024**3)
+_COMPARING_BOUND = Bound(
+    what="comparing the class", cpu_s=600.0, wall_s=1200.0, memory_bytes=4 * 1024**3
+)
 
 
 def common_folders(folders: Sequence[Path], rubric: Rubric, given: Sequence[Path]) -> list[Path]:
@@ -32,8 +41,13 @@ def common_folders(folders: Sequence[Path], rubric: Rubric, given: Sequence[Path
     """
     for folder in given:
         if not folder.is_dir():
-            raise SubmissionError("there is no such folder", location=str(folder), remedy="Check --common.")
-    labs = [rubric.folder, *(Path(read_submission(folder / RECORDINGS).lab_folder) for folder in folders[:1])]
+            raise SubmissionError(
+                "there is no such folder", location=str(folder), remedy="Check --common."
+            )
+    labs = [
+        rubric.folder,
+        *(Path(read_submission(folder / RECORDINGS).lab_folder) for folder in folders[:1]),
+    ]
     named = [name for name in (rubric.lab.handout, rubric.lab.solution) if name]
     found = [next((lab / name for lab in labs if (lab / name).is_dir()), None) for name in named]
     return [*given, *(folder for folder in found if folder is not None)]
@@ -41,15 +55,21 @@ def common_folders(folders: Sequence[Path], rubric: Rubric, given: Sequence[Path
 
 def compare(folders: Sequence[Path], common: Sequence[Path]) -> Similarity:
     """Compare the submissions that were recorded in these folders; what one hands in costs the others nothing."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    cores = (
+        len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    )
     programs, problems = [], {}
-    for name, outcome in in_processes({f.name: partial(_program, f) for f in folders}, _READING_BOUND, cores):
+    for name, outcome in in_processes(
+        {f.name: partial(_program, f) for f in folders}, _READING_BOUND, cores
+    ):
         if isinstance(outcome, Exception):
             problems[name] = f"Not compared: {described(outcome).problem}"
             continue
         programs.append(outcome)
         if outcome.cut:
-            problems[name] = f"Only its smaller files are compared: it has more than {MOST_NODES:,} syntax nodes."
+            problems[name] = (
+                f"Only its smaller files are compared: it has more than {MOST_NODES:,} syntax nodes."
+            )
     programs.sort(key=lambda program: program.name)
     given = [_given(folder) for folder in common]
     pairs = in_process(partial(pairs_of, programs, given), _COMPARING_BOUND)
@@ -98,4 +118,6 @@ def read_similarity(results: Path) -> Similarity | None:
         return None
     except (OSError, ValueError) as problem:
         remedy = f"Run `grade similarity {results}` again, or delete it."
-        raise RecordingError(f"{file.name} cannot be read", location=str(file), remedy=remedy) from problem
+        raise RecordingError(
+            f"{file.name} cannot be read", location=str(file), remedy=remedy
+        ) from problem

@@ -77,20 +77,26 @@ class Here(ExitStack):
         self._workers: Workers | None = None
         self._lost = 0
 
-    async def grade(self, job: Job, on_progress: Callable[[Progress], None]) -> tuple[Ending, Level]:
+    async def grade(
+        self, job: Job, on_progress: Callable[[Progress], None]
+    ) -> tuple[Ending, Level]:
         """Grade a submission in a process of its own; returns how it ended, and how its code was confined."""
         job = replace(job, isolation=self._isolation, machine=self._machine)
         async with self._room:
             ending = await self._grade(job, on_progress)
             if isinstance(ending, ProcessLostError):
-                on_progress(Progress("", "begins again, since a process of the grader's was killed"))
+                on_progress(
+                    Progress("", "begins again, since a process of the grader's was killed")
+                )
                 ending = await self._grade(job, on_progress)
             return ending, self._isolation.level
 
     async def _grade(self, job: Job, on_progress: Callable[[Progress], None]) -> Ending:
         if self._lost == _MOST_LOST:
             remedy = "Find out what kills them, such as a want of memory (`dmesg`). The same command goes on from here."
-            return PlatformError(f"the processes that grade were killed {_MOST_LOST} times in a row", remedy=remedy)
+            return PlatformError(
+                f"the processes that grade were killed {_MOST_LOST} times in a row", remedy=remedy
+            )
         workers = self._workers = self._workers or self.enter_context(Workers())
         ending = await grade_in_process(job, workers, on_progress)
         if not workers.has_ended():
@@ -100,10 +106,16 @@ class Here(ExitStack):
             self._lost += 1
             self._workers = None
         # Whatever it said may come of that: sessions whose server is gone are recorded as not decided.
-        return ending if isinstance(ending, ProcessLostError) else ProcessLostError("a server was killed")
+        return (
+            ending
+            if isinstance(ending, ProcessLostError)
+            else ProcessLostError("a server was killed")
+        )
 
 
-async def grade_in_process(job: Job, workers: Workers, on_progress: Callable[[Progress], None]) -> Ending:
+async def grade_in_process(
+    job: Job, workers: Workers, on_progress: Callable[[Progress], None]
+) -> Ending:
     """Grade one submission in a process of its own; returns how it ended, and never fails because of it."""
     try:
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
@@ -117,7 +129,9 @@ async def grade_in_process(job: Job, workers: Workers, on_progress: Callable[[Pr
             job.results.rmdir()
 
 
-async def _run(job: Job, workers: Workers, scratch: Path, on_progress: Callable[[Progress], None]) -> Ending:
+async def _run(
+    job: Job, workers: Workers, scratch: Path, on_progress: Callable[[Progress], None]
+) -> Ending:
     said = await workers.start(os.fsencode(scratch / "job"), scratch / "stderr")
     quiet_s = job.silence_s + max(session.timeout_s for session in job.rubric.sessions.values())
     ending: Ending | None = None
@@ -136,7 +150,9 @@ async def _run(job: Job, workers: Workers, scratch: Path, on_progress: Callable[
                 ending = message
     except asyncio.TimeoutError:
         remedy = "Grade this submission alone and watch its progress; the others are not affected."
-        ending = ending or GraderError(f"the grader's process reported nothing for {quiet_s:g} s", remedy=remedy)
+        ending = ending or GraderError(
+            f"the grader's process reported nothing for {quiet_s:g} s", remedy=remedy
+        )
     finally:
         await _end(process, said)
         remove_stale()
@@ -199,7 +215,9 @@ def _grade(job: Job, folder: Path, forks: ForkServer) -> None:
     try:
         assert job.isolation is not None
         scheduler = _WorkerScheduler(job, job.isolation, forks, send)
-        ending: Ending = pipeline.grade(job.source, job.rubric, job.results, job.options, send, scheduler)
+        ending: Ending = pipeline.grade(
+            job.source, job.rubric, job.results, job.options, send, scheduler
+        )
     except Exception as error:
         traceback.print_exc()
         ending = problem_of(error)
@@ -243,7 +261,13 @@ class _WorkerScheduler:
         assert self.job.machine is not None
         alone = attempt > 2 and self._alone_s < self.job.alone_s
         parts = None if attempt == 1 else 1 if alone else self.job.machine.slots
-        text = "waits" if attempt == 1 else "waits to run alone" if alone else "waits to run beside few others"
+        text = (
+            "waits"
+            if attempt == 1
+            else "waits to run alone"
+            if alone
+            else "waits to run beside few others"
+        )
         async with self._asking.setdefault(asyncio.get_running_loop(), asyncio.Lock()):
             give_back = await self._take(Progress(spec.id, text), parts)
         began_s = time.monotonic()

@@ -21,7 +21,9 @@ LEAST_WITHIN_A_WORD = 4
 #: Names in scripts that are written without blanks are hidden from this length, wherever they stand.
 LEAST_UNPARTED = 2
 #: How letters that plain ASCII lacks are written in names of files and nodes.
-_SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "å": "aa", "ø": "oe", "æ": "ae"})
+_SPELT = str.maketrans(
+    {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "å": "aa", "ø": "oe", "æ": "ae"}
+)
 
 
 def anonymous(entries: Sequence[ClassEntry], rubric: Rubric) -> list[ClassEntry]:
@@ -31,13 +33,19 @@ def anonymous(entries: Sequence[ClassEntry], rubric: Rubric) -> list[ClassEntry]
     handed in, so that a list of the class is not enough to find the order again. Of a result only outcomes, points and
     what the grader says of them stay, in which names, and parts of them, are hidden.
     """
-    submitted = (entry.result.provenance.get("submission_sha256", "") if entry.result else "" for entry in entries)
+    submitted = (
+        entry.result.provenance.get("submission_sha256", "") if entry.result else ""
+        for entry in entries
+    )
     key = hashlib.sha256("\n".join(sorted(submitted)).encode()).digest()
     names = [entry.name.encode("utf-8", "surrogatepass") for entry in entries]
     order = sorted(range(len(entries)), key=lambda n: (hmac.digest(key, names[n], "sha256"), n))
     digits = max(2, len(str(len(entries))))
     hide = _Hider(entries, rubric)
-    return [_hidden(entries[index], f"Student {rank:0{digits}d}", hide) for rank, index in enumerate(order, 1)]
+    return [
+        _hidden(entries[index], f"Student {rank:0{digits}d}", hide)
+        for rank, index in enumerate(order, 1)
+    ]
 
 
 def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
@@ -52,17 +60,24 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
         criteria=_without_quotes(result.criteria, hide),
         bonus=_without_quotes(result.bonus, hide),
         problems=tuple(hide(problem) for problem in result.problems),
-        violations=tuple(Violation(v.kind, v.session, hide(v.text), certain=v.certain) for v in result.violations),
+        violations=tuple(
+            Violation(v.kind, v.session, hide(v.text), certain=v.certain) for v in result.violations
+        ),
         adjustments=tuple(
-            Adjustment(each.kind, each.what if each.kind in BY_HAND else "", each.points) for each in result.adjustments
+            Adjustment(each.kind, each.what if each.kind in BY_HAND else "", each.points)
+            for each in result.adjustments
         ),
         provenance={"rubric_sha256": result.rubric_sha256, "lab_sha256": result.lab_sha256},
     )
     return ClassEntry(pseudonym, hidden)
 
 
-def _without_quotes(criteria: Sequence[CriterionResult], hide: _Hider) -> tuple[CriterionResult, ...]:
-    return tuple(replace(c, checks=tuple(_unquoted(check, hide) for check in c.checks)) for c in criteria)
+def _without_quotes(
+    criteria: Sequence[CriterionResult], hide: _Hider
+) -> tuple[CriterionResult, ...]:
+    return tuple(
+        replace(c, checks=tuple(_unquoted(check, hide) for check in c.checks)) for c in criteria
+    )
 
 
 def _unquoted(check: CheckResult, hide: _Hider) -> CheckResult:
@@ -96,7 +111,9 @@ class _Hider:
 
 def _names(entry: ClassEntry) -> list[str | None]:
     """Return all by which those who handed something in are known, but for numbers that mean nothing elsewhere."""
-    people = ((who.name, who.student_id, who.login, who.email.partition("@")[0]) for who in entry.people)
+    people = (
+        (who.name, who.student_id, who.login, who.email.partition("@")[0]) for who in entry.people
+    )
     return [entry.name, entry.student_id, *(name for names in people for name in names)]
 
 
@@ -129,4 +146,6 @@ def _plain(text: str) -> str:
     A Korean syllable stays whole: of its parts, the first alone is that of hundreds.
     """
     first = (unicodedata.normalize("NFKD", character)[0] for character in text)
-    return "".join(old if "\u1100" <= new <= "\u11ff" else new for old, new in zip(text, first, strict=True))
+    return "".join(
+        old if "\u1100" <= new <= "\u11ff" else new for old, new in zip(text, first, strict=True)
+    )

@@ -143,7 +143,9 @@ def plain_changes(changes: Changes) -> dict[str, Any]:
         "final": _numbers(changes.before, changes.after),
         "undecided": _numbers(*changes.undecided),
         **({"possible": _numbers(*changes.possible)} if len(set(changes.possible)) > 1 else {}),
-        "criteria": {c.id: _numbers(c.before, c.after) for c in changes.at("criterion") if c.difference},
+        "criteria": {
+            c.id: _numbers(c.before, c.after) for c in changes.at("criterion") if c.difference
+        },
         "checks": {
             c.id: {
                 "outcome": [o.value if o is not None else None for o in c.outcomes],
@@ -152,7 +154,8 @@ def plain_changes(changes: Changes) -> dict[str, Any]:
             for c in changes.at("check")
         },
         "adjustments": [
-            {"kind": a.title, "what": a.id, "points": _numbers(a.before, a.after)} for a in changes.at("adjustment")
+            {"kind": a.title, "what": a.id, "points": _numbers(a.before, a.after)}
+            for a in changes.at("adjustment")
         ],
     }
 

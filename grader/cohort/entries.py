@@ -16,7 +16,9 @@ from grader.result import Result, load_result, result_of_text
 from grader.result_folder import EARLIER_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.submission.roster import Student, matches, person_of
 
-NOTHING_SUBMITTED = "There is no result under this name: nothing was handed in, or under another name."
+NOTHING_SUBMITTED = (
+    "There is no result under this name: nothing was handed in, or under another name."
+)
 
 
 @dataclass(frozen=True)
@@ -52,9 +54,13 @@ def entries_in(results: Path) -> list[ClassEntry]:
     """
     if not results.is_dir():
         return []
-    folders = sorted(path for path in results.iterdir() if path.is_dir() and not path.name.startswith("."))
+    folders = sorted(
+        path for path in results.iterdir() if path.is_dir() and not path.name.startswith(".")
+    )
     parts = (RESULT_FILE, REPORT_FILE, RECORDINGS)
-    return [entry_in(folder) for folder in folders if any((folder / part).exists() for part in parts)]
+    return [
+        entry_in(folder) for folder in folders if any((folder / part).exists() for part in parts)
+    ]
 
 
 def report_link(name: str) -> str:
@@ -68,7 +74,9 @@ def entry_in(folder: Path) -> ClassEntry:
     try:
         result = load_result(folder / RESULT_FILE)
     except FileNotFoundError:
-        return ClassEntry(folder.name, None, "There is no result; the grading was interrupted.", report)
+        return ClassEntry(
+            folder.name, None, "There is no result; the grading was interrupted.", report
+        )
     except RecordingError:
         problem = f"Its {RESULT_FILE} cannot be read, or is of another version; `grade regrade` writes it again."
         return ClassEntry(folder.name, None, problem, report)
@@ -76,15 +84,22 @@ def entry_in(folder: Path) -> ClassEntry:
         record = read_submission(folder / RECORDINGS)
     except (OSError, ValueError):
         return ClassEntry(folder.name, result, "", report)
-    moment, before = moment_of(record.submitted_at), result_of_text(text_of(folder / RECORDINGS / EARLIER_FILE))
-    return ClassEntry(folder.name, result, "", report, moment, record.student_id, record.identity, before)
+    moment, before = (
+        moment_of(record.submitted_at),
+        result_of_text(text_of(folder / RECORDINGS / EARLIER_FILE)),
+    )
+    return ClassEntry(
+        folder.name, result, "", report, moment, record.student_id, record.identity, before
+    )
 
 
 def compared_with(entries: Sequence[ClassEntry], earlier: Sequence[ClassEntry]) -> list[ClassEntry]:
     """Return the entries with the results of another run, which are found by their ids, or else their names."""
     by_id = {entry.student_id: entry.result for entry in earlier if entry.student_id}
     by_name = {entry.name: entry.result for entry in earlier}
-    return [replace(e, before=by_id.get(e.student_id or "") or by_name.get(e.name)) for e in entries]
+    return [
+        replace(e, before=by_id.get(e.student_id or "") or by_name.get(e.name)) for e in entries
+    ]
 
 
 def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> list[ClassEntry]:
@@ -104,7 +119,9 @@ def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> l
     there = [person for match in found for person in match.people]
     for student in (student for student in students if person_of(student) not in there):
         name = student.name or student.student_id or student.person.login
-        missing = ClassEntry(name, None, NOTHING_SUBMITTED, "", student.submitted_at, student.student_id)
+        missing = ClassEntry(
+            name, None, NOTHING_SUBMITTED, "", student.submitted_at, student.student_id
+        )
         completed.setdefault(name, missing)
     return sorted(completed.values(), key=lambda entry: entry.name)
 

@@ -65,7 +65,12 @@ def mistakes_of(results: Mapping[int, Result], rubric: Rubric) -> tuple[Mistake,
                 groups.setdefault(key, []).append((made, check))
     order = {check.id: n for n, check in enumerate(rubric.checks())}
     found = [_mistake(members) for members in groups.values()]
-    return tuple(sorted(found, key=lambda m: (-m.cost, -len(m.made_by), order.get(m.check_id, len(order)), m.pattern)))
+    return tuple(
+        sorted(
+            found,
+            key=lambda m: (-m.cost, -len(m.made_by), order.get(m.check_id, len(order)), m.pattern),
+        )
+    )
 
 
 def _mistake(members: Sequence[tuple[Made, CheckResult]]) -> Mistake:
@@ -153,7 +158,9 @@ def pattern_of(texts: Sequence[str]) -> str:
     for parts in (whole, [_first_sentence(p) for p in whole]):
         if len({tuple(p[::2]) for p in parts}) == 1:
             columns = zip(*parts, strict=True)
-            return "".join(_together(column) if n % 2 else column[0] for n, column in enumerate(columns))
+            return "".join(
+                _together(column) if n % 2 else column[0] for n, column in enumerate(columns)
+            )
     heads = {text.partition(": ")[0] for text in texts}
     return f"{heads.pop()}: …" if len(heads) == 1 else f"For example: {_commonest(texts)}"
 

@@ -49,10 +49,30 @@ _GAP = 2
 _Numbers = npt.NDArray[np.uint64]
 
 #: What says nothing of a program's structure; the first are left out with all that is in them.
-_LEFT_OUT = {"comment", "type", "import_statement", "import_from_statement", "future_import_statement"}
+_LEFT_OUT = {
+    "comment",
+    "type",
+    "import_statement",
+    "import_from_statement",
+    "future_import_statement",
+}
 _PASSED_OVER = {
-    *("identifier", "module", "block", "expression_statement", "parenthesized_expression", "decorator"),
-    *("argument_list", "parameters", "typed_parameter", "typed_default_parameter", "float", "integer"),
+    *(
+        "identifier",
+        "module",
+        "block",
+        "expression_statement",
+        "parenthesized_expression",
+        "decorator",
+    ),
+    *(
+        "argument_list",
+        "parameters",
+        "typed_parameter",
+        "typed_default_parameter",
+        "float",
+        "integer",
+    ),
     *(":", ",", ".", "(", ")", "[", "]", "{", "}", "@", "ERROR"),
 }
 
@@ -155,7 +175,9 @@ def nodes_of(text: str, most: int = MOST_NODES) -> list[tuple[int, int]]:
 
 
 def _is_docstring(node: tree_sitter.Node) -> bool:
-    return node.type == "expression_statement" and [child.type for child in node.children] == ["string"]
+    return node.type == "expression_statement" and [child.type for child in node.children] == [
+        "string"
+    ]
 
 
 def program_of(record: SubmissionRecord) -> Program:
@@ -164,10 +186,22 @@ def program_of(record: SubmissionRecord) -> Program:
     nodes: list[tuple[int, int, int]] = []
     paths = sorted(texts, key=lambda path: (len(texts[path]), path))
     for place, path in enumerate(paths):
-        nodes += ((kind, place, line) for kind, line in nodes_of(texts[path], MOST_NODES + 1 - len(nodes)))
+        nodes += (
+            (kind, place, line) for kind, line in nodes_of(texts[path], MOST_NODES + 1 - len(nodes))
+        )
     kinds, places, lines = zip(*nodes[:MOST_NODES], strict=True) if nodes else ((), (), ())
     cut = len(nodes) > MOST_NODES
-    return Program(record.name, record.sha256, texts, tuple(record.files), kinds, places, lines, tuple(paths), cut)
+    return Program(
+        record.name,
+        record.sha256,
+        texts,
+        tuple(record.files),
+        kinds,
+        places,
+        lines,
+        tuple(paths),
+        cut,
+    )
 
 
 # -- a class -----------------------------------------------------------------------------------
@@ -182,7 +216,9 @@ class _Prints:
         kinds, places = np.array(program.kinds, dtype=np.uint64), np.array(program.places)
         self.all: _Numbers = np.zeros(number, dtype=np.uint64)
         for n in range(LENGTH):
-            self.all = self.all * np.uint64(0x9E3779B97F4A7C15) + kinds[n : n + number] + np.uint64(1)
+            self.all = (
+                self.all * np.uint64(0x9E3779B97F4A7C15) + kinds[n : n + number] + np.uint64(1)
+            )
         #: Those that lie within a file and are the submission's own.
         self.own = places[:number] == places[LENGTH - 1 :] if number else np.zeros(0, dtype=bool)
 
@@ -204,16 +240,22 @@ class _Prints:
 def pairs_of(programs: Sequence[Program], common: Sequence[Program] = ()) -> list[Pair]:
     """Return the pairs that share enough code beside what is common ground, that with the largest share first."""
     prints = [_Prints(program) for program in programs]
-    given = np.concatenate([np.zeros(0, dtype=np.uint64), *(_Prints(program).all for program in common)])
+    given = np.concatenate(
+        [np.zeros(0, dtype=np.uint64), *(_Prints(program).all for program in common)]
+    )
     for each in prints:
         each.leave_out(given)
-    found, held = np.unique(np.concatenate([given[:0], *(each.unique for each in prints)]), return_counts=True)
+    found, held = np.unique(
+        np.concatenate([given[:0], *(each.unique for each in prints)]), return_counts=True
+    )
     usual = found[held > max(MOST_HOLDERS, MOST_HOLDERS_SHARE * len(programs))]
     for each in prints:
         each.leave_out(usual)
     own = [each.own_nodes for each in prints]
     pairs = [_pair(prints[a], prints[b], own[a], own[b]) for a, b in _candidates(prints)]
-    shown = (pair for pair in pairs if pair.nodes >= LEAST_NODES and max(pair.shares) >= LEAST_SHARE)
+    shown = (
+        pair for pair in pairs if pair.nodes >= LEAST_NODES and max(pair.shares) >= LEAST_SHARE
+    )
     return sorted(shown, key=lambda pair: (-max(pair.shares), -pair.nodes, pair.names))
 
 
@@ -223,14 +265,19 @@ def _candidates(prints: Sequence[_Prints]) -> list[tuple[int, int]]:
     counts: Counter[tuple[int, int]] = Counter()
     for _, group in groupby(sorted(holders), key=lambda pair: pair[0]):
         counts.update(combinations([n for _, n in group], 2))
-    return [pair for pair, number in counts.most_common(MOST_PAIRS) if number * LENGTH >= LEAST_NODES]
+    return [
+        pair for pair, number in counts.most_common(MOST_PAIRS) if number * LENGTH >= LEAST_NODES
+    ]
 
 
 def _pair(a: _Prints, b: _Prints, own_a: int, own_b: int) -> Pair:
     runs = _runs(a, b)
     shared = sum(length for _, _, length in runs)
     shares = (shared / own_a if own_a else 0.0, shared / own_b if own_b else 0.0)
-    lines = (_lines(a.program, [run[0::2] for run in runs]), _lines(b.program, [run[1:] for run in runs]))
+    lines = (
+        _lines(a.program, [run[0::2] for run in runs]),
+        _lines(b.program, [run[1:] for run in runs]),
+    )
     spans = tuple(islice(_spans(a.program, b.program, runs), MOST_SPANS))
     return Pair((a.program.name, b.program.name), shared, shares, lines, spans)
 
@@ -251,7 +298,9 @@ def _runs(a: _Prints, b: _Prints) -> list[tuple[int, int, int]]:
     runs, start = [], 0
     while start < len(mine):
         near = places.get(mine[start], ())[:MOST_PLACES] if mine[start] else ()
-        length, place = max(((_run(mine, theirs, used, start, at), -at) for at in near), default=(0, 0))
+        length, place = max(
+            ((_run(mine, theirs, used, start, at), -at) for at in near), default=(0, 0)
+        )
         if length:
             length += LENGTH - 1
             runs.append((start, -place, length))
@@ -273,7 +322,9 @@ def _run(mine: Sequence[int], theirs: Sequence[int], used: bytearray, start: int
     return length
 
 
-def _spans(a: Program, b: Program, runs: Sequence[tuple[int, int, int]]) -> Iterable[tuple[Span, Span]]:
+def _spans(
+    a: Program, b: Program, runs: Sequence[tuple[int, int, int]]
+) -> Iterable[tuple[Span, Span]]:
     """Return the lines of runs in both, near ones as one."""
     shown: list[list[tuple[int, int, int]]] = []
     for start, at, length in sorted(runs):
@@ -282,7 +333,10 @@ def _spans(a: Program, b: Program, runs: Sequence[tuple[int, int, int]]) -> Iter
             for program, n in ((a, start), (b, at))
         ]
         last = shown[-1] if shown else None
-        if last and all(new[0] == old[0] and 0 <= new[1] - old[2] <= _GAP for old, new in zip(last, both, strict=True)):
+        if last and all(
+            new[0] == old[0] and 0 <= new[1] - old[2] <= _GAP
+            for old, new in zip(last, both, strict=True)
+        ):
             shown[-1] = [(old[0], old[1], new[2]) for old, new in zip(last, both, strict=True)]
         else:
             shown.append(both)
@@ -305,7 +359,10 @@ def copies_of(programs: Sequence[Program], common: Sequence[Program] = ()) -> li
                 found[file.sha256].setdefault(program.name, file)
     most = max(MOST_HOLDERS, MOST_HOLDERS_SHARE * len(programs))
     copies = [
-        Copies(next(iter(by.values())).size_bytes, tuple((name, file.path) for name, file in sorted(by.items())))
+        Copies(
+            next(iter(by.values())).size_bytes,
+            tuple((name, file.path) for name, file in sorted(by.items())),
+        )
         for by in found.values()
         if 1 < len(by) <= most
     ]

@@ -170,7 +170,9 @@ def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
         f"Lab {rubric.lab.id}: {rubric.lab.title}",
         rows,
         tuple(_column(n, rubric, rows) for n in range(len(rubric.criteria))),
-        _spread([result.final for result in results.values()], rubric.lab.points) if results else None,
+        _spread([result.final for result in results.values()], rubric.lab.points)
+        if results
+        else None,
         _check_statistics(list(results.values()), rubric),
         mistakes_of(results, rubric),
         tuple(sorted(_todos(rows, rubric), key=lambda todo: list(Need).index(todo.need))),
@@ -181,7 +183,9 @@ def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
 def _column(index: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
     spec = rubric.criteria[index]
     cells = [(row.result, row.cells[index]) for row in rows]
-    earned = [result.final_of(cell) for result, cell in cells if result is not None and cell is not None]
+    earned = [
+        result.final_of(cell) for result, cell in cells if result is not None and cell is not None
+    ]
     return Column(spec.id, spec.title, spec.points, statistics.mean(earned) if earned else None)
 
 
@@ -190,11 +194,23 @@ def _column(index: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
 
 def _spread(totals: Sequence[Decimal], possible: Decimal) -> Spread:
     ordered = sorted(totals)
-    first, median, third = statistics.quantiles(ordered * 2 if len(ordered) == 1 else ordered, method="inclusive")
+    first, median, third = statistics.quantiles(
+        ordered * 2 if len(ordered) == 1 else ordered, method="inclusive"
+    )
     width = possible / BARS
     places = Counter(max(0, min(BARS - 1, int(total / width) if width else 0)) for total in ordered)
     bars = tuple(Bar(width * n, width * (n + 1), places[n]) for n in range(BARS))
-    return Spread(len(ordered), possible, statistics.mean(ordered), ordered[0], first, median, third, ordered[-1], bars)
+    return Spread(
+        len(ordered),
+        possible,
+        statistics.mean(ordered),
+        ordered[0],
+        first,
+        median,
+        third,
+        ordered[-1],
+        bars,
+    )
 
 
 # -- what each check tells ---------------------------------------------------------------------
@@ -209,7 +225,9 @@ def _check_statistics(results: Sequence[Result], rubric: Rubric) -> tuple[CheckS
         for check in result.checks:
             if check.share is not None and check.id in pairs:
                 rest = decided - check.possible
-                pairs[check.id].append((check.share, float((earned - check.earned) / rest) if rest else math.nan))
+                pairs[check.id].append(
+                    (check.share, float((earned - check.earned) / rest) if rest else math.nan)
+                )
                 passed[check.id] += check.outcome is Outcome.PASSED
     return tuple(
         CheckStatistics(
@@ -253,15 +271,21 @@ def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
             continue
         if violations := row.result.violations:
             kinds = tuple(dict.fromkeys(v.kind.value.replace("_", " ") for v in violations))
-            described = (v.text if v.certain else f"{v.text} {UNCERTAIN}" for v in violations if v.text)
+            described = (
+                v.text if v.certain else f"{v.text} {UNCERTAIN}" for v in violations if v.text
+            )
             texts = tuple(dict.fromkeys(described))
             found.append(Todo(n, Need.VIOLATION, row.result.score.possible, kinds, texts))
         if undecided := row.result.open_checks:
             texts = tuple(dict.fromkeys(c.reason for c in undecided if c.reason))
             titles = tuple(c.title for c in undecided)
-            found.append(Todo(n, Need.UNDECIDED, row.result.still_undecided, titles, texts, undecided[0].id))
+            found.append(
+                Todo(n, Need.UNDECIDED, row.result.still_undecided, titles, texts, undecided[0].id)
+            )
         if unmeasured := [check for check in row.result.checks if check.unmeasured]:
-            titles, texts = zip(*((check.title, check.unmeasured or "") for check in unmeasured), strict=True)
+            titles, texts = zip(
+                *((check.title, check.unmeasured or "") for check in unmeasured), strict=True
+            )
             lost = sum((check.lost for check in unmeasured), Decimal(0))
             found.append(Todo(n, Need.UNMEASURED, lost, titles, texts, unmeasured[0].id))
         if row.result.rubric_sha256 != rubric.sha256 or row.result.lab_sha256 not in ("", identity):

@@ -32,15 +32,31 @@ examples:
 
 def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade appeal", _DESCRIPTION, _EPILOG)
-    parser.add_argument("results", type=Path, metavar="RESULTS_DIR", help="results of a submission, e.g. results/alice")
+    parser.add_argument(
+        "results",
+        type=Path,
+        metavar="RESULTS_DIR",
+        help="results of a submission, e.g. results/alice",
+    )
     parser.add_argument("check", metavar="CHECK", help="id of a check, as the report shows it")
     parser.add_argument("--question", metavar="TEXT", help="what the student asks")
-    parser.add_argument("--answer", metavar="TEXT", help="what the student is told; without points, they stay")
+    parser.add_argument(
+        "--answer", metavar="TEXT", help="what the student is told; without points, they stay"
+    )
     parser.add_argument("--set", type=points, metavar="N", help="points that the check gets")
     add_flag(parser, "--excused", "nothing is lost at the check")
-    parser.add_argument("--reason", metavar="TEXT", default="appeal", help="why points change (default: %(default)s)")
-    parser.add_argument("--who", metavar="NAME", default=login(), help="who decides (default: %(default)s)")
-    add_path(parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)")
+    parser.add_argument(
+        "--reason",
+        metavar="TEXT",
+        default="appeal",
+        help="why points change (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--who", metavar="NAME", default=login(), help="who decides (default: %(default)s)"
+    )
+    add_path(
+        parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)"
+    )
     add_lab(parser, "default: the one that it was judged by last")
     return parser
 
@@ -61,12 +77,20 @@ def run(arguments: Sequence[str], console: Console) -> int:
     desk = desk_of(folder.parent, options.rubric, options.overrides, options.who)
     result = desk.judged().get(folder.name)
     if result is None:
-        raise UsageError("there is no result of this submission", location=str(folder), remedy="Grade it first.")
+        raise UsageError(
+            "there is no result of this submission", location=str(folder), remedy="Grade it first."
+        )
     ids = [check.id for check in result.checks]
     if id_ not in ids:
-        raise UsageError(f"there is no check {id_!r}{meant(id_, ids)}", remedy="The report names the id at each check.")
+        raise UsageError(
+            f"there is no check {id_!r}{meant(id_, ids)}",
+            remedy="The report names the id at each check.",
+        )
     found = regrade(
-        [folder], options.rubric, desk.overrides_file if desk.overrides_file.exists() else None, pages=False
+        [folder],
+        options.rubric,
+        desk.overrides_file if desk.overrides_file.exists() else None,
+        pages=False,
     )
     for error in found.failed.values():
         raise error
@@ -75,14 +99,20 @@ def run(arguments: Sequence[str], console: Console) -> int:
     replace_file(page, evidence_of(judged.result, folder / RECORDINGS, judged.rubric, id_))
     again = next(check for check in judged.result.checks if check.id == id_)
     before = next(check for check in result.checks if check.id == id_)
-    same = "as before" if again.earned == before.earned else f"{signed(again.earned - before.earned)} points"
+    same = (
+        "as before"
+        if again.earned == before.earned
+        else f"{signed(again.earned - before.earned)} points"
+    )
     outcome, earned = again.outcome.value.replace("_", " "), points_text(again.earned)
     console.print(f"Judged again: {outcome}, {earned} of {points_text(again.possible)}, {same}.")
     console.print(f"Evidence: {page}", soft_wrap=True, markup=False)
     if _note(desk, folder.name, options):
         for name in desk.close():
             print_note(console, f"{name} could not be written; `grade regrade {folder}` says why.")
-        console.print(f"Noted in {desk.overrides_file}; the report shows it.", soft_wrap=True, markup=False)
+        console.print(
+            f"Noted in {desk.overrides_file}; the report shows it.", soft_wrap=True, markup=False
+        )
     return 0
 
 
@@ -95,10 +125,19 @@ def _note(desk: Desk, name: str, options: argparse.Namespace) -> bool:
     about = {"names": (name,), "level": "check", "id": options.check}
     if options.question:
         student = desk.judged()[name].submission
-        replace(desk, who=student).decide(Decision(**about, change="appeal", comment=options.question))
+        replace(desk, who=student).decide(
+            Decision(**about, change="appeal", comment=options.question)
+        )
     change = "set" if options.set is not None else "excused" if options.excused else "reviewed"
     is_answered = bool(options.answer) or change != "reviewed"
     if is_answered:
-        answer = {"change": change, "points": options.set, "comment": options.answer or "", "reason": options.reason}
-        desk.decide(Decision(**about, **(answer if change != "reviewed" else {**answer, "reason": ""})))
+        answer = {
+            "change": change,
+            "points": options.set,
+            "comment": options.answer or "",
+            "reason": options.reason,
+        }
+        desk.decide(
+            Decision(**about, **(answer if change != "reviewed" else {**answer, "reason": ""}))
+        )
     return bool(options.question) or is_answered

@@ -31,7 +31,9 @@ _TRUE = ("1", "true", "yes")
 def parser_of(command: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
     """Return the parser of a command, whose texts are shown in the lines in which they stand."""
     form = argparse.RawDescriptionHelpFormatter
-    return argparse.ArgumentParser(prog=command, description=description, epilog=epilog, formatter_class=form)
+    return argparse.ArgumentParser(
+        prog=command, description=description, epilog=epilog, formatter_class=form
+    )
 
 
 def add_path(parser: _ActionsContainer, option: str, words: str, metavar: str = "FILE") -> None:
@@ -42,7 +44,9 @@ def add_path(parser: _ActionsContainer, option: str, words: str, metavar: str = 
 def add_lab(parser: _ActionsContainer, words: str) -> None:
     """Add `--lab`, which `--rubric` is another name of: a lab's folder, or a rubric."""
     words = f"folder of a lab, or its rubric.yaml ({words})"
-    parser.add_argument("--lab", "--rubric", dest="rubric", type=rubric_path, metavar="LAB", help=words)
+    parser.add_argument(
+        "--lab", "--rubric", dest="rubric", type=rubric_path, metavar="LAB", help=words
+    )
 
 
 def rubric_path(text: str) -> Path:
@@ -63,7 +67,9 @@ def add_jobs(parser: _ActionsContainer, words: str) -> None:
 
 def add_fail_under(parser: argparse.ArgumentParser) -> None:
     """Add `--fail-under`."""
-    parser.add_argument("--fail-under", type=points, metavar="N", help="exit with 1 if a score is below N points")
+    parser.add_argument(
+        "--fail-under", type=points, metavar="N", help="exit with 1 if a score is below N points"
+    )
 
 
 def add_isolation(parser: argparse.ArgumentParser) -> None:
@@ -75,7 +81,9 @@ def add_isolation(parser: argparse.ArgumentParser) -> None:
         help="run nothing unless students' code is confined at least so: full, no-cgroup or reduced (default: "
         "no-cgroup for several submissions and in CI jobs, reduced for one; `grade doctor` shows what there is)",
     )
-    words = "run the submissions even where they cannot be confined at all: I know and trust their code"
+    words = (
+        "run the submissions even where they cannot be confined at all: I know and trust their code"
+    )
     add_flag(parser, "--trust-code", words)
 
 
@@ -91,7 +99,9 @@ def least_isolation(options: argparse.Namespace, *, several: bool) -> str:
 def interpreter_of(chosen: Path | None) -> Path:
     """Return what runs students' code, by default what runs this; raises PlatformError if it is not there."""
     if chosen is not None and not chosen.is_file():
-        raise PlatformError("there is no such interpreter", location=str(chosen), remedy="Check --python.")
+        raise PlatformError(
+            "there is no such interpreter", location=str(chosen), remedy="Check --python."
+        )
     return Path(sys.executable) if chosen is None else chosen.absolute()
 
 
@@ -126,7 +136,9 @@ def print_error(error: GraderError) -> None:
 
 
 def each(
-    submissions: Sequence[_Submission], work: Callable[[_Submission], Decimal], least: Decimal | None = None
+    submissions: Sequence[_Submission],
+    work: Callable[[_Submission], Decimal],
+    least: Decimal | None = None,
 ) -> int:
     """Do the work for each submission; one that has no result does not keep the others from it."""
     statuses = []
@@ -138,6 +150,9 @@ def each(
             statuses.append(error.exit_status)
         else:
             if below := least is not None and earned < least:
-                print(f"grade: {earned.normalize():f} points are below {least} (--fail-under)", file=sys.stderr)
+                print(
+                    f"grade: {earned.normalize():f} points are below {least} (--fail-under)",
+                    file=sys.stderr,
+                )
             statuses.append(BELOW if below else 0)
     return max(statuses)

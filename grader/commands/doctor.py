@@ -30,12 +30,16 @@ def run(arguments: Sequence[str], console: Console) -> int:
     interpreter = interpreter_of(options.python)
     statuses = examine(interpreter)
     if options.calibrate:
-        statuses = itertools.chain(statuses, calibrate(interpreter, rubrics.read_rubric(options.rubric)))
+        statuses = itertools.chain(
+            statuses, calibrate(interpreter, rubrics.read_rubric(options.rubric))
+        )
     verdicts = []
     for status in statuses:
         verdicts.append(status.verdict)
         line = Text(f"{status.verdict.value:<8}", style=_STYLES[status.verdict.value])
-        line.append(f"{status.subject}: ", style="bold").append(terminal_text(status.found), style="default not bold")
+        line.append(f"{status.subject}: ", style="bold").append(
+            terminal_text(status.found), style="default not bold"
+        )
         console.print(line, soft_wrap=True)
         if status.remedy:
             console.print(Text(f"        → {terminal_text(status.remedy)}"), soft_wrap=True)

@@ -15,7 +15,13 @@ from grader.commands.arguments import add_flag, add_path, each, parser_of, print
 from grader.errors import RecordingError
 from grader.report.escape import terminal_text
 from grader.report.exports import CLASS_EXPORTS, EXPORTS, ClassExport, Export
-from grader.report.exports.writing import FORMS, STANDARD_OUTPUT, ExportTarget, write_export, write_exports
+from grader.report.exports.writing import (
+    FORMS,
+    STANDARD_OUTPUT,
+    ExportTarget,
+    write_export,
+    write_exports,
+)
 from grader.result import load_result
 from grader.result_folder import RESULT_FILE
 
@@ -31,7 +37,9 @@ example:
 
 
 def add_exports(
-    parser: argparse.ArgumentParser, option: str, forms: Mapping[str, Export | ClassExport] = EXPORTS
+    parser: argparse.ArgumentParser,
+    option: str,
+    forms: Mapping[str, Export | ClassExport] = EXPORTS,
 ) -> None:
     """Add the option that chooses exports among some forms, and `--path-prefix`."""
     parser.add_argument(
@@ -87,12 +95,28 @@ def _parser() -> argparse.ArgumentParser:
     results = "results of a submission, e.g. results/alice, or of a class, e.g. results/"
     parser.add_argument("results", nargs="+", type=Path, metavar="RESULTS_DIR", help=results)
     add_exports(parser, "--to", FORMS)
-    parser.add_argument("-o", "--output", metavar="FILE", help="the file for a single form; - is the standard output")
-    add_flag(parser, "--so-far", "of a grading that still runs: judge what has been recorded until now")
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="the file for a single form; - is the standard output",
+    )
+    add_flag(
+        parser, "--so-far", "of a grading that still runs: judge what has been recorded until now"
+    )
     group = parser.add_argument_group("of a class")
-    add_path(group, "--class-list", "who is in the class, as for `grade`, or a grade book's own export", "CSV")
-    group.add_argument("--column", default="", metavar="HEADING", help="heading of the grade book's column")
-    group.add_argument("--from", dest="sender", metavar="ADDRESS", type=_address, help="from whom mails come")
+    add_path(
+        group,
+        "--class-list",
+        "who is in the class, as for `grade`, or a grade book's own export",
+        "CSV",
+    )
+    group.add_argument(
+        "--column", default="", metavar="HEADING", help="heading of the grade book's column"
+    )
+    group.add_argument(
+        "--from", dest="sender", metavar="ADDRESS", type=_address, help="from whom mails come"
+    )
     return parser
 
 
@@ -102,7 +126,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
     options = parser.parse_args(arguments)
     targets = _targets(parser, options)
     if targets[0].name in CLASS_EXPORTS:
-        return each(options.results, lambda results: _export_class(results, targets, options, console))
+        return each(
+            options.results, lambda results: _export_class(results, targets, options, console)
+        )
     return each(options.results, lambda results: _export(results, targets, options, console))
 
 
@@ -122,22 +148,34 @@ def _export_class(
     if not any(entry.result for entry in entries):
         remedy = "Give the folder of a class's results, e.g. results/, or of one submission's."
         raise RecordingError("there are no results to export", location=str(results), remedy=remedy)
-    labs = sorted({entry.result.provenance.get("lab", "") for entry in entries if entry.result is not None})
+    labs = sorted(
+        {entry.result.provenance.get("lab", "") for entry in entries if entry.result is not None}
+    )
     if len(labs) > 1:
         remedy = "A column is of one lab: move the results of each into a folder of its own."
-        raise RecordingError(f"these are results of Labs {' and '.join(labs)}", location=str(results), remedy=remedy)
+        raise RecordingError(
+            f"these are results of Labs {' and '.join(labs)}", location=str(results), remedy=remedy
+        )
     given = ReturnedClass(
-        entries, results.resolve().parent if single else results, options.column, options.sender or ""
+        entries,
+        results.resolve().parent if single else results,
+        options.column,
+        options.sender or "",
     )
     notes = {
         "Not graded, so left out": [entry.name for entry in entries if entry.result is None],
         "Points of these are still undecided, and not in what is exported": [
-            entry.name for entry in entries if entry.result is not None and entry.result.still_undecided
+            entry.name
+            for entry in entries
+            if entry.result is not None and entry.result.still_undecided
         ],
     }
     for target in targets:
         returned = CLASS_EXPORTS[target.name].render(given)
-        notes |= {f"{target.name}: left out, because {why}": names for why, names in returned.left_out.items()}
+        notes |= {
+            f"{target.name}: left out, because {why}": names
+            for why, names in returned.left_out.items()
+        }
         for path in write_export(target, results, returned.content):
             # The standard output may be a form's.
             beside = any(other.file == STANDARD_OUTPUT for other in targets)
@@ -150,14 +188,18 @@ def _export_class(
     return Decimal(0)
 
 
-def _export(results: Path, targets: Sequence[ExportTarget], options: argparse.Namespace, console: Console) -> Decimal:
+def _export(
+    results: Path, targets: Sequence[ExportTarget], options: argparse.Namespace, console: Console
+) -> Decimal:
     from grader.pipeline import judge_so_far
 
     try:
         result = judge_so_far(results) if options.so_far else load_result(results / RESULT_FILE)
     except FileNotFoundError as problem:
         remedy = "Give the folder of one submission's results, e.g. results/alice."
-        raise RecordingError(f"there is no {RESULT_FILE} to export", location=str(results), remedy=remedy) from problem
+        raise RecordingError(
+            f"there is no {RESULT_FILE} to export", location=str(results), remedy=remedy
+        ) from problem
     written = write_exports(targets, result, results, options.path_prefix)
     if not any(target.file == STANDARD_OUTPUT for target in targets):
         for path in written:

@@ -38,7 +38,12 @@ from grader.errors import GraderError, UsageError
 from grader.recording.submission import SUBMISSION_FILE
 from grader.result_folder import EXPORTED, HISTORY, RECORDINGS
 from grader.submission.file_names import is_packed
-from grader.submission.separation import require_no_links, require_same_source, uncounted_overrides, with_earlier
+from grader.submission.separation import (
+    require_no_links,
+    require_same_source,
+    uncounted_overrides,
+    with_earlier,
+)
 
 if TYPE_CHECKING:
     from decimal import Decimal
@@ -67,14 +72,29 @@ interruption, and it goes on; unchanged submissions are not graded a second time
 
 def _parser(epilog: str) -> argparse.ArgumentParser:
     parser = parser_of("grade", _DESCRIPTION, epilog)
-    parser.add_argument("submissions", nargs="+", type=Path, metavar="PATH", help="a submission, or a folder of them")
     parser.add_argument(
-        "-o", "--output", type=Path, default="results", metavar="DIR", help="where results go (default: results)"
+        "submissions",
+        nargs="+",
+        type=Path,
+        metavar="PATH",
+        help="a submission, or a folder of them",
+    )
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default="results",
+        metavar="DIR",
+        help="where results go (default: results)",
     )
     add_lab(parser, "default: the lab which travels with grade")
-    overrides = "decisions of people, see `grade regrade --help` (default: overrides.yaml where results go)"
+    overrides = (
+        "decisions of people, see `grade regrade --help` (default: overrides.yaml where results go)"
+    )
     add_path(parser, "--overrides", overrides)
-    parser.add_argument("--sessions", type=_names, metavar="A,B", help="run only these sessions of the rubric")
+    parser.add_argument(
+        "--sessions", type=_names, metavar="A,B", help="run only these sessions of the rubric"
+    )
     add_path(parser, "--python", "interpreter for students' code (default: grade's own)")
     parser.add_argument("--seed", type=int, help="seed of the stimuli (default: drawn anew)")
     add_jobs(parser, "sessions side by side (default: as the cores allow)")
@@ -106,13 +126,21 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
     listed = "who is in the class: columns name, student_id, submitted_at and others, or a grade book's own export"
     add_path(group, "--class-list", listed, "CSV")
     again = group.add_mutually_exclusive_group()
-    add_flag(again, "--resume", "keep what has been graded from the same files, rubric and options (the default)")
+    add_flag(
+        again,
+        "--resume",
+        "keep what has been graded from the same files, rubric and options (the default)",
+    )
     add_flag(again, "--afresh", "grade all again")
     undecided = "of what has been graded, run again only the sessions that left something undecided"
     add_flag(again, "--undecided", undecided)
-    replace = "let results take the place of those that were made from another path under the same name"
+    replace = (
+        "let results take the place of those that were made from another path under the same name"
+    )
     add_flag(group, "--replace", replace)
-    pseudonyms = "also write index-anonymous.html and grades-anonymous.csv, with pseudonyms instead of names"
+    pseudonyms = (
+        "also write index-anonymous.html and grades-anonymous.csv, with pseudonyms instead of names"
+    )
     add_flag(group, "--anonymous", pseudonyms)
     workers = "grade on the workers of this Dask scheduler (an address, or the file that it wrote)"
     group.add_argument("--scheduler", metavar="ADDRESS", help=workers)
@@ -151,12 +179,17 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
         rubrics.require_lab(folder, rubric, "Give another folder for these results by -o.")
     for target in options.exports:
         require_no_links(target.path(options.output).parent, origins, inside=False)
-    if options.overrides is None and (ignored := uncounted_overrides(options.output, origins)) is not None:
+    if (
+        options.overrides is None
+        and (ignored := uncounted_overrides(options.output, origins)) is not None
+    ):
         print_note(console, f"Note: {ignored}")
     if several and options.timings:
         parser.error("--timings is for one submission")
     if several and options.exports:
-        parser.error("--export is for one submission; for several use `grade export` on their results")
+        parser.error(
+            "--export is for one submission; for several use `grade export` on their results"
+        )
     live = pipeline.Options(
         interpreter_of(options.python),
         options.sessions,
@@ -171,7 +204,12 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
     )
     _note_single_files(options.submissions, rubric, console)
     remove_stale()
-    if several or found.not_understood or found.missing or any(h.late or h.student for h in found.submissions):
+    if (
+        several
+        or found.not_understood
+        or found.missing
+        or any(h.late or h.student for h in found.submissions)
+    ):
         _print_discovery(found, console)
     allowed, status = [], 0
     for source in found.submissions:
@@ -186,7 +224,9 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
         found = replace(found, submissions=tuple(allowed))
         status = max(status, _grade_class(found, rubric, live, options, console))
     elif allowed:
-        status = each(allowed, lambda one: _grade_one(one, rubric, live, options, console), options.fail_under)
+        status = each(
+            allowed, lambda one: _grade_one(one, rubric, live, options, console), options.fail_under
+        )
     return status
 
 
@@ -195,28 +235,46 @@ def _found(options: argparse.Namespace, rubric: Rubric) -> Discovery:
     from grader.submission.discovery import Shape, find_submissions
 
     shape = Shape.ONE if options.one else Shape.EACH if options.each else Shape.AUTO
-    found = find_submissions(options.submissions, rubric, shape=shape, class_list=options.class_list)
+    found = find_submissions(
+        options.submissions, rubric, shape=shape, class_list=options.class_list
+    )
     if not found.submissions:
-        location, remedy = ", ".join(map(str, options.submissions)), "Give a submission, or the folder that holds them."
+        location, remedy = (
+            ", ".join(map(str, options.submissions)),
+            "Give a submission, or the folder that holds them.",
+        )
         raise SubmissionError("there are no submissions in it", location=location, remedy=remedy)
     if options.class_list is not None:
         return found
-    return replace(found, submissions=tuple(with_earlier(one, options.output) for one in found.submissions))
+    return replace(
+        found, submissions=tuple(with_earlier(one, options.output) for one in found.submissions)
+    )
 
 
 def _note_single_files(paths: Sequence[Path], rubric: Rubric, console: Console) -> None:
     """Say so where one of the lab's files is given, and its folder holds more of them."""
     names = {artifact.file for artifact in rubric.artifacts.values()}
     for path in paths:
-        if path.name in names and path.is_file() and any((path.parent / n).is_file() for n in names - {path.name}):
-            print_note(console, f"Of the lab's files only {path.name} is graded; for all of them: grade {path.parent}")
+        if (
+            path.name in names
+            and path.is_file()
+            and any((path.parent / n).is_file() for n in names - {path.name})
+        ):
+            print_note(
+                console,
+                f"Of the lab's files only {path.name} is graded; for all of them: grade {path.parent}",
+            )
 
 
 # -- one submission -------------------------------------------------------------------------------
 
 
 def _grade_one(
-    source: SubmissionSource, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console
+    source: SubmissionSource,
+    rubric: Rubric,
+    live: Options,
+    options: argparse.Namespace,
+    console: Console,
 ) -> Decimal:
     from grader import pipeline, result_folder
     from grader.classroom import audit
@@ -228,19 +286,29 @@ def _grade_one(
     output, watch = options.output, Stopwatch()
     results = output / source.name
     before = text_of(results / result_folder.RESULT_FILE)
-    sessions = live.sessions or [name for name in rubric.sessions if name not in rubric.bonus_sessions]
+    sessions = live.sessions or [
+        name for name in rubric.sessions if name not in rubric.bonus_sessions
+    ]
     with ProgressDisplay(console, source.name, sessions) as display:
 
         def show(p: Progress) -> None:
             display.note(p.session, p.text, p.step, p.steps, p.ended)
 
-        result = pipeline.grade(source, rubric, results, live, show, watch=watch, ahead=options.ahead)
-    if live.overrides.sha256:  # Else nobody decides anything here, and a student's tries need no trail.
-        audit.note_replaced(output, source.name, before, "grade", overrides_sha256=live.overrides.sha256)
+        result = pipeline.grade(
+            source, rubric, results, live, show, watch=watch, ahead=options.ahead
+        )
+    if (
+        live.overrides.sha256
+    ):  # Else nobody decides anything here, and a student's tries need no trail.
+        audit.note_replaced(
+            output, source.name, before, "grade", overrides_sha256=live.overrides.sha256
+        )
     print_result(console, result)
     if live.sessions is not None:
         only = ", ".join(live.sessions)
-        print_note(console, f"Of the sessions only {only}; what others show is not part of this score.")
+        print_note(
+            console, f"Of the sessions only {only}; what others show is not part of this score."
+        )
     if options.timings:
         children = resource.getrusage(resource.RUSAGE_CHILDREN)
         print_timings(console, watch, result.provenance, children.ru_utime + children.ru_stime)
@@ -251,7 +319,9 @@ def _grade_one(
 # -- a class --------------------------------------------------------------------------------------
 
 
-def _grade_class(found: Discovery, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console) -> int:
+def _grade_class(
+    found: Discovery, rubric: Rubric, live: Options, options: argparse.Namespace, console: Console
+) -> int:
     from grader.classroom.class_run import ClassRun
     from grader.classroom.journal import Journal
     from grader.classroom.progress import RunProgress, print_class, summary
@@ -282,7 +352,9 @@ def _grade_class(found: Discovery, rubric: Rubric, live: Options, options: argpa
     return max((_status(row, options.fail_under) for row in rows), default=0)
 
 
-def _grading_location(options: argparse.Namespace, live: Options) -> tuple[Isolation | str, Machine]:
+def _grading_location(
+    options: argparse.Namespace, live: Options
+) -> tuple[Isolation | str, Machine]:
     """Return where to grade (how code is confined here, or a scheduler), and this machine's slots."""
     from grader.classroom.scheduler import Machine
     from grader.live.sandbox.isolation import Isolation, Level
@@ -303,7 +375,9 @@ def _print_discovery(found: Discovery, console: Console) -> None:
         print_note(console, f"Belongs to no submission: {line}")
     if len(found.not_understood) > _MOST_LISTED:
         print_note(console, f"and {len(found.not_understood) - _MOST_LISTED} more.")
-    late = [source.name for source in found.submissions if source.late and source.submitted_at is None]
+    late = [
+        source.name for source in found.submissions if source.late and source.submitted_at is None
+    ]
     if late:
         text = "Marked as late, but the download does not say when they were handed in; --class-list can"
         print_note(console, f"{text}: {', '.join(late)}")
@@ -311,7 +385,9 @@ def _print_discovery(found: Discovery, console: Console) -> None:
         print_note(console, f"Nothing handed in: {', '.join(found.missing)}")
 
 
-def _report_class(rows: Sequence[Row], rubric: Rubric, options: argparse.Namespace, console: Console) -> None:
+def _report_class(
+    rows: Sequence[Row], rubric: Rubric, options: argparse.Namespace, console: Console
+) -> None:
     """Write the class page and the table of grades, over all results that lie in the folder."""
     from grader.classroom.class_run import entries_of
     from grader.commands.report import report_class
@@ -321,7 +397,9 @@ def _report_class(rows: Sequence[Row], rubric: Rubric, options: argparse.Namespa
     if earlier := [entry.name for entry in entries if entry.name not in known]:
         print_note(console, f"Results of earlier runs, on the page too: {', '.join(earlier)}.")
     for anonymous in (False, True)[: 1 + options.anonymous]:
-        report_class(options.output, entries, rubric, console, options.class_list, anonymous=anonymous)
+        report_class(
+            options.output, entries, rubric, console, options.class_list, anonymous=anonymous
+        )
 
 
 def _status(row: Row, least: Decimal | None) -> int:
@@ -339,12 +417,16 @@ def require_submissions(paths: Sequence[Path], rubric: Rubric) -> None:
         near = difflib.get_close_matches(str(path), COMMANDS, n=1, cutoff=0.75)
         if near and not path.exists():
             remedy = f"If you mean the command, write it first: grade {near[0]} ..."
-            raise UsageError(f"there is neither a submission nor a command {str(path)!r}", remedy=remedy)
+            raise UsageError(
+                f"there is neither a submission nor a command {str(path)!r}", remedy=remedy
+            )
         if is_results(path, rubric):
             remedy = f"`grade regrade {path}` judges them again, without ROS."
             if not _is_recorded(path):
                 remedy += f" `grade report {path}` writes the class page again."
-            raise UsageError("these are results, not submissions", location=str(path), remedy=remedy)
+            raise UsageError(
+                "these are results, not submissions", location=str(path), remedy=remedy
+            )
 
 
 def is_results(path: Path, rubric: Rubric) -> bool:
@@ -352,13 +434,21 @@ def is_results(path: Path, rubric: Rubric) -> bool:
     if not path.is_dir():
         return False
     inner = [
-        entry for entry in path.iterdir() if not entry.name.startswith(".") and entry.name not in (HISTORY, EXPORTED)
+        entry
+        for entry in path.iterdir()
+        if not entry.name.startswith(".") and entry.name not in (HISTORY, EXPORTED)
     ]
     folders = [path] if _is_recorded(path) else [entry for entry in inner if entry.is_dir()]
-    if not folders or not all(map(_is_recorded, folders)) or any(is_packed(entry.name) for entry in inner):
+    if (
+        not folders
+        or not all(map(_is_recorded, folders))
+        or any(is_packed(entry.name) for entry in inner)
+    ):
         return False
     wanted = {artifact.file for artifact in rubric.artifacts.values()}
-    return not any(wanted.intersection(files) for folder in folders for _, _, files in os.walk(folder))
+    return not any(
+        wanted.intersection(files) for folder in folders for _, _, files in os.walk(folder)
+    )
 
 
 def _is_recorded(folder: Path) -> bool:

@@ -46,8 +46,17 @@ def _parser() -> argparse.ArgumentParser:
     )
     new.add_argument("folder", type=Path, metavar="DIR", help="folder to make, e.g. labs/09-03")
     for command in (check, trying):
-        command.add_argument("folder", nargs="?", type=Path, default=Path(), metavar="DIR", help="default: this folder")
-    trying.add_argument("names", nargs="*", metavar="NAME", help="only these: solution, or names of fixtures")
+        command.add_argument(
+            "folder",
+            nargs="?",
+            type=Path,
+            default=Path(),
+            metavar="DIR",
+            help="default: this folder",
+        )
+    trying.add_argument(
+        "names", nargs="*", metavar="NAME", help="only these: solution, or names of fixtures"
+    )
     add_flag(trying, "--quick", "only a few")
     return parser
 
@@ -60,7 +69,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
     rubric = options.folder / "rubric.yaml"
     if not rubric.is_file():
         remedy = "Name a lab's folder; `grade lab new DIR` makes one."
-        raise UsageError("there is no rubric.yaml in it", location=str(options.folder), remedy=remedy)
+        raise UsageError(
+            "there is no rubric.yaml in it", location=str(options.folder), remedy=remedy
+        )
     return _check(rubric, console) if options.command == "check" else _try(options, console)
 
 
@@ -69,20 +80,36 @@ def _new(folder: Path, console: Console) -> int:
     from grader.lab.rubric import json_schema
 
     if folder.exists() and any(folder.iterdir() if folder.is_dir() else [folder]):
-        raise UsageError("it is there already, and not empty", location=str(folder), remedy="Give another folder.")
-    shutil.copytree(_TEMPLATE, folder, ignore=shutil.ignore_patterns("__pycache__"), dirs_exist_ok=True)
+        raise UsageError(
+            "it is there already, and not empty",
+            location=str(folder),
+            remedy="Give another folder.",
+        )
+    shutil.copytree(
+        _TEMPLATE, folder, ignore=shutil.ignore_patterns("__pycache__"), dirs_exist_ok=True
+    )
     rubric, name = folder / "rubric.yaml", json.dumps(folder.resolve().name)
     text = rubric.read_text(encoding="utf-8").replace('"template"', name, 1)
     rubric.write_text(text, encoding="utf-8")
-    (folder / "rubric.schema.json").write_text(json_text(json_schema(rubric_kinds())), encoding="utf-8")
-    console.print(f"A lab with one node, two checks, a solution and a fixture: {folder}", markup=False, soft_wrap=True)
+    (folder / "rubric.schema.json").write_text(
+        json_text(json_schema(rubric_kinds())), encoding="utf-8"
+    )
+    console.print(
+        f"A lab with one node, two checks, a solution and a fixture: {folder}",
+        markup=False,
+        soft_wrap=True,
+    )
     for command, words in (
         (f"grade lab check {folder}", "finds mistakes, at once"),
         (f"grade lab try {folder}", "grades its solution and its fixture"),
         (f"grade --lab {folder} submissions/", "grades submissions"),
     ):
         console.print(Text(f"  {command}   {words}"), soft_wrap=True)
-    console.print(f"{folder / 'README.md'} says what is where, and what to change first.", markup=False, soft_wrap=True)
+    console.print(
+        f"{folder / 'README.md'} says what is where, and what to change first.",
+        markup=False,
+        soft_wrap=True,
+    )
     return 0
 
 
@@ -92,7 +119,9 @@ def _check(rubric_file: Path, console: Console) -> int:
 
     rubric = read_rubric(rubric_file)
     for remark in examine(rubric, rubric_file, rubric_file.parent / TRIED / "solution"):
-        line = Text(f"{remark.sign} ", _STYLES[remark.sign]).append(terminal_text(remark.text), "default")
+        line = Text(f"{remark.sign} ", _STYLES[remark.sign]).append(
+            terminal_text(remark.text), "default"
+        )
         console.print(line, soft_wrap=True)
     return 0
 
@@ -102,6 +131,8 @@ def _try(options: argparse.Namespace, console: Console) -> int:
 
     tried = options.folder / TRIED
     quick = ["--quick"] if options.quick else []
-    status = selftest.run(["--lab", str(options.folder), "-o", str(tried), *quick, *options.names], console)
+    status = selftest.run(
+        ["--lab", str(options.folder), "-o", str(tried), *quick, *options.names], console
+    )
     print_note(console, f"Reports of all: {tried}/*/report.html", "")
     return status

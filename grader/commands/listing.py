@@ -17,16 +17,46 @@ from grader.commands.arguments import add_flag, parser_of
 from grader.lab.references import Parameters
 from grader.lab.yaml_with_lines import meant
 
-_KINDS = {"string": "text", "number": "number", "integer": "whole number", "boolean": "true or false"}
+_KINDS = {
+    "string": "text",
+    "number": "number",
+    "integer": "whole number",
+    "boolean": "true or false",
+}
 #: What stands in an example for a key of this name, unless its type says more than that it is a text or a number.
 _NAMED: Mapping[str, Any] = {
-    **{"topic": "/chatter", "service": "/enable", "action": "/fibonacci", "node": "/talker", "name": "rate"},
+    **{
+        "topic": "/chatter",
+        "service": "/enable",
+        "action": "/fibonacci",
+        "node": "/talker",
+        "name": "rate",
+    },
     **{"child": "robot", "parent": "odom", "names": ["rate"]},
-    **{"rate_hz": 10, "tick_s": 0.1, "least_s": 1, "most_s": 5, "within_s": 0.5, "tolerance": 0.01, "index": 0},
+    **{
+        "rate_hz": 10,
+        "tick_s": 0.1,
+        "least_s": 1,
+        "most_s": 5,
+        "within_s": 0.5,
+        "tolerance": 0.01,
+        "index": 0,
+    },
     **{"full_within": "2%", "zero_beyond": "20%", "full_within_s": 0.003, "zero_beyond_s": 0.01},
     **{"message": {"data": "hello"}, "request": {"data": True}, "response": {"success": True}},
-    **{"refused": {"success": False}, "recovered": {"success": True}, "values": {"rate": 10.0}, "value": True},
-    **{"pattern": r"rms: ([0-9.]+)", "label": "mean", "key": "mean", "executable": "talker", "default": "10"},
+    **{
+        "refused": {"success": False},
+        "recovered": {"success": True},
+        "values": {"rate": 10.0},
+        "value": True,
+    },
+    **{
+        "pattern": r"rms: ([0-9.]+)",
+        "label": "mean",
+        "key": "mean",
+        "executable": "talker",
+        "default": "10",
+    },
 }
 _Schema = Mapping[str, Any]
 
@@ -98,12 +128,19 @@ def run_listing(command: str, arguments: Sequence[str], console: Console) -> int
         if options.names:
             console.print(Padding(Text(f"\n{entry.example}"), (0, 0, 0, 4), expand=False))
     if not options.names:
-        console.print(Text(f"\n`grade {command} NAME` shows an example, `--json` everything for programs.", "dim"))
+        console.print(
+            Text(
+                f"\n`grade {command} NAME` shows an example, `--json` everything for programs.",
+                "dim",
+            )
+        )
     return 0
 
 
 def _print_parameter(parameter: Parameter, indent: int, console: Console) -> None:
-    default = "optional" if parameter.default in (None, [], {}) else f"default {parameter.default!r}"
+    default = (
+        "optional" if parameter.default in (None, [], {}) else f"default {parameter.default!r}"
+    )
     need = "required" if parameter.required else default
     words = f"{parameter.name}: {parameter.type}, {need}. {parameter.description}".rstrip()
     console.print(Padding(Text(words), (0, 0, 0, indent), expand=False))
@@ -119,9 +156,25 @@ def parameters_in(model: _Schema, schema: _Schema) -> Iterator[Parameter]:
     for name, part in model.get("properties", {}).items():
         required = name in model.get("required", ())
         inner = _model_within(part, schema)
-        nested = list(parameters_in(inner, schema)) if inner is not None and inner is not model else []
-        about = next((each["description"] for each in (part, *part.get("anyOf", ())) if "description" in each), "")
-        yield Parameter(name, _kind(part, schema), required, part.get("default"), " ".join(about.split()), nested)
+        nested = (
+            list(parameters_in(inner, schema)) if inner is not None and inner is not model else []
+        )
+        about = next(
+            (
+                each["description"]
+                for each in (part, *part.get("anyOf", ()))
+                if "description" in each
+            ),
+            "",
+        )
+        yield Parameter(
+            name,
+            _kind(part, schema),
+            required,
+            part.get("default"),
+            " ".join(about.split()),
+            nested,
+        )
 
 
 def _model_within(part: _Schema, schema: _Schema) -> _Schema | None:
@@ -129,7 +182,12 @@ def _model_within(part: _Schema, schema: _Schema) -> _Schema | None:
     if "$ref" in part:
         found: _Schema = schema["$defs"][part["$ref"].rpartition("/")[2]]
         return found
-    inner = [*part.get("anyOf", ()), part.get("items"), part.get("additionalProperties"), *part.get("prefixItems", ())]
+    inner = [
+        *part.get("anyOf", ()),
+        part.get("items"),
+        part.get("additionalProperties"),
+        *part.get("prefixItems", ()),
+    ]
     models = (_model_within(each, schema) for each in inner if isinstance(each, Mapping))
     return next((model for model in models if model is not None), None)
 
@@ -139,7 +197,9 @@ def _kind(part: _Schema, schema: _Schema) -> str:
     if "$ref" in part:
         return "mapping"
     if "anyOf" in part:
-        return " or ".join(_kind(each, schema) for each in part["anyOf"] if each.get("type") != "null")
+        return " or ".join(
+            _kind(each, schema) for each in part["anyOf"] if each.get("type") != "null"
+        )
     if "enum" in part or "const" in part:
         return " or ".join(map(repr, part.get("enum", [part.get("const")])))
     if part.get("type") == "array":
@@ -147,7 +207,11 @@ def _kind(part: _Schema, schema: _Schema) -> str:
         return f"list ({', '.join(_kind(each, schema) for each in elements)}{' each' * ('items' in part)})"
     if part.get("type") == "object":
         values = part.get("additionalProperties")
-        return f"mapping of names to {_kind(values, schema)}" if isinstance(values, Mapping) and values else "mapping"
+        return (
+            f"mapping of names to {_kind(values, schema)}"
+            if isinstance(values, Mapping) and values
+            else "mapping"
+        )
     return _KINDS.get(part.get("type", ""), "any value")
 
 
@@ -160,13 +224,23 @@ def _example_of(part: _Schema, schema: _Schema, name: str = "") -> Any:
     if name in _NAMED:
         return _NAMED[name]
     if "anyOf" in part:
-        return _example_of(next(each for each in part["anyOf"] if each.get("type") != "null"), schema)
+        return _example_of(
+            next(each for each in part["anyOf"] if each.get("type") != "null"), schema
+        )
     if part.get("type") == "array":
-        return [_example_of(each, schema) for each in part.get("prefixItems", [part.get("items", {})])]
+        return [
+            _example_of(each, schema) for each in part.get("prefixItems", [part.get("items", {})])
+        ]
     if part.get("type") == "object":
         values, properties = part.get("additionalProperties"), part.get("properties", {})
-        named = {each: _example_of(properties[each], schema, each) for each in part.get("required", ())}
-        return {"name": _example_of(values, schema)} if isinstance(values, Mapping) and values else named
+        named = {
+            each: _example_of(properties[each], schema, each) for each in part.get("required", ())
+        }
+        return (
+            {"name": _example_of(values, schema)}
+            if isinstance(values, Mapping) and values
+            else named
+        )
     if part.get("type") in ("number", "integer"):
         least = max(part.get("minimum", 0), part.get("exclusiveMinimum", 0))
         return min(least + 1, part.get("maximum", part.get("exclusiveMaximum", least + 2) / 2))

@@ -23,11 +23,23 @@ have. It is published on the ROS graph of this terminal (ROS_DOMAIN_ID): not whe
 
 def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade play", _DESCRIPTION)
-    parser.add_argument("results", type=Path, metavar="RESULTS_DIR", help="results of a submission: results/alice")
-    parser.add_argument("session", nargs="?", metavar="SESSION", help="the session; not needed if there is only one")
+    parser.add_argument(
+        "results", type=Path, metavar="RESULTS_DIR", help="results of a submission: results/alice"
+    )
+    parser.add_argument(
+        "session", nargs="?", metavar="SESSION", help="the session; not needed if there is only one"
+    )
     words = "begin so long after the session's start, as the timeline in the report counts (default: %(default)s)"
-    parser.add_argument("--from", dest="from_s", type=float, default=0.0, metavar="SECONDS", help=words)
-    parser.add_argument("--rate", type=float, default=1.0, metavar="X", help="X times as fast (default: %(default)s)")
+    parser.add_argument(
+        "--from", dest="from_s", type=float, default=0.0, metavar="SECONDS", help=words
+    )
+    parser.add_argument(
+        "--rate",
+        type=float,
+        default=1.0,
+        metavar="X",
+        help="X times as fast (default: %(default)s)",
+    )
     parser.add_argument("--topics", nargs="+", default=(), metavar="TOPIC", help="only these")
     add_flag(parser, "--loop", "begin again at the end, until Ctrl-C")
     return parser
@@ -46,13 +58,17 @@ def run(arguments: Sequence[str], console: Console) -> int:
     try:
         recorded = Recorded.open(folder)
     except (OSError, ValueError) as problem:
-        raise RecordingError("this recording cannot be read", location=str(folder), remedy=str(problem)) from problem
+        raise RecordingError(
+            "this recording cannot be read", location=str(folder), remedy=str(problem)
+        ) from problem
     require_platform()
     from grader.live.ros_node.player import Player
 
     player = Player(recorded.bag, options.topics)
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
-    print_note(console, f"Playing '{folder.name}' with ROS_DOMAIN_ID {domain}; Ctrl-C stops it.", "bold")
+    print_note(
+        console, f"Playing '{folder.name}' with ROS_DOMAIN_ID {domain}; Ctrl-C stops it.", "bold"
+    )
     for topic, what in player.topics.items():
         print_note(console, f"{topic}: {what}", "")
     start_ns, played = recorded.record.started_ns + round(options.from_s * 1e9), 0
@@ -76,6 +92,8 @@ def _recording(results: Path, session: str | None) -> Path:
         remedy = "Give the results of one submission, such as results/alice."
         raise RecordingError("there are no recordings in it", location=str(results), remedy=remedy)
     if session not in names and (session is not None or len(names) > 1):
-        problem = "there are several sessions" if session is None else f"there is no session {session!r}"
+        problem = (
+            "there are several sessions" if session is None else f"there is no session {session!r}"
+        )
         raise UsageError(problem, location=str(results), remedy=f"Name one of {', '.join(names)}.")
     return recordings / (session or names[0])

@@ -66,7 +66,9 @@ def _parser() -> argparse.ArgumentParser:
     results = "results of a submission, e.g. results/alice, or of a class, e.g. results/"
     parser.add_argument("results", nargs="+", type=Path, metavar="RESULTS_DIR", help=results)
     add_lab(parser, "default: the one that it was judged by last")
-    add_path(parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)")
+    add_path(
+        parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)"
+    )
     add_flag(
         parser,
         "--trust-lab",
@@ -87,11 +89,15 @@ def run(arguments: Sequence[str], console: Console) -> int:
     options = parser.parse_args(arguments)
     classes = [folder for folder in options.results if is_class(folder)]
     if not classes and (options.apply or options.jobs):
-        parser.error("--apply and --jobs are for the folder of a class; a single submission is written at once")
+        parser.error(
+            "--apply and --jobs are for the folder of a class; a single submission is written at once"
+        )
     singles = [folder for folder in options.results if folder not in classes]
     statuses = [_regrade_class(folder, options, console) for folder in classes]
     if singles:
-        statuses.append(each(singles, lambda folder: _regrade_one(folder, options, console), options.fail_under))
+        statuses.append(
+            each(singles, lambda folder: _regrade_one(folder, options, console), options.fail_under)
+        )
     return max(statuses)
 
 
@@ -100,7 +106,9 @@ def _regrade_one(folder: Path, options: argparse.Namespace, console: Console) ->
     from grader.report.changes import changes_table
     from grader.report.terminal import print_result
 
-    found = regrade([folder], options.rubric, options.overrides, pages=True, trusted=options.trust_lab)
+    found = regrade(
+        [folder], options.rubric, options.overrides, pages=True, trusted=options.trust_lab
+    )
     for error in found.failed.values():
         raise error
     found.apply()
@@ -135,7 +143,9 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
         )
     took_s = time.monotonic() - began_s
     if found.failed:
-        console.print(f"{len(found.failed)} of {len(folders)} could not be judged, for the causes below.")
+        console.print(
+            f"{len(found.failed)} of {len(folders)} could not be judged, for the causes below."
+        )
     if not found.judged:
         return _status(found, [], options)
     print_changes(console, found.changes)
@@ -145,8 +155,14 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
         found.apply()
     for remark in found.remarks():
         print_note(console, f"Note: {remark}")
-    written = "The results are written." if options.apply else "No result is written yet; --apply writes them."
-    console.print(f"Judged in {took_s:.1f} s. {written if matter or options.apply else ''}".rstrip())
+    written = (
+        "The results are written."
+        if options.apply
+        else "No result is written yet; --apply writes them."
+    )
+    console.print(
+        f"Judged in {took_s:.1f} s. {written if matter or options.apply else ''}".rstrip()
+    )
     console.print(f"Table: {folder / CHANGES_FILE}", soft_wrap=True, markup=False)
     if options.apply and matter and (folder / result_folder.CLASS_PAGE).exists():
         print_note(console, f"The class page is out of date; run `grade report {folder}`.", "")
@@ -157,15 +173,21 @@ def _status(found: Regrade, matter: Sequence[Changes], options: argparse.Namespa
     """Print what could not be judged; returns the exit status."""
     least: Decimal | None = options.fail_under
     statuses = [BELOW if matter and not options.apply else 0]
-    statuses += [BELOW for changes in found.changes.values() if least is not None and changes.after < least]
+    statuses += [
+        BELOW for changes in found.changes.values() if least is not None and changes.after < least
+    ]
     causes: dict[tuple[str, ...], list[str]] = {}
     for name, failed in found.failed.items():
-        causes.setdefault((failed.problem, failed.remedy, *getattr(failed, "mistakes", ())), []).append(name)
+        causes.setdefault(
+            (failed.problem, failed.remedy, *getattr(failed, "mistakes", ())), []
+        ).append(name)
         statuses.append(failed.exit_status)
     for names in causes.values():
         failed = found.failed[names[0]]
         if len(names) > 1:
-            failed.location = f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
+            failed.location = (
+                f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
+            )
         failed.location = failed.location or names[0]
         print_error(failed)
     return max(statuses)

@@ -11,7 +11,14 @@ from rich.console import Console
 
 from grader.commands.arguments import add_flag, add_lab, add_path, parser_of
 from grader.files import replace_file
-from grader.result_folder import ANONYMOUS_GRADES_FILE, ANONYMOUS_PAGE, CLASS_PAGE, GRADES_FILE, RECORDINGS, REPORT_FILE
+from grader.result_folder import (
+    ANONYMOUS_GRADES_FILE,
+    ANONYMOUS_PAGE,
+    CLASS_PAGE,
+    GRADES_FILE,
+    RECORDINGS,
+    REPORT_FILE,
+)
 
 if TYPE_CHECKING:
     from grader.cohort.entries import ClassEntry
@@ -27,7 +34,9 @@ grades.csv is UTF-8 with a byte order mark, for spreadsheet programs; programs r
 
 def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade report", _DESCRIPTION)
-    parser.add_argument("results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/")
+    parser.add_argument(
+        "results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/"
+    )
     words = "write index-anonymous.html and grades-anonymous.csv instead: pseudonyms, no links, student ids or times"
     add_flag(parser, "--anonymous", words)
     listed = "as for `grade`; who is on it without a result is listed as not graded"
@@ -46,13 +55,21 @@ def run(arguments: Sequence[str], console: Console) -> int:
     options = _parser().parse_args(arguments)
     entries = _require_results(entries_in(options.results), options.results)
     if options.before is not None:
-        entries = compared_with(entries, _require_results(entries_in(options.before), options.before))
+        entries = compared_with(
+            entries, _require_results(entries_in(options.before), options.before)
+        )
     rubric = rubrics.rubric_of_class(options.results, entries, options.rubric)
     remedy = "Move the results of each lab into a folder of its own."
     for entry in entries:
         rubrics.require_lab(options.results / entry.name, rubric, remedy)
     report_class(
-        options.results, entries, rubric, console, options.class_list, anonymous=options.anonymous, counted=True
+        options.results,
+        entries,
+        rubric,
+        console,
+        options.class_list,
+        anonymous=options.anonymous,
+        counted=True,
     )
     return 0
 
@@ -61,10 +78,18 @@ def _require_results(entries: Sequence[ClassEntry], results: Path) -> Sequence[C
     from grader.errors import SubmissionError
 
     if not entries:
-        remedy = "Give the folder that holds a folder of results for each submission, e.g. results/."
+        remedy = (
+            "Give the folder that holds a folder of results for each submission, e.g. results/."
+        )
         if (results / RECORDINGS).is_dir():
-            remedy = f"These are the results of one submission, whose page is {REPORT_FILE}. {remedy}"
-        problem = "there are no results of submissions in it" if results.is_dir() else "there is no such folder"
+            remedy = (
+                f"These are the results of one submission, whose page is {REPORT_FILE}. {remedy}"
+            )
+        problem = (
+            "there are no results of submissions in it"
+            if results.is_dir()
+            else "there is no such folder"
+        )
         raise SubmissionError(problem, location=str(results), remedy=remedy)
     return entries
 
@@ -98,7 +123,13 @@ def report_class(
     if counted:
         graded = sum(row.result is not None for row in summary.rows)
         needy = len({todo.row for todo in summary.todos})
-        of = f", median {tenths(summary.spread.median)} of {tenths(summary.spread.possible)}" if summary.spread else ""
+        of = (
+            f", median {tenths(summary.spread.median)} of {tenths(summary.spread.possible)}"
+            if summary.spread
+            else ""
+        )
         attention = f"{needy} need{'s' * (needy == 1)} attention"
-        console.print(f"{len(entries)} submission{'s' * (len(entries) != 1)}, {graded} graded{of}; {attention}.")
+        console.print(
+            f"{len(entries)} submission{'s' * (len(entries) != 1)}, {graded} graded{of}; {attention}."
+        )
     console.print(f"Class: {page}\nGrades: {grades}", soft_wrap=True, markup=False)

@@ -28,10 +28,18 @@ it.
 
 def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade review", _DESCRIPTION)
-    parser.add_argument("results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/")
-    parser.add_argument("--who", metavar="NAME", default=login(), help="who decides (default: %(default)s)")
-    parser.add_argument("--port", type=int, default=0, metavar="N", help="port on 127.0.0.1 (default: a free one)")
-    add_path(parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)")
+    parser.add_argument(
+        "results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/"
+    )
+    parser.add_argument(
+        "--who", metavar="NAME", default=login(), help="who decides (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--port", type=int, default=0, metavar="N", help="port on 127.0.0.1 (default: a free one)"
+    )
+    add_path(
+        parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)"
+    )
     add_lab(parser, "default: the one that most were judged by")
     return parser
 
@@ -52,14 +60,18 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
     def ready(address: str) -> None:
         left = sum(not item.is_decided for item in desk.queue())
-        console.print(f"{left} to decide. Open this address, which is yours alone; Ctrl-C ends the desk:")
+        console.print(
+            f"{left} to decide. Open this address, which is yours alone; Ctrl-C ends the desk:"
+        )
         console.print(address, soft_wrap=True, markup=False)
 
     with suppress(KeyboardInterrupt):
         serve(desk, options.port, ready)
     print_note(console, "Writing the results that have changed ...", "dim")
     for name in desk.close():
-        print_note(console, f"{name} could not be written; `grade regrade {desk.results / name}` says why.")
+        print_note(
+            console, f"{name} could not be written; `grade regrade {desk.results / name}` says why."
+        )
     if desk.written:
         number = f"{len(desk.written)} decision{'s' * (len(desk.written) != 1)}"
         console.print(
@@ -81,12 +93,25 @@ def desk_of(results: Path, rubric: Path | None, overrides: Path | None, who: str
     results = results.resolve()
     entries = entries_in(results)
     if not entries or (results / RECORDINGS).is_dir():
-        remedy = "Give the folder that holds a folder of results for each submission, e.g. results/."
-        raise SubmissionError("there are no results of a class in it", location=str(results), remedy=remedy)
-    if overrides is None and lies_within(results, [made_from(results / entry.name) for entry in entries]):
+        remedy = (
+            "Give the folder that holds a folder of results for each submission, e.g. results/."
+        )
+        raise SubmissionError(
+            "there are no results of a class in it", location=str(results), remedy=remedy
+        )
+    if overrides is None and lies_within(
+        results, [made_from(results / entry.name) for entry in entries]
+    ):
         problem = "these results lie in a submission, where overrides.yaml may be a student's and does not count"
-        raise UsageError(problem, location=str(results), remedy="Name a file of your own with --overrides.")
+        raise UsageError(
+            problem, location=str(results), remedy="Name a file of your own with --overrides."
+        )
     used = rubric_of_class(results, entries, rubric)
-    desk = Desk(results, used, (overrides or results / OVERRIDES_FILE).resolve(), " ".join(who.split()) or "instructor")
+    desk = Desk(
+        results,
+        used,
+        (overrides or results / OVERRIDES_FILE).resolve(),
+        " ".join(who.split()) or "instructor",
+    )
     desk.overrides()  # Its mistakes are said before anything is decided.
     return desk

@@ -17,7 +17,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.lab.rubric import json_schema
 
     parser = argparse.ArgumentParser(
-        prog="grade rubric", description="Check a rubric, or print the JSON Schema by which editors check one."
+        prog="grade rubric",
+        description="Check a rubric, or print the JSON Schema by which editors check one.",
     )
     parser.add_argument(
         "rubric",
@@ -33,5 +34,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
         return 0
     rubric = read_rubric(chosen.rubric)
     checks, sessions = len(list(rubric.checks())), len(rubric.sessions)
-    console.print(f"The rubric is in order. Points: {rubric.lab.points}, checks: {checks}, sessions: {sessions}.")
+    console.print(
+        f"The rubric is in order. Points: {rubric.lab.points}, checks: {checks}, sessions: {sessions}."
+    )
     return 0

@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 from rich.text import Text
 
-from grader.commands.arguments import BELOW, add_flag, add_jobs, add_lab, add_path, parser_of, print_note
+from grader.commands.arguments import (
+    BELOW,
+    add_flag,
+    add_jobs,
+    add_lab,
+    add_path,
+    parser_of,
+    print_note,
+)
 from grader.errors import SubmissionError
 from grader.report.escape import terminal_text
 
@@ -38,12 +46,18 @@ exit status:
 
 def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade selftest", _DESCRIPTION, _EPILOG)
-    parser.add_argument("names", nargs="*", metavar="NAME", help="only these fixtures; 'solution' is the lab's own")
+    parser.add_argument(
+        "names", nargs="*", metavar="NAME", help="only these fixtures; 'solution' is the lab's own"
+    )
     add_lab(parser, "default: the lab which travels with grade")
-    add_path(parser, "--fixtures", "folder of fixtures (default: fixtures/ beside the rubric)", "DIR")
+    add_path(
+        parser, "--fixtures", "folder of fixtures (default: fixtures/ beside the rubric)", "DIR"
+    )
     add_flag(parser, "--quick", "only a few, in about a minute")
     add_jobs(parser, "sessions side by side (default: as cores allow)")
-    parser.add_argument("-o", "--output", type=Path, metavar="DIR", help="keep submissions and results there")
+    parser.add_argument(
+        "-o", "--output", type=Path, metavar="DIR", help="keep submissions and results there"
+    )
     return parser
 
 
@@ -71,9 +85,13 @@ def run(arguments: Sequence[str], console: Console) -> int:
     print_fixtures(console, found)
     console.print()
     marks = [each.sign for each in found]
-    console.print(Text(f"{marks.count('✓')} of {len(marks)} as expected, in {took_s:.0f} s.", "bold"))
+    console.print(
+        Text(f"{marks.count('✓')} of {len(marks)} as expected, in {took_s:.0f} s.", "bold")
+    )
     if undecided := marks.count("?"):
-        console.print(f"{undecided} undecided: the machine was too busy to tell. Name them to grade these alone.")
+        console.print(
+            f"{undecided} undecided: the machine was too busy to tell. Name them to grade these alone."
+        )
     return 0 if set(marks) <= {"✓"} else BELOW
 
 
@@ -91,7 +109,11 @@ def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> 
     if options.fixtures is not None or any(folder.glob(f"*/{EXPECTED_FILE}")):
         found += fixtures_in(folder)
     else:
-        print_note(console, f"Lab {rubric.lab.id} has no fixtures here; --fixtures names a folder of them.", "")
+        print_note(
+            console,
+            f"Lab {rubric.lab.id} has no fixtures here; --fixtures names a folder of them.",
+            "",
+        )
     if not found:
         remedy = "Name a folder of fixtures, or a solution in the rubric."
         raise SubmissionError("there is nothing to grade", remedy=remedy)
@@ -114,7 +136,16 @@ def _run(
     machine = Machine.of(isolation, options.jobs)
     # What is run is known: it needs no more confinement than there is.
     live = pipeline.Options(interpreter, least_isolation="none")
-    folder = tempfile.TemporaryDirectory() if options.output is None else nullcontext(str(options.output))
+    folder = (
+        tempfile.TemporaryDirectory()
+        if options.output is None
+        else nullcontext(str(options.output))
+    )
     display = RunProgress(console, machine.slots, "fixtures")
-    with folder as path, Journal.open(Path(path)) as alone, Here(isolation, machine) as here, display:
+    with (
+        folder as path,
+        Journal.open(Path(path)) as alone,
+        Here(isolation, machine) as here,
+        display,
+    ):
         return asyncio.run(run_fixtures(fixtures, rubric, live, here, alone.results, display))

@@ -27,9 +27,13 @@ with the lines side by side. Nobody loses a point by it.
 
 def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade similarity", _DESCRIPTION)
-    parser.add_argument("results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/")
+    parser.add_argument(
+        "results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/"
+    )
     words = "folder of code that all were given, beside the lab's handout and solution; may be given again"
-    parser.add_argument("--common", type=Path, action="append", default=[], metavar="FOLDER", help=words)
+    parser.add_argument(
+        "--common", type=Path, action="append", default=[], metavar="FOLDER", help=words
+    )
     add_lab(parser, "default: the one that most were judged by")
     return parser
 
@@ -45,8 +49,12 @@ def run(arguments: Sequence[str], console: Console) -> int:
     options = _parser().parse_args(arguments)
     folders = recorded_in(options.results)
     if len(folders) < 2:
-        remedy = "Give the folder that holds a folder of results for each submission, e.g. results/."
-        raise SubmissionError("there are no two submissions in it", location=str(options.results), remedy=remedy)
+        remedy = (
+            "Give the folder that holds a folder of results for each submission, e.g. results/."
+        )
+        raise SubmissionError(
+            "there are no two submissions in it", location=str(options.results), remedy=remedy
+        )
     rubric = rubric_of_class(options.results, entries_in(options.results), options.rubric)
     common = common_folders(folders, rubric, options.common)
     if not common:
@@ -58,7 +66,11 @@ def run(arguments: Sequence[str], console: Console) -> int:
     found = compare(folders, common)
     file = write_similarity(options.results, found)
     _print(console, found)
-    console.print(f"Kept: {file}\nThe lines: run `grade report {options.results}`", soft_wrap=True, markup=False)
+    console.print(
+        f"Kept: {file}\nThe lines: run `grade report {options.results}`",
+        soft_wrap=True,
+        markup=False,
+    )
     return 0
 
 
@@ -71,7 +83,15 @@ def _print(console: Console, found: Similarity) -> None:
     for name, problem in found.problems.items():
         print_note(console, f"{name}: {problem}")
     if found.pairs:
-        table = Table("Share code", "", "of the own code", "lines", box=None, padding=(0, 1), header_style="bold")
+        table = Table(
+            "Share code",
+            "",
+            "of the own code",
+            "lines",
+            box=None,
+            padding=(0, 1),
+            header_style="bold",
+        )
         for pair in found.pairs:
             shares = " and ".join(f"{share:.0%}" for share in pair.shares)
             table.add_row(*map(shown, pair.names), shares, str(max(pair.lines)))

@@ -109,7 +109,10 @@ class Desk:
             "reasons": Counter(entry.reason for entry in reversed(entries) if entry.reason),
             "comments": Counter(entry.comment for entry in reversed(entries) if entry.comment),
         }
-        return {kind: [text for text, _ in texts.most_common(_MOST_OFFERED)] for kind, texts in used.items()}
+        return {
+            kind: [text for text, _ in texts.most_common(_MOST_OFFERED)]
+            for kind, texts in used.items()
+        }
 
     def folder_of(self, name: str) -> Path:
         """Return the folder of a submission that was judged."""
@@ -117,11 +120,16 @@ class Desk:
 
     def _graded(self) -> Iterable[tuple[str, ClassEntry]]:
         """Read results that are new or have changed."""
-        changed = {readable(p.parent.name): p.stat().st_mtime_ns for p in self.results.glob(f"*/{RESULT_FILE}")}
+        changed = {
+            readable(p.parent.name): p.stat().st_mtime_ns
+            for p in self.results.glob(f"*/{RESULT_FILE}")
+        }
         if any(self._entries.get(name, (0,))[0] != time for name, time in changed.items()):
             named = ((readable(entry.name), entry) for entry in entries_in(self.results))
             self._entries = {name: (changed.get(name, 0), entry) for name, entry in named}
-        return [(name, entry) for name, (_, entry) in self._entries.items() if entry.result is not None]
+        return [
+            (name, entry) for name, (_, entry) in self._entries.items() if entry.result is not None
+        ]
 
     def _adjusted(self, entry: ClassEntry, decided: Overrides) -> Result:
         assert entry.result is not None
@@ -132,9 +140,13 @@ class Desk:
 
     def preview(self, decision: Decision) -> list[Effect]:
         """Return what a decision would do, and writes nothing; raises RubricError if it is not possible."""
-        text = self.overrides_file.read_text(encoding="utf-8") if self.overrides_file.exists() else ""
+        text = (
+            self.overrides_file.read_text(encoding="utf-8") if self.overrides_file.exists() else ""
+        )
         before = self.judged()
-        new = parse_overrides(self.overrides_file, with_entry(text, self._entry(decision, before)), self.rubric)
+        new = parse_overrides(
+            self.overrides_file, with_entry(text, self._entry(decision, before)), self.rubric
+        )
         after = self.judged(new)
         return [self._effect(name, decision, before[name], after[name]) for name in decision.names]
 
@@ -144,20 +156,31 @@ class Desk:
             before = self.judged()
             entry = self._entry(decision, before)
             part = decision.id or WHOLE
-            changed = [n for n, state in decision.seen.items() if n in before and state_of(before[n], part) != state]
+            changed = [
+                n
+                for n, state in decision.seen.items()
+                if n in before and state_of(before[n], part) != state
+            ]
             if changed:
                 problem = f"somebody has decided of this meanwhile: {', '.join(changed[:3])}"
-                raise ChangedSince(problem, remedy="Look at what was decided, and decide again if you still want to.")
+                raise ChangedSince(
+                    problem,
+                    remedy="Look at what was decided, and decide again if you still want to.",
+                )
             rewrite(self.overrides_file, lambda text: self._fitting(with_entry(text, entry)))
         self.written.append((decision, entry))
 
     def undo(self) -> Decision:
         """Take back what this desk decided last, unless somebody else has done so; returns the decision."""
         if not self.written:
-            raise UsageError("there is nothing to take back", remedy="Only what this desk has decided can be.")
+            raise UsageError(
+                "there is nothing to take back", remedy="Only what this desk has decided can be."
+            )
         decision, entry = self.written[-1]
         with locked(self.overrides_file.parent):
-            wanted = parse_overrides(self.overrides_file, with_entry("", entry), self.rubric).entries[0]
+            wanted = parse_overrides(
+                self.overrides_file, with_entry("", entry), self.rubric
+            ).entries[0]
             listed = list(self.overrides().entries)
             if wanted in listed:
                 rewrite(self.overrides_file, lambda text: without_entry(text, listed.index(wanted)))
@@ -168,7 +191,10 @@ class Desk:
         """Return a decision as it stands in the file."""
         unknown = [name for name in decision.names if name not in results]
         if unknown:
-            raise UsageError(f"there is no submission {unknown[0]!r}", remedy="Choose from those that were graded.")
+            raise UsageError(
+                f"there is no submission {unknown[0]!r}",
+                remedy="Choose from those that were graded.",
+            )
         names = [results[name].submission for name in decision.names]
         value: Any = number(decision.points) if decision.points is not None else None
         changes = {"excused": True, "reviewed": True, "appeal": _line(decision.comment)}
@@ -191,11 +217,17 @@ class Desk:
     def _effect(self, name: str, decision: Decision, before: Result, after: Result) -> Effect:
         parts = [part_of(result, decision.level, decision.id) for result in (before, after)]
         earned = [part.earned if part is not None else Decimal(0) for part in parts]
-        concerned = [c for part in before.criteria for c in part.checks if decision.id in (c.id, part.id)]
+        concerned = [
+            c for part in before.criteria for c in part.checks if decision.id in (c.id, part.id)
+        ]
         text = " ".join(dict.fromkeys(check.reason for check in concerned if check.reason))
-        decided = any(a.what == (decision.id or WHOLE) and a.kind in ANSWERS for a in before.adjustments)
+        decided = any(
+            a.what == (decision.id or WHOLE) and a.kind in ANSWERS for a in before.adjustments
+        )
         state = state_of(before, decision.id or WHOLE)
-        return Effect(name, (earned[0], earned[1]), (before.final, after.final), text, state, decided)
+        return Effect(
+            name, (earned[0], earned[1]), (before.final, after.final), text, state, decided
+        )
 
     # -- the results follow ---------------------------------------------------------------------
 
@@ -205,7 +237,8 @@ class Desk:
         return {
             name: decided.sha256
             for name, entry in self._graded()
-            if entry.result is not None and self._adjusted(entry, decided).adjustments != entry.result.adjustments
+            if entry.result is not None
+            and self._adjusted(entry, decided).adjustments != entry.result.adjustments
         }
 
     def settle(self) -> dict[str, list[str]]:
@@ -215,7 +248,9 @@ class Desk:
         """
         running = self._settling is not None and self._settling.is_alive()
         stale = self.stale()
-        waiting = {name: sha256 for name, sha256 in stale.items() if self._tried.get(name) != sha256}
+        waiting = {
+            name: sha256 for name, sha256 in stale.items() if self._tried.get(name) != sha256
+        }
         if not running and waiting:
             folders = [self.folder_of(name) for name in waiting]
             # A copy of this process, which has no threads: it ends by itself, also where this one is killed.
@@ -224,7 +259,10 @@ class Desk:
             self._settling.start()
             self._tried |= waiting
             running = True
-        return {"waiting": sorted(stale) if running else [], "failed": [] if running else sorted(stale)}
+        return {
+            "waiting": sorted(stale) if running else [],
+            "failed": [] if running else sorted(stale),
+        }
 
     def close(self) -> list[str]:
         """Wait until the results have followed; returns whose could not be written."""

@@ -11,7 +11,16 @@ from enum import Enum
 
 from grader.cohort.mistakes import gist
 from grader.lab.rubric import Rubric
-from grader.result import ANSWERS, FOR_A_PERSON, WHOLE, AdjustmentKind, CheckResult, CriterionResult, Outcome, Result
+from grader.result import (
+    ANSWERS,
+    FOR_A_PERSON,
+    WHOLE,
+    AdjustmentKind,
+    CheckResult,
+    CriterionResult,
+    Outcome,
+    Result,
+)
 
 
 class Kind(str, Enum):
@@ -78,7 +87,9 @@ def part_of(result: Result, level: str, id_: str) -> Part | None:
     """Return a part of a result, None if nothing of it was judged."""
     if not level:
         return Part("", WHOLE, "The whole submission", result.final, result.score.possible)
-    judged: Iterable[CheckResult | CriterionResult] = result.checks if level == "check" else result.criteria
+    judged: Iterable[CheckResult | CriterionResult] = (
+        result.checks if level == "check" else result.criteria
+    )
     found = next((one for one in judged if one.id == id_), None)
     if found is None:
         return None
@@ -103,11 +114,20 @@ def _same_mistakes(results: Mapping[str, Result]) -> dict[tuple[str, str], tuple
     of: dict[tuple[str, str], tuple[object, ...]] = {}
     for name, result in results.items():
         for check in result.checks:
-            key = (check.id, check.outcome.decided, gist(check.reason), gist(check.hint), *map(gist, _asking(check)))
+            key = (
+                check.id,
+                check.outcome.decided,
+                gist(check.reason),
+                gist(check.hint),
+                *map(gist, _asking(check)),
+            )
             if check.outcome is not Outcome.PASSED or _asking(check):
                 of[name, check.id] = key
                 groups[key].append(name)
-    return {(name, id_): (name, *(n for n in groups[key] if n != name)) for (name, id_), key in of.items()}
+    return {
+        (name, id_): (name, *(n for n in groups[key] if n != name))
+        for (name, id_), key in of.items()
+    }
 
 
 def _asking(check: CheckResult) -> list[str]:
@@ -121,7 +141,18 @@ def _of_whole(name: str, result: Result) -> Iterable[Item]:
         lost = {id_ for violation in result.violations for id_ in violation.checks}
         points = sum((check.lost for check in result.checks if check.id in lost), Decimal(0))
         answered = any(a.what == WHOLE and a.kind in ANSWERS for a in result.adjustments)
-        yield Item(Kind.INTERFERENCE, name, part, text, state_of(result, WHOLE), "", points, (name,), "", answered)
+        yield Item(
+            Kind.INTERFERENCE,
+            name,
+            part,
+            text,
+            state_of(result, WHOLE),
+            "",
+            points,
+            (name,),
+            "",
+            answered,
+        )
 
 
 def _of_checks(
@@ -131,16 +162,22 @@ def _of_checks(
     for criterion in result.criteria:
         criterion_state = state_of(result, criterion.id)
         parts: list[CheckResult | CriterionResult] = [*criterion.checks]
-        if criterion.id not in {check.id for check in criterion.checks}:  # Graded as a whole, it is its own check.
+        if criterion.id not in {
+            check.id for check in criterion.checks
+        }:  # Graded as a whole, it is its own check.
             parts.insert(0, criterion)
         for judged in parts:
             level = "check" if isinstance(judged, CheckResult) else "criterion"
             said = [a for a in result.adjustments if a.what == judged.id]
-            answered = any(a.kind in ANSWERS for a in result.adjustments if a.what in (judged.id, criterion.id))
+            answered = any(
+                a.kind in ANSWERS for a in result.adjustments if a.what in (judged.id, criterion.id)
+            )
             asked: list[tuple[Kind, str, bool]] = []
             if appeals := [n for n, each in enumerate(said) if each.kind is AdjustmentKind.APPEAL]:
                 last = appeals[-1]
-                asked.append((Kind.APPEAL, said[last].reason, any(a.kind in ANSWERS for a in said[last:])))
+                asked.append(
+                    (Kind.APPEAL, said[last].reason, any(a.kind in ANSWERS for a in said[last:]))
+                )
             if isinstance(judged, CheckResult) and judged.undecided:
                 kind = Kind.TO_GRADE if judged.id in by_person else Kind.UNDECIDED
                 asked.append((kind, judged.reason, judged.id not in open_ids))

@@ -49,12 +49,18 @@ def edited(text: str, values: Mapping[str, str]) -> str:
     """Return a rubric's text with other values at some places, and sums that fit; raises RubricError for no number."""
     wrong = [value for place, value in values.items() if not _fits(place, value.strip())]
     if wrong:
-        raise RubricError(f"{wrong[0][:40]!r} is not a number", [], remedy="Write a number, such as 5, 0.2 or 20 %.")
+        raise RubricError(
+            f"{wrong[0][:40]!r} is not a number",
+            [],
+            remedy="Write a number, such as 5, 0.2 or 20 %.",
+        )
     nodes = {place: node for place, _, _, _, node in _numbers(text)}
     unknown = [place for place in values if place not in nodes]
     if unknown:
         raise RubricError("the rubric has no such number", [], remedy="Open the page again.")
-    return _with_sums(_replaced(text, [(nodes[place], value.strip()) for place, value in values.items()]))
+    return _with_sums(
+        _replaced(text, [(nodes[place], value.strip()) for place, value in values.items()])
+    )
 
 
 def would_change(results: Path, text: str, overrides: Overrides) -> Regrade:
@@ -78,21 +84,39 @@ def _rubric_of(results: Path, text: str) -> Rubric:
 
 
 def _fits(place: str, value: str) -> bool:
-    return bool(_NUMBER.fullmatch(value)) and not (place.endswith("/points") and value.endswith("%"))
+    return bool(_NUMBER.fullmatch(value)) and not (
+        place.endswith("/points") and value.endswith("%")
+    )
 
 
 def _numbers(text: str) -> Iterator[tuple[str, str, str, str, yaml.ScalarNode]]:
     """Yield place, criterion, check, key and node of each number of a check; one that several share, at the first."""
     seen = set()
-    for c, criterion in enumerate(_get(yaml.compose(text, Loader=yaml.SafeLoader), "criteria").value):
+    for c, criterion in enumerate(
+        _get(yaml.compose(text, Loader=yaml.SafeLoader), "criteria").value
+    ):
         for k, check in enumerate(_items(criterion, "checks")):
             pairs = [("points", _get(check, "points"))]
             given = _get(check, "with")
-            pairs += [(key.value, node) for key, node in given.value] if isinstance(given, yaml.MappingNode) else []
+            pairs += (
+                [(key.value, node) for key, node in given.value]
+                if isinstance(given, yaml.MappingNode)
+                else []
+            )
             for key, node in pairs:
-                if isinstance(node, yaml.ScalarNode) and _NUMBER.fullmatch(node.value) and id(node) not in seen:
+                if (
+                    isinstance(node, yaml.ScalarNode)
+                    and _NUMBER.fullmatch(node.value)
+                    and id(node) not in seen
+                ):
                     seen.add(id(node))
-                    yield f"{c}/{k}/{key}", _get(criterion, "id").value, _get(check, "id").value, key, node
+                    yield (
+                        f"{c}/{k}/{key}",
+                        _get(criterion, "id").value,
+                        _get(check, "id").value,
+                        key,
+                        node,
+                    )
 
 
 def _with_sums(text: str) -> str:
@@ -101,7 +125,11 @@ def _with_sums(text: str) -> str:
     new, total = [], Decimal(0)
     for criterion in _get(root, "criteria").value:
         checks, own = _items(criterion, "checks"), _get(criterion, "points")
-        whole = sum((Decimal(_get(check, "points").value) for check in checks), Decimal(0)) if checks else None
+        whole = (
+            sum((Decimal(_get(check, "points").value) for check in checks), Decimal(0))
+            if checks
+            else None
+        )
         total += Decimal(own.value) if whole is None else whole
         new += [(own, points(whole))] if whole is not None and whole != Decimal(own.value) else []
     lab = _get(_get(root, "lab"), "points")
@@ -110,7 +138,9 @@ def _with_sums(text: str) -> str:
 
 def _replaced(text: str, changes: list[tuple[Any, str]]) -> str:
     for node, value in sorted(changes, key=lambda change: -change[0].start_mark.index):
-        start = text.rindex(node.value, node.start_mark.index, node.end_mark.index)  # behind an anchor, and a quote
+        start = text.rindex(
+            node.value, node.start_mark.index, node.end_mark.index
+        )  # behind an anchor, and a quote
         text = text[:start] + value + text[start + len(node.value) :]
     return text
 

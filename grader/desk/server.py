@@ -93,7 +93,9 @@ class Server:
     async def _file(self, request: Request) -> Response:
         name = f"{request.path_params['file']}.{request.path_params['ending']}"
         there = {path.name: path for path in _PAGES.iterdir()}
-        return _answer(there[name].read_bytes(), there[name].suffix) if name in there else _not_found()
+        return (
+            _answer(there[name].read_bytes(), there[name].suffix) if name in there else _not_found()
+        )
 
     async def _queue(self, request: Request) -> Response:
         return _json(self._state)
@@ -104,7 +106,12 @@ class Server:
         items = []
         for item in desk.queue():
             spec = by_id.get(item.part.id)
-            items.append({**_plain(item), "levels": [level.model_dump() for level in spec.levels] if spec else []})
+            items.append(
+                {
+                    **_plain(item),
+                    "levels": [level.model_dump() for level in spec.levels] if spec else [],
+                }
+            )
         return {
             "lab": f"Lab {desk.rubric.lab.id}: {desk.rubric.lab.title}",
             "who": desk.who,
@@ -118,7 +125,11 @@ class Server:
     async def _evidence(self, request: Request) -> Response:
         name, what = request.query_params.get("name", ""), request.query_params.get("what", "")
         result, folder = self._of(name, RECORDINGS)
-        if result is None or what not in {WHOLE, *(c.id for c in result.criteria), *(c.id for c in result.checks)}:
+        if result is None or what not in {
+            WHOLE,
+            *(c.id for c in result.criteria),
+            *(c.id for c in result.checks),
+        }:
             return _not_found()
         own = result.rubric_sha256 in ("", self.desk.rubric.sha256)
         try:
@@ -142,7 +153,9 @@ class Server:
 
     async def _preview(self, request: Request) -> Response:
         decision = await _decision(request)
-        return _json(lambda: {"effects": [_plain(effect) for effect in self.desk.preview(decision())]})
+        return _json(
+            lambda: {"effects": [_plain(effect) for effect in self.desk.preview(decision())]}
+        )
 
     async def _decide(self, request: Request) -> Response:
         decision = await _decision(request)
@@ -155,7 +168,10 @@ class Server:
 
     async def _undo(self, request: Request) -> Response:
         def undo() -> dict[str, Any]:
-            return {"taken_back": self.desk.undo().model_dump(include={"names", "id"}), **self._state()}
+            return {
+                "taken_back": self.desk.undo().model_dump(include={"names", "id"}),
+                **self._state(),
+            }
 
         return _json(undo)
 
@@ -164,7 +180,9 @@ class Server:
 
     async def _rubric_preview(self, request: Request) -> Response:
         text = await self._edited(request)
-        return _json(lambda: _changes(would_change(self.desk.results, text(), self.desk.overrides())))
+        return _json(
+            lambda: _changes(would_change(self.desk.results, text(), self.desk.overrides()))
+        )
 
     async def _rubric_save(self, request: Request) -> Response:
         text = await self._edited(request)
@@ -201,10 +219,18 @@ def _json(make: Callable[[], dict[str, Any]]) -> Response:
     try:
         return _answer(json.dumps(make(), default=_number).encode(), ".json")
     except ValidationError as error:
-        problem, mistakes, remedy = "this is not a decision", [str(e["msg"]) for e in error.errors()][:5], ""
+        problem, mistakes, remedy = (
+            "this is not a decision",
+            [str(e["msg"]) for e in error.errors()][:5],
+            "",
+        )
         status = 400
     except GraderError as error:
-        problem, remedy, status = error.problem, error.remedy, 409 if isinstance(error, ChangedSince) else 400
+        problem, remedy, status = (
+            error.problem,
+            error.remedy,
+            409 if isinstance(error, ChangedSince) else 400,
+        )
         mistakes = list(error.mistakes) if isinstance(error, RubricError) else []
     reported = {"problem": problem, "mistakes": mistakes, "remedy": remedy}
     return _answer(json.dumps(reported).encode(), ".json", status=status)
@@ -225,7 +251,9 @@ def _number(value: Any) -> Any:
 
 def _answer(content: bytes, ending: str, policy: str = _OWN_POLICY, status: int = 200) -> Response:
     kind = _TYPES.get(ending, "application/json")
-    return Response(content, status, headers={**_HEADERS, "Content-Security-Policy": policy}, media_type=kind)
+    return Response(
+        content, status, headers={**_HEADERS, "Content-Security-Policy": policy}, media_type=kind
+    )
 
 
 def _not_found() -> Response:
@@ -246,7 +274,9 @@ def _recorded(copy: Path) -> Rubric:
 class _Guard:
     """Lets through what comes from somebody who has the token, at the address that the desk gave, and nothing else."""
 
-    def __init__(self, app: Callable[[Scope, Receive, Send], Awaitable[None]], host: str, token: str) -> None:
+    def __init__(
+        self, app: Callable[[Scope, Receive, Send], Awaitable[None]], host: str, token: str
+    ) -> None:
         self._app, self._host, self._token = app, host, token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
@@ -267,9 +297,16 @@ class _Guard:
         is_json = request.headers.get("content-type", "").partition(";")[0] == "application/json"
         length = request.headers.get("content-length", "")
         small = length.isdecimal() and int(length) <= _MOST_BYTES
-        if own and is_json and small and request.headers.get("sec-fetch-site", "same-origin") == "same-origin":
+        if (
+            own
+            and is_json
+            and small
+            and request.headers.get("sec-fetch-site", "same-origin") == "same-origin"
+        ):
             return None
-        return Response("Only the desk's own pages may do this.", 403, headers=_HEADERS, media_type="text/plain")
+        return Response(
+            "Only the desk's own pages may do this.", 403, headers=_HEADERS, media_type="text/plain"
+        )
 
 
 def serve(desk: Desk, port: int, on_ready: Callable[[str], None]) -> None:
@@ -289,8 +326,12 @@ def serve(desk: Desk, port: int, on_ready: Callable[[str], None]) -> None:
         host = f"{LOOPBACK}:{listening.getsockname()[1]}"
         server = Server(desk)
         # Its log would hold the token.
-        settings = uvicorn.Config(server.app(host), log_level="error", access_log=False, server_header=False)
-        prepare(desk.rubric)  # so that each piece of evidence, made in a copy of this process, is there sooner
+        settings = uvicorn.Config(
+            server.app(host), log_level="error", access_log=False, server_header=False
+        )
+        prepare(
+            desk.rubric
+        )  # so that each piece of evidence, made in a copy of this process, is there sooner
         desk.settle()
         on_ready(f"http://{host}/{server.token}/")
         uvicorn.Server(settings).run(sockets=[listening])

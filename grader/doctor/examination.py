@@ -63,7 +63,11 @@ class Status:
 
 
 def _status(good: bool, subject: str, found: str, remedy: str) -> Status:
-    return Status(Verdict.PASS, subject, found) if good else Status(Verdict.WARNING, subject, found, remedy)
+    return (
+        Status(Verdict.PASS, subject, found)
+        if good
+        else Status(Verdict.WARNING, subject, found, remedy)
+    )
 
 
 def examine(interpreter: Path) -> Iterator[Status]:
@@ -99,22 +103,36 @@ def _platform(interpreter: Path) -> Status:
 
 def _confinement(isolation: Isolation) -> Iterator[Status]:
     if shutil.which("bwrap") is None:
-        yield Status(Verdict.WARNING, "bubblewrap", "not installed", "sudo apt-get install bubblewrap")
+        yield Status(
+            Verdict.WARNING, "bubblewrap", "not installed", "sudo apt-get install bubblewrap"
+        )
     else:
-        output = subprocess.run(["bwrap", "--version"], capture_output=True, text=True, check=False).stdout.strip()
-        old = " (old: nested user namespaces are left to the system call filter)" if isolation.old_bubblewrap else ""
+        output = subprocess.run(
+            ["bwrap", "--version"], capture_output=True, text=True, check=False
+        ).stdout.strip()
+        old = (
+            " (old: nested user namespaces are left to the system call filter)"
+            if isolation.old_bubblewrap
+            else ""
+        )
         yield Status(Verdict.PASS, "bubblewrap", output + old)
     how = "as root, a user id for each sandbox" if isolation.own_uid else "in a user namespace"
     found = f"network, processes, mounts: {how}" if isolation.namespaces else "not available"
     yield _status(isolation.namespaces, "namespaces", found, isolation.remedy)
     if isolation.groups is not None:
-        yield Status(Verdict.PASS, "control groups", f"version {isolation.groups.version}: memory and processes")
+        yield Status(
+            Verdict.PASS,
+            "control groups",
+            f"version {isolation.groups.version}: memory and processes",
+        )
     elif isolation.namespaces:
         found = "not available; the grader watches memory instead, which suffices for a class"
         yield Status(Verdict.PASS, "control groups", found)
     verdict = Verdict.PASS if isolation.level.at_least(Level.NO_CGROUP) else Verdict.WARNING
     verdict = Verdict.FAIL if isolation.level is Level.NONE else verdict
-    lacks = "" if verdict is Verdict.PASS else f"; lacks: {', '.join(isolation.describe()['lacks'])}"
+    lacks = (
+        "" if verdict is Verdict.PASS else f"; lacks: {', '.join(isolation.describe()['lacks'])}"
+    )
     remedy = "" if verdict is Verdict.PASS else isolation.remedy
     yield Status(verdict, "confinement", f"{isolation.level.value}{lacks}", remedy)
 
@@ -122,10 +140,17 @@ def _confinement(isolation: Isolation) -> Iterator[Status]:
 def _real_time() -> Status:
     """Try, in a process that does nothing, whether the grader's own may be scheduled in real time."""
     tried = f"import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param({WATCHING}))"
-    is_permitted = subprocess.run([sys.executable, "-c", tried], capture_output=True, check=False).returncode == 0
-    found = "permitted" if is_permitted else "not permitted; on a busy machine more is left undecided"
+    is_permitted = (
+        subprocess.run([sys.executable, "-c", tried], capture_output=True, check=False).returncode
+        == 0
+    )
+    found = (
+        "permitted" if is_permitted else "not permitted; on a busy machine more is left undecided"
+    )
     remedy = f"Run as root (in a container: --cap-add SYS_NICE), or allow the user: rtprio {WATCHING} in limits.conf."
-    return _status(is_permitted, "real-time scheduling of the grader's own processes", found, remedy)
+    return _status(
+        is_permitted, "real-time scheduling of the grader's own processes", found, remedy
+    )
 
 
 def _noise() -> Status:
@@ -137,7 +162,9 @@ def _noise() -> Status:
     waited_s = (_own_wait_ns() - stat) / 1e9
     steal_s = (stolen_ns() - steal_before) / 1e9
     found = f"{waited_s * 1000:.0f} ms of {_BUSY_S:g} s waiting for a core, {steal_s * 1000:.0f} ms taken by the host"
-    remedy = "End other programs; what the machine delays is undecided and repeated, which takes longer."
+    remedy = (
+        "End other programs; what the machine delays is undecided and repeated, which takes longer."
+    )
     return _status(max(waited_s, steal_s) <= _BUSY_SHARE * _BUSY_S, "noise", found, remedy)
 
 
@@ -148,8 +175,12 @@ def _own_wait_ns() -> int:
 def _space() -> Status:
     disk = shutil.disk_usage(tempfile.gettempdir()).free
     lines = Path("/proc/meminfo").read_text().splitlines()
-    memory = next((int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable")), 0)
-    found = f"{disk / 1024**3:.1f} GiB free for temporary files, {memory / 1024**3:.1f} GiB of memory"
+    memory = next(
+        (int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable")), 0
+    )
+    found = (
+        f"{disk / 1024**3:.1f} GiB free for temporary files, {memory / 1024**3:.1f} GiB of memory"
+    )
     remedy = "End what takes memory, or grade with --jobs 1."
     if disk < _LEAST_BYTES:
         remedy = "Make room, or set TMPDIR to a larger disk."
@@ -158,10 +189,12 @@ def _space() -> Status:
 
 def _toolchain() -> Status:
     lacks = lacking_toolchain()
-    remedy = (
-        "sudo apt-get install gcc g++ libc6-dev python3-dev; without them, what needs such interfaces is undecided."
+    remedy = "sudo apt-get install gcc g++ libc6-dev python3-dev; without them, what needs such interfaces is undecided."
+    found = (
+        f"not here: {lacks}"
+        if lacks
+        else "a compiler and rosidl are here, for labs and students with .msg files"
     )
-    found = f"not here: {lacks}" if lacks else "a compiler and rosidl are here, for labs and students with .msg files"
     return _status(not lacks, "interfaces of one's own", found, remedy)
 
 
@@ -174,7 +207,12 @@ def _traffic(interpreter: Path) -> Iterator[Status]:
         step, window = recorded.step("heard"), recorded.window("watched")
         if step is None or step.outcome != "done" or window is None:
             output = "; ".join(recorded.record.problems) or "the node was not heard"
-            yield Status(Verdict.FAIL, "discovery", output[:300], "Look for a firewall on the loopback interface.")
+            yield Status(
+                Verdict.FAIL,
+                "discovery",
+                output[:300],
+                "Look for a firewall on the loopback interface.",
+            )
             return
         waited_s = float(step.result["waited_s"])
         found = f"a node in a real sandbox was heard {waited_s:.2f} s after its start, by unicast on loopback"
@@ -182,7 +220,9 @@ def _traffic(interpreter: Path) -> Iterator[Status]:
         yield _status(waited_s < _SLOW_DISCOVERY_S, "discovery", found, remedy)
         timing = timing_of(recorded.stream(_TOPIC), window)
         if timing is None:
-            yield Status(Verdict.FAIL, "100 Hz", "almost nothing was recorded", "Run `grade doctor` again.")
+            yield Status(
+                Verdict.FAIL, "100 Hz", "almost nothing was recorded", "Run `grade doctor` again."
+            )
             return
         process = recorded.process(_NODE)
         delay_s = recorded.machine_delay_s(process, window) if process is not None else 0.0
@@ -191,7 +231,11 @@ def _traffic(interpreter: Path) -> Iterator[Status]:
             f"{timing.rate_hz:.2f} Hz, {jitter_s * 1000:.1f} ms of jitter (99 %), {timing.lost} of {timing.written} "
             f"lost, {delay_s * 1000:.0f} ms of machine delay; the session took {took_s:.1f} s"
         )
-        good = abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF and jitter_s < _JITTER_S and timing.lost == 0
+        good = (
+            abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF
+            and jitter_s < _JITTER_S
+            and timing.lost == 0
+        )
         remedy = "Grade when less is running; timing that a busy machine disturbs is undecided."
         yield _status(good, "100 Hz", found, remedy)
 
@@ -200,7 +244,10 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Status]:
     """Grade the lab's own solution, and tell what of its checks this machine cannot decide, and how steady it is."""
     if rubric.lab.solution is None or not (rubric.folder / rubric.lab.solution).is_dir():
         yield Status(
-            Verdict.WARNING, "solution", "the rubric names none that is here", "Set lab.solution in the rubric."
+            Verdict.WARNING,
+            "solution",
+            "the rubric names none that is here",
+            "Set lab.solution in the rubric.",
         )
         return
     with tempfile.TemporaryDirectory(prefix="grade-doctor-") as scratch:
@@ -209,15 +256,22 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Status]:
         solution = rubric.folder / rubric.lab.solution
         result = pipeline.grade(solution, rubric, Path(scratch), options, lambda progress: None)
         took_s = time.monotonic() - started
-        sessions = {name: Recorded.open(Path(scratch) / result_folder.RECORDINGS / name) for name in rubric.sessions}
+        sessions = {
+            name: Recorded.open(Path(scratch) / result_folder.RECORDINGS / name)
+            for name in rubric.sessions
+        }
     score = result.score
-    found = f"{score.earned} of {score.possible} points, {score.undecided} undecided, in {took_s:.1f} s"
+    found = (
+        f"{score.earned} of {score.possible} points, {score.undecided} undecided, in {took_s:.1f} s"
+    )
     remedy = "Grade when less is running, or on a faster machine; what it cannot decide costs nobody points."
     yield _status(score.earned == score.possible, "solution", found, remedy)
     for recorded in sessions.values():
         record = recorded.record
         span = Span(record.started_ns, record.ended_ns)
-        delays = [recorded.machine_delay_s(run, span) for run in record.processes if run.role == "student"]
+        delays = [
+            recorded.machine_delay_s(run, span) for run in record.processes if run.role == "student"
+        ]
         share = max(delays, default=0.0) / max(span.duration_s, 1e-9)
         again = f", recorded {record.attempt} times" if record.attempt > 1 else ""
         found = f"a student's process waited for a core {share:.1%} of {span.duration_s:.1f} s at most{again}"
@@ -227,7 +281,10 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Status]:
         if check.outcome is not Outcome.PASSED:
             output = f"{check.outcome.value}: {check.measured}. {check.reason}"
             yield Status(
-                Verdict.WARNING, check.id, output, "This check cannot be trusted on this machine as it is now."
+                Verdict.WARNING,
+                check.id,
+                output,
+                "This check cannot be trusted on this machine as it is now.",
             )
 
 
@@ -235,5 +292,7 @@ def _record(interpreter: Path, scratch: Path) -> Recorded:
     rubric = rubrics.read_rubric(_LAB / "rubric.yaml")
     submission = read_submission_folder(_LAB / "submission", rubric)
     options = pipeline.Options(interpreter, least_isolation="none")
-    pipeline.record(_LAB / "submission", submission, rubric, scratch, options, lambda progress: None)
+    pipeline.record(
+        _LAB / "submission", submission, rubric, scratch, options, lambda progress: None
+    )
     return Recorded.open(scratch / result_folder.RECORDINGS / _SESSION)

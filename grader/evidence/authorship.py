@@ -36,7 +36,9 @@ def authorship(bag: Bag, topic: str, published: Sequence[Published]) -> Authorsh
     for info in bag.topics:
         if info.topic == topic:
             stream = bag.stream(topic, info.topic_type)
-            mine, theirs = _separated(stream, [entry for entry in published if entry.type == info.topic_type])
+            mine, theirs = _separated(
+                stream, [entry for entry in published if entry.type == info.topic_type]
+            )
             others.append(stream.received_ns[theirs])
             if info.topic_type == own_type:
                 own = stream.only(mine)
@@ -47,7 +49,9 @@ def authorship(bag: Bag, topic: str, published: Sequence[Published]) -> Authorsh
     return Authorship(own, received_ns[during])
 
 
-def _separated(stream: Stream, published: Sequence[Published]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _separated(
+    stream: Stream, published: Sequence[Published]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     """Return which messages of a stream are the grader's own, and which are others'.
 
     What was recorded twice, as the source timestamp tells, is neither the second time.
@@ -74,4 +78,6 @@ def _separated(stream: Stream, published: Sequence[Published]) -> tuple[NDArray[
 
 def digests_of(entry: Published) -> list[str]:
     """Return the digests that a process reported, in the order of its publications."""
-    return [entry.digests[n : n + DIGEST_DIGITS] for n in range(0, len(entry.digests), DIGEST_DIGITS)]
+    return [
+        entry.digests[n : n + DIGEST_DIGITS] for n in range(0, len(entry.digests), DIGEST_DIGITS)
+    ]

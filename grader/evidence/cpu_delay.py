@@ -77,7 +77,9 @@ def backlog(delays: Iterable[Delay], span: Span, room_s: float, busy: float) -> 
         late += waiting * delay_s
         # One delay may lie at the end of its time and the next at its beginning, so that nothing is between the two.
         waiting = max(0.0, waiting - pace * slack)
-        slack = (delay.end_ns - delay.start_ns - delay.delay_ns) / 1e9  # in it the process was not delayed
+        slack = (
+            delay.end_ns - delay.start_ns - delay.delay_ns
+        ) / 1e9  # in it the process was not delayed
         end_ns = delay.end_ns
     return Backlog(lost, late / max(span.duration_s, 1e-9))
 
@@ -153,7 +155,9 @@ MADE_UP = 0.5
 _PAUSE = 3.0
 
 
-def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floats, harmless_s: float) -> Calm:
+def calm_intervals(
+    delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floats, harmless_s: float
+) -> Calm:
     """Return the intervals that no delay affected which is longer than what is harmless.
 
     A delay makes one interval longer and the next one shorter, and what was missed may follow at once: so a part of
@@ -166,11 +170,17 @@ def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floa
         long = delay.delay_ns > harmless_s * 1e9
         first = int(np.searchsorted(ends_ns, delay.start_ns, side="right"))
         last = int(np.searchsorted(starts_ns, delay.end_ns))
-        shared = np.minimum(ends_ns[first:last], delay.end_ns) - np.maximum(starts_ns[first:last], delay.start_ns)
+        shared = np.minimum(ends_ns[first:last], delay.end_ns) - np.maximum(
+            starts_ns[first:last], delay.start_ns
+        )
         # Of a long one nobody knows which interval had it; harmless ones count in the sum.
-        within_ns[first:last] += np.minimum(shared, delay.delay_ns if long else delay.delay_ns / max(1, last - first))
+        within_ns[first:last] += np.minimum(
+            shared, delay.delay_ns if long else delay.delay_ns / max(1, last - first)
+        )
         if long:
-            touched[first : int(np.searchsorted(starts_ns, delay.end_ns + MADE_UP * delay.delay_ns))] = True
+            touched[
+                first : int(np.searchsorted(starts_ns, delay.end_ns + MADE_UP * delay.delay_ns))
+            ] = True
     touched[1:] |= touched[:-1]
     calm = ~touched
     share = float(within_ns[calm].sum()) / 1e9 / max(float(intervals_s[calm].sum()), 1e-9)
@@ -179,4 +189,6 @@ def calm_intervals(delays: Sequence[Delay], ends_ns: Integers, intervals_s: Floa
     unexplained_s = intervals_s - within_ns / 1e9
     pauses_s = unexplained_s[touched & (unexplained_s > _PAUSE * np.median(intervals_s))]
     apart = len(begins) + np.arange(len(pauses_s))
-    return Calm(np.concatenate((intervals_s[calm], pauses_s)), np.concatenate((stretch, apart)), share, calm)
+    return Calm(
+        np.concatenate((intervals_s[calm], pauses_s)), np.concatenate((stretch, apart)), share, calm
+    )

@@ -28,17 +28,23 @@ _IMPORT_KINDS = ("missing-module", "missing-interface", "missing-sibling")
 def modules_to_look_for(submission: SubmissionRecord) -> list[str]:
     """Return the modules that a submission may import, and that may be missing through no fault of its own."""
     named = {word for text in _sources(submission).values() for word in re.findall(r"\w+", text)}
-    return sorted((known_packages() | interface_packages(submission)) & named - _own_modules(submission))
+    return sorted(
+        (known_packages() | interface_packages(submission)) & named - _own_modules(submission)
+    )
 
 
 def interface_packages(submission: SubmissionRecord) -> set[str]:
     """Return the packages of a submission that define interfaces, which have to be built before they are imported."""
     defined = [PurePosixPath(f.path) for f in submission.files if f.path.endswith(_INTERFACES)]
     folders = {path.parent.parent for path in defined}
-    return {package.name for package in submission.packages if PurePosixPath(package.path) in folders}
+    return {
+        package.name for package in submission.packages if PurePosixPath(package.path) in folders
+    }
 
 
-def environment_gap(found: Diagnosis | None, submission: SubmissionRecord, program: str | None) -> str | None:
+def environment_gap(
+    found: Diagnosis | None, submission: SubmissionRecord, program: str | None
+) -> str | None:
     """Say why a program, by its file, that ended with this diagnosis may run elsewhere; None if it would not."""
     if found is None or found.file is None or found.file not in _reached_from(program, submission):
         return None
@@ -49,14 +55,18 @@ def environment_gap(found: Diagnosis | None, submission: SubmissionRecord, progr
         lines = _imports(submission.texts.get(found.file, ""))
         names = {name for first, last, name in lines if first <= (found.line or 0) <= last}
         not_built = sorted(names & (submission.not_built or {}).keys())
-        return absent_module(not_built[0], found.file, found.line, submission) if not_built else None
+        return (
+            absent_module(not_built[0], found.file, found.line, submission) if not_built else None
+        )
     if found.kind != "syntax-error" or not is_newer_python(submission.texts.get(found.file, "")):
         return None
     at = f" (line {found.line})" if found.line else ""
     return f"{found.file}{at} uses syntax of Python 3.12 or later, which the grading computer lacks. {_WHO_DECIDES}"
 
 
-def absent_module(module: str, file: str, line: int | None, submission: SubmissionRecord) -> str | None:
+def absent_module(
+    module: str, file: str, line: int | None, submission: SubmissionRecord
+) -> str | None:
     """Say that the import at a line cannot work where it was graded; None unless the grader's own evidence shows it.
 
     The source imports it there, the grader looked for it and did not find it, and it is a package that others have,
@@ -67,7 +77,9 @@ def absent_module(module: str, file: str, line: int | None, submission: Submissi
     imports = [(first, last) for first, last, found in _imports(text) if found == name]
     imported = any(first <= (line or 0) <= last for first, last in imports)
     # Of a package that is there in part, what lacks shows where it is used.
-    used = "." in module and module.rsplit(".", 1)[1] in "".join(text.splitlines()[(line or 0) - 1 : line])
+    used = "." in module and module.rsplit(".", 1)[1] in "".join(
+        text.splitlines()[(line or 0) - 1 : line]
+    )
     if not (imported or (imports and used)) or name in _own_modules(submission):
         return None
     if submission.absent_modules is not None and name not in submission.absent_modules:
@@ -99,9 +111,18 @@ def _imports(text: str) -> tuple[tuple[int, int, str], ...]:
     found: list[tuple[int, int, str]] = []
     for node in ast.walk(tree) if tree is not None else ():
         if isinstance(node, (ast.Import, ast.ImportFrom)):
-            whole = [node.module] if isinstance(node, ast.ImportFrom) and node.module and not node.level else []
-            modules = [alias.name for alias in node.names] if isinstance(node, ast.Import) else whole
-            found += [(node.lineno, node.end_lineno or node.lineno, name.split(".")[0]) for name in modules]
+            whole = (
+                [node.module]
+                if isinstance(node, ast.ImportFrom) and node.module and not node.level
+                else []
+            )
+            modules = (
+                [alias.name for alias in node.names] if isinstance(node, ast.Import) else whole
+            )
+            found += [
+                (node.lineno, node.end_lineno or node.lineno, name.split(".")[0])
+                for name in modules
+            ]
     return tuple(found)
 
 
@@ -118,14 +139,18 @@ def _reached_from(program: str | None, submission: SubmissionRecord) -> set[str]
     while queue:
         lines = " ".join(_IMPORT_LINE.findall(texts.get(queue.pop(), "")))
         # What a name stands for is queued once, however many files import it.
-        new = {path for name in set(re.findall(r"\w+", lines)) for path in by_stem.pop(name, ())} - found
+        new = {
+            path for name in set(re.findall(r"\w+", lines)) for path in by_stem.pop(name, ())
+        } - found
         found |= new
         queue += new
     return found
 
 
 _TYPE_ALIAS = re.compile(r"^([ \t]*)type[ \t]+(\w+)[ \t]*(?:\[[^\]\n]*\][ \t]*)?=", re.MULTILINE)
-_TYPE_PARAMETERS = re.compile(r"^([ \t]*(?:async[ \t]+)?(?:def|class)[ \t]+\w+)[ \t]*\[[^\]\n]*\]", re.MULTILINE)
+_TYPE_PARAMETERS = re.compile(
+    r"^([ \t]*(?:async[ \t]+)?(?:def|class)[ \t]+\w+)[ \t]*\[[^\]\n]*\]", re.MULTILINE
+)
 #: An f-string with its fields, which may hold braces and f-strings of their own.
 _F_STRING = regex.compile(
     r"""(?<!\w)(?:[fF][rR]?|[rR][fF])

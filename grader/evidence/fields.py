@@ -57,7 +57,11 @@ def is_number(value: Any) -> bool:
 def time_ns(value: Any) -> int | None:
     """Return a time stamp or duration of a message in ns; None if it is none: students may define types anew."""
     sec, nanosec = getattr(value, "sec", None), getattr(value, "nanosec", None)
-    if getattr(value, "__msgtype__", None) in _TIMES and isinstance(sec, int) and isinstance(nanosec, int):
+    if (
+        getattr(value, "__msgtype__", None) in _TIMES
+        and isinstance(sec, int)
+        and isinstance(nanosec, int)
+    ):
         return sec * 10**9 + nanosec
     return None
 
@@ -79,7 +83,11 @@ def equal_within(got: Any, wanted: Any, tolerance: float) -> bool:
         return isinstance(got, Mapping) and all(equal_within(*pair, tolerance) for pair in pairs)
     if isinstance(wanted, (list, tuple)):
         alike = isinstance(got, list) and len(got) == len(wanted)
-        return alike and all(equal_within(a, b, tolerance) for a, b in zip(got, wanted, strict=True))
+        return alike and all(
+            equal_within(a, b, tolerance) for a, b in zip(got, wanted, strict=True)
+        )
     if isinstance(wanted, (int, float)) and isinstance(got, (int, float)):
-        return bool(got == wanted or abs(got - wanted) <= tolerance)  # the difference of infinite ones is no number
+        return bool(
+            got == wanted or abs(got - wanted) <= tolerance
+        )  # the difference of infinite ones is no number
     return bool(got == wanted)

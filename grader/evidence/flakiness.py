@@ -54,7 +54,10 @@ def flaky_end(run: ProcessRun) -> str:
     if any(HIT_IN_A_CALL in line.text for line in run.output):
         return "Ctrl-C arrived inside a call into rclpy and became another error; a correct program can meet this too."
     raised = tracebacks(run.output)[-1:] if run.interrupted_ns else []
-    if any(end.name == "KeyboardInterrupt" and not _SPINNING & {f.function for f in end.frames} for end in raised):
+    if any(
+        end.name == "KeyboardInterrupt" and not _SPINNING & {f.function for f in end.frames}
+        for end in raised
+    ):
         return "Ctrl-C was raised after rclpy.spin() had ended already; a correct program can meet this too."
     if run.interrupted_ns and run.ended_by in ("terminate", "kill"):
         return "The node did not end in time after Ctrl-C, and had to be stopped before it printed its results."
@@ -85,21 +88,39 @@ def _stalled(recorded: Recorded) -> str | None:
             late[wanted] = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
     for wanted, how_long in late.items():
         if wanted not in missing:
-            return f"Something did not appear in time while the grading computer was busy {how_long}."
+            return (
+                f"Something did not appear in time while the grading computer was busy {how_long}."
+            )
     return None
 
 
 def _was_refused_tasks(run: ProcessRun) -> bool:
     """Whether a program ended with that complaint, without having reached a limit of the session."""
     last = run.output[-1].text if run.output else ""
-    return run.ended_by == "itself" and run.limit is None and any(words in last for words in _NO_MORE_TASKS)
+    return (
+        run.ended_by == "itself"
+        and run.limit is None
+        and any(words in last for words in _NO_MORE_TASKS)
+    )
 
 
-def _nobody_came(recorded: Recorded, students: Iterable[ProcessRun], reference_nodes: frozenset[str]) -> bool:
+def _nobody_came(
+    recorded: Recorded, students: Iterable[ProcessRun], reference_nodes: frozenset[str]
+) -> bool:
     """Whether something was waited for in vain while a program showed no node, had to be stopped, and hit no limit."""
-    waited = any(step.kind == "wait_for" and step.outcome == "timeout" for step in recorded.record.steps)
-    ran_on = [run.name for run in students if run.ended_by in ("interrupt", "terminate", "kill") and run.limit is None]
-    asked = {claim.process for claim in recorded.record.claims} if set(recorded.nodes) - reference_nodes else set()
+    waited = any(
+        step.kind == "wait_for" and step.outcome == "timeout" for step in recorded.record.steps
+    )
+    ran_on = [
+        run.name
+        for run in students
+        if run.ended_by in ("interrupt", "terminate", "kill") and run.limit is None
+    ]
+    asked = (
+        {claim.process for claim in recorded.record.claims}
+        if set(recorded.nodes) - reference_nodes
+        else set()
+    )
     return waited and not asked.issuperset(ran_on)
 
 
@@ -127,4 +148,8 @@ def _came_ns(recorded: Recorded) -> dict[str, int]:
 def _wanted(step: StepRun) -> str:
     """Return the name of what a step waited for, unless that was up: what was sent to it then got no answer."""
     sent = step.result.get("calls") or step.result.get("goals")
-    return "" if sent else next((str(step.parameters[k]) for k in AWAITED if step.parameters.get(k)), "")
+    return (
+        ""
+        if sent
+        else next((str(step.parameters[k]) for k in AWAITED if step.parameters.get(k)), "")
+    )

@@ -39,7 +39,11 @@ def _student_wrote_more(recorded: Recorded) -> bool:
     own = 0
     for entry in recorded.record.published:
         digests = set(digests_of(entry))
-        own += sum(len(data) for data in bag.stream(entry.topic, entry.type).data if digest(data) in digests)
+        own += sum(
+            len(data)
+            for data in bag.stream(entry.topic, entry.type).data
+            if digest(data) in digests
+        )
     return own <= bag.size_bytes - own
 
 
@@ -72,7 +76,9 @@ def _publisher_of(recorded: Recorded, gap: RecordingGap) -> ProcessRun | None:
     students = [run for run in recorded.record.processes if run.role == "student"]
     asking = {claim.process for claim in recorded.claims_of("publisher", gap.topic)}
     asked = [run for run in students if run.name in asking]
-    return max(asked or students, key=lambda run: run.usage[-1].cpu_ns if run.usage else 0, default=None)
+    return max(
+        asked or students, key=lambda run: run.usage[-1].cpu_ns if run.usage else 0, default=None
+    )
 
 
 #: So many may be missing: more than a reliable connection on loopback loses, and too few to change a verdict.
@@ -98,13 +104,17 @@ def dropped(recorded: Recorded) -> Mapping[str, str]:
     found: dict[str, str] = {}
     for (topic, _), entries in by_topic.items():
         published = sum(len(digests_of(entry)) for entry in entries)
-        apart = recorded.authorship(topic) if recorded.published_on(topic) == tuple(entries) else None
+        apart = (
+            recorded.authorship(topic) if recorded.published_on(topic) == tuple(entries) else None
+        )
         apart = apart or authorship(recorded.bag, topic, entries)
         there, early = (len(apart.own), 0) if apart is not None else (0, 0)
         if apart is not None and not all(entry.recorded for entry in entries):
             early = _before_match(recorded, topic, apart.own)
         if published - early - there > _HARMLESS * published:
-            found[topic] = f"Of the {published} messages that the grader published on {topic} {there} are recorded."
+            found[topic] = (
+                f"Of the {published} messages that the grader published on {topic} {there} are recorded."
+            )
     return found
 
 

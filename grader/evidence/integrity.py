@@ -68,9 +68,13 @@ class _Integrity:
         self.nodes = frozenset(reference_nodes.values())
         self.running = {name: node for name, node in reference_nodes.items() if name in reporting}
         self.ours = [s for s in recorded.sightings if recorded.is_trusted(s.endpoint.gid)]
-        self.student_endpoints = [s for s in recorded.sightings if not recorded.is_trusted(s.endpoint.gid)]
+        self.student_endpoints = [
+            s for s in recorded.sightings if not recorded.is_trusted(s.endpoint.gid)
+        ]
         self.topics = frozenset(info.topic for info in recorded.bag.topics)
-        self.clocks = frozenset(info.topic for info in recorded.bag.topics if info.topic_type == _CLOCK_TYPE)
+        self.clocks = frozenset(
+            info.topic for info in recorded.bag.topics if info.topic_type == _CLOCK_TYPE
+        )
 
     def seconds(self, *times_ns: int) -> list[float]:
         return [round(self.recorded.since_start_s(t), 2) for t in times_ns]
@@ -96,7 +100,11 @@ class _Integrity:
         for sighting in sightings[:_MOST_NAMED]:
             endpoint = sighting.endpoint
             start_s, end_s = self.seconds(sighting.start_ns, sighting.end_ns)
-            node = "a node whose name is not known" if UNKNOWN_NODE in endpoint.node else f"node {endpoint.node}"
+            node = (
+                "a node whose name is not known"
+                if UNKNOWN_NODE in endpoint.node
+                else f"node {endpoint.node}"
+            )
             kind, gid = endpoint.kind, endpoint.gid
             yield f"{kind} on {endpoint.topic} of {node}, gid {gid}, in the graph from {start_s:g} to {end_s:g} s"
         if len(sightings) > _MOST_NAMED:
@@ -110,7 +118,9 @@ class _Integrity:
         for sighting in self.student_endpoints:
             node = sighting.endpoint.node
             if node in self.nodes or node.startswith(GRADER_NAMESPACE + "/"):
-                by_name.setdefault(node if node in self.nodes else GRADER_NAMESPACE, []).append(sighting)
+                by_name.setdefault(node if node in self.nodes else GRADER_NAMESPACE, []).append(
+                    sighting
+                )
         for name, sightings in by_name.items():
             text = f"A node of the submission has the name {name}, which is the name of a node of the grader's."
             if name == GRADER_NAMESPACE:
@@ -118,8 +128,16 @@ class _Integrity:
             evidence = list(self.described(sightings))
             own = [s.endpoint.gid for s in self.ours if s.endpoint.node == name]
             if own:
-                evidence.append(f"the grader's own node has gids that begin with {min(own)[:PARTICIPANT_DIGITS]}")
-            yield self.tampering(ViolationKind.IMPERSONATES_NODE, text, evidence, _whole(sightings), invalidated={name})
+                evidence.append(
+                    f"the grader's own node has gids that begin with {min(own)[:PARTICIPANT_DIGITS]}"
+                )
+            yield self.tampering(
+                ViolationKind.IMPERSONATES_NODE,
+                text,
+                evidence,
+                _whole(sightings),
+                invalidated={name},
+            )
 
     def asked_to_change(self) -> Iterator[Tampering]:
         """Find clients of the services that would set parameters of a reference node, if it had them."""
@@ -136,7 +154,9 @@ class _Integrity:
             if offered.isdisjoint(name for name, _ in clients):
                 text += " It has no such service, so nothing of it was changed."
             evidence = [f"client of {name} in node {node}" for name, node in clients[:_MOST_NAMED]]
-            yield self.tampering(ViolationKind.CHANGES_REFERENCE, text, evidence, Span(seen[0][0], seen[-1][0]))
+            yield self.tampering(
+                ViolationKind.CHANGES_REFERENCE, text, evidence, Span(seen[0][0], seen[-1][0])
+            )
 
     def second_servers(self) -> Iterator[Tampering]:
         """Find services that the submission offers beside a reference node, or from two of its own programs."""
@@ -148,7 +168,11 @@ class _Integrity:
                 offers.setdefault(offer.name, set()).add(offer.node)
             for service, nodes in offers.items():
                 theirs = nodes - self.nodes
-                seen_twice = self._rivals(graph, theirs) if service in self.recorded.awaited else nodes & ours
+                seen_twice = (
+                    self._rivals(graph, theirs)
+                    if service in self.recorded.awaited
+                    else nodes & ours
+                )
                 if theirs and seen_twice:
                     found.setdefault(service, []).extend((graph.t_ns, node) for node in theirs)
         for service, seen in found.items():
@@ -161,16 +185,24 @@ class _Integrity:
                 text = f"{who}; which of them answered is not known."
             span = Span(seen[0][0], seen[-1][0])
             invalidated = {service} if is_reference else ()
-            yield self.tampering(ViolationKind.SECOND_SERVER, text, evidence, span, service, invalidated=invalidated)
+            yield self.tampering(
+                ViolationKind.SECOND_SERVER, text, evidence, span, service, invalidated=invalidated
+            )
 
     def _rivals(self, graph: GraphSnapshot, nodes: set[str]) -> bool:
         """Whether nodes belong to programs that are different: not to one that was started twice, or came back."""
-        processes = {n: {e.gid[:PROCESS_DIGITS] for e in graph.endpoints if e.node == n} for n in nodes}
-        apart = all(a and b and a.isdisjoint(b) for a, b in itertools.combinations(processes.values(), 2))
+        processes = {
+            n: {e.gid[:PROCESS_DIGITS] for e in graph.endpoints if e.node == n} for n in nodes
+        }
+        apart = all(
+            a and b and a.isdisjoint(b) for a, b in itertools.combinations(processes.values(), 2)
+        )
         alive = [
             run.artifact or run.argv[0]
             for run in self.record.processes
-            if run.role == "student" and run.argv and run.started_ns <= graph.t_ns < (run.exited_ns or 2**63)
+            if run.role == "student"
+            and run.argv
+            and run.started_ns <= graph.t_ns < (run.exited_ns or 2**63)
         ]
         return len(nodes) > 1 and apart and len(set(alive)) == len(alive)
 
@@ -186,17 +218,27 @@ class _Integrity:
             span = Span(run.started_ns, run.exited_ns or self.record.ended_ns)
             end = _brought_down(run) if run.role != "student" else ""
             if end and not self._machine_was_busy(span):
-                what = f"node {self.running[run.name]}" if run.name in self.running else f"process {run.name}"
-                text = f"The grader's own {what} {end} while programs of the submission were running."
+                what = (
+                    f"node {self.running[run.name]}"
+                    if run.name in self.running
+                    else f"process {run.name}"
+                )
+                text = (
+                    f"The grader's own {what} {end} while programs of the submission were running."
+                )
                 yield self._disturbed(ViolationKind.ENDS_REFERENCE, text, span, whole=True)
 
     def dropped_messages(self) -> Iterator[Tampering]:
         """Find messages of the grader's that never reached its recorder, though the machine did not delay it."""
         span = Span(self.record.started_ns, self.record.ended_ns)
-        for topic, loss in dropped(self.recorded).items() if not self._machine_was_busy(span) else ():
+        for topic, loss in (
+            dropped(self.recorded).items() if not self._machine_was_busy(span) else ()
+        ):
             text = f"{loss} Packets in the grader's name can do that, and the machine was not busy."
             invalidated = self.topics if topic in self.clocks else {topic}
-            yield self._disturbed(ViolationKind.DISTURBS_RECORDING, text, span, topic, invalidated=invalidated)
+            yield self._disturbed(
+                ViolationKind.DISTURBS_RECORDING, text, span, topic, invalidated=invalidated
+            )
 
     def repeatedly_disturbed(self) -> Iterator[Tampering]:
         """Find what else kept an experiment from being carried out in order, again and again, on an idle machine.
@@ -206,7 +248,9 @@ class _Integrity:
         whole = self.record.complete
         problems = self.record.problems[:_MOST_NAMED] if whole else ["the recording was cut off"]
         # Of a session that was cut off only its start is known.
-        span = Span(self.record.started_ns, self.record.ended_ns if whole else self.record.started_ns)
+        span = Span(
+            self.record.started_ns, self.record.ended_ns if whole else self.record.started_ns
+        )
         alone = whole and all(run.role != "student" for run in self.record.processes)
         once = self.record.times_recorded < _REPEATED
         if not problems or alone or once or self._machine_was_busy(span):
@@ -221,7 +265,9 @@ class _Integrity:
         self, kind: ViolationKind, text: str, span: Span, topic: str | None = None, **more: Any
     ) -> Tampering:
         repeated = self.record.disturbed_before
-        evidence = [f"so in recording number {self.record.attempt}" + " and in one before" * repeated]
+        evidence = [
+            f"so in recording number {self.record.attempt}" + " and in one before" * repeated
+        ]
         return self.tampering(kind, text, evidence, span, topic, certain=repeated, **more)
 
     def _machine_was_busy(self, span: Span) -> bool:
@@ -237,14 +283,18 @@ class _Integrity:
         topics = ours | {entry.topic for entry in self.record.published}
         for topic in sorted(topics - self.recorded.awaited - set(_SHARED_TOPICS)):
             publishers = [
-                s for s in self.student_endpoints if s.endpoint.kind == "publisher" and s.endpoint.topic == topic
+                s
+                for s in self.student_endpoints
+                if s.endpoint.kind == "publisher" and s.endpoint.topic == topic
             ]
             apart = self.recorded.authorship(topic)
             if apart is not None and len(apart.others_ns):
                 span = Span(int(apart.others_ns[0]), int(apart.others_ns[-1]))
                 start_s, end_s = self.seconds(span.start_ns, span.end_ns)
                 count = f"{len(apart.others_ns)} messages recorded on {topic} from {start_s:g} to {end_s:g} s"
-                yield self._on_topic(topic, publishers, f"{count} are none of the grader's {len(apart.own)}", span)
+                yield self._on_topic(
+                    topic, publishers, f"{count} are none of the grader's {len(apart.own)}", span
+                )
             elif apart is None and publishers and (mixed := self._mixed(topic)):
                 yield self._on_topic(topic, publishers, mixed, _whole(publishers))
 
@@ -257,28 +307,43 @@ class _Integrity:
             return f"none of {len(stream)} messages recorded there is one of the grader's"
         return ""
 
-    def _on_topic(self, topic: str, publishers: Sequence[Sighting], seen: str, span: Span) -> Tampering:
-        named = sorted({s.endpoint.node for s in publishers if UNKNOWN_NODE not in s.endpoint.node})[:3]
+    def _on_topic(
+        self, topic: str, publishers: Sequence[Sighting], seen: str, span: Span
+    ) -> Tampering:
+        named = sorted(
+            {s.endpoint.node for s in publishers if UNKNOWN_NODE not in s.endpoint.node}
+        )[:3]
         who = f"The submission ({', '.join(named)})" if named else "The submission"
         evidence = [seen, *self.described(publishers)]
         evidence += [] if publishers else ["no publisher of theirs was seen in the graph"]
         # Where the grader's own messages are known, what rests on the topic is judged by them alone.
         invalidated = frozenset({topic} if self.recorded.authorship(topic) is None else ())
         if topic in self.clocks:
-            kind, invalidated = ViolationKind.SPOOFS_CLOCK, self.topics  # All that is paced by the time rests on it.
-            text = f"{who} published time on {topic}, where in this session the grader's own clock is."
+            kind, invalidated = (
+                ViolationKind.SPOOFS_CLOCK,
+                self.topics,
+            )  # All that is paced by the time rests on it.
+            text = (
+                f"{who} published time on {topic}, where in this session the grader's own clock is."
+            )
         else:
             kind = ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC
-            text = f"{who} published on {topic}, where in this session only the grader is to publish."
+            text = (
+                f"{who} published on {topic}, where in this session only the grader is to publish."
+            )
             if not invalidated:
                 evidence.append("checks of this topic used the grader's own messages only")
-        return self.tampering(kind, text, evidence, span, topic, invalidated=invalidated, certain=bool(publishers))
+        return self.tampering(
+            kind, text, evidence, span, topic, invalidated=invalidated, certain=bool(publishers)
+        )
 
     # -- logs ---------------------------------------------------------------------------------
 
     def forged(self) -> Iterator[Tampering]:
         """Find log messages and parameter events in the name of a node of ours: none of them ever sends any."""
-        names = {*self.nodes, f"{GRADER_NAMESPACE}/probe"} - {s.endpoint.node for s in self.student_endpoints}
+        names = {*self.nodes, f"{GRADER_NAMESPACE}/probe"} - {
+            s.endpoint.node for s in self.student_endpoints
+        }
         log = self.recorded.bag.stream("/rosout", "rcl_interfaces/msg/Log")
         logged = _naming(log, "name", {node.strip("/").replace("/", "."): node for node in names})
         text = "Log messages on /rosout have the name of a node of the grader's, which sends none."
@@ -286,17 +351,26 @@ class _Integrity:
         events = self.recorded.bag.stream("/parameter_events", "rcl_interfaces/msg/ParameterEvent")
         rows = _naming(events, "node", {node: node for node in names})
         # When a node is made it declares its parameters; no parameter of ours is changed later.
-        changes = events.only(np.isin(np.arange(len(events)), list(rows))).field("changed_parameters")
-        rows = {row: node for (row, node), changed in zip(sorted(rows.items()), changes, strict=True) if changed}
+        changes = events.only(np.isin(np.arange(len(events)), list(rows))).field(
+            "changed_parameters"
+        )
+        rows = {
+            row: node
+            for (row, node), changed in zip(sorted(rows.items()), changes, strict=True)
+            if changed
+        }
         text = "Events on /parameter_events report changed parameters of the grader's nodes, which cannot be changed."
         yield from self._forged(ViolationKind.FORGES_PARAMETER_EVENTS, text, events, rows)
 
-    def _forged(self, kind: ViolationKind, text: str, stream: Stream, rows: Mapping[int, str]) -> Iterator[Tampering]:
+    def _forged(
+        self, kind: ViolationKind, text: str, stream: Stream, rows: Mapping[int, str]
+    ) -> Iterator[Tampering]:
         if rows:
             times_ns = stream.received_ns[list(rows)]
             span = Span(int(times_ns[0]), int(times_ns[-1]))
             evidence = [
-                f"{count} messages in the name of {node}" for node, count in sorted(Counter(rows.values()).items())
+                f"{count} messages in the name of {node}"
+                for node, count in sorted(Counter(rows.values()).items())
             ]
             yield self.tampering(kind, text, evidence, span, stream.topic)
 
@@ -349,4 +423,8 @@ def _brought_down(run: ProcessRun) -> str:
     if run.ended_by == "itself" and status < 0 and status not in _SENT_BY_OTHERS:
         return f"ended by signal {-status}"
     out_of_memory = any(word in line.text for line in run.output[-5:] for word in _OUT_OF_MEMORY)
-    return f"ended with exit status {run.exit_status}" if run.ended_by == "itself" and out_of_memory else ""
+    return (
+        f"ended with exit status {run.exit_status}"
+        if run.ended_by == "itself" and out_of_memory
+        else ""
+    )

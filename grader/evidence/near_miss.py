@@ -27,17 +27,33 @@ class Candidate:
 
 
 def candidates_in(
-    graph: GraphSnapshot, kind: str, wanted: str, references: Collection[str], forgotten: Collection[str] = ()
+    graph: GraphSnapshot,
+    kind: str,
+    wanted: str,
+    references: Collection[str],
+    forgotten: Collection[str] = (),
 ) -> list[Candidate]:
     """Return what may be meant of the student's; what belongs to an action only where such a name is wanted.
 
     The nodes of the lab offer nothing that is meant, nor do the endpoints that are forgotten, by their gids.
     """
-    offers = {"service": graph.services, "action": graph.actions, "action_client": graph.action_clients}
+    offers = {
+        "service": graph.services,
+        "action": graph.actions,
+        "action_client": graph.action_clients,
+    }
     if kind == "node":
         return [Candidate(node, "") for node in graph.nodes if node not in references]
-    found = [(s.name, s.type, s.node) for s in offers.get(kind, ()) if not s.type.startswith(_STANDARD_SERVICE_TYPES)]
-    found += [(e.topic, e.type, e.node) for e in graph.endpoints if e.kind == kind and e.gid not in forgotten]
+    found = [
+        (s.name, s.type, s.node)
+        for s in offers.get(kind, ())
+        if not s.type.startswith(_STANDARD_SERVICE_TYPES)
+    ]
+    found += [
+        (e.topic, e.type, e.node)
+        for e in graph.endpoints
+        if e.kind == kind and e.gid not in forgotten
+    ]
     return [
         Candidate(name, its_type)
         for name, its_type, node in found
@@ -55,7 +71,9 @@ def _plain(name: str) -> str:
 def likeness(wanted: str, name: str) -> float:
     """Return how alike two ROS names are, from 0 to 1; a namespace more or less counts little."""
     whole = difflib.SequenceMatcher(None, _plain(wanted), _plain(name)).ratio()
-    last = difflib.SequenceMatcher(None, _plain(wanted.rsplit("/", 1)[-1]), _plain(name.rsplit("/", 1)[-1])).ratio()
+    last = difflib.SequenceMatcher(
+        None, _plain(wanted.rsplit("/", 1)[-1]), _plain(name.rsplit("/", 1)[-1])
+    ).ratio()
     return max(whole, 0.95 * last)
 
 
@@ -66,8 +84,14 @@ def is_misspelt(wanted: str, name: str) -> bool:
         left, right = words[a:b], others[c:d]
         if kind in ("insert", "delete") and not _IDLE.issuperset(left + right):
             return False
-        pairs = zip(left, right, strict=True) if len(left) == len(right) else [("".join(left), "".join(right))]
-        if kind == "replace" and any(difflib.SequenceMatcher(None, *pair).ratio() < _SLIP for pair in pairs):
+        pairs = (
+            zip(left, right, strict=True)
+            if len(left) == len(right)
+            else [("".join(left), "".join(right))]
+        )
+        if kind == "replace" and any(
+            difflib.SequenceMatcher(None, *pair).ratio() < _SLIP for pair in pairs
+        ):
             return False
     return bool(words) and wanted != name
 
@@ -77,12 +101,16 @@ _IDLE = frozenset({"link", "frame"})
 _SLIP = 0.7
 
 
-def near_miss(wanted: str, wanted_type: str | None, candidates: Iterable[Candidate]) -> Candidate | None:
+def near_miss(
+    wanted: str, wanted_type: str | None, candidates: Iterable[Candidate]
+) -> Candidate | None:
     """Choose the candidate that was meant, or None.
 
     The only one of the wanted type is taken whatever its name: it can mean no other.
     """
-    found = sorted(set(candidates), key=lambda c: (c.type != wanted_type, -likeness(wanted, c.name), c.name))
+    found = sorted(
+        set(candidates), key=lambda c: (c.type != wanted_type, -likeness(wanted, c.name), c.name)
+    )
     if not found:
         return None
     same_type = [c for c in found if c.type == wanted_type]

@@ -47,6 +47,10 @@ def describe_failure(problem: BaseException, reference: str) -> str:
     file = reference.partition(":")[0]
     if isinstance(problem, SyntaxError):
         return f"{file}, line {problem.lineno}: {problem.msg}"
-    lines = [frame.lineno for frame in traceback.extract_tb(problem.__traceback__) if frame.filename == file]
+    lines = [
+        frame.lineno
+        for frame in traceback.extract_tb(problem.__traceback__)
+        if frame.filename == file
+    ]
     line = f", line {lines[-1]}" if lines else ""
     return f"{file}{line}: {type(problem).__name__}: {problem}"

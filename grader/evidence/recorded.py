@@ -132,7 +132,11 @@ class Recorded:
     def awaited(self) -> frozenset[str]:
         """Topics and services that the steps expect of the student, under the names that the student used."""
         keys = {"wait_for": ("publisher", "service"), "call": ("service",)}
-        names = [step.parameters.get(key) for step in self.record.steps for key in keys.get(step.kind, ())]
+        names = [
+            step.parameters.get(key)
+            for step in self.record.steps
+            for key in keys.get(step.kind, ())
+        ]
         return frozenset(self.used(name) for name in names if isinstance(name, str))
 
     def published_on(self, topic: str) -> tuple[Published, ...]:
@@ -151,7 +155,9 @@ class Recorded:
     def silent_references(self) -> tuple[str, ...]:
         """Reference nodes whose endpoints are not known, since they reported nothing through the trusted channel."""
         known = {t.process for t in self.record.trusted}
-        return tuple(p.name for p in self.record.processes if p.role == "reference" and p.name not in known)
+        return tuple(
+            p.name for p in self.record.processes if p.role == "reference" and p.name not in known
+        )
 
     @functools.cache  # noqa: B019
     def authorship(self, topic: str) -> Authorship | None:
@@ -178,7 +184,9 @@ class Recorded:
     @functools.cache  # noqa: B019
     def texts(self, name: str, field: str) -> tuple[str | None, ...]:
         """Return the text in a field of each message on a topic of the rubric's; None where a message has none."""
-        return tuple(value if isinstance(value, str) else None for value in self.stream(name).field(field))
+        return tuple(
+            value if isinstance(value, str) else None for value in self.stream(name).field(field)
+        )
 
     @functools.cache  # noqa: B019
     def stamps_ns(self, name: str, field: str = "header.stamp") -> tuple[int | None, ...]:
@@ -208,11 +216,15 @@ class Recorded:
         nodes: dict[str, str] = {}
         for graph, end_ns in zip(graphs, ends_ns, strict=False):
             for endpoint in graph.endpoints:
-                known = found.setdefault((endpoint.gid, endpoint.topic, endpoint.kind), Sighting(endpoint, graph.t_ns))
+                known = found.setdefault(
+                    (endpoint.gid, endpoint.topic, endpoint.kind), Sighting(endpoint, graph.t_ns)
+                )
                 known.end_ns = end_ns
                 if UNKNOWN_NODE not in endpoint.node:
                     nodes.setdefault(endpoint.gid[:PARTICIPANT_DIGITS], endpoint.node)
-                    known.endpoint = endpoint if UNKNOWN_NODE in known.endpoint.node else known.endpoint
+                    known.endpoint = (
+                        endpoint if UNKNOWN_NODE in known.endpoint.node else known.endpoint
+                    )
         for sighting in found.values():
             endpoint = sighting.endpoint
             if UNKNOWN_NODE in endpoint.node:
@@ -228,7 +240,9 @@ class Recorded:
         """
         return tuple(s.endpoint for s in self.sightings if UNKNOWN_NODE not in s.endpoint.node)
 
-    def endpoints_on(self, name: str, kind: str, without: Iterable[str] = ()) -> tuple[Endpoint, ...]:
+    def endpoints_on(
+        self, name: str, kind: str, without: Iterable[str] = ()
+    ) -> tuple[Endpoint, ...]:
         """Return the endpoints of a kind ("publisher", "subscription") on a topic of the rubric's.
 
         Those of nodes (fully qualified) that are to be left out, e.g. reference nodes, do not count. Where the grader's
@@ -237,7 +251,11 @@ class Recorded:
         topic, left_out = self.used(name), set(without)
         ours = {e.gid: e.node for e in self.endpoints if left_out and self.is_trusted(e.gid)}
         fitting = (e for e in self.endpoints if e.topic == topic and e.kind == kind)
-        return tuple(e for e in fitting if e.gid not in ours and (e.node not in left_out or e.node in ours.values()))
+        return tuple(
+            e
+            for e in fitting
+            if e.gid not in ours and (e.node not in left_out or e.node in ours.values())
+        )
 
     @functools.cached_property
     def nodes(self) -> tuple[str, ...]:
@@ -247,13 +265,17 @@ class Recorded:
     def claims_of(self, kind: str, name: str) -> list[Claim]:
         """Return the calls by which student's nodes asked for an endpoint, in whatever namespace, by the tap."""
         plain = self.used(name).rsplit("/", 1)[-1]
-        return [c for c in self.record.claims if c.kind == kind and c.name.rsplit("/", 1)[-1] == plain]
+        return [
+            c for c in self.record.claims if c.kind == kind and c.name.rsplit("/", 1)[-1] == plain
+        ]
 
     # -- processes ----------------------------------------------------------------------------
 
     def processes_of(self, artifact: str) -> tuple[ProcessRun, ...]:
         """Return the processes that ran an artifact under its own name, in order of their start."""
-        return tuple(p for p in self.record.processes if p.artifact == artifact and p.name == artifact)
+        return tuple(
+            p for p in self.record.processes if p.artifact == artifact and p.name == artifact
+        )
 
     def process(self, name: str) -> ProcessRun | None:
         """Return the last process of this name."""
@@ -268,9 +290,14 @@ class Recorded:
     def delays(self, run: ProcessRun) -> tuple[Delay, ...]:
         """Return when the machine may have delayed a process; of one not watched, by samples only."""
         if run.disturbed is not None:
-            return tuple(Delay(start_ns, start_ns + length_ns, delay) for start_ns, length_ns, delay in run.disturbed)
+            return tuple(
+                Delay(start_ns, start_ns + length_ns, delay)
+                for start_ns, length_ns, delay in run.disturbed
+            )
         parts = (Span(*part) for part in itertools.pairwise([usage.t_ns for usage in run.usage]))
-        return tuple(Delay(p.start_ns, p.end_ns, round(self._sampled_delay_s(run, p) * 1e9)) for p in parts)
+        return tuple(
+            Delay(p.start_ns, p.end_ns, round(self._sampled_delay_s(run, p) * 1e9)) for p in parts
+        )
 
     @functools.cache  # noqa: B019 - see `stream`
     def _disturbed(self, run: ProcessRun) -> Integers:
@@ -285,7 +312,9 @@ class Recorded:
         if run.disturbed is None:
             return self._sampled_delay_s(run, span)
         start_ns, length_ns, delay_ns = self._disturbed(run)
-        within_ns = np.minimum(start_ns + length_ns, span.end_ns) - np.maximum(start_ns, span.start_ns)
+        within_ns = np.minimum(start_ns + length_ns, span.end_ns) - np.maximum(
+            start_ns, span.start_ns
+        )
         delay_s = float(np.minimum(delay_ns, np.maximum(within_ns, 0)).sum()) / 1e9
         return max(0.0, delay_s - (self._unseen_s(span) if run.role == "student" else 0.0))
 
@@ -294,14 +323,20 @@ class Recorded:
 
         Who computed, or waited for its core, all the time would have done more with the time that it waited.
         """
-        found = backlog(self.delays(run), span, room_s, self.cpu_s(run, span) / max(span.duration_s, 1e-9))
+        found = backlog(
+            self.delays(run), span, room_s, self.cpu_s(run, span) / max(span.duration_s, 1e-9)
+        )
         missed_s = 0.0
-        for part in (Span(*part) for part in itertools.pairwise([usage.t_ns for usage in run.usage])):
+        for part in (
+            Span(*part) for part in itertools.pairwise([usage.t_ns for usage in run.usage])
+        ):
             within_s = span.shared_ns(part.start_ns, part.end_ns) / 1e9
             cpu_s, delay_s = self.cpu_s(run, part), self.machine_delay_s(run, part)
             if cpu_s + delay_s > _SATURATED * part.duration_s:
                 missed_s += within_s * delay_s / (cpu_s + delay_s)
-        return replace(found, lost_s=max(found.lost_s, missed_s)) if room_s < float("inf") else found
+        return (
+            replace(found, lost_s=max(found.lost_s, missed_s)) if room_s < float("inf") else found
+        )
 
     def _sampled_delay_s(self, run: ProcessRun, span: Span) -> float:
         """Return the same of a process that was not watched, in s, from samples twice a second.
@@ -317,7 +352,9 @@ class Recorded:
         if delay_s > idle_s + _AT_ONCE * span.duration_s and others_s < float("inf"):
             # Several waited at once, for each other too: of that others have the share in which they had the core.
             others_s *= others_s / max(span.duration_s, others_s)
-        stolen_s = _grown_s([(sample.t_ns, sample.stolen_ns) for sample in self.record.machine], span)
+        stolen_s = _grown_s(
+            [(sample.t_ns, sample.stolen_ns) for sample in self.record.machine], span
+        )
         return min(max(min(delay_s, others_s) + stolen_s, self.stalled_s(span)), idle_s)
 
     def _unseen_s(self, span: Span) -> float:
@@ -325,7 +362,9 @@ class Recorded:
 
         It is what the kernel counts of all together, and no process is known to have used; 0 where it does not count.
         """
-        counted = [(s.t_ns, s.students_ns) for s in self.record.machine if s.students_ns is not None]
+        counted = [
+            (s.t_ns, s.students_ns) for s in self.record.machine if s.students_ns is not None
+        ]
         if len(counted) != len(self.record.machine):
             return 0.0
         return max(0.0, _grown_s(counted, span) - self.students_cpu_s(span))
@@ -338,12 +377,20 @@ class Recorded:
         samples = [sample for sample in self.record.machine if sample.idle_ns]
         held = run.core is not None and run.held_ns is not None and run.held_ns <= span.start_ns
         cores = [str(run.core)] if held else list(samples[0].idle_ns) if samples else []
-        if len(samples) < 2 or any(core not in sample.idle_ns for core in cores for sample in samples):
+        if len(samples) < 2 or any(
+            core not in sample.idle_ns for core in cores for sample in samples
+        ):
             return float("inf")
-        idle_s = sum(_grown_s([(sample.t_ns, sample.idle_ns[core]) for sample in samples], span) for core in cores)
+        idle_s = sum(
+            _grown_s([(sample.t_ns, sample.idle_ns[core]) for sample in samples], span)
+            for core in cores
+        )
         students = [r for r in self.record.processes if r.role == "student" or r is run]
         own_s = sum(self.cpu_s(r, span) for r in students if not held or r.core in (None, run.core))
-        return max(0.0, len(cores) * span.duration_s - idle_s - own_s - self._unseen_s(span)) + _IDLE_ERROR_S
+        return (
+            max(0.0, len(cores) * span.duration_s - idle_s - own_s - self._unseen_s(span))
+            + _IDLE_ERROR_S
+        )
 
     def cpu_s(self, run: ProcessRun, span: Span) -> float:
         """Return the CPU time that a process took within a span, in s, interpolated between samples."""
@@ -358,8 +405,12 @@ class Recorded:
         for run in (run for run in self.record.processes if run.role in ("student", "reference")):
             delays = self.delays(run)
             if delays:
-                edges = np.array([edge for d in delays for edge in ((d.start_ns, 0), (d.end_ns, d.delay_ns))]).T
-                before, after = (np.interp(t, edges[0], np.cumsum(edges[1])) for t in (starts_ns, ends_ns))
+                edges = np.array(
+                    [edge for d in delays for edge in ((d.start_ns, 0), (d.end_ns, d.delay_ns))]
+                ).T
+                before, after = (
+                    np.interp(t, edges[0], np.cumsum(edges[1])) for t in (starts_ns, ends_ns)
+                )
                 most = np.maximum(most, (after - before) / 1e9)
         return most
 
@@ -373,7 +424,9 @@ class Recorded:
 
     def recorder_delay_s(self, span: Span) -> float:
         """Return for how long within a span the machine delayed the recorder, in s."""
-        return sum(self.machine_delay_s(run, span) for run in self.record.processes if run.role == "grader")
+        return sum(
+            self.machine_delay_s(run, span) for run in self.record.processes if run.role == "grader"
+        )
 
     def students_cpu_s(self, span: Span) -> float:
         """Return the CPU time that the student's processes took within a span, in s."""
@@ -404,7 +457,9 @@ class Recorded:
 
     def lines_of(self, run: ProcessRun) -> list[OutputLine]:
         """Return the output of a process, without colours."""
-        return [replace(o, text=without_colours(o.text)) if "\x1b" in o.text else o for o in run.output]
+        return [
+            replace(o, text=without_colours(o.text)) if "\x1b" in o.text else o for o in run.output
+        ]
 
 
 def clock_step_s(record: SessionRecord, span: Span) -> float:
@@ -434,7 +489,9 @@ def _run_delay_s(run: ProcessRun, span: Span) -> float:
     sample of a process that ended by itself, the delay is taken to have been as usual.
     """
     samples = [(u.t_ns, u.run_delay_ns) for u in run.usage]
-    if run.usage[-1].t_ns == run.exited_ns:  # added when it had ended, and could not be asked any more
+    if (
+        run.usage[-1].t_ns == run.exited_ns
+    ):  # added when it had ended, and could not be asked any more
         samples.pop()
     started_ns = min(run.started_ns, samples[0][0]) if run.started_ns else samples[0][0]
     total = 0.0
@@ -446,7 +503,9 @@ def _run_delay_s(run: ProcessRun, span: Span) -> float:
     return total / 1e9
 
 
-def numeric_stream(stream: Stream, all_rows: Sequence[Floats | None], *, finite: bool = True) -> NumericStream | None:
+def numeric_stream(
+    stream: Stream, all_rows: Sequence[Floats | None], *, finite: bool = True
+) -> NumericStream | None:
     """Return the messages of a stream whose rows hold (finite) numbers of the most frequent length, by source time."""
     rows = {i: row for i, row in enumerate(all_rows) if row is not None and len(row)}
     if finite:

@@ -32,7 +32,9 @@ class Schedule:
     def bounds_hz(self) -> tuple[float, float]:
         """Return the bounds of the rate at which it would have published on a machine of its own."""
         least_hz, most_hz = (
-            self.rate_hz * (1 + sign * self.error) * (1 - self.left_out + sign * self.left_out_error)
+            self.rate_hz
+            * (1 + sign * self.error)
+            * (1 - self.left_out + sign * self.left_out_error)
             for sign in (-1, 1)
         )
         return least_hz, most_hz
@@ -53,11 +55,17 @@ def kept_schedule(calm: Calm, delays: Sequence[Delay], timing: Timing) -> Schedu
         return None
     period_s, start_s = np.polyfit(ticks, times_s, 1)
     off_s, centred = times_s - start_s - period_s * ticks, ticks - ticks.mean()
-    error = float(np.linalg.norm(np.bincount(stretch, off_s * centred)) / (centred @ centred) / period_s)
-    lacking = _lacking(delays, timing, float(period_s) * 1e9, timing.times_ns[0] + float(start_s) * 1e9)
+    error = float(
+        np.linalg.norm(np.bincount(stretch, off_s * centred)) / (centred @ centred) / period_s
+    )
+    lacking = _lacking(
+        delays, timing, float(period_s) * 1e9, timing.times_ns[0] + float(start_s) * 1e9
+    )
     if len(lacking) < _FEWEST:
         return None
-    of_runs = np.bincount(np.cumsum(lacking == 0), lacking)  # what lacks in a row, lacks for one reason
+    of_runs = np.bincount(
+        np.cumsum(lacking == 0), lacking
+    )  # what lacks in a row, lacks for one reason
     error_left_out = _ERRORS * float(np.linalg.norm(of_runs)) / len(lacking)
     return Schedule(1 / float(period_s), _ERRORS * error, float(lacking.mean()), error_left_out)
 
@@ -68,21 +76,31 @@ _ERRORS = 2.5
 _FEWEST = 20
 
 
-def _lacking(delays: Sequence[Delay], timing: Timing, period_ns: float, start_ns: float) -> Integers:
+def _lacking(
+    delays: Sequence[Delay], timing: Timing, period_ns: float, start_ns: float
+) -> Integers:
     """Return how many messages lack at each time of a schedule that nothing disturbed; where two came, -1.
 
     Times are looked at, not messages: where one lacks, the interval is longer, and is disturbed the more often.
     """
     last = np.rint((timing.times_ns - start_ns) / period_ns).astype(np.int64)
-    before = np.rint((timing.times_ns - timing.intervals_s * 1e9 - start_ns) / period_ns).astype(np.int64)
+    before = np.rint((timing.times_ns - timing.intervals_s * 1e9 - start_ns) / period_ns).astype(
+        np.int64
+    )
     first = int(before.min())
     came = np.bincount(last - first)
     # What lies between two messages of which one between was not recorded is in no interval.
-    within = np.cumsum(np.bincount(before + 1 - first, minlength=len(came) + 1)[: len(came)]) - np.cumsum(came) + came
+    within = (
+        np.cumsum(np.bincount(before + 1 - first, minlength=len(came) + 1)[: len(came)])
+        - np.cumsum(came)
+        + came
+    )
     clear = within > 0
     for delay in delays:
         until_ns = delay.end_ns + MADE_UP * delay.delay_ns
-        from_tick, to_tick = ((ns - start_ns) / period_ns - first for ns in (delay.start_ns, until_ns))
+        from_tick, to_tick = (
+            (ns - start_ns) / period_ns - first for ns in (delay.start_ns, until_ns)
+        )
         clear[max(0, math.ceil(from_tick - 0.5)) : max(0, math.ceil(to_tick + 0.5))] = False
     lacking: Integers = 1 - came[clear]
     return lacking
@@ -102,7 +120,9 @@ def _ticks(times_s: Floats, stretch: Integers, usual_s: float) -> Floats | None:
     best = int(np.abs(vectors.sum(axis=1)).argmax())
     together = vectors[best].sum()
     apart = np.add.reduceat(vectors[best], np.flatnonzero(np.diff(stretch, prepend=-1)))
-    if abs(together) < _ALIKE * len(times_s) or abs(together) ** 2 < _UNLIKELY * float((np.abs(apart) ** 2).sum()):
+    if abs(together) < _ALIKE * len(times_s) or abs(together) ** 2 < _UNLIKELY * float(
+        (np.abs(apart) ** 2).sum()
+    ):
         return None
     ticks: Floats = np.rint(rates_hz[best] * times_s - np.angle(together) / (2 * np.pi))
     return ticks

@@ -49,7 +49,9 @@ def fit_sinusoid(times_s: Floats, values: Floats, lowest_hz: float, highest_hz: 
         index = int(np.argmin(residuals))
         offset, sine, cosine = fits[index]
         amplitude, phase = float(np.hypot(sine, cosine)), float(np.arctan2(cosine, sine))
-        best = Sinusoid(amplitude, float(grid[index]), float(offset), float(residuals[index]), phase)
+        best = Sinusoid(
+            amplitude, float(grid[index]), float(offset), float(residuals[index]), phase
+        )
         low, high = float(grid[max(index - 1, 0)]), float(grid[min(index + 1, len(grid) - 1)])
     return best
 
@@ -62,5 +64,7 @@ def _fit_each(times_s: Floats, values: Floats, frequencies_hz: Floats) -> tuple[
     np.cos(phases, out=design[:, 2])
     normal = design @ design.transpose(0, 2, 1) + 1e-12 * len(values) * np.eye(3)
     coefficients = np.linalg.solve(normal, (design @ values)[:, :, np.newaxis])[:, :, 0]
-    left = np.subtract(values, np.einsum("fk,fkt->ft", coefficients, design, out=phases), out=phases)
+    left = np.subtract(
+        values, np.einsum("fk,fkt->ft", coefficients, design, out=phases), out=phases
+    )
     return coefficients, np.sqrt(np.mean(np.square(left, out=left), axis=1))

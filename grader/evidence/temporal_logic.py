@@ -99,30 +99,40 @@ class Property:
             _Evaluation({name: np.zeros(1) for name in signals}, np.inf, 1).truth(root)
         except (SyntaxError, RecursionError, MemoryError) as problem:
             place = f" at character {problem.offset}" if isinstance(problem, SyntaxError) else ""
-            raise ValueError(f"not a property{place}: {getattr(problem, 'msg', problem)}") from problem
+            raise ValueError(
+                f"not a property{place}: {getattr(problem, 'msg', problem)}"
+            ) from problem
         return cls(text.strip(), root)
 
     def robustness(self, signals: Mapping[str, Floats], step_s: float) -> Robustness:
         """Evaluate it over signals, float64[n] each, at even steps; raises TooShortError where they end too early."""
         evaluation = _Evaluation(signals, step_s, len(next(iter(signals.values()))))
         truth = evaluation.truth(self.root)
-        return Robustness(float(truth.values[0]), int(truth.where[0]), tuple(dict.fromkeys(evaluation.never)))
+        return Robustness(
+            float(truth.values[0]), int(truth.where[0]), tuple(dict.fromkeys(evaluation.never))
+        )
 
 
 # -- reading ---------------------------------------------------------------------------------------
 
 
 def _refuse(node: ast.AST, why: str) -> NoReturn:
-    raise ValueError(f"{why} (at character {getattr(node, 'col_offset', 0) + 1}: {ast.unparse(node)[:60]})")
+    raise ValueError(
+        f"{why} (at character {getattr(node, 'col_offset', 0) + 1}: {ast.unparse(node)[:60]})"
+    )
 
 
 def _known(node: ast.AST, name: str, known: Iterable[str], what: str) -> None:
     if name not in known:
         near = difflib.get_close_matches(name, list(known), n=1)
-        _refuse(node, f"there is no {what} {name!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
+        _refuse(
+            node, f"there is no {what} {name!r}" + (f"; did you mean {near[0]!r}?" if near else "")
+        )
 
 
-def _called(node: ast.Call, known: Mapping[str, Any], what: str) -> tuple[str, tuple[float, float] | None]:
+def _called(
+    node: ast.Call, known: Mapping[str, Any], what: str
+) -> tuple[str, tuple[float, float] | None]:
     """Return the name of what is called, one of those known, and its bounds in s."""
     function, bounds = node.func, None
     if isinstance(function, ast.Subscript):
@@ -183,7 +193,10 @@ class _Evaluation:
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
             return _negated(self.truth(node.operand))
         if isinstance(node, ast.BoolOp):
-            return _pick(map(self.truth, node.values), np.less if isinstance(node.op, ast.And) else np.greater)
+            return _pick(
+                map(self.truth, node.values),
+                np.less if isinstance(node.op, ast.And) else np.greater,
+            )
         if isinstance(node, ast.Compare):
             return self._compared(node)
         if not isinstance(node, ast.Call):
@@ -193,7 +206,9 @@ class _Evaluation:
         if name == "implies":
             self.never += [ast.unparse(node.args[0])] * (not (parts[0].values > 0).any())
             return _pick((_negated(parts[0]), parts[1]), np.greater)
-        steps = tuple(round(bound / self.step_s) for bound in bounds) if bounds is not None else None
+        steps = (
+            tuple(round(bound / self.step_s) for bound in bounds) if bounds is not None else None
+        )
         if name == "until":
             return _until(parts[0], parts[1], steps)
         return _window(parts[0], steps, np.less if name == "always" else np.greater)
@@ -203,7 +218,10 @@ class _Evaluation:
         parts = []
         for left, right, op in zip(sides, sides[1:], node.ops, strict=False):
             if not isinstance(op, (ast.Lt, ast.LtE, ast.Gt, ast.GtE)):
-                _refuse(node, "numbers are compared by < <= > >=; for equal ones, write abs(a - b) <= 0.01")
+                _refuse(
+                    node,
+                    "numbers are compared by < <= > >=; for equal ones, write abs(a - b) <= 0.01",
+                )
             values = right - left if isinstance(op, (ast.Lt, ast.LtE)) else left - right
             equal = _LEAST if isinstance(op, (ast.LtE, ast.GtE)) else -_LEAST
             # What is no number, as nought by nought, says nothing, and holds by no more than what is equal.
@@ -226,15 +244,28 @@ def _pick(parts: Iterable[Truth], better: _Better) -> Truth:
         length = min(len(first), len(other))
         first, other = first.cut(0, length), other.cut(0, length)
         other_counts = better(other.values, first.values)
-        first = Truth(*(np.where(other_counts, b, a) for a, b in zip(vars(first).values(), vars(other).values())))  # noqa: B905
+        first = Truth(
+            *(
+                np.where(other_counts, b, a)
+                for a, b in zip(vars(first).values(), vars(other).values(), strict=True)
+            )
+        )
     return first
 
 
 def _window(truth: Truth, steps: tuple[int, ...] | None, better: _Better) -> Truth:
     """Return the best within bounds after each step; without bounds, within all that follows."""
     if steps is None:
-        padding = Truth(np.repeat(truth.values[-1:], len(truth) - 1), np.repeat(truth.where[-1:], len(truth) - 1))
-        truth = Truth(*(np.concatenate(pair) for pair in zip(vars(truth).values(), vars(padding).values())))  # noqa: B905
+        padding = Truth(
+            np.repeat(truth.values[-1:], len(truth) - 1),
+            np.repeat(truth.where[-1:], len(truth) - 1),
+        )
+        truth = Truth(
+            *(
+                np.concatenate(pair)
+                for pair in zip(vars(truth).values(), vars(padding).values(), strict=True)
+            )
+        )
         steps = (0, len(padding))
     start, width = steps[0], steps[1] - steps[0] + 1
     length = len(truth) - steps[1]

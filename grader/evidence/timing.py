@@ -56,11 +56,17 @@ class Timing:
             return float("nan")
         distances = np.sort(np.abs(self.intervals_s - self.median_s))[::-1]
         # A late sample lengthens one interval and shortens the next: two distances for one delay.
-        left_out = int(np.searchsorted(np.cumsum(distances), 2 * excused_s, side="right")) if excused_s > 0 else 0
+        left_out = (
+            int(np.searchsorted(np.cumsum(distances), 2 * excused_s, side="right"))
+            if excused_s > 0
+            else 0
+        )
         kept = distances[left_out:]
         return float(np.quantile(kept, share)) if len(kept) else 0.0
 
-    def contradicted_by_arrival(self, excused_s: float, delays: Iterable[Sequence[Delay]] = ()) -> bool:
+    def contradicted_by_arrival(
+        self, excused_s: float, delays: Iterable[Sequence[Delay]] = ()
+    ) -> bool:
         """Whether samples did not leave when they are stamped: the stamps are the work of the publisher's process.
 
         Delays of processes on the way excuse what lies within them; of what is known in all only, the most that it can.
@@ -75,8 +81,12 @@ class Timing:
         on_the_way = np.diff(self.ways_ns, axis=0)[0] / 1e9
         soonest = np.quantile(on_the_way, 0.1)
         for each in filter(None, delays):
-            edges = np.array([edge for d in each for edge in ((d.start_ns, 0), (d.end_ns, d.delay_ns))]).T
-            on_the_way -= np.diff(np.interp(self.ways_ns, edges[0], np.cumsum(edges[1])), axis=0)[0] / 1e9
+            edges = np.array(
+                [edge for d in each for edge in ((d.start_ns, 0), (d.end_ns, d.delay_ns))]
+            ).T
+            on_the_way -= (
+                np.diff(np.interp(self.ways_ns, edges[0], np.cumsum(edges[1])), axis=0)[0] / 1e9
+            )
         latest = np.quantile(np.sort(on_the_way)[: len(on_the_way) - stalled], 0.9)
         return bool(latest - soonest > _UNEVEN_WAY_S)
 
@@ -93,7 +103,11 @@ def timing_of(stream: Stream, span: Span | None) -> Timing | None:
     bursts, the slope of all is taken instead.
     """
     order = np.argsort(stream.source_ns, kind="stable")
-    source, received, sequence = stream.source_ns[order], stream.received_ns[order], stream.sequence[order]
+    source, received, sequence = (
+        stream.source_ns[order],
+        stream.received_ns[order],
+        stream.sequence[order],
+    )
     if span is not None:
         inside = (source >= span.start_ns) & (source <= span.end_ns)
         source, received, sequence = source[inside], received[inside], sequence[inside]
@@ -104,7 +118,9 @@ def timing_of(stream: Stream, span: Span | None) -> Timing | None:
     stamped = _timed(source, sequence)
     if stamped is None:
         return None
-    return replace(stamped, arrived=_timed(received, sequence), ways_ns=np.stack((source, received)))
+    return replace(
+        stamped, arrived=_timed(received, sequence), ways_ns=np.stack((source, received))
+    )
 
 
 def _timed(times: Integers, sequence: Integers) -> Timing | None:
@@ -160,8 +176,13 @@ def _of_one_publisher(sequence: Integers) -> Integers:
         ends.setdefault(number, []).append(run)
     whole: list[list[int]] = []
     for run in runs:
-        gone = {numbers[run[0]] - numbers[w[-1]]: w for w in whole[-_MOST_PUBLISHERS:] if w[-1] < run[0]}
-        fewest = min((lost for lost, w in gone.items() if 0 < lost <= _MOST_LOST * (run[0] - w[-1])), default=None)
+        gone = {
+            numbers[run[0]] - numbers[w[-1]]: w for w in whole[-_MOST_PUBLISHERS:] if w[-1] < run[0]
+        }
+        fewest = min(
+            (lost for lost, w in gone.items() if 0 < lost <= _MOST_LOST * (run[0] - w[-1])),
+            default=None,
+        )
         if fewest is not None:
             gone[fewest].extend(run)
         else:

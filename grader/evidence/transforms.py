@@ -52,7 +52,12 @@ class Broadcast:
         if span is None or self.static:
             return self
         rows = (self.source_ns >= span.start_ns) & (self.source_ns <= span.end_ns)
-        return replace(self, stamps_ns=self.stamps_ns[rows], source_ns=self.source_ns[rows], poses=self.poses[rows])
+        return replace(
+            self,
+            stamps_ns=self.stamps_ns[rows],
+            source_ns=self.source_ns[rows],
+            poses=self.poses[rows],
+        )
 
     def exchanged(self) -> Broadcast:
         """Return it with parent and child the other way round, for the same numbers."""
@@ -64,7 +69,9 @@ class Broadcast:
             return np.repeat(unit(self.poses[-1:]), len(times_ns), axis=0)
         stamps_ns, rows = np.unique(self.stamps_ns, return_index=True)
         poses = unit(self.poses[rows])
-        after = np.clip(np.searchsorted(stamps_ns, times_ns), min(1, len(stamps_ns) - 1), len(stamps_ns) - 1)
+        after = np.clip(
+            np.searchsorted(stamps_ns, times_ns), min(1, len(stamps_ns) - 1), len(stamps_ns) - 1
+        )
         before = np.maximum(after - 1, 0)
         lengths = np.maximum(stamps_ns[after] - stamps_ns[before], 1)
         found = _between(poses[before], poses[after], (times_ns - stamps_ns[before]) / lengths)
@@ -93,7 +100,10 @@ def _read(transform: Any) -> tuple[tuple[str, str], int, Floats] | None:
     The student's workspace may define the type anew, with whatever fields.
     """
     with suppress(Exception):
-        names = (str(transform.header.frame_id)[:_LONGEST_NAME], str(transform.child_frame_id)[:_LONGEST_NAME])
+        names = (
+            str(transform.header.frame_id)[:_LONGEST_NAME],
+            str(transform.child_frame_id)[:_LONGEST_NAME],
+        )
         stamp_ns, pose = time_ns(transform.header.stamp), numbers_of(transform.transform)
         if stamp_ns is not None and pose is not None and len(pose) == 7:
             return names, int(np.int64(stamp_ns)), pose
@@ -115,7 +125,9 @@ def _broadcast(
 ) -> Broadcast:
     ordered = sorted(rows, key=lambda row: row[:2])
     stamps_ns, source_ns = (np.array([row[n] for row in ordered], dtype=np.int64) for n in (0, 1))
-    return Broadcast(*edge, static, slashed, stamps_ns, source_ns, np.array([row[2] for row in ordered]))
+    return Broadcast(
+        *edge, static, slashed, stamps_ns, source_ns, np.array([row[2] for row in ordered])
+    )
 
 
 class FrameTree:
@@ -135,8 +147,13 @@ class FrameTree:
     def between(self, frame: str, other: str) -> tuple[list[Broadcast], list[Broadcast]] | None:
         """Return what leads from two frames up to the first that is above both; None where none is."""
         up, down = self.path(frame), self.path(other)
-        ours, theirs = ([start, *(edge.parent for edge in way)] for start, way in ((frame, up), (other, down)))
-        known = all(name in self.edges or any(e.parent == name for e in self.edges.values()) for name in (frame, other))
+        ours, theirs = (
+            [start, *(edge.parent for edge in way)] for start, way in ((frame, up), (other, down))
+        )
+        known = all(
+            name in self.edges or any(e.parent == name for e in self.edges.values())
+            for name in (frame, other)
+        )
         common = next((name for name in ours if name in theirs), None)
         if common is None or not known:
             return None
@@ -153,7 +170,9 @@ class FrameTree:
     def rolled(self, edges: Sequence[Broadcast]) -> FrameTree:
         """Return the tree in which some quaternions are read as if they had been sent in the order w, x, y, z."""
         read = (
-            replace(edge, poses=np.hstack((edge.poses[:, :3], np.roll(edge.poses[:, 3:], -1, axis=1))))
+            replace(
+                edge, poses=np.hstack((edge.poses[:, :3], np.roll(edge.poses[:, 3:], -1, axis=1)))
+            )
             for edge in edges
         )
         return FrameTree([*self.edges.values(), *read])
@@ -207,14 +226,17 @@ def unit(poses: Floats) -> Floats:
 def pose_of(xyz: Sequence[float], rpy: Sequence[float]) -> Floats:
     """Return a pose, float64[1, 7], by position in m and by roll, pitch and yaw in rad about fixed axes, as in URDF."""
     roll, pitch, yaw = (
-        np.array([[*(np.sin(angle / 2) * axis), np.cos(angle / 2)]]) for angle, axis in zip(rpy, np.eye(3), strict=True)
+        np.array([[*(np.sin(angle / 2) * axis), np.cos(angle / 2)]])
+        for angle, axis in zip(rpy, np.eye(3), strict=True)
     )
     return np.hstack((np.array([xyz], dtype=np.float64), _product(yaw, _product(pitch, roll))))
 
 
 def composed(outer: Floats, inner: Floats) -> Floats:
     """Return the poses in a frame of what has the poses `inner` in another that itself has the poses `outer` there."""
-    return np.hstack((outer[:, :3] + _rotated(outer[:, 3:], inner[:, :3]), _product(outer[:, 3:], inner[:, 3:])))
+    return np.hstack(
+        (outer[:, :3] + _rotated(outer[:, 3:], inner[:, :3]), _product(outer[:, 3:], inner[:, 3:]))
+    )
 
 
 def inverse(poses: Floats) -> Floats:
@@ -268,5 +290,7 @@ def _product(p: Floats, q: Floats) -> Floats:
 
 def _rotated(quaternions: Floats, vectors: Floats) -> Floats:
     turned = np.cross(quaternions[:, :3], vectors)
-    found: Floats = vectors + 2 * (quaternions[:, 3:] * turned + np.cross(quaternions[:, :3], turned))
+    found: Floats = vectors + 2 * (
+        quaternions[:, 3:] * turned + np.cross(quaternions[:, :3], turned)
+    )
     return found

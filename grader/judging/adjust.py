@@ -14,11 +14,18 @@ from grader.lab.overrides import Override
 from grader.lab.policy import LatePolicy, span_text, time_text
 from grader.result import WHOLE, Adjustment, AdjustmentKind, CheckResult, CriterionResult, Result
 
-_KINDS = {"excused": AdjustmentKind.EXCUSED, "reviewed": AdjustmentKind.REVIEWED, "appeal": AdjustmentKind.APPEAL}
+_KINDS = {
+    "excused": AdjustmentKind.EXCUSED,
+    "reviewed": AdjustmentKind.REVIEWED,
+    "appeal": AdjustmentKind.APPEAL,
+}
 
 
 def adjust(
-    result: Result, entries: Iterable[Override], late: LatePolicy | None = None, submitted: datetime | None = None
+    result: Result,
+    entries: Iterable[Override],
+    late: LatePolicy | None = None,
+    submitted: datetime | None = None,
 ) -> Result:
     """Return a result with its adjustments; those that it had are replaced.
 
@@ -27,10 +34,14 @@ def adjust(
     total is never below 0.
     """
     listed = list(entries)
-    parts: dict[tuple[str, str | None], CheckResult | CriterionResult] = {("check", c.id): c for c in result.checks}
+    parts: dict[tuple[str, str | None], CheckResult | CriterionResult] = {
+        ("check", c.id): c for c in result.checks
+    }
     parts |= {("criterion", criterion.id): criterion for criterion in result.criteria}
     earned = {part: judged.earned for part, judged in parts.items()}
-    criterion_of = {check.id: criterion.id for criterion in result.criteria for check in criterion.checks}
+    criterion_of = {
+        check.id: criterion.id for criterion in result.criteria for check in criterion.checks
+    }
     made: list[Adjustment] = []
     for entry in sorted(listed, key=lambda entry: entry.check is None):
         part = ("check", entry.check) if entry.check is not None else ("criterion", entry.criterion)
@@ -43,7 +54,9 @@ def adjust(
             made.append(_by_hand(kind, str(part[1]), change, entry))
         elif entry.change == "reviewed" and part[1] is None:
             made.append(_by_hand(AdjustmentKind.REVIEWED, WHOLE, Decimal(0), entry))
-    made += [_by_hand(AdjustmentKind.BONUS, WHOLE, e.bonus, e) for e in listed if e.bonus is not None]
+    made += [
+        _by_hand(AdjustmentKind.BONUS, WHOLE, e.bonus, e) for e in listed if e.bonus is not None
+    ]
     if late is not None:
         standing = result.score.earned + sum((change.points for change in made), Decimal(0))
         made += _lateness(standing, listed, late, submitted)
@@ -70,17 +83,23 @@ def _lateness(
     for entry in entries:
         if entry.submitted is not None:
             submitted = entry.submitted
-            changes.append(_by_hand(AdjustmentKind.SUBMITTED, time_text(submitted), Decimal(0), entry))
+            changes.append(
+                _by_hand(AdjustmentKind.SUBMITTED, time_text(submitted), Decimal(0), entry)
+            )
         elif entry.due is not None or entry.extension is not None:
             due = entry.due if entry.due is not None else due + (entry.extension or timedelta())
-            changes.append(_by_hand(AdjustmentKind.EXTENSION, f"due {time_text(due)}", Decimal(0), entry))
+            changes.append(
+                _by_hand(AdjustmentKind.EXTENSION, f"due {time_text(due)}", Decimal(0), entry)
+            )
     if submitted is None:
         reason = "It is not known when this was handed in, so it does not count as late."
         return [*changes, Adjustment(AdjustmentKind.LATE, WHOLE, Decimal(0), reason)]
     if submitted > due:
         behind = submitted - due
         reason = f"Handed in {time_text(submitted)}, {span_text(behind)} after it was due. {_price(late, behind)}"
-        changes.append(Adjustment(AdjustmentKind.LATE, WHOLE, -late.deduction(standing, behind), reason))
+        changes.append(
+            Adjustment(AdjustmentKind.LATE, WHOLE, -late.deduction(standing, behind), reason)
+        )
     return changes
 
 

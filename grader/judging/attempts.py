@@ -34,7 +34,11 @@ def retry_undecided(
     judgement = judged()
     disturbed: frozenset[str] = frozenset()
     retry = recordings.parent / _RETRY
-    kept = [read_session(recordings / name) for name in chosen if (recordings / name / SESSION_FILE).is_file()]
+    kept = [
+        read_session(recordings / name)
+        for name in chosen
+        if (recordings / name / SESSION_FILE).is_file()
+    ]
     recorded = max((session.times_recorded for session in kept), default=1)
     try:
         for attempt in range(recorded + 1, recorded + RETRIES + 1):
@@ -50,12 +54,18 @@ def retry_undecided(
 
 def undecided_sessions(result: Result, chosen: Sequence[str]) -> list[str]:
     """Return the recorded sessions with a check whose outcome the recording leaves open."""
-    undecided = {check.session for check in result.every_check if not check.outcome.decided and check.retry}
+    undecided = {
+        check.session for check in result.every_check if not check.outcome.decided and check.retry
+    }
     return [session for session in chosen if session in undecided]
 
 
 def keep_better(
-    recordings: Path, retry: Path, sessions: Sequence[str], before: Judgement, judged: Callable[[], Judgement]
+    recordings: Path,
+    retry: Path,
+    sessions: Sequence[str],
+    before: Judgement,
+    judged: Callable[[], Judgement],
 ) -> Judgement:
     """Put what was recorded again in its place, unless it leaves more undecided than what lies there.
 
@@ -68,9 +78,15 @@ def keep_better(
         _exchange(recordings, retry, sessions)
         raise
     after, earlier = judgement.by_rubric, before.by_rubric
-    worse = [name for name in sessions if _undecided_points(after, name) > _undecided_points(earlier, name)]
+    worse = [
+        name
+        for name in sessions
+        if _undecided_points(after, name) > _undecided_points(earlier, name)
+    ]
     _exchange(recordings, retry, worse)
-    for name in worse:  # In the recording that is kept, it is noted that its session was recorded once more.
+    for name in (
+        worse
+    ):  # In the recording that is kept, it is noted that its session was recorded once more.
         with suppress(OSError, ValueError):
             record = read_session(recordings / name)
             record.attempts = record.times_recorded + 1
@@ -89,4 +105,6 @@ def _exchange(recordings: Path, retry: Path, sessions: Sequence[str]) -> None:
 
 
 def _undecided_points(result: Result, session: str) -> Decimal:
-    return sum((check.undecided for check in result.every_check if check.session == session), Decimal(0))
+    return sum(
+        (check.undecided for check in result.every_check if check.session == session), Decimal(0)
+    )

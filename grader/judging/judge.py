@@ -32,7 +32,15 @@ from grader.lab.patterns import NOTE, patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
-from grader.result import CriterionResult, Finding, Outcome, Provenance, Result, SessionProvenance, Violation
+from grader.result import (
+    CriterionResult,
+    Finding,
+    Outcome,
+    Provenance,
+    Result,
+    SessionProvenance,
+    Violation,
+)
 
 #: Outcomes after which the checks that require this one can still be looked at.
 _GOES_ON = (Outcome.PASSED, Outcome.PARTIAL)
@@ -82,10 +90,20 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
 
 def _names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
     """Return the names that a student used for what checks seek in the graph, where no step waited for one."""
-    record, references = recorded.record, [reference.node for reference in rubric.reference.values()]
+    record, references = (
+        recorded.record,
+        [reference.node for reference in rubric.reference.values()],
+    )
     checks = [spec for spec in rubric.checks() if spec.session == record.session]
-    sought = {each for spec in checks for each in check_named(spec.check).names_sought(spec.parameters)}
-    waited = {(key, name) for step in record.steps if step.kind == "wait_for" for key, name in step.parameters.items()}
+    sought = {
+        each for spec in checks for each in check_named(spec.check).names_sought(spec.parameters)
+    }
+    waited = {
+        (key, name)
+        for step in record.steps
+        if step.kind == "wait_for"
+        for key, name in step.parameters.items()
+    }
     taken = {*(name for _, name, _ in sought), *recorded.awaited, *record.names.values()}
     found: dict[str, str] = {}
     for kind, name, topic_type in sorted(sought):
@@ -93,7 +111,9 @@ def _names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
         there = {c for graph in graphs for c in candidates_in(graph, kind, name, references)}
         if recorded.used(name) in {c.name for c in there}:
             continue
-        if guess := near_miss(name, topic_type, [c for c in there if c.name not in {*taken, *found.values()}]):
+        if guess := near_miss(
+            name, topic_type, [c for c in there if c.name not in {*taken, *found.values()}]
+        ):
             found[name] = guess.name
     return found
 
@@ -108,12 +128,16 @@ def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ..
     )
 
 
-def judge_checks(recordings: Recordings, rubric: Rubric, violations: Sequence[Violation]) -> dict[str, Finding]:
+def judge_checks(
+    recordings: Recordings, rubric: Rubric, violations: Sequence[Violation]
+) -> dict[str, Finding]:
     """Judge all checks in the rubric's order; those of sessions that were not asked for are left out."""
     chosen = recordings.submission.sessions
     findings: dict[str, Finding] = {}
     references = frozenset(reference.node for reference in rubric.reference.values())
-    context = Context(recordings.submission, None, recordings.sessions, findings, references, rubric.folder)
+    context = Context(
+        recordings.submission, None, recordings.sessions, findings, references, rubric.folder
+    )
     beside = {check.id for criterion in rubric.bonus for check in criterion.checks}
     for spec in rubric.checks():
         # What is of the bonus is not missed where it was not handed in.
@@ -121,20 +145,31 @@ def judge_checks(recordings: Recordings, rubric: Rubric, violations: Sequence[Vi
             continue
         if chosen is None or spec.session is None or spec.session in chosen:
             recorded = recordings.sessions.get(spec.session or "")
-            finding = _judge(spec, dataclasses.replace(context, recorded=recorded), rubric, violations)
-            findings[spec.id] = _excused(spec, _of_the_rest(spec, finding, findings, rubric), context, rubric)
+            finding = _judge(
+                spec, dataclasses.replace(context, recorded=recorded), rubric, violations
+            )
+            findings[spec.id] = _excused(
+                spec, _of_the_rest(spec, finding, findings, rubric), context, rubric
+            )
     return findings
 
 
-def _of_the_rest(spec: CheckSpec, finding: Finding, findings: Mapping[str, Finding], rubric: Rubric) -> Finding:
+def _of_the_rest(
+    spec: CheckSpec, finding: Finding, findings: Mapping[str, Finding], rubric: Rubric
+) -> Finding:
     """Return a finding with its share of credit where what it depends on failed and was repaired for it."""
-    repaired = next((findings[r] for r in _all_required(spec, rubric) if r in findings and findings[r].rest), None)
+    repaired = next(
+        (findings[r] for r in _all_required(spec, rubric) if r in findings and findings[r].rest),
+        None,
+    )
     if repaired is None or not finding.credit:
         return finding
     credit = finding.credit * (repaired.rest or Decimal(1))
     said = f"It was judged on a repaired copy, where it earns {float(repaired.rest or 1):.0%}. {finding.reason}".strip()
     hint = finding.hint or repaired.hint
-    return dataclasses.replace(finding, outcome=Outcome.PARTIAL, credit=credit, reason=said, hint=hint)
+    return dataclasses.replace(
+        finding, outcome=Outcome.PARTIAL, credit=credit, reason=said, hint=hint
+    )
 
 
 def _excused(spec: CheckSpec, finding: Finding, context: Context, rubric: Rubric) -> Finding:
@@ -145,7 +180,9 @@ def _excused(spec: CheckSpec, finding: Finding, context: Context, rubric: Rubric
     title = next(check.title for check in rubric.checks() if check.id == earlier)
     note = f"'{spec.title}': {finding.reason} This costs nothing here, since '{title}' took points already."
     notes = (*finding.notes, note)
-    return dataclasses.replace(finding, outcome=Outcome.PASSED, credit=Decimal(1), reason="", hint="", notes=notes)
+    return dataclasses.replace(
+        finding, outcome=Outcome.PASSED, credit=Decimal(1), reason="", hint="", notes=notes
+    )
 
 
 def _all_required(spec: CheckSpec, rubric: Rubric) -> list[str]:
@@ -154,7 +191,9 @@ def _all_required(spec: CheckSpec, rubric: Rubric) -> list[str]:
     return [id_ for r in spec.requires for id_ in (r, *_all_required(by_id[r], rubric))]
 
 
-def _judge(spec: CheckSpec, context: Context, rubric: Rubric, violations: Sequence[Violation]) -> Finding:
+def _judge(
+    spec: CheckSpec, context: Context, rubric: Rubric, violations: Sequence[Violation]
+) -> Finding:
     """Judge a check, and say whose fault it is where it is not the student's.
 
     What the machine or the grader may have done, or what is flaky, makes a finding inconclusive, and it is asked about
@@ -177,22 +216,31 @@ def _judge(spec: CheckSpec, context: Context, rubric: Rubric, violations: Sequen
     if spec.session and recorded is None:
         needs = rubric.sessions[spec.session].needs
         missing_file = missing_artifact(context, needs[0]) if needs else None
-        return missing_file or inconclusive("", "", f"The session '{spec.session}' was not recorded.")
+        return missing_file or inconclusive(
+            "", "", f"The session '{spec.session}' was not recorded."
+        )
     tampering = next((violation for violation in violations if spec.id in violation.checks), None)
     if tampering is not None and tampering.kind.disturbs:
         return not_measurable("", tampering)
     if recorded is not None and (faults := _faults(recorded)):
-        return inconclusive("", "", f"The session could not be carried out as planned: {'; '.join(faults)}")
+        return inconclusive(
+            "", "", f"The session could not be carried out as planned: {'; '.join(faults)}"
+        )
     finding = _found(spec, context)
     if tampering is not None:
         finding = not_measurable(finding.expected, tampering)
     elif recorded is not None:
         finding = _as_far_as_recorded(_settled(finding, recorded), spec, recorded)
     if finding.outcome is Outcome.NOT_REACHED:
-        return dataclasses.replace(finding, blocked_by=_failed_before(spec, context.findings, rubric))
+        return dataclasses.replace(
+            finding, blocked_by=_failed_before(spec, context.findings, rubric)
+        )
     if finding.outcome not in (Outcome.FAILED, Outcome.PARTIAL):
         return finding
-    if recorded is not None and (flaky := inconclusive_reason(recorded, context.reference_nodes)) is not None:
+    if (
+        recorded is not None
+        and (flaky := inconclusive_reason(recorded, context.reference_nodes)) is not None
+    ):
         return undecided(finding, flaky)
     return finding if finding.hint else dataclasses.replace(finding, hint=spec.hint)
 
@@ -211,13 +259,21 @@ def _blocked(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -
     if earlier.outcome is Outcome.NOT_REACHED:
         # It names what is at the root of both.
         return dataclasses.replace(not_reached(earlier.reason), blocked_by=earlier.blocked_by)
-    why = f"nothing arrives at your node, as '{title}' says" if earlier.cut_off else f"'{title}' failed"
+    why = (
+        f"nothing arrives at your node, as '{title}' says"
+        if earlier.cut_off
+        else f"'{title}' failed"
+    )
     return dataclasses.replace(not_reached(f"Not tested, because {why}."), blocked_by=required)
 
 
 def _failed_before(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -> str | None:
     """Return the first check of a session that failed, for which a later one could not be reached."""
-    earlier = (check.id for check in rubric.checks() if check.session == spec.session and check.id in findings)
+    earlier = (
+        check.id
+        for check in rubric.checks()
+        if check.session == spec.session and check.id in findings
+    )
     return next((name for name in earlier if findings[name].outcome is Outcome.FAILED), None)
 
 
@@ -229,7 +285,9 @@ def _found(spec: CheckSpec, context: Context) -> Finding:
             finding = check_named(spec.check).judge(context, spec.parameters)
     except (Exception, SystemExit) as problem:  # A lab's file may end the program that loads it.
         return Finding(
-            Outcome.ERROR, Decimal(0), reason=f"The check failed with an error: {type(problem).__name__}: {problem}"
+            Outcome.ERROR,
+            Decimal(0),
+            reason=f"The check failed with an error: {type(problem).__name__}: {problem}",
         )
     if budget.exceeded:
         return dataclasses.replace(finding, notes=(*finding.notes, f"'{spec.title}': {NOTE}"))
@@ -259,10 +317,16 @@ def _faults(recorded: Recorded) -> list[str]:
 def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
     """Return what is found of a check that rests on a topic whose messages are not all recorded."""
     check, names = check_named(spec.check), named(spec, recorded)
-    if (loss := next((text for topic, text in dropped(recorded).items() if topic in names), None)) is not None:
+    if (
+        loss := next((text for topic, text in dropped(recorded).items() if topic in names), None)
+    ) is not None:
         return undecided(finding, loss)
     gap = next((u for u in gaps_by_student(recorded) if u.topic in names), None)
-    if gap is None or finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
+    if (
+        gap is None
+        or finding.outcome is Outcome.ERROR
+        or (check.by_endpoints and finding.outcome in _GOES_ON)
+    ):
         return finding
     return without_rest(finding, gap, timed=is_timed(spec, recorded))
 
@@ -273,11 +337,15 @@ def judge(recordings: Recordings, rubric: Rubric) -> Result:
     findings = judge_checks(recordings, rubric, violations)
     used = {name: recorded.record.names for name, recorded in recordings.sessions.items()}
     commands = {
-        spec.id: commands_of(spec, rubric, recordings.submission, used.get(spec.session or "", {}), findings[spec.id])
+        spec.id: commands_of(
+            spec, rubric, recordings.submission, used.get(spec.session or "", {}), findings[spec.id]
+        )
         for spec in rubric.checks()
         if spec.id in findings
     }
-    criteria, bonus = (score_criteria(specs, findings, commands) for specs in (rubric.criteria, rubric.bonus))
+    criteria, bonus = (
+        score_criteria(specs, findings, commands) for specs in (rubric.criteria, rubric.bonus)
+    )
     return Result(
         submission=recordings.submission.name,
         lab=f"Lab {rubric.lab.id}: {rubric.lab.title}",
@@ -299,14 +367,21 @@ def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -
         for process in recorded.record.processes:
             if process.role == "student":
                 hit = hit_limit(dataclasses.replace(process, limit=limits.get(process.name)))
-                for text in (*advisories(process.output), *((" ".join(hit),) if hit is not None else ())):
+                for text in (
+                    *advisories(process.output),
+                    *((" ".join(hit),) if hit is not None else ()),
+                ):
                     sources.setdefault(text, []).append(process.artifact or "")
     found = []
     for text, names in sources.items():
         named = list(dict.fromkeys(name for name in names if name))
         found.append(f"{', '.join(named)}: {text}" if named else text)
     artifacts = recordings.submission.artifacts
-    found += [f"{fact.path} was used as {fact.expected}." for fact in artifacts if fact.found_by == "near miss"]
+    found += [
+        f"{fact.path} was used as {fact.expected}."
+        for fact in artifacts
+        if fact.found_by == "near miss"
+    ]
     for package in recordings.submission.packages:
         found += [f"Package {package.name}: {p}" for p in package.problems]
     found += [note for c in criteria for check in c.checks for note in check.notes]
@@ -323,7 +398,11 @@ def _provenance(recordings: Recordings, rubric: Rubric) -> Provenance:
             "seed": record.seed,
             "isolation": record.isolation.get("level", "unknown"),
             "cpu_s": {
-                role: round(sum(p.usage[-1].cpu_ns for p in record.processes if p.role == role and p.usage) / 1e9, 3)
+                role: round(
+                    sum(p.usage[-1].cpu_ns for p in record.processes if p.role == role and p.usage)
+                    / 1e9,
+                    3,
+                )
                 for role in ("student", "reference", "grader")
             },
             "limits": limits_hit(recorded),

@@ -32,7 +32,9 @@ if TYPE_CHECKING:
 
 #: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
 #: times that is no fair wait. In a class, a process that says nothing is given up in any case (`classroom.worker`).
-JUDGING_BOUND = Bound(what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3)
+JUDGING_BOUND = Bound(
+    what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3
+)
 
 
 @dataclass(frozen=True)
@@ -51,7 +53,12 @@ class Judgement:
 
 
 def judge_recordings(
-    folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True, earlier: Result | None = None
+    folder: Path,
+    rubric: Rubric,
+    overrides: Overrides,
+    *,
+    page: bool = True,
+    earlier: Result | None = None,
 ) -> Judgement:
     """Judge recordings in this process; raises RecordingError if there are none that can be judged.
 
@@ -68,9 +75,13 @@ def judge_recordings(
     return Judgement(by_rubric, result, shown, to_json(result), layouts)
 
 
-def judge_bounded(folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True) -> Judgement:
+def judge_bounded(
+    folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True
+) -> Judgement:
     """Do as `judge_recordings` in a process of its own; raises BoundError if that takes more than it may."""
-    return in_process(partial(judge_recordings, folder, rubric, overrides, page=page), JUDGING_BOUND)
+    return in_process(
+        partial(judge_recordings, folder, rubric, overrides, page=page), JUDGING_BOUND
+    )
 
 
 _SAMPLE = "# Arm\n\nRun `ros2 run arm node`, because best effort loses messages.\n\n- `node.py`: reliable, so slower.\n"
@@ -84,7 +95,9 @@ def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
     """
     for module in ("mcap.stream_reader", "numpy.ma"):  # imported where they are first used
         import_module(module)
-    spelled = [str(step.parameters) for session in rubric.sessions.values() for step in session.steps]
+    spelled = [
+        str(step.parameters) for session in rubric.sessions.values() for step in session.steps
+    ]
     spelled.append("rcl_interfaces/msg/Log rcl_interfaces/msg/ParameterEvent")  # of every node
     spelled += [file.read_text("utf-8") for file in naming_types]
     none = np.empty(0, np.int64)
@@ -94,7 +107,9 @@ def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
     texts = {"README.md": _SAMPLE, "node.py": f'"""{_SAMPLE}"""\n'}
     artifacts = [ArtifactFact(name, "node.py", "node.py", "name") for name in rubric.artifacts]
     files = [FileFact(path, len(text), "") for path, text in texts.items()]
-    nobody = Recordings(SubmissionRecord("nobody", files=files, texts=texts, artifacts=artifacts), {})
+    nobody = Recordings(
+        SubmissionRecord("nobody", files=files, texts=texts, artifacts=artifacts), {}
+    )
     result = judge(nobody, rubric)
     result_of_text(to_json(result))
     report_page(result, nobody, rubric)
@@ -109,14 +124,20 @@ def _evidence_of(result: Result, folder: Path, rubric: Rubric, what: str) -> str
     from grader.report.evidence_page import render
 
     recordings = open_recordings(folder, rubric)
-    return render(result, what, _figures(recordings, rubric), recordings.sessions, recordings.submission)
+    return render(
+        result, what, _figures(recordings, rubric), recordings.sessions, recordings.submission
+    )
 
 
-def report_page(result: Result, recordings: Recordings, rubric: Rubric, before: Result | None = None) -> str:
+def report_page(
+    result: Result, recordings: Recordings, rubric: Rubric, before: Result | None = None
+) -> str:
     """Return the HTML report of a result, with what changed since the student's result before."""
     from grader.report.submission_page import render
 
-    return render(result, _figures(recordings, rubric), recordings.sessions, recordings.submission, before)
+    return render(
+        result, _figures(recordings, rubric), recordings.sessions, recordings.submission, before
+    )
 
 
 def _figures(recordings: Recordings, rubric: Rubric) -> dict[str, list[Figure]]:

@@ -54,11 +54,15 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
     # Before they were kept, those of the grader's own lab were used; for another lab they would be the wrong ones.
     shipped = not files and is_shipped(copy)
     try:
-        return load_rubric(copy, rubric_kinds(), lab_folder() if shipped else copy.parent / kept_lab.KEPT)
+        return load_rubric(
+            copy, rubric_kinds(), lab_folder() if shipped else copy.parent / kept_lab.KEPT
+        )
     except RubricError as error:
         error.remedy = "`--rubric rubric.yaml` judges by today's."
         if not files and not shipped:
-            error.remedy = "The recordings are without the files of their lab; give its rubric by --rubric."
+            error.remedy = (
+                "The recordings are without the files of their lab; give its rubric by --rubric."
+            )
         raise
 
 
@@ -67,7 +71,9 @@ def rubric_kinds() -> Kinds:
     return Kinds({name: check.parameters for name, check in REGISTRY.items()}, FIGURES)
 
 
-def read_overrides(path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()) -> Overrides:
+def read_overrides(
+    path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()
+) -> Overrides:
     """Load the file of overrides that is given, or else the one beside the results, if there is one.
 
     If the results lie in one of the `sources`, which are where the submissions lie, the file beside them may be a
@@ -90,7 +96,9 @@ def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
     return read_rubric(path, next(copies, None))
 
 
-def require_lab(results: Path, rubric: Rubric, remedy: str = "Name a rubric of that lab, or none.") -> None:
+def require_lab(
+    results: Path, rubric: Rubric, remedy: str = "Name a rubric of that lab, or none."
+) -> None:
     """Raise UsageError if results are of another lab than a rubric."""
     recorded = next(map(lab_id, _rubric_copies(results)), "")
     if recorded not in ("", rubric.lab.id):
@@ -103,19 +111,27 @@ def rubric_copy(results: Path) -> Path:
     for copy in _rubric_copies(results):
         return copy
     problem = "there are no recordings to judge" if results.is_dir() else "there is no such folder"
-    remedy = "Give a folder of results, e.g. results/ for a class or results/alice for one submission."
+    remedy = (
+        "Give a folder of results, e.g. results/ for a class or results/alice for one submission."
+    )
     raise RecordingError(problem, location=str(results), remedy=remedy)
 
 
 def _rubric_copies(results: Path) -> list[Path]:
     """Return the rubric of a result, if it was judged by another since, and the one that it was recorded with."""
-    return [copy for copy in (results / RUBRIC_COPY, results / RECORDINGS / RUBRIC_COPY) if copy.is_file()]
+    return [
+        copy
+        for copy in (results / RUBRIC_COPY, results / RECORDINGS / RUBRIC_COPY)
+        if copy.is_file()
+    ]
 
 
 def rubric_files_of_result(results: Path, rubric: Rubric) -> dict[Path, str | None]:
     """Return what is to lie beside a result of its rubric, by its place; None for what is not to."""
     recorded, files = results / RECORDINGS / RUBRIC_COPY, kept_lab.files_of(rubric)
-    before = {results / kept_lab.KEPT / name: None for name in kept_lab.kept_files(results / RUBRIC_COPY)}
+    before = {
+        results / kept_lab.KEPT / name: None for name in kept_lab.kept_files(results / RUBRIC_COPY)
+    }
     same = recorded.is_file() and recorded.read_bytes().decode() == rubric.text
     # Earlier versions kept no files.
     if same and kept_lab.kept_files(recorded) in (files, {}):
@@ -125,7 +141,9 @@ def rubric_files_of_result(results: Path, rubric: Rubric) -> dict[Path, str | No
 
 def rubric_files(folder: Path, rubric: Rubric) -> dict[Path, str | None]:
     """Return the texts of a rubric and of what it names, by their places, in folders that are there."""
-    files = {folder / kept_lab.KEPT / name: text for name, text in kept_lab.files_of(rubric).items()}
+    files = {
+        folder / kept_lab.KEPT / name: text for name, text in kept_lab.files_of(rubric).items()
+    }
     for file in files:
         file.parent.mkdir(parents=True, exist_ok=True)
     return {folder / RUBRIC_COPY: rubric.text, **files}

@@ -14,23 +14,37 @@ TENTH = Decimal("0.1")
 def score_check(spec: CheckSpec, finding: Finding, commands: tuple[str, ...] = ()) -> CheckResult:
     """Give a finding its points, and commands that show it; what is undecided is neither earned nor lost."""
     undecided = Decimal(0) if finding.outcome.decided else spec.points
-    earned = (spec.points * finding.credit).quantize(TENTH, ROUND_HALF_UP) if finding.outcome.decided else Decimal(0)
+    earned = (
+        (spec.points * finding.credit).quantize(TENTH, ROUND_HALF_UP)
+        if finding.outcome.decided
+        else Decimal(0)
+    )
     points = {"earned": earned, "possible": spec.points, "undecided": undecided}
-    return CheckResult.of(finding, id=spec.id, title=spec.title, session=spec.session, commands=commands, **points)
+    return CheckResult.of(
+        finding, id=spec.id, title=spec.title, session=spec.session, commands=commands, **points
+    )
 
 
 def score_criteria(
-    specs: Sequence[CriterionSpec], findings: Mapping[str, Finding], commands: Mapping[str, tuple[str, ...]]
+    specs: Sequence[CriterionSpec],
+    findings: Mapping[str, Finding],
+    commands: Mapping[str, tuple[str, ...]],
 ) -> tuple[CriterionResult, ...]:
     """Add up each criterion over the checks that were judged; criteria without any are left out."""
     criteria = []
     for criterion in specs:
         judged = [spec for spec in criterion.checks if spec.id in findings]
-        checks = tuple(score_check(spec, findings[spec.id], commands.get(spec.id, ())) for spec in judged)
+        checks = tuple(
+            score_check(spec, findings[spec.id], commands.get(spec.id, ())) for spec in judged
+        )
         if checks:
             sums = vars(total(checks))
             found = CriterionResult(
-                criterion.id, criterion.title, checks=checks, description=criterion.description, **sums
+                criterion.id,
+                criterion.title,
+                checks=checks,
+                description=criterion.description,
+                **sums,
             )
             criteria.append(found)
     return tuple(criteria)

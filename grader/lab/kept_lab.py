@@ -65,11 +65,20 @@ def is_shipped(rubric: Path) -> bool:
 def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
     """Return the files beside a rubric that it names: programs, oracles and checks of its own, interfaces."""
     parts: list[Any] = [*rubric.reference.values(), *rubric.checks()]
-    parts += [figure for criterion in (*rubric.criteria, *rubric.bonus) for figure in criterion.figures if figures]
+    parts += [
+        figure
+        for criterion in (*rubric.criteria, *rubric.bonus)
+        for figure in criterion.figures
+        if figures
+    ]
     functions = (function.partition(":")[0] for part in parts for function in functions_of(part))
-    defined = read_folder(rubric.folder / rubric.interfaces) if rubric.interfaces is not None else {}
+    defined = (
+        read_folder(rubric.folder / rubric.interfaces) if rubric.interfaces is not None else {}
+    )
     interfaces = (f"{rubric.interfaces}/{name}" for name in defined)
-    return list(dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions, *interfaces]))
+    return list(
+        dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions, *interfaces])
+    )
 
 
 def functions_of(part: BaseModel) -> list[str]:
@@ -91,23 +100,38 @@ def identity_of(rubric: Rubric) -> str:
 def kept_files(copy: Path) -> dict[str, str]:
     """Return the texts of what is kept beside a copy of a rubric."""
     folder = copy.parent / KEPT
-    return _texts(folder, [path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*"))])
+    return _texts(
+        folder, [path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*"))]
+    )
 
 
 def _texts(folder: Path, names: Iterable[str]) -> dict[str, str]:
     paths = {name: folder / name for name in names}
-    inside = {name: path for name, path in paths.items() if path.resolve().is_relative_to(folder.resolve())}
-    return {n: path.read_bytes().decode("utf-8", "surrogateescape") for n, path in inside.items() if path.is_file()}
+    inside = {
+        name: path
+        for name, path in paths.items()
+        if path.resolve().is_relative_to(folder.resolve())
+    }
+    return {
+        n: path.read_bytes().decode("utf-8", "surrogateescape")
+        for n, path in inside.items()
+        if path.is_file()
+    }
 
 
 def sha256s(files: Mapping[str, str]) -> dict[str, str]:
     """Return the hash of each text."""
-    return {n: hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest() for n, text in files.items()}
+    return {
+        n: hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
+        for n, text in files.items()
+    }
 
 
 def trust(files: Mapping[str, str]) -> None:
     """Remember that the user has chosen to execute these files."""
-    with suppress(OSError, RuntimeError):  # Without a home nothing is remembered, and is asked for again.
+    with suppress(
+        OSError, RuntimeError
+    ):  # Without a home nothing is remembered, and is asked for again.
         folder = _known_folder()
         folder.mkdir(parents=True, exist_ok=True)
         for sha256 in sha256s(files).values():
@@ -130,7 +154,9 @@ def _known_folder() -> Path:
 
 def require_known(copy: Path) -> None:
     """Raise RecordingError if code beside a copy of a rubric may not be executed here."""
-    if unknown := [name for name, sha256 in sha256s(kept_files(copy)).items() if not _is_known(name, sha256)]:
+    if unknown := [
+        name for name, sha256 in sha256s(kept_files(copy)).items() if not _is_known(name, sha256)
+    ]:
         raise RecordingError(
             f"{', '.join(unknown)} came with the recordings and is not known on this machine, so it is not executed",
             location=str(copy.parent / KEPT),
@@ -146,11 +172,22 @@ def remarks(recordings: Path, rubric: Rubric) -> list[str]:
     if other := _differing(made_with, sha256s(files_of(rubric))):
         return [f"judged by another {other} than it was recorded with"]
     shipped = [lab_folder()] if rubric.lab.id == lab_id(lab_folder() / RUBRIC_FILE) else []
-    lab = next((lab for lab in (Path(submission.lab_folder), *shipped) if lab.is_absolute() and lab.is_dir()), None)
+    lab = next(
+        (
+            lab
+            for lab in (Path(submission.lab_folder), *shipped)
+            if lab.is_absolute() and lab.is_dir()
+        ),
+        None,
+    )
     if lab is None or not (changed := _differing(made_with, sha256s(_texts(lab, made_with)))):
         return []
-    return [f"{changed} in {lab} has changed since it was recorded; name the rubric there by --rubric to judge by it"]
+    return [
+        f"{changed} in {lab} has changed since it was recorded; name the rubric there by --rubric to judge by it"
+    ]
 
 
 def _differing(made_with: Mapping[str, str], others: Mapping[str, str]) -> str:
-    return " and ".join(name for name, sha256 in others.items() if made_with.get(name, sha256) != sha256)
+    return " and ".join(
+        name for name, sha256 in others.items() if made_with.get(name, sha256) != sha256
+    )

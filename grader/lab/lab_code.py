@@ -24,7 +24,16 @@ API_VERSION = 1
 LAB_TYPES = (
     *("Artifact", "Process", "ReferenceNode", "SessionId", "EarlierCheckId"),
     *("AnyStep", "CallLabel", "ExitLabel", "GetLabel", "PlanLabel", "SetLabel", "Window"),
-    *("GivenName", "RosName", "Topic", "MessageType", "ServiceType", "FieldPath", "StampField", "TextField"),
+    *(
+        "GivenName",
+        "RosName",
+        "Topic",
+        "MessageType",
+        "ServiceType",
+        "FieldPath",
+        "StampField",
+        "TextField",
+    ),
     *("Pattern", "Patterns", "Share"),
 )
 _KNOWN: dict[str, Any] = {
@@ -47,7 +56,11 @@ def model_of(found: Definition) -> type[Parameters]:
     A field without a value is required. What bases from elsewhere add, and limits of values, is not known here.
     """
     assert isinstance(found.node, ast.ClassDef)
-    names = [name for base in found.node.bases if (name := ast.unparse(base).rpartition(".")[2]) not in _NO_BASES]
+    names = [
+        name
+        for base in found.node.bases
+        if (name := ast.unparse(base).rpartition(".")[2]) not in _NO_BASES
+    ]
     bases = [_model_named(name, found) or _Open for name in names]
     typed: dict[str, Any] = {}
     for node in found.node.body:
@@ -60,7 +73,11 @@ def _model_named(name: str, found: Definition) -> type[Parameters] | None:
     node = found.beside.get(name)
     # A class within itself is left to the file.
     inner = {other: each for other, each in found.beside.items() if each is not found.node}
-    return model_of(Definition(node, inner)) if isinstance(node, ast.ClassDef) and name in inner else None
+    return (
+        model_of(Definition(node, inner))
+        if isinstance(node, ast.ClassDef) and name in inner
+        else None
+    )
 
 
 def _value(node: ast.expr | None) -> Any:
@@ -92,7 +109,10 @@ def _annotated(node: ast.expr, found: Definition) -> Any:
         return Any
     inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
     # Those of a Literal, and the dots of a tuple, stand for themselves.
-    of = (ast.literal_eval(n) if kind is Literal or ast.unparse(n) == "..." else _annotated(n, found) for n in inner)
+    of = (
+        ast.literal_eval(n) if kind is Literal or ast.unparse(n) == "..." else _annotated(n, found)
+        for n in inner
+    )
     return kind[tuple(of)]
 
 
@@ -144,12 +164,23 @@ def _signature(found: Definition) -> tuple[str, str]:
     """Return the types of a check's arguments: of what it looks at, and of its parameters, empty where it has none."""
     name, node = found.node.name, found.node
     if isinstance(node, ast.ClassDef):
-        raise ValueError(f"{name} is a class; a check is a function (context: Context, p: Parameters) -> Finding")
+        raise ValueError(
+            f"{name} is a class; a check is a function (context: Context, p: Parameters) -> Finding"
+        )
     arguments = [*node.args.posonlyargs, *node.args.args]
     if len(arguments) not in (1, 2) or node.args.kwonlyargs:
-        raise ValueError(f"{name} must take (context: Context), or (context: Context, p: Parameters)")
-    typed = [ast.unparse(a.annotation).strip("'\"").rpartition(".")[2] if a.annotation else "" for a in arguments]
+        raise ValueError(
+            f"{name} must take (context: Context), or (context: Context, p: Parameters)"
+        )
+    typed = [
+        ast.unparse(a.annotation).strip("'\"").rpartition(".")[2] if a.annotation else ""
+        for a in arguments
+    ]
     made = found.beside.get("".join(typed[1:]))
-    if len(typed) == 2 and not (isinstance(made, ast.ClassDef) and (made.bases or made.decorator_list)):
-        raise ValueError(f"the second argument of {name} must name the dataclass of its parameters, in the same file")
+    if len(typed) == 2 and not (
+        isinstance(made, ast.ClassDef) and (made.bases or made.decorator_list)
+    ):
+        raise ValueError(
+            f"the second argument of {name} must name the dataclass of its parameters, in the same file"
+        )
     return typed[0], "".join(typed[1:])

@@ -19,7 +19,15 @@ from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from grader.lab.policy import Moment, TimeSpan, parse_time
 from grader.lab.rubric import Rubric
-from grader.lab.yaml_with_lines import Loc, Mistakes, Strict, meant, mistakes_at, parse_yaml, read_text
+from grader.lab.yaml_with_lines import (
+    Loc,
+    Mistakes,
+    Strict,
+    meant,
+    mistakes_at,
+    parse_yaml,
+    read_text,
+)
 
 OVERRIDES_FILE = "overrides.yaml"
 #: Stands for all submissions.
@@ -116,14 +124,18 @@ class Override(Strict):
         given = self.model_dump(by_alias=True, include=self.model_fields_set)
         if empty := [key for key, value in given.items() if value is None]:
             raise mistakes_at(((key,), "a value is missing") for key in empty)
-        changes = [name for name in _CHANGES if name in given] or ["reviewed"] * ("comment" in given)
+        changes = [name for name in _CHANGES if name in given] or ["reviewed"] * (
+            "comment" in given
+        )
         parts = len({"check", "criterion"} & given.keys())
         if len(changes) != 1:
             raise ValueError(f"exactly one of {', '.join(_CHANGES)} is needed")
         if changes[0] in _OF_A_PART and parts != 1:
             raise ValueError(f"{changes[0]} needs either a check or a criterion")
         if changes[0] not in (*_OF_A_PART, "reviewed") and parts:
-            raise ValueError(f"{changes[0]} is of the whole submission, not of a check or a criterion")
+            raise ValueError(
+                f"{changes[0]} is of the whole submission, not of a check or a criterion"
+            )
         return self
 
 
@@ -140,7 +152,11 @@ class Overrides:
 
     def of(self, submission: str) -> tuple[Override, ...]:
         """Return the entries about a submission."""
-        return tuple(entry for entry in self.entries if not {submission, EVERYONE}.isdisjoint(entry.submission))
+        return tuple(
+            entry
+            for entry in self.entries
+            if not {submission, EVERYONE}.isdisjoint(entry.submission)
+        )
 
     def remarks(self, submissions: Iterable[str], *, times_matter: bool) -> list[str]:
         """Say which entries do nothing: they name no submission, or move a time where the rubric has no lateness."""
@@ -148,10 +164,14 @@ class Overrides:
         for entry, line in zip(self.entries, self.lines, strict=True):
             location = f"{self.name}:{line}"
             names = [name for name in entry.submission if name != EVERYONE and name not in known]
-            unknown += [f"{location}: there is no submission {name!r}{meant(name, known)}" for name in names]
+            unknown += [
+                f"{location}: there is no submission {name!r}{meant(name, known)}" for name in names
+            ]
             moved = any(time is not None for time in (entry.extension, entry.due, entry.submitted))
             if moved and not times_matter:
-                idle.append(f"{location}: the rubric does not say what lateness costs, so a time changes nothing")
+                idle.append(
+                    f"{location}: the rubric does not say what lateness costs, so a time changes nothing"
+                )
         return unknown + idle
 
 
@@ -199,23 +219,34 @@ def parse_overrides(path: Path, text: str, rubric: Rubric) -> Overrides:
 def _check_part(raw: Mapping[str, Any], loc: Loc, rubric: Rubric, mistakes: Mistakes) -> None:
     """Note a check or criterion that the rubric does not have, or points that it cannot have."""
     checks = [check for criterion in rubric.criteria for check in criterion.checks]
-    beside = {id_ for criterion in rubric.bonus for id_ in (criterion.id, *(check.id for check in criterion.checks))}
+    beside = {
+        id_
+        for criterion in rubric.bonus
+        for id_ in (criterion.id, *(check.id for check in criterion.checks))
+    }
     for kind, parts in (("check", checks), ("criterion", rubric.criteria)):
         possible = {part.id: part.points for part in parts}
         identity = raw.get(kind)
         if not isinstance(identity, str):
             continue
         if identity in beside:
-            mistakes.add((*loc, kind), f"{identity!r} is beside the points; the key bonus adds to these")
+            mistakes.add(
+                (*loc, kind), f"{identity!r} is beside the points; the key bonus adds to these"
+            )
             continue
         if identity not in possible:
-            part_of = next((c.id for c in rubric.checks() if kind == "check" and identity in c.replaces), None)
+            part_of = next(
+                (c.id for c in rubric.checks() if kind == "check" and identity in c.replaces), None
+            )
             now = f"; it is part of {part_of!r} now" if part_of else meant(identity, list(possible))
             mistakes.add((*loc, kind), f"the rubric has no {kind} {identity!r}{now}")
             continue
         with suppress(ValueError):
             if "set" in raw and not 0 <= _points(raw["set"]) <= possible[identity]:
-                mistakes.add((*loc, "set"), f"{identity} has from 0 to {possible[identity]} points; bonus gives more")
+                mistakes.add(
+                    (*loc, "set"),
+                    f"{identity} has from 0 to {possible[identity]} points; bonus gives more",
+                )
 
 
 def moment_of(submitted_at: str | None) -> datetime | None:

@@ -51,19 +51,27 @@ class _Dumper(yaml.SafeDumper):
     """Writes an entry as people do: a key a line, and names in one."""
 
 
-_Dumper.add_representer(list, lambda dumper, names: dumper.represent_sequence(_SEQUENCE, names, flow_style=True))
+_Dumper.add_representer(
+    list, lambda dumper, names: dumper.represent_sequence(_SEQUENCE, names, flow_style=True)
+)
 
 
 def with_entry(text: str, entry: Mapping[str, Any]) -> str:
     """Return the text with an entry at its end; raises RubricError if its list is in one line."""
     listed = _entries(text)
-    new = yaml.dump(dict(entry), Dumper=_Dumper, allow_unicode=True, sort_keys=False, width=_ONE_LINE)
+    new = yaml.dump(
+        dict(entry), Dumper=_Dumper, allow_unicode=True, sort_keys=False, width=_ONE_LINE
+    )
     if listed is None:
-        return _checked(text, f"{text or _HEAD}{_ended(text)}{_KEY}:\n{_listed(new, _INDENT)}", [], entry)
+        return _checked(
+            text, f"{text or _HEAD}{_ended(text)}{_KEY}:\n{_listed(new, _INDENT)}", [], entry
+        )
     if not listed.value:  # An empty list may be written as [].
         kept = text[: listed.start_mark.index].rstrip(" ") + text[listed.end_mark.index :]
         return _checked(text, f"{kept}{_ended(kept)}{_listed(new, _INDENT)}", [], entry)
-    return _checked(text, f"{text}{_ended(text)}{_listed(new, listed.start_mark.column)}", _plain(text), entry)
+    return _checked(
+        text, f"{text}{_ended(text)}{_listed(new, listed.start_mark.column)}", _plain(text), entry
+    )
 
 
 def without_entry(text: str, number: int) -> str:
@@ -95,7 +103,9 @@ def _checked(before: str, after: str, wanted: list[Any], *more: Mapping[str, Any
         if _plain(after) == [*wanted, *map(dict, more)]:
             return after
     problem = f"{OVERRIDES_FILE} is written in a way that no entry can be added to or taken from by a program"
-    raise RubricError(problem, [], remedy="Write each entry of its list below the others, with a dash before it.")
+    raise RubricError(
+        problem, [], remedy="Write each entry of its list below the others, with a dash before it."
+    )
 
 
 def _last_line(node: yaml.Node) -> int:
@@ -103,7 +113,9 @@ def _last_line(node: yaml.Node) -> int:
     if not isinstance(node, yaml.CollectionNode) or node.flow_style:
         end = node.end_mark
         return int(end.line - (end.column == 0))
-    children = [part for pair in node.value for part in (pair if isinstance(pair, tuple) else (pair,))]
+    children = [
+        part for pair in node.value for part in (pair if isinstance(pair, tuple) else (pair,))
+    ]
     return max(map(_last_line, children))
 
 

@@ -48,7 +48,11 @@ def parse_time(text: str) -> datetime | None:
     """Read a date with its time from ISO 8601, also with "UTC" at its end, as GitHub and Canvas write it."""
     try:
         return datetime.fromisoformat(
-            re.sub(r"([Zz]|UTC)$", "+00:00", re.sub(r"(?<!\s)\s+(?=[+-]|([Zz]|UTC)$)", "", text.strip()))
+            re.sub(
+                r"([Zz]|UTC)$",
+                "+00:00",
+                re.sub(r"(?<!\s)\s+(?=[+-]|([Zz]|UTC)$)", "", text.strip()),
+            )
         )
     except ValueError:
         return None
@@ -58,13 +62,24 @@ def parse_time(text: str) -> datetime | None:
 TimeSpan = Annotated[
     timedelta,
     BeforeValidator(_time_span),
-    WithJsonSchema({"type": "string", "pattern": _SPANS.pattern, "description": "A time, such as 10 min or 2 days."}),
+    WithJsonSchema(
+        {
+            "type": "string",
+            "pattern": _SPANS.pattern,
+            "description": "A time, such as 10 min or 2 days.",
+        }
+    ),
 ]
 #: A date and time with its offset from UTC.
 Moment = Annotated[
     datetime,
     BeforeValidator(_moment),
-    WithJsonSchema({"type": "string", "description": "A date with its time, such as 2026-11-20T23:59:00+01:00."}),
+    WithJsonSchema(
+        {
+            "type": "string",
+            "description": "A date with its time, such as 2026-11-20T23:59:00+01:00.",
+        }
+    ),
 ]
 
 
@@ -80,7 +95,11 @@ class Amount:
         return points * self.value / 100 if self.percent else self.value
 
     def __str__(self) -> str:
-        return f"{self.value:f} %" if self.percent else f"{self.value:f} point{'s' * (self.value != 1)}"
+        return (
+            f"{self.value:f} %"
+            if self.percent
+            else f"{self.value:f} point{'s' * (self.value != 1)}"
+        )
 
 
 def _amount(value: Any) -> Any:
@@ -108,17 +127,22 @@ class LatePolicy(Strict):
 
     due: Moment
     grace: TimeSpan = Field(
-        timedelta(), description="Lateness up to this costs nothing; beyond it, time counts from the due date."
+        timedelta(),
+        description="Lateness up to this costs nothing; beyond it, time counts from the due date.",
     )
     per_day: MaybeAmount = Field(
-        None, description="Points, or a share of the points that the submission would have without it."
+        None,
+        description="Points, or a share of the points that the submission would have without it.",
     )
-    at_most: MaybeAmount = Field(None, description="What lateness costs at most, short of `never_after`.")
+    at_most: MaybeAmount = Field(
+        None, description="What lateness costs at most, short of `never_after`."
+    )
     counts: Literal["started days", "full days", "exact time"] = Field(
         "started days", description="How time after the due date becomes days."
     )
     never_after: TimeSpan | None = Field(
-        None, description="Time after the due date from when nothing is accepted: all points are lost."
+        None,
+        description="Time after the due date from when nothing is accepted: all points are lost.",
     )
 
     @model_validator(mode="after")
@@ -144,10 +168,14 @@ class LatePolicy(Strict):
 
     def days(self, late: timedelta) -> Decimal:
         """Return how many days a lateness counts as."""
-        exact = Decimal(late // timedelta(microseconds=1)) / Decimal(_DAY // timedelta(microseconds=1))
+        exact = Decimal(late // timedelta(microseconds=1)) / Decimal(
+            _DAY // timedelta(microseconds=1)
+        )
         if self.counts == "exact time":
             return exact
-        return exact.to_integral_value(ROUND_CEILING if self.counts == "started days" else ROUND_FLOOR)
+        return exact.to_integral_value(
+            ROUND_CEILING if self.counts == "started days" else ROUND_FLOOR
+        )
 
 
 class Policy(Strict):

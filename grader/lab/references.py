@@ -34,7 +34,14 @@ from pydantic_core import CoreSchema
 
 from grader.lab.patterns import compiled
 from grader.lab.yaml_with_lines import Loc, Strict, mistakes_at, suggestion
-from grader.recording.definitions import also_defined, field_steps, fields_of, installed_types, packages_with, types_in
+from grader.recording.definitions import (
+    also_defined,
+    field_steps,
+    fields_of,
+    installed_types,
+    packages_with,
+    types_in,
+)
 from grader.recording.interfaces import PARTS, InterfacePackage, packages_of, read_folder
 
 #: Topics that every ROS system has.
@@ -63,12 +70,18 @@ class Parameters(Strict):
         if "tuple[" not in str(cls.model_fields[str(info.field_name)].annotation):
             return value
         if isinstance(value, dict):
-            return {key: tuple(inner) if isinstance(inner, list) else inner for key, inner in value.items()}
+            return {
+                key: tuple(inner) if isinstance(inner, list) else inner
+                for key, inner in value.items()
+            }
         return tuple(value) if isinstance(value, list) else value
 
     @model_validator(mode="after")
     def _one_is_given(self) -> Parameters:
-        if self.exactly_one and sum(getattr(self, key) is not None for key in self.exactly_one) != 1:
+        if (
+            self.exactly_one
+            and sum(getattr(self, key) is not None for key in self.exactly_one) != 1
+        ):
             raise ValueError(f"exactly one of {', '.join(self.exactly_one)} is needed")
         return self
 
@@ -116,7 +129,11 @@ class Scope:
         """Return the ids of all checks."""
         listed = (each for key in ("criteria", "bonus") for each in _list(self.plain.get(key)))
         criteria = map(_mapping, listed)
-        return [str(_mapping(check).get("id")) for criterion in criteria for check in _list(criterion.get("checks"))]
+        return [
+            str(_mapping(check).get("id"))
+            for criterion in criteria
+            for check in _list(criterion.get("checks"))
+        ]
 
     def settings_of(self, reference: str) -> str:
         """Return how the rubric names the class of a reference node's settings."""
@@ -141,9 +158,14 @@ class Scope:
         """Return the types of topics, services and actions that are waited for, typed, or the new name of others."""
         found = {topic: {name} for topic, name in _STANDARD_TOPICS.items()}
         for part in _parts(self.plain):
-            renamed = [*_mapping(part.get("remappings")).values(), *_mapping(part.get("composed")).values()]
+            renamed = [
+                *_mapping(part.get("remappings")).values(),
+                *_mapping(part.get("composed")).values(),
+            ]
             awaited = [_mapping(part.get("wait_for")).get(key) for key in _ENDPOINTS]
-            typed = [part.get(key) for key in _ENDPOINTS] if isinstance(part.get("type"), str) else []
+            typed = (
+                [part.get(key) for key in _ENDPOINTS] if isinstance(part.get("type"), str) else []
+            )
             for name in (n for n in (*renamed, *awaited, *typed) if isinstance(n, str)):
                 found.setdefault(name, set()).update({part["type"]} if name in typed else ())
             if isinstance(part.get("action"), str) and typed:
@@ -190,10 +212,14 @@ class Reference:
             self.look_up(info.context, value, info)
         return value
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
         return AfterValidator(self._check).__get_pydantic_core_schema__(source, handler)
 
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
         examples = {} if self.example is None else {"examples": [self.example]}
         return {**handler(schema), "description": self.what, **examples}
 
@@ -226,19 +252,30 @@ def step_label(*kinds: str) -> Reference:
     """Return the type of a label of a step of the session, of one of these kinds; of any without."""
 
     def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
-        labelled = {str(step.label): step.kind for step in scope.steps or () if step.label is not None}
+        labelled = {
+            str(step.label): step.kind for step in scope.steps or () if step.label is not None
+        }
         if scope.steps is not None:
             one_of(value, "step labelled", labelled, f" in session '{scope.session}'")
             if kinds and labelled[value] not in kinds:
-                raise ValueError(f"{value!r} labels a step of kind {labelled[value]}; {' or '.join(kinds)} is needed")
+                raise ValueError(
+                    f"{value!r} labels a step of kind {labelled[value]}; {' or '.join(kinds)} is needed"
+                )
 
     example = "window" if kinds == ("observe",) else "".join(kinds[:1]) or "step"
-    return Reference(f"Label of the step{f', of kind {kinds[0]}' if kinds else ''}.", look_up, example)
+    return Reference(
+        f"Label of the step{f', of kind {kinds[0]}' if kinds else ''}.", look_up, example
+    )
 
 
 def _refusal(scope: Scope, value: str, info: ValidationInfo) -> None:
-    if not any(step.label == value and step.parameters.get("refusal_expected") for step in scope.steps or ()):
-        raise ValueError(f"the step {value!r} lacks refusal_expected: true, so that its values are taken for valid")
+    if not any(
+        step.label == value and step.parameters.get("refusal_expected")
+        for step in scope.steps or ()
+    ):
+        raise ValueError(
+            f"the step {value!r} lacks refusal_expected: true, so that its values are taken for valid"
+        )
 
 
 def _process(*more: str) -> Reference:
@@ -255,7 +292,10 @@ def _process(*more: str) -> Reference:
 Artifact = Annotated[str, _defined("artifacts", "artifact", "talker")]
 ReferenceNode = Annotated[str, _defined("reference", "reference node", "robot")]
 SessionId = Annotated[str, _defined("sessions", "session", "talking")]
-CheckId = Annotated[str, Reference("Id of a check.", lambda scope, value, _: one_of(value, "check", scope.check_ids))]
+CheckId = Annotated[
+    str,
+    Reference("Id of a check.", lambda scope, value, _: one_of(value, "check", scope.check_ids)),
+]
 #: While a check is judged, the findings of those before it are known.
 EarlierCheckId = Annotated[str, Reference("Id of an earlier check.", _before, "talker.publishes")]
 AnyStep = Annotated[str, step_label()]
@@ -264,7 +304,9 @@ GoalLabel = Annotated[str, step_label("send_goal")]
 PlanLabel = Annotated[str, step_label("plan")]
 GetLabel = Annotated[str, step_label("get_parameters")]
 SetLabel = Annotated[str, step_label("set_parameters")]
-RefusalLabel = Annotated[SetLabel, Reference("Label of a set_parameters step, with refusal_expected.", _refusal)]
+RefusalLabel = Annotated[
+    SetLabel, Reference("Label of a set_parameters step, with refusal_expected.", _refusal)
+]
 TransitionLabel = Annotated[str, step_label("change_state")]
 ExitLabel = Annotated[str, step_label("wait_exit")]
 LinkLabel = Annotated[str, step_label("link")]
@@ -278,7 +320,11 @@ StudentProcesses = Annotated[str, _process("*")]
 
 def _known_topic(scope: Scope, value: str, info: ValidationInfo) -> None:
     """Look for one that is nearly so named; another may be a reference node's own, or be one of several by number."""
-    near = difflib.get_close_matches(value, scope.types, n=1, cutoff=0.75) if value not in scope.types else []
+    near = (
+        difflib.get_close_matches(value, scope.types, n=1, cutoff=0.75)
+        if value not in scope.types
+        else []
+    )
     if near and re.sub(r"\d", "", near[0]) != re.sub(r"\d", "", value):
         words = "no step waits for it, and nothing gives its type"
         raise ValueError(f"{value!r} is not known: {words}{suggestion(value, near)}")
@@ -293,7 +339,9 @@ def _not_misspelt(scope: Scope, value: str, info: ValidationInfo) -> None:
     if len(value) < _LEAST_LETTERS or scope.written[value] != 1:
         return
     names = list(scope.written)
-    others = [name for n, name in enumerate(names) if scope.written[name] > 1 or n < names.index(value)]
+    others = [
+        name for n, name in enumerate(names) if scope.written[name] > 1 or n < names.index(value)
+    ]
     if near := [name for name in others if _one_letter_apart(value, name)]:
         raise ValueError(f"{value!r} stands here alone; did you mean '{near[0]}', as elsewhere?")
 
@@ -317,7 +365,10 @@ def _one_letter_apart(a: str, b: str) -> bool:
 
 def _alike(a: str, b: str) -> int:
     """Return with how many letters two texts begin alike."""
-    return next((n for n, (one, other) in enumerate(zip(a, b, strict=False)) if one != other), min(len(a), len(b)))
+    return next(
+        (n for n, (one, other) in enumerate(zip(a, b, strict=False)) if one != other),
+        min(len(a), len(b)),
+    )
 
 
 #: A name that students' programs are to use, such as that of a ROS parameter.
@@ -364,11 +415,15 @@ ActionType = Annotated[str, _type_in("action", "An action type.")]
 
 def _of_endpoint(scope: Scope, value: str, info: ValidationInfo) -> None:
     folders = {"service": "srv", "action": "action", "action_client": "action"}
-    _interface(value, next((folder for key, folder in folders.items() if info.data.get(key)), "msg"))
+    _interface(
+        value, next((folder for key, folder in folders.items() if info.data.get(key)), "msg")
+    )
 
 
 #: A service's or an action's where such a key stands before it.
-AnyType = Annotated[str, Reference("A message, service or action type.", _of_endpoint, _EXAMPLES["msg"])]
+AnyType = Annotated[
+    str, Reference("A message, service or action type.", _of_endpoint, _EXAMPLES["msg"])
+]
 
 
 def _type_at(name: str, path: str) -> str | None:
@@ -417,14 +472,20 @@ def _field(kind: str, fits: Callable[[str], bool], example: str) -> Reference:
     """
 
     def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
-        several = info.data.get("streams") or info.data.get("topics") or {"": info.data.get("topic")}
+        several = (
+            info.data.get("streams") or info.data.get("topics") or {"": info.data.get("topic")}
+        )
         for topic in several.values():
             _look_up_field(scope, topic, value, kind, fits)
 
-    return Reference(f"Path of a field that holds {kind}, such as pose.position.x or data[0].", look_up, example)
+    return Reference(
+        f"Path of a field that holds {kind}, such as pose.position.x or data[0].", look_up, example
+    )
 
 
-def _look_up_field(scope: Scope, topic: str, path: str, kind: str, fits: Callable[[str], bool]) -> None:
+def _look_up_field(
+    scope: Scope, topic: str, path: str, kind: str, fits: Callable[[str], bool]
+) -> None:
     found = [_type_at(name, path) for name in sorted(scope.types.get(topic, ()))]
     if found and not any(spelled is None or fits(spelled) for spelled in found):
         raise ValueError(f"{path!r} of {topic} is a {found[0]}; it must hold {kind}")
@@ -450,7 +511,9 @@ def _count_in(spelled: str) -> int | None:
     fields = _fields_in(spelled)
     if spelled.endswith("]") or fields is None:
         return None
-    counts = [1] if not fields or spelled in _TIMES else [_count_in(each) for each in fields.values()]
+    counts = (
+        [1] if not fields or spelled in _TIMES else [_count_in(each) for each in fields.values()]
+    )
     return None if None in counts else sum(filter(None, counts))
 
 
@@ -470,12 +533,19 @@ StampField = Annotated[str, _field(*_STAMP, "header.stamp")]
 NumbersField = Annotated[
     str,
     Reference(
-        "Path of a field that holds numbers; or a text, with a pattern that finds them in it.", _by_pattern, "data"
+        "Path of a field that holds numbers; or a text, with a pattern that finds them in it.",
+        _by_pattern,
+        "data",
     ),
 ]
 #: What a pattern can be compared with.
 WordField = Annotated[
-    str, _field("a text or one number", lambda spelled: spelled in ("string", "wstring") or _is_number(spelled), "data")
+    str,
+    _field(
+        "a text or one number",
+        lambda spelled: spelled in ("string", "wstring") or _is_number(spelled),
+        "data",
+    ),
 ]
 
 
@@ -500,10 +570,16 @@ def fields_of_type(part: str = "", label: str | None = None) -> Reference:
     def look_up(scope: Scope, value: str | Mapping[str, Any], info: ValidationInfo) -> None:
         name = info.data.get("type")
         if label is not None:
-            types = (s.parameters.get("type") for s in scope.steps or () if s.label == info.data.get(label))
+            types = (
+                s.parameters.get("type")
+                for s in scope.steps or ()
+                if s.label == info.data.get(label)
+            )
             name = next(types, None)
         if isinstance(name, str) and name.count("/") == 2:
-            wrong = list(_wrong_fields(name + part, {value: None} if isinstance(value, str) else value))
+            wrong = list(
+                _wrong_fields(name + part, {value: None} if isinstance(value, str) else value)
+            )
             if wrong:
                 raise mistakes_at(wrong)
 
@@ -546,7 +622,11 @@ def definition_at(scope: Scope, value: str) -> Definition:
 
 @lru_cache(maxsize=8)
 def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
-    return {node.name: node for node in ast.parse(source).body if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
+    return {
+        node.name: node
+        for node in ast.parse(source).body
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef))
+    }
 
 
 def interfaces_in(folder: Path, name: object) -> list[InterfacePackage]:
@@ -557,7 +637,11 @@ def interfaces_in(folder: Path, name: object) -> list[InterfacePackage]:
 
 def readable_interfaces(folder: Path, name: object) -> list[InterfacePackage]:
     """Return those of the packages that are written as ROS asks for."""
-    return [package for package in interfaces_in(folder, name) if not package.problem and _is_readable(package)]
+    return [
+        package
+        for package in interfaces_in(folder, name)
+        if not package.problem and _is_readable(package)
+    ]
 
 
 def _is_readable(package: InterfacePackage) -> bool:
@@ -570,9 +654,13 @@ def _is_readable(package: InterfacePackage) -> bool:
 def _interfaces(scope: Scope, value: str, info: ValidationInfo) -> None:
     packages = interfaces_in(scope.folder, value)
     if not packages:
-        raise ValueError(f"there is no folder {value!r} beside the rubric with msg/, srv/ or action/ files in it")
+        raise ValueError(
+            f"there is no folder {value!r} beside the rubric with msg/, srv/ or action/ files in it"
+        )
     with also_defined(readable_interfaces(scope.folder, value)):
-        wrong = [f"{package.name}: {words}" for package in packages if (words := _wrong_in(package))]
+        wrong = [
+            f"{package.name}: {words}" for package in packages if (words := _wrong_in(package))
+        ]
     if wrong:
         raise ValueError("; ".join(wrong))
 
@@ -594,7 +682,12 @@ def _wrong_in(package: InterfacePackage) -> str:
 
 
 InterfaceFolder = Annotated[
-    str, Reference("Folder beside the rubric: packages of .msg, .srv and .action files.", _interfaces, "interfaces")
+    str,
+    Reference(
+        "Folder beside the rubric: packages of .msg, .srv and .action files.",
+        _interfaces,
+        "interfaces",
+    ),
 ]
 FileBeside = Annotated[str, Reference("File beside the rubric.", _file, "reference/robot.py")]
 Loadable = Annotated[
@@ -624,7 +717,9 @@ _SHARE_TEXT = {"type": "string", "pattern": r"^\s*\d+(\.\d+)?\s*%\s*$"}
 Share = Annotated[
     float,
     BeforeValidator(_share),
-    WithJsonSchema({"description": "A share, such as 2% or 0.02.", "anyOf": [_SHARE_NUMBER, _SHARE_TEXT]}),
+    WithJsonSchema(
+        {"description": "A share, such as 2% or 0.02.", "anyOf": [_SHARE_NUMBER, _SHARE_TEXT]}
+    ),
 ]
 
 
@@ -638,12 +733,16 @@ class Level(Parameters):
 
 #: A regular expression.
 Pattern = Annotated[
-    str, AfterValidator(lambda value: compiled(value).pattern), WithJsonSchema({"type": "string", "format": "regex"})
+    str,
+    AfterValidator(lambda value: compiled(value).pattern),
+    WithJsonSchema({"type": "string", "format": "regex"}),
 ]
 
 
 def _several(value: Any) -> Any:
-    return (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
+    return (
+        (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
+    )
 
 
 _TEXT = {"type": "string"}
@@ -652,7 +751,10 @@ Patterns = Annotated[
     tuple[Pattern, ...],
     BeforeValidator(_several),
     WithJsonSchema(
-        {"description": "One or more regular expressions.", "anyOf": [_TEXT, {"type": "array", "items": _TEXT}]}
+        {
+            "description": "One or more regular expressions.",
+            "anyOf": [_TEXT, {"type": "array", "items": _TEXT}],
+        }
     ),
 ]
 
@@ -663,4 +765,6 @@ History = Literal["keep_last", "keep_all"]
 LifecycleState = Literal["unconfigured", "inactive", "active", "finalized"]
 LifecycleTransition = Literal["configure", "activate", "deactivate", "cleanup", "shutdown"]
 _Single = Literal["bool", "integer", "double", "string"]
-ParameterType = Literal[_Single, "byte_array", "bool_array", "integer_array", "double_array", "string_array"]
+ParameterType = Literal[
+    _Single, "byte_array", "bool_array", "integer_array", "double_array", "string_array"
+]

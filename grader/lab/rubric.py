@@ -60,25 +60,40 @@ _REMEDY = "`grade checks` lists every check with its parameters."
 
 
 def _points(value: Any) -> Decimal:
-    if isinstance(value, bool) or not isinstance(value, (int, float, Decimal)) or not 0 <= value < float("inf"):
+    if (
+        isinstance(value, bool)
+        or not isinstance(value, (int, float, Decimal))
+        or not 0 <= value < float("inf")
+    ):
         raise ValueError("a number of points is expected")
     return Decimal(str(value))
 
 
-Points = Annotated[Decimal, BeforeValidator(_points), WithJsonSchema({"type": "number", "minimum": 0})]
+Points = Annotated[
+    Decimal, BeforeValidator(_points), WithJsonSchema({"type": "number", "minimum": 0})
+]
 
 
 def _wrong_sums(plain: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
     """Find points that are not those of their parts together; what is no number is a mistake of its own."""
-    wholes: list[tuple[Loc, Any, str, Any]] = [(("lab",), plain.get("lab"), "criteria", plain.get("criteria"))]
+    wholes: list[tuple[Loc, Any, str, Any]] = [
+        (("lab",), plain.get("lab"), "criteria", plain.get("criteria"))
+    ]
     for key in ("criteria", "bonus"):
         listed = enumerate(rows if isinstance(rows := plain.get(key), list) else ())
-        wholes += [((key, n), each, "checks", each.get("checks")) for n, each in listed if isinstance(each, dict)]
+        wholes += [
+            ((key, n), each, "checks", each.get("checks"))
+            for n, each in listed
+            if isinstance(each, dict)
+        ]
     for loc, whole, of, parts in wholes:
         with suppress(KeyError, TypeError, ValueError):
             total = sum((_points(part["points"]) for part in parts), Decimal(0))
             if total != _points(whole["points"]):
-                yield (*loc, "points"), f"the {of}' points add up to {total}, not to {whole['points']}"
+                yield (
+                    (*loc, "points"),
+                    f"the {of}' points add up to {total}, not to {whole['points']}",
+                )
 
 
 class LabSpec(Parameters):
@@ -89,11 +104,13 @@ class LabSpec(Parameters):
     points: Points
     package: str = Field("student_lab", description="Package under which bare files are installed.")
     ros: str | None = Field(
-        None, description="Distribution of ROS that the handout was written for; the report names it."
+        None,
+        description="Distribution of ROS that the handout was written for; the report names it.",
     )
     solution: str | None = Field(None, description="Folder of a submission that earns all points.")
     handout: str | None = Field(
-        None, description="Folder of the code that students are given; `grade similarity` does not count it."
+        None,
+        description="Folder of the code that students are given; `grade similarity` does not count it.",
     )
 
 
@@ -105,17 +122,24 @@ class ArtifactSpec(Parameters):
         default_factory=lambda data: (data.get("file"), f"**/{data.get('file')}"),
         description="Patterns, best first; '**/x' matches x in any folder.",
     )
-    executable: str | None = Field(None, description="Name under which it is installed as an executable.")
-    contains: tuple[str, ...] = Field((), description="Words that give the file away when its name is another.")
+    executable: str | None = Field(
+        None, description="Name under which it is installed as an executable."
+    )
+    contains: tuple[str, ...] = Field(
+        (), description="Words that give the file away when its name is another."
+    )
 
 
 class ReferenceSpec(Parameters):
     """A reference node: a program beside the rubric, started with a JSON configuration as its argument."""
 
     file: FileBeside
-    node: RosName = Field(description="Fully qualified name of its node; all other nodes are the student's.")
+    node: RosName = Field(
+        description="Fully qualified name of its node; all other nodes are the student's."
+    )
     settings: Loadable | None = Field(
-        None, description="file.py:Class, the dataclass of what a start step may give it; without, all is passed on."
+        None,
+        description="file.py:Class, the dataclass of what a start step may give it; without, all is passed on.",
     )
 
 
@@ -138,7 +162,9 @@ class StepSpec:
 
 #: Kind of a step -> model of its mapping in the list of steps.
 _ENTRIES: dict[str, type[Strict]] = {
-    kind: create_model(model.__name__, __base__=Parameters, **{kind: (model, ...), "label": (str | None, None)})  # type: ignore[call-overload]
+    kind: create_model(
+        model.__name__, __base__=Parameters, **{kind: (model, ...), "label": (str | None, None)}
+    )  # type: ignore[call-overload]
     for kind, model in STEPS.items()
 }
 
@@ -149,7 +175,9 @@ def _step(value: Any, info: ValidationInfo) -> Any:
     kinds = [str(key) for key in value if key != "label"] if isinstance(value, dict) else []
     if len(kinds) != 1 or kinds[0] not in STEPS:
         near = suggestion(kinds[0], STEPS) if len(kinds) == 1 else ""
-        raise ValueError(f"a step has one key of {', '.join(STEPS)}, and a label where checks refer to it{near}")
+        raise ValueError(
+            f"a step has one key of {', '.join(STEPS)}, and a label where checks refer to it{near}"
+        )
     if info.context is not None:
         info.context.session = info.data.get("id")
     entry = _ENTRIES[kinds[0]].model_validate(value, context=info.context)
@@ -161,9 +189,13 @@ class SessionSpec(Parameters):
 
     id: str
     title: str = Field(default_factory=lambda data: data.get("id"))
-    steps: tuple[Annotated[StepSpec, PlainValidator(_step), WithJsonSchema({"$ref": "#/$defs/Step"})], ...]
+    steps: tuple[
+        Annotated[StepSpec, PlainValidator(_step), WithJsonSchema({"$ref": "#/$defs/Step"})], ...
+    ]
     typical_s: float = Field(
-        10.0, gt=0, description="How long it takes with a correct submission; the longest session is started first."
+        10.0,
+        gt=0,
+        description="How long it takes with a correct submission; the longest session is started first.",
     )
     timeout_s: float = Field(90.0, gt=0, description="Time after which the session is stopped.")
 
@@ -172,14 +204,18 @@ class SessionSpec(Parameters):
         labels = [step.label for step in self.steps]
         again = [n for n, label in enumerate(labels) if label is not None and label in labels[:n]]
         if again:
-            raise mistakes_at((("steps", n, "label"), f"{labels[n]!r} labels an earlier step") for n in again)
+            raise mistakes_at(
+                (("steps", n, "label"), f"{labels[n]!r} labels an earlier step") for n in again
+            )
         return self
 
     @property
     def needs(self) -> tuple[str, ...]:
         """Artifacts that its steps start."""
         given = [spec.parameters for spec in self.steps if spec.kind in ("start", "plan")]
-        return tuple(dict.fromkeys(name for p in given if (name := p.get("student") or p.get("launch"))))
+        return tuple(
+            dict.fromkeys(name for p in given if (name := p.get("student") or p.get("launch")))
+        )
 
 
 # -- criteria --------------------------------------------------------------------------------------
@@ -233,13 +269,18 @@ class CheckSpec(_OfKind):
     check: str = Field(
         description="`grade checks` lists them; or file.py:function beside the rubric, of the lab's own."
     )
-    parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
+    parameters: SerializeAsAny[BaseModel] = Field(
+        alias="with", default_factory=dict, validate_default=True
+    )
     requires: tuple[EarlierCheckId, ...] = ()
     excused_by: tuple[EarlierCheckId, ...] = Field(
-        (), description="Where one of these checks took points, none are lost here: one mistake costs once."
+        (),
+        description="Where one of these checks took points, none are lost here: one mistake costs once.",
     )
     hint: str = ""
-    replaces: tuple[str, ...] = Field((), description="Ids of earlier checks that have become part of this one.")
+    replaces: tuple[str, ...] = Field(
+        (), description="Ids of earlier checks that have become part of this one."
+    )
 
     @property
     def by_person(self) -> bool:
@@ -281,9 +322,12 @@ class FigureSpec(_OfKind):
     title: str
     session: SessionId
     shows: tuple[CheckId, ...] = Field(
-        (), description="Checks whose loss it shows: it stands beside the first of them that lost points, else folded."
+        (),
+        description="Checks whose loss it shows: it stands beside the first of them that lost points, else folded.",
     )
-    parameters: SerializeAsAny[BaseModel] = Field(alias="with", default_factory=dict, validate_default=True)
+    parameters: SerializeAsAny[BaseModel] = Field(
+        alias="with", default_factory=dict, validate_default=True
+    )
 
 
 class CriterionSpec(Parameters):
@@ -311,14 +355,21 @@ def _by(value: Any) -> Any:
     if not isinstance(value, dict) or "check" in value or value.get("by") != BY_PERSON:
         return value
     kept = {key: value[key] for key in value if key not in ("by", *_GRADED)}
-    return {**kept, "check": BY_PERSON, "with": {key: value[key] for key in _GRADED if key in value}}
+    return {
+        **kept,
+        "check": BY_PERSON,
+        "with": {key: value[key] for key in _GRADED if key in value},
+    }
 
 
 def _with_ids(value: Any) -> Any:
     """Have each session know its name."""
     if not isinstance(value, dict):
         return value
-    return {str(name): {**spec, "id": str(name)} if isinstance(spec, dict) else spec for name, spec in value.items()}
+    return {
+        str(name): {**spec, "id": str(name)} if isinstance(spec, dict) else spec
+        for name, spec in value.items()
+    }
 
 
 class RubricFile(Parameters):
@@ -326,27 +377,42 @@ class RubricFile(Parameters):
 
     lab: LabSpec
     interfaces: InterfaceFolder | None = None
-    artifacts: dict[str, ArtifactSpec] = Field(default_factory=dict, description="What students hand in.")
-    reference: dict[str, ReferenceSpec] = Field(default_factory=dict, description="Nodes of our own.")
-    sessions: Annotated[dict[str, SessionSpec], BeforeValidator(_with_ids)] = Field(default_factory=dict)
+    artifacts: dict[str, ArtifactSpec] = Field(
+        default_factory=dict, description="What students hand in."
+    )
+    reference: dict[str, ReferenceSpec] = Field(
+        default_factory=dict, description="Nodes of our own."
+    )
+    sessions: Annotated[dict[str, SessionSpec], BeforeValidator(_with_ids)] = Field(
+        default_factory=dict
+    )
     criteria: tuple[CriterionSpec, ...] = Field(min_length=1)
     bonus: tuple[CriterionSpec, ...] = Field(
-        (), description="Extensions, in the same form: judged where they are handed in, and shown beside the points."
+        (),
+        description="Extensions, in the same form: judged where they are handed in, and shown beside the points.",
     )
     policy: Policy = Policy()
 
     @model_validator(mode="after")
     def _criteria_are_different(self) -> RubricFile:
-        locs = [(key, n, "id") for key in ("criteria", "bonus") for n in range(len(getattr(self, key)))]
+        locs = [
+            (key, n, "id") for key in ("criteria", "bonus") for n in range(len(getattr(self, key)))
+        ]
         names = [criterion.id for criterion in (*self.criteria, *self.bonus)]
         if again := [n for n, name in enumerate(names) if name in names[:n]]:
-            raise mistakes_at((locs[n], f"the criterion {names[n]!r} stands here twice") for n in again)
+            raise mistakes_at(
+                (locs[n], f"the criterion {names[n]!r} stands here twice") for n in again
+            )
         return self
 
     @model_validator(mode="after")
     def _bonus_has_sessions(self) -> RubricFile:
         """Each of its checks needs a session that starts something: else nothing says whether it was handed in."""
-        checks = [(n, m, check) for n, each in enumerate(self.bonus) for m, check in enumerate(each.checks)]
+        checks = [
+            (n, m, check)
+            for n, each in enumerate(self.bonus)
+            for m, check in enumerate(each.checks)
+        ]
         if idle := [(n, m) for n, m, check in checks if not self.needed_first(check)]:
             words = "a check of the bonus needs a session that starts an artifact"
             raise mistakes_at((("bonus", n, "checks", m, "session"), words) for n, m in idle)
@@ -361,13 +427,21 @@ class RubricFile(Parameters):
     def bonus_sessions(self) -> frozenset[str]:
         """Sessions that nothing but the bonus looks at."""
         shown = {check.session for criterion in self.criteria for check in criterion.checks}
-        return frozenset(str(check.session) for criterion in self.bonus for check in criterion.checks) - shown
+        return (
+            frozenset(str(check.session) for criterion in self.bonus for check in criterion.checks)
+            - shown
+        )
 
     @property
     def bonus_artifacts(self) -> frozenset[str]:
         """Artifacts that nothing but the bonus is about: where they were not handed in, nothing is missing."""
         bonus = self.bonus_sessions
-        shown = {name for id_, session in self.sessions.items() if id_ not in bonus for name in session.needs}
+        shown = {
+            name
+            for id_, session in self.sessions.items()
+            if id_ not in bonus
+            for name in session.needs
+        }
         return frozenset(name for id_ in bonus for name in self.sessions[id_].needs) - shown
 
 
@@ -417,7 +491,12 @@ def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
 
 def json_schema(kinds: Kinds) -> dict[str, Any]:
     """Return the JSON Schema of rubrics, by which editors complete and check them while they are written."""
-    listed: list[type[BaseModel]] = [RubricFile, *STEPS.values(), *kinds.checks.values(), *kinds.figures.values()]
+    listed: list[type[BaseModel]] = [
+        RubricFile,
+        *STEPS.values(),
+        *kinds.checks.values(),
+        *kinds.figures.values(),
+    ]
     refs, schema = models_json_schema([(model, "validation") for model in listed])
     defs = schema["$defs"]
 
@@ -426,7 +505,10 @@ def json_schema(kinds: Kinds) -> dict[str, Any]:
 
     defs["Step"] = {
         "type": "object",
-        "properties": {**{kind: ref(model) for kind, model in STEPS.items()}, "label": {"type": "string"}},
+        "properties": {
+            **{kind: ref(model) for kind, model in STEPS.items()},
+            "label": {"type": "string"},
+        },
         "additionalProperties": False,
         "oneOf": [{"required": [kind]} for kind in STEPS],
     }
@@ -436,11 +518,17 @@ def json_schema(kinds: Kinds) -> dict[str, Any]:
         own = {"type": "string", "pattern": _OWN_PATTERN}
         part["properties"][spec.key] |= {"anyOf": [known, own]} if spec is CheckSpec else known
         part["allOf"] = [
-            {"if": {"properties": {spec.key: {"const": name}}}, "then": {"properties": {"with": ref(model)}}}
+            {
+                "if": {"properties": {spec.key: {"const": name}}},
+                "then": {"properties": {"with": ref(model)}},
+            }
             for name, model in models.items()
         ]
     person = ref(kinds.checks[BY_PERSON])["$ref"].rpartition("/")[2]
-    graded = {"by": {"const": BY_PERSON}, **{key: defs[person]["properties"][key] for key in _GRADED}}
+    graded = {
+        "by": {"const": BY_PERSON},
+        **{key: defs[person]["properties"][key] for key in _GRADED},
+    }
     for name, instead in (("CheckSpec", "check"), ("CriterionSpec", "checks")):
         defs[name]["properties"] |= graded
         defs[name]["required"].remove(instead)

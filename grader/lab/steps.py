@@ -32,7 +32,9 @@ class Step(Parameters):
     def describe(self) -> str:
         """Say in a few words what it does."""
         key = next((key for key in self.exactly_one if getattr(self, key) is not None), "")
-        return self.words.format(key=key.replace("_", " "), target=getattr(self, key, ""), **vars(self))
+        return self.words.format(
+            key=key.replace("_", " "), target=getattr(self, key, ""), **vars(self)
+        )
 
     def commands(self) -> Sequence[str]:
         """Return what does the same in a terminal, as templates with names of its parameters."""
@@ -49,21 +51,38 @@ class StartStep(Step):
     student: ref.Artifact | None = None
     launch: ref.Artifact | None = None
     reference: ref.ReferenceNode | None = None
-    name: str | None = Field(None, description="Name of the process; the artifact's by default (student only).")
-    parameters: dict[str, Any] = Field(default_factory=dict, description="ROS parameters (student only).")
-    remappings: dict[str, str] = Field(default_factory=dict, description="Name remappings (student only).")
+    name: str | None = Field(
+        None, description="Name of the process; the artifact's by default (student only)."
+    )
+    parameters: dict[str, Any] = Field(
+        default_factory=dict, description="ROS parameters (student only)."
+    )
+    remappings: dict[str, str] = Field(
+        default_factory=dict, description="Name remappings (student only)."
+    )
     composed: dict[str, str] = Field(
-        default_factory=dict, description="Name remappings besides, where the artifact's file holds others too."
+        default_factory=dict,
+        description="Name remappings besides, where the artifact's file holds others too.",
     )
     if_ended: bool = Field(False, description="Start it again only if it has ended.")
-    with_: Settings = Field(default_factory=dict, alias="with", description="Settings (reference only).")
+    with_: Settings = Field(
+        default_factory=dict, alias="with", description="Settings (reference only)."
+    )
 
     @model_validator(mode="after")
     def _is_of_use(self) -> StartStep:
-        owners = dict.fromkeys(("name", "parameters", "remappings", "composed", "if_ended"), "student")
+        owners = dict.fromkeys(
+            ("name", "parameters", "remappings", "composed", "if_ended"), "student"
+        )
         owners["with_"] = "reference"
-        if useless := [key for key in self.model_fields_set & owners.keys() if getattr(self, owners[key]) is None]:
-            raise mistakes_at(((key.rstrip("_"),), f"only a {owners[key]} takes it") for key in useless)
+        if useless := [
+            key
+            for key in self.model_fields_set & owners.keys()
+            if getattr(self, owners[key]) is None
+        ]:
+            raise mistakes_at(
+                ((key.rstrip("_"),), f"only a {owners[key]} takes it") for key in useless
+            )
         return self
 
 
@@ -130,7 +149,9 @@ class CallStep(Step):
     repeat: int = Field(1, ge=1, le=10_000)
     clients: int = Field(1, ge=1, le=16)
     timeout_s: float = Field(5.0, gt=0, le=60, description="For each call.")
-    at_most_s: float = Field(30.0, gt=0, le=300, description="For all of them; calls not made by then are skipped.")
+    at_most_s: float = Field(
+        30.0, gt=0, le=300, description="For all of them; calls not made by then are skipped."
+    )
 
 
 class SendGoalStep(Step):
@@ -145,13 +166,21 @@ class SendGoalStep(Step):
     action: ref.RosName
     type: ref.ActionType
     goal: Annotated[dict[str, Any], ref.fields_of_type("_Goal")] = Field(default_factory=dict)
-    cancel_after_s: float | None = Field(None, ge=0, le=300, description="Cancel it so long after it was accepted.")
-    cancel_after_feedback: int | None = Field(None, ge=1, description="Cancel it after so much feedback.")
+    cancel_after_s: float | None = Field(
+        None, ge=0, le=300, description="Cancel it so long after it was accepted."
+    )
+    cancel_after_feedback: int | None = Field(
+        None, ge=1, description="Cancel it after so much feedback."
+    )
     newer_goal: Annotated[dict[str, Any], ref.fields_of_type("_Goal")] | None = Field(
         None, description="Another goal, sent while the first is under way."
     )
-    newer_after_s: float = Field(0.5, ge=0, le=300, description="How long after the first was accepted.")
-    timeout_s: float = Field(10.0, gt=0, le=300, description="Until all has been answered, the results included.")
+    newer_after_s: float = Field(
+        0.5, ge=0, le=300, description="How long after the first was accepted."
+    )
+    timeout_s: float = Field(
+        10.0, gt=0, le=300, description="Until all has been answered, the results included."
+    )
 
 
 class GetParametersStep(Step):
@@ -173,17 +202,23 @@ class SetParametersStep(Step):
     node: ref.RosName
     values: dict[str, Any]
     refusal_expected: bool = Field(
-        False, description="The values are invalid; what the node has is kept from before and after, and restored."
+        False,
+        description="The values are invalid; what the node has is kept from before and after, and restored.",
     )
     timeout_s: float = Field(5.0, gt=0, le=60)
 
     def commands(self) -> Sequence[str]:
         """Return a command for each of the values."""
         written = (
-            f"{name} {json.dumps(value)}" if not isinstance(value, str) else f"{name} {shlex.quote(value)}"
+            f"{name} {json.dumps(value)}"
+            if not isinstance(value, str)
+            else f"{name} {shlex.quote(value)}"
             for name, value in self.values.items()
         )
-        return ["ros2 param set {node} " + text.replace("{", "{{").replace("}", "}}") for text in written]
+        return [
+            "ros2 param set {node} " + text.replace("{", "{{").replace("}", "}}")
+            for text in written
+        ]
 
 
 class ChangeStateStep(Step):
@@ -224,7 +259,8 @@ class PlanStep(Step):
     launch: ref.Artifact
     arguments: dict[str, str] = Field(default_factory=dict)
     assume: dict[str, str] = Field(
-        default_factory=dict, description="Values for arguments that the file uses without declaring them."
+        default_factory=dict,
+        description="Values for arguments that the file uses without declaring them.",
     )
     timeout_s: float = Field(10.0, gt=0, le=60)
 
@@ -241,8 +277,12 @@ class LinkStep(Step):
     words = "the student's profiles on a link that loses packets"
 
     topics: tuple[ref.Topic, ...] = Field(min_length=1, max_length=8)
-    loss: tuple[ref.Share, ...] = Field(("5%", "30%"), min_length=1, max_length=4, validate_default=True)
-    delay_ms: float = Field(10.0, ge=0, le=500, description="Delay of each packet that is not lost.")
+    loss: tuple[ref.Share, ...] = Field(
+        ("5%", "30%"), min_length=1, max_length=4, validate_default=True
+    )
+    delay_ms: float = Field(
+        10.0, ge=0, le=500, description="Delay of each packet that is not lost."
+    )
     rate_hz: float = Field(100.0, gt=0, le=200, description="Messages a second on each topic.")
     duration_s: float = Field(2.5, gt=0, le=30, description="For each share.")
 

@@ -9,7 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import yaml
-from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, ValidationError, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from grader.errors import RubricError
@@ -29,7 +35,9 @@ class _Loader(_SAFE):  # type: ignore[misc]
     """Leaves dates as they are written, and what is a number only in YAML 1.1: `0123456`, `12_34` and `12:34`."""
 
     yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, Any]]]] = {
-        first: [(tag, _WHOLE if tag == _INT else pattern) for tag, pattern in pairs if tag != _TIMESTAMP]
+        first: [
+            (tag, _WHOLE if tag == _INT else pattern) for tag, pattern in pairs if tag != _TIMESTAMP
+        ]
         for first, pairs in _SAFE.yaml_implicit_resolvers.items()
     }
 
@@ -39,8 +47,12 @@ def read_text(path: Path, what: str, remedy: str) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
-        reason = problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
-        raise RubricError(f"{what} cannot be read", [reason], location=str(path), remedy=remedy) from problem
+        reason = (
+            problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
+        )
+        raise RubricError(
+            f"{what} cannot be read", [reason], location=str(path), remedy=remedy
+        ) from problem
 
 
 #: Kind of mistake, as pydantic knows it -> plainer words.
@@ -74,7 +86,11 @@ def meant(word: str, known: Sequence[str]) -> str:
 def mistakes_at(found: Iterable[tuple[Loc, str]]) -> ValidationError:
     """Return the error that has pydantic report mistakes at places below the value that is being validated."""
     details: list[InitErrorDetails] = [
-        {"type": PydanticCustomError("mistake", "{words}", {"words": words}), "loc": loc, "input": None}
+        {
+            "type": PydanticCustomError("mistake", "{words}", {"words": words}),
+            "loc": loc,
+            "input": None,
+        }
         for loc, words in found
     ]
     return ValidationError.from_exception_data("mistakes", details)
@@ -92,16 +108,23 @@ class Strict(BaseModel):
             return handler(value)
         except ValidationError as error:
             # A list is not empty by elements that are there, but wrong.
-            items = (item for item in error.errors() if item["type"] != "too_short" or not item["input"])
+            items = (
+                item for item in error.errors() if item["type"] != "too_short" or not item["input"]
+            )
             found = [(tuple(item["loc"]), cls._words_for(item)) for item in items]
         raise mistakes_at(found)
 
     @classmethod
     def _words_for(cls, item: ErrorDetails) -> str:
-        loc, words = item["loc"], _PLAINER.get(item["type"], item["msg"].removeprefix("Value error, "))
+        loc, words = (
+            item["loc"],
+            _PLAINER.get(item["type"], item["msg"].removeprefix("Value error, ")),
+        )
         words = words.replace("Input should", "it should", 1)
         if item["type"] == "extra_forbidden" and len(loc) == 1:
-            return words + suggestion(str(loc[0]), (field.alias or key for key, field in cls.model_fields.items()))
+            return words + suggestion(
+                str(loc[0]), (field.alias or key for key, field in cls.model_fields.items())
+            )
         if item["type"] == "literal_error" and isinstance(item["input"], str):
             return f"{item['input']!r} is not possible here" + suggestion(
                 item["input"], re.findall(r"'([^']*)'", item["ctx"]["expected"])
@@ -118,12 +141,16 @@ class Mistakes:
 
     def line_of(self, loc: Loc) -> int:
         """Return the line of a node, or of the nearest that is there around it."""
-        return next((self.lines[loc[:n]] for n in range(len(loc), -1, -1) if loc[:n] in self.lines), 1)
+        return next(
+            (self.lines[loc[:n]] for n in range(len(loc), -1, -1) if loc[:n] in self.lines), 1
+        )
 
     def add(self, loc: Loc, message: str) -> None:
         """Note a mistake at a node."""
         line, place = self.line_of(loc), ".".join(map(str, loc))
-        self.found.append((line, f"{self.path.name}:{line}: {place + ': ' if place else ''}{message}"))
+        self.found.append(
+            (line, f"{self.path.name}:{line}: {place + ': ' if place else ''}{message}")
+        )
 
     def add_validation(self, loc: Loc, error: ValidationError) -> None:
         """Note what pydantic found wrong in a node."""
@@ -133,7 +160,9 @@ class Mistakes:
     def error(self, remedy: str) -> RubricError:
         """Return the error with all of them, in the order of their lines."""
         problem = f"{self.what} has {len(self.found)} mistake{'s' * (len(self.found) != 1)}"
-        return RubricError(problem, [m for _, m in sorted(self.found)], location=str(self.path), remedy=remedy)
+        return RubricError(
+            problem, [m for _, m in sorted(self.found)], location=str(self.path), remedy=remedy
+        )
 
     def raise_any(self, remedy: str) -> None:
         """Raise `error` if there are mistakes."""
@@ -156,8 +185,13 @@ def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistak
         detail = getattr(problem, "problem", None) or str(problem)
         if isinstance(problem, RecursionError):
             detail = "something in it contains itself, or is nested too deeply"
-        wrong, remedy = f"{path.name}:{mark.line + 1 if mark else 1}: {detail}", "Fix the line named."
-        raise RubricError(f"{what} is not valid YAML", [wrong], location=str(path), remedy=remedy) from problem
+        wrong, remedy = (
+            f"{path.name}:{mark.line + 1 if mark else 1}: {detail}",
+            "Fix the line named.",
+        )
+        raise RubricError(
+            f"{what} is not valid YAML", [wrong], location=str(path), remedy=remedy
+        ) from problem
     if not isinstance(plain, dict):
         wrong = f"{path.name}:1: a mapping is expected"
         raise RubricError(f"{what} is empty or not a mapping", [wrong], location=str(path))

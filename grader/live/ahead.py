@@ -20,5 +20,7 @@ class Ahead(ExitStack):
     def __init__(self, interpreter: Path) -> None:
         super().__init__()
         #: Returns how code can be confined, or raises what came up, as soon as that is known.
-        self.isolation = self.enter_context(begun(partial(probe_isolation, interpreter), _PROBING_BOUND))
+        self.isolation = self.enter_context(
+            begun(partial(probe_isolation, interpreter), _PROBING_BOUND)
+        )
         self.forks = self.enter_context(ForkServer())

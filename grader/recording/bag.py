@@ -98,7 +98,9 @@ def _qos_text(profiles: Sequence[Qos]) -> str:
     return json.dumps(listed)
 
 
-def _metadata_yaml(file_name: str, channels: Sequence[TopicInfo], start_ns: int, end_ns: int) -> str:
+def _metadata_yaml(
+    file_name: str, channels: Sequence[TopicInfo], start_ns: int, end_ns: int
+) -> str:
     total = sum(channel.count for channel in channels)
     duration, start = {"nanoseconds": end_ns - start_ns}, {"nanoseconds_since_epoch": start_ns}
     topics = [
@@ -156,29 +158,43 @@ class BagWriter:
         self._start_ns, self._end_ns = INFINITE_NS, 0
 
     def add_channel(
-        self, topic: str, topic_type: str, type_hash: str, definition: MessageDefinition, offered_qos: Sequence[Qos]
+        self,
+        topic: str,
+        topic_type: str,
+        type_hash: str,
+        definition: MessageDefinition,
+        offered_qos: Sequence[Qos],
     ) -> int:
         """Add a topic of one type; returns the channel to `write` to."""
-        return self._add(TopicInfo(topic, topic_type, type_hash, definition, _qos_text(offered_qos)))
+        return self._add(
+            TopicInfo(topic, topic_type, type_hash, definition, _qos_text(offered_qos))
+        )
 
     def _add(self, channel: TopicInfo) -> int:
         key = (channel.topic_type, channel.definition)
         if key not in self._schemas:
             encoding, text = channel.definition.encoding, channel.definition.text
-            self._schemas[key] = self._writer.register_schema(channel.topic_type, encoding, text.encode())
+            self._schemas[key] = self._writer.register_schema(
+                channel.topic_type, encoding, text.encode()
+            )
         metadata = {"offered_qos_profiles": channel.qos_text, "topic_type_hash": channel.type_hash}
         number = self._writer.register_channel(channel.topic, "cdr", self._schemas[key], metadata)
         self._channels[number] = channel
         return number
 
-    def write(self, channel: int, data: bytes, *, received_ns: int, source_ns: int, sequence: int) -> None:
+    def write(
+        self, channel: int, data: bytes, *, received_ns: int, source_ns: int, sequence: int
+    ) -> None:
         """Add a message: its CDR bytes with the header of four bytes, and its times."""
         # The source timestamp comes over the wire, so that it can be anything.
         received_ns = min(max(received_ns, 0), INFINITE_NS)
         source_ns = min(max(source_ns, 0), INFINITE_NS)
         self._writer.add_message(channel, received_ns, data, source_ns, sequence & 0xFFFFFFFF)
         self._channels[channel].count += 1
-        self._start_ns, self._end_ns = min(self._start_ns, received_ns), max(self._end_ns, received_ns)
+        self._start_ns, self._end_ns = (
+            min(self._start_ns, received_ns),
+            max(self._end_ns, received_ns),
+        )
 
     def flush(self) -> None:
         """Hand all that was written to the system: it outlives a kill of this process."""
@@ -191,7 +207,9 @@ class BagWriter:
         self._writer.finish()  # type: ignore[no-untyped-call]
         self._stream.close()
         start_ns = min(self._start_ns, self._end_ns)
-        text = _metadata_yaml(self._file_name, list(self._channels.values()), start_ns, self._end_ns)
+        text = _metadata_yaml(
+            self._file_name, list(self._channels.values()), start_ns, self._end_ns
+        )
         replace_file(self._folder / METADATA_FILE, text)
 
 
@@ -211,7 +229,11 @@ class _Contents:
 
 def _read_records(buffer: _Buffer, offset: int, end: int, contents: _Contents) -> None:
     """Read records up to `end`, or to the first that is cut short or no record at all."""
-    read_head, read_message, rows = _RECORD_HEAD.unpack_from, _MESSAGE_HEAD.unpack_from, contents.rows
+    read_head, read_message, rows = (
+        _RECORD_HEAD.unpack_from,
+        _MESSAGE_HEAD.unpack_from,
+        contents.rows,
+    )
     while offset + _RECORD_HEAD.size <= end:
         opcode, length = read_head(buffer, offset)
         body = offset + _RECORD_HEAD.size
@@ -225,14 +247,18 @@ def _read_records(buffer: _Buffer, offset: int, end: int, contents: _Contents) -
         if opcode == Opcode.MESSAGE and length >= _MESSAGE_HEAD.size:
             channel, sequence, log_ns, publish_ns = read_message(buffer, body)
             if channel in rows:
-                rows[channel].append((log_ns, publish_ns, sequence, buffer, body + _MESSAGE_HEAD.size, offset))
+                rows[channel].append(
+                    (log_ns, publish_ns, sequence, buffer, body + _MESSAGE_HEAD.size, offset)
+                )
         elif opcode in _DESCRIBING:
             # A record that is damaged, and each compression has exceptions of its own, is no reason to lose the others.
             with contextlib.suppress(Exception):
                 _read_description(opcode, buffer, body, min(offset, end), contents)
 
 
-def _read_description(opcode: int, buffer: _Buffer, body: int, end: int, contents: _Contents) -> None:
+def _read_description(
+    opcode: int, buffer: _Buffer, body: int, end: int, contents: _Contents
+) -> None:
     from mcap.data_stream import ReadDataStream
     from mcap.records import Channel, Chunk, Schema
     from mcap.stream_reader import get_chunk_data_stream
@@ -258,7 +284,9 @@ def _read_description(opcode: int, buffer: _Buffer, body: int, end: int, content
             type_hash = channel.metadata.get("topic_type_hash", "")
             qos_text = channel.metadata.get("offered_qos_profiles", "[]")
             info = TopicInfo(channel.topic, topic_type, type_hash, definition, qos_text)
-            contents.rows[channel.id] = contents.topics.setdefault((channel.topic, topic_type), (info, []))[1]
+            contents.rows[channel.id] = contents.topics.setdefault(
+                (channel.topic, topic_type), (info, [])
+            )[1]
 
 
 def _mcap_file(folder: Path) -> Path | None:
@@ -374,7 +402,9 @@ def _pick(value: Any, steps: Sequence[str | int]) -> Any:
 
 
 @functools.lru_cache(maxsize=64)
-def _deserializer(topic_type: str, definition: MessageDefinition) -> Callable[[bytes, str], object] | None:
+def _deserializer(
+    topic_type: str, definition: MessageDefinition
+) -> Callable[[bytes, str], object] | None:
     """Deserialize CDR by the definition in the bag; None where that cannot be understood."""
     from rosbags.typesys import Stores, TypesysError, get_typestore
 
@@ -395,7 +425,9 @@ class Bag:
 
     def __init__(self, contents: _Contents) -> None:
         self.finished, self._contents = contents.finished, contents.topics
-        counted = {key: replace(info, count=len(rows)) for key, (info, rows) in contents.topics.items()}
+        counted = {
+            key: replace(info, count=len(rows)) for key, (info, rows) in contents.topics.items()
+        }
         self.topics = tuple(counted[key] for key in sorted(counted))
 
     @classmethod
@@ -418,12 +450,21 @@ class Bag:
 
     def received_ns(self, topic: str, topic_type: str) -> Int64s:
         """When the messages of one type on a topic were received, in order."""
-        return _column(sorted(self._contents.get((topic, topic_type), (None, []))[1], key=lambda row: row[0]), 0)
+        return _column(
+            sorted(self._contents.get((topic, topic_type), (None, []))[1], key=lambda row: row[0]),
+            0,
+        )
 
-    def messages(self, topics: Iterable[tuple[str, str]]) -> Iterator[tuple[int, tuple[str, str], bytes]]:
+    def messages(
+        self, topics: Iterable[tuple[str, str]]
+    ) -> Iterator[tuple[int, tuple[str, str], bytes]]:
         """All messages of some topics (name and type) as they were received: when, of which of them, and their CDR."""
-        rows = ((row, topic) for topic in topics for row in self._contents.get(topic, (None, []))[1])
-        for (received_ns, _, _, buffer, start, end), topic in sorted(rows, key=lambda item: item[0][0]):
+        rows = (
+            (row, topic) for topic in topics for row in self._contents.get(topic, (None, []))[1]
+        )
+        for (received_ns, _, _, buffer, start, end), topic in sorted(
+            rows, key=lambda item: item[0][0]
+        ):
             yield min(received_ns, INFINITE_NS), topic, bytes(buffer[start:end])
 
     @functools.cache  # noqa: B019 - a bag lives as long as its judging

@@ -63,7 +63,12 @@ class MessageDefinition:
         if self.encoding == "ros2msg":
             return get_types_from_msg(self.text, topic_type)
         blocks = re.sub(r"^IDL: .*", "", self.text, flags=re.MULTILINE).split(SEPARATOR)
-        return {name: kind for block in blocks if block.strip() for name, kind in get_types_from_idl(block).items()}
+        return {
+            name: kind
+            for block in blocks
+            if block.strip()
+            for name, kind in get_types_from_idl(block).items()
+        }
 
 
 def share_folders() -> tuple[Path, ...]:
@@ -86,7 +91,9 @@ def definition_of(topic_type: str) -> MessageDefinition:
     for name in needed:
         nested = (field["type"]["nested_type_name"] for field in fields[name])
         needed += [n for n in dict.fromkeys(nested) if n and n not in needed]
-    text = "\n".join(f"{SEPARATOR}\nIDL: {name}\n{_idl_struct(name, fields[name])}" for name in needed)
+    text = "\n".join(
+        f"{SEPARATOR}\nIDL: {name}\n{_idl_struct(name, fields[name])}" for name in needed
+    )
     return MessageDefinition("ros2idl", text + "\n")
 
 
@@ -123,7 +130,9 @@ def field_steps(path: str) -> tuple[str | int, ...]:
     "pose.position.x", "transforms[0].child_frame_id"; a number may stand behind a dot too: "layout.dim.0.size".
     """
     if not _FIELD_PATH.fullmatch(path):
-        raise ValueError(f"{path!r} is no path of a field such as pose.position.x or transforms[0].child_frame_id")
+        raise ValueError(
+            f"{path!r} is no path of a field such as pose.position.x or transforms[0].child_frame_id"
+        )
     return tuple(int(number) if number else name for name, number in _FIELD_STEP.findall(path))
 
 
@@ -168,13 +177,19 @@ def _spelled(nodetype: int, kind: Any) -> str:
 def types_in(package: str, folder: str) -> tuple[str, ...]:
     """Return the types of a package in its folder ("msg", "srv"); none where the package is not known here."""
     own = (name for each in _at_hand.get() if each.name == package for name in each.types)
-    return tuple(sorted(name for name in own if f"/{folder}/" in name)) or installed_types(package, folder)
+    return tuple(sorted(name for name in own if f"/{folder}/" in name)) or installed_types(
+        package, folder
+    )
 
 
 @lru_cache(maxsize=64)
 def installed_types(package: str, folder: str) -> tuple[str, ...]:
     """Return those of a package that is installed, or of ROS itself."""
-    found = {path.stem for share in share_folders() for path in (share / package / folder).glob(f"*.{folder}")}
+    found = {
+        path.stem
+        for share in share_folders()
+        for path in (share / package / folder).glob(f"*.{folder}")
+    }
     if found or folder != "msg":
         return tuple(f"{package}/{folder}/{stem}" for stem in sorted(found))
     return tuple(name for name in _types_of_rosbags() if name.startswith(f"{package}/msg/"))
@@ -182,8 +197,12 @@ def installed_types(package: str, folder: str) -> tuple[str, ...]:
 
 def packages_with(folder: str) -> tuple[str, ...]:
     """Return the packages that are installed here and have such types."""
-    installed = {path.parts[-3] for share in share_folders() for path in share.glob(f"*/{folder}/*.{folder}")}
-    own = {each.name for each in _at_hand.get() if any(f"/{folder}/" in name for name in each.types)}
+    installed = {
+        path.parts[-3] for share in share_folders() for path in share.glob(f"*/{folder}/*.{folder}")
+    }
+    own = {
+        each.name for each in _at_hand.get() if any(f"/{folder}/" in name for name in each.types)
+    }
     return tuple(sorted(installed | own))
 
 
@@ -199,7 +218,9 @@ def _description(topic_type: str, folders: tuple[Path, ...]) -> dict[str, Any]:
     owner = match[3] if match[2] == "msg" else match[3].partition("_")[0]
     for folder in folders:
         try:
-            description: dict[str, Any] = json.loads((folder / match[1] / match[2] / f"{owner}.json").read_bytes())
+            description: dict[str, Any] = json.loads(
+                (folder / match[1] / match[2] / f"{owner}.json").read_bytes()
+            )
         except (OSError, ValueError):
             continue
         return description

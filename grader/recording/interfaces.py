@@ -10,7 +10,11 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 #: Folder of definitions -> names that their parts add to theirs.
-PARTS = {"msg": ("",), "srv": ("_Request", "_Response"), "action": ("_Goal", "_Result", "_Feedback")}
+PARTS = {
+    "msg": ("",),
+    "srv": ("_Request", "_Response"),
+    "action": ("_Goal", "_Result", "_Feedback"),
+}
 #: Of one package, far more than people write.
 _MOST_FILES, _MOST_CHARACTERS, _LONGEST_NAME = 200, 200_000, 100
 _NAME = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
@@ -49,7 +53,9 @@ class InterfacePackage:
     @cached_property
     def types(self) -> frozenset[str]:
         """Names of its types, such as "my_msgs/srv/Add"."""
-        return frozenset(f"{self.name}/{PurePosixPath(file).with_suffix('')}" for file in self.files)
+        return frozenset(
+            f"{self.name}/{PurePosixPath(file).with_suffix('')}" for file in self.files
+        )
 
     @cached_property
     def fields(self) -> Mapping[str, Any]:
@@ -65,7 +71,9 @@ class InterfacePackage:
             if len(sections) != len(parts):
                 raise ValueError(f"{file}: {len(parts) - 1} lines of --- are needed")
             for part, section in zip(parts, sections, strict=True):
-                found[f"{self.name}/{path.with_suffix('')}{part}"] = _parsed(file, section, self.name)
+                found[f"{self.name}/{path.with_suffix('')}{part}"] = _parsed(
+                    file, section, self.name
+                )
         return found
 
 
@@ -87,14 +95,18 @@ def packages_of(files: Mapping[str, str]) -> Iterator[InterfacePackage]:
         if path.suffix[1:] in PARTS and path.parent.name == path.suffix[1:]:
             folders.setdefault(path.parent.parent, {})[f"{path.parent.name}/{path.name}"] = text
     for folder, found in folders.items():
-        named = re.search(r"<name>\s*([\w-]{1,100})\s*</name>", files.get(str(folder / "package.xml"), ""))
+        named = re.search(
+            r"<name>\s*([\w-]{1,100})\s*</name>", files.get(str(folder / "package.xml"), "")
+        )
         yield InterfacePackage(named[1] if named is not None else folder.name, found)
 
 
 def read_folder(folder: Path) -> dict[str, str]:
     """Return the texts of definitions and manifests below a folder of the instructor's, by their paths in it."""
     suffixes = (*(f".{kind}" for kind in PARTS), ".xml")
-    paths = (path for path in sorted(folder.rglob("*")) if path.suffix in suffixes and path.is_file())
+    paths = (
+        path for path in sorted(folder.rglob("*")) if path.suffix in suffixes and path.is_file()
+    )
     return {path.relative_to(folder).as_posix(): path.read_text(encoding="utf-8") for path in paths}
 
 

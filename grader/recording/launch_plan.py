@@ -16,7 +16,15 @@ from operator import or_
 from pathlib import PurePosixPath
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, BeforeValidator, Field, Strict, TypeAdapter, ValidationError, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
 from pydantic.dataclasses import dataclass
 
 PLAN_SCHEMA = "ros-lab-grader/launch-plan/v1"
@@ -51,7 +59,12 @@ def _require_folder(path: str) -> str:
 
 def _require_file_name(name: str) -> str:
     """Refuse what is no name of a file beside the others in one folder."""
-    if name in ("", ".", "..") or "/" in name or "\0" in name or len(os.fsencode(name)) > _LONGEST_FILE_NAME:
+    if (
+        name in ("", ".", "..")
+        or "/" in name
+        or "\0" in name
+        or len(os.fsencode(name)) > _LONGEST_FILE_NAME
+    ):
         raise ValueError("not a name for a file of a launch plan")
     return name
 
@@ -218,7 +231,9 @@ class Process:
     def _ruled(self, *sources: str) -> str | None:
         """What the first rule for a name on the command line makes of it, where all later ones are ignored."""
         rules = (word.partition(":=") for word in self._words)
-        return next((target for source, is_rule, target in rules if is_rule and source in sources), None)
+        return next(
+            (target for source, is_rule, target in rules if is_rule and source in sources), None
+        )
 
     def command(self, parameters_folder: str) -> list[str]:
         """The command line, with the parameter files in a folder."""
@@ -275,7 +290,13 @@ def _matches(section: str, full_name: str) -> bool:
         if part == "**":
             fits = list(accumulate(fits, or_))
         else:
-            fits = [False, *(before and part in ("*", name) for before, name in zip(fits, given, strict=False))]
+            fits = [
+                False,
+                *(
+                    before and part in ("*", name)
+                    for before, name in zip(fits, given, strict=False)
+                ),
+            ]
     return fits[-1]
 
 
@@ -359,7 +380,9 @@ class Plan:
         except ValidationError as problem:
             first = problem.errors(include_url=False, include_context=False)[0]
             place = ".".join(str(part) for part in first["loc"])
-            raise MalformedPlanError(f"this is not a launch plan: {place:.80}: {first['msg']}") from problem
+            raise MalformedPlanError(
+                f"this is not a launch plan: {place:.80}: {first['msg']}"
+            ) from problem
 
     @model_validator(mode="after")
     def _few_files(self) -> Plan:
@@ -380,7 +403,11 @@ def _is_shallow(plain: Any) -> bool:
     """Whether data is no deeper than any plan."""
     level = [plain]
     for _ in range(_DEEPEST):
-        parts = (v.values() if isinstance(v, Mapping) else v for v in level if isinstance(v, (Mapping, list, tuple)))
+        parts = (
+            v.values() if isinstance(v, Mapping) else v
+            for v in level
+            if isinstance(v, (Mapping, list, tuple))
+        )
         level = [inner for part in parts for inner in part]
     return not level
 
@@ -390,10 +417,14 @@ def _plain(value: Any) -> Any:
         plain = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
         if isinstance(value, Parameter):
             kept = ("file", "content") if value.name is None else ("name", "value", "type")
-            return {name: plain[name] for name in (*kept, *(("wildcard",) if value.wildcard else ()))}
+            return {
+                name: plain[name] for name in (*kept, *(("wildcard",) if value.wildcard else ()))
+            }
         return plain
     if isinstance(value, Mapping):
         return {str(name): _plain(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
-    return {_NO_JSON: str(value)} if isinstance(value, float) and not math.isfinite(value) else value
+    return (
+        {_NO_JSON: str(value)} if isinstance(value, float) and not math.isfinite(value) else value
+    )

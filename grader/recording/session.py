@@ -165,7 +165,10 @@ class GraphSnapshot:
 def _actions_of(endpoints: list[ServiceEndpoint]) -> list[ServiceEndpoint]:
     taking = (endpoint for endpoint in endpoints if endpoint.name.endswith(_GOAL_SERVICE))
     return [
-        ServiceEndpoint(e.name.removesuffix(_GOAL_SERVICE), e.type.removesuffix("_SendGoal"), e.node) for e in taking
+        ServiceEndpoint(
+            e.name.removesuffix(_GOAL_SERVICE), e.type.removesuffix("_SendGoal"), e.node
+        )
+        for e in taking
     ]
 
 
@@ -208,8 +211,12 @@ class Claim:
 
 def asked_for(endpoint: Endpoint, claims: Iterable[Claim]) -> Claim | None:
     """Return the call by which a student's node asked for an endpoint, in whatever namespace: of several its own's."""
-    fitting = [c for c in claims if (c.kind, _plain(c.name)) == (endpoint.kind, _plain(endpoint.topic))]
-    return next(iter([c for c in fitting if _plain(c.node) == _plain(endpoint.node)] or fitting), None)
+    fitting = [
+        c for c in claims if (c.kind, _plain(c.name)) == (endpoint.kind, _plain(endpoint.topic))
+    ]
+    return next(
+        iter([c for c in fitting if _plain(c.node) == _plain(endpoint.node)] or fitting), None
+    )
 
 
 def _plain(name: str) -> str:

@@ -38,7 +38,9 @@ class Person:
     @property
     def names(self) -> tuple[str, ...]:
         """All by which something that was handed in can be known to be theirs."""
-        numbers = (f"{system} {n}" for system, n in (("moodle", self.moodle), ("canvas", self.canvas)) if n)
+        numbers = (
+            f"{system} {n}" for system, n in (("moodle", self.moodle), ("canvas", self.canvas)) if n
+        )
         return (self.name, self.student_id, self.login, self.email, *numbers)
 
 

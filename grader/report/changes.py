@@ -16,15 +16,32 @@ from grader.report.grades_csv import csv_text
 from grader.report.views import points, signed
 from grader.result import Outcome
 
-_COLUMNS = "submission,level,id,title,outcome before,outcome after,points before,points after,difference"
+_COLUMNS = (
+    "submission,level,id,title,outcome before,outcome after,points before,points after,difference"
+)
 
 
 def changes_csv(changes: Iterable[Changes]) -> str:
     """Return all that changes, a row each: the total first, then its criteria, checks and adjustments."""
-    rows: list[Sequence[str | Decimal]] = [[*_COLUMNS.split(","), "undecided before", "undecided after"]]
+    rows: list[Sequence[str | Decimal]] = [
+        [*_COLUMNS.split(","), "undecided before", "undecided after"]
+    ]
     for each in changes:
         before = "" if each.before is None else each.before
-        rows.append([each.submission, "total", "", "", "", "", before, each.after, each.difference, *each.undecided])
+        rows.append(
+            [
+                each.submission,
+                "total",
+                "",
+                "",
+                "",
+                "",
+                before,
+                each.after,
+                each.difference,
+                *each.undecided,
+            ]
+        )
         for part in each.parts:
             outcomes = map(_word, part.outcomes)
             numbers = ["" if p is None else p for p in (part.before, part.after)]
@@ -51,9 +68,13 @@ def print_changes(console: Console, changes: Mapping[str, Changes]) -> None:
     for (before, after), number in Counter(each.possible for each in found.values()).items():
         if before != after:
             out_of = f"{points(after)} points, before of {points(before)}"
-            console.print(f"{_counted(number)}: of {out_of}; a difference can come from that alone.")
+            console.print(
+                f"{_counted(number)}: of {out_of}; a difference can come from that alone."
+            )
     rest = "1 keeps its own" if kept == 1 else f"{kept} keep theirs"
-    console.print(f"Points or outcomes change for {len(found)} of {_counted(len(changes))}{words}; {rest}.")
+    console.print(
+        f"Points or outcomes change for {len(found)} of {_counted(len(changes))}{words}; {rest}."
+    )
 
 
 def _counted(number: int) -> str:
@@ -93,11 +114,15 @@ def _described(part: Change, *, by_id: bool) -> tuple[Text, Text]:
 
 
 def _step(before: Decimal | None, after: Decimal | None) -> str:
-    return " → ".join(dict.fromkeys(points(p) if p is not None else "none" for p in (before, after)))
+    return " → ".join(
+        dict.fromkeys(points(p) if p is not None else "none" for p in (before, after))
+    )
 
 
 def _signed(difference: Decimal) -> Text:
-    return Text(signed(difference), "green" if difference > 0 else "red") if difference else Text("")
+    return (
+        Text(signed(difference), "green" if difference > 0 else "red") if difference else Text("")
+    )
 
 
 def _print_summary(console: Console, changes: Sequence[Changes]) -> None:
@@ -105,7 +130,9 @@ def _print_summary(console: Console, changes: Sequence[Changes]) -> None:
     found = by_check(changes)
     if not found or len(changes) < 2:
         return
-    table = Table("By check", "gain", "lose", "points", box=None, padding=(0, 1), header_style="bold")
+    table = Table(
+        "By check", "gain", "lose", "points", box=None, padding=(0, 1), header_style="bold"
+    )
     for column in table.columns[1:]:
         column.justify = "right"
     for title, gain, lose, together in found:

@@ -49,7 +49,9 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
 }
 
 
-def render(summary: ClassSummary, similarity: Similarity | None = None, *, anonymous: bool = False) -> str:
+def render(
+    summary: ClassSummary, similarity: Similarity | None = None, *, anonymous: bool = False
+) -> str:
     """Return the class page as HTML, which says whether names were replaced; equal arguments give equal bytes.
 
     What the submissions have in common is shown where it was compared; it names students and quotes them.
@@ -70,11 +72,21 @@ def render(summary: ClassSummary, similarity: Similarity | None = None, *, anony
         anonymous=anonymous,
         graded=summary.spread.count if summary.spread else 0,
         chart=scores_figure(summary.spread) if summary.spread else None,
-        tasks=[(*words, [todo for todo in summary.todos if todo.need is need]) for need, words in needs.items()],
+        tasks=[
+            (*words, [todo for todo in summary.todos if todo.need is need])
+            for need, words in needs.items()
+        ],
         badges=[[needs[todo.need][2] for todo in summary.todos if todo.row == n] for n in rows],
-        shared=[(n, mistake) for n, mistake in enumerate(summary.mistakes) if len(mistake.made_by) > 1],
-        single=[(n, mistake) for n, mistake in enumerate(summary.mistakes) if len(mistake.made_by) == 1],
-        mistakes=[[k for k, m in enumerate(summary.mistakes) if any(one.row == n for one in m.made_by)] for n in rows],
+        shared=[
+            (n, mistake) for n, mistake in enumerate(summary.mistakes) if len(mistake.made_by) > 1
+        ],
+        single=[
+            (n, mistake) for n, mistake in enumerate(summary.mistakes) if len(mistake.made_by) == 1
+        ],
+        mistakes=[
+            [k for k, m in enumerate(summary.mistakes) if any(one.row == n for one in m.made_by)]
+            for n in rows
+        ],
         codes=[_codes(row, summary) for row in summary.rows],
         final_share=views.final_share,
         titles={check.id: check.title for check in summary.checks},
@@ -95,15 +107,28 @@ def _changes(row: Row) -> Changes | None:
 def _stale(summary: ClassSummary, similarity: Similarity | None) -> list[str]:
     """Return whose submissions were compared and have changed, or come, since then."""
     results = ((row.entry.name, row.result) for row in summary.rows if similarity is not None)
-    now = {name: result.provenance.get("submission_sha256", "") for name, result in results if result is not None}
-    return [name for name, sha256 in now.items() if similarity and similarity.compared.get(name, "") != sha256]
+    now = {
+        name: result.provenance.get("submission_sha256", "")
+        for name, result in results
+        if result is not None
+    }
+    return [
+        name
+        for name, sha256 in now.items()
+        if similarity and similarity.compared.get(name, "") != sha256
+    ]
 
 
 def _codes(row: Row, summary: ClassSummary) -> str:
     """Return a letter for each criterion, then for each check."""
     checks = {check.id: check for check in row.result.checks} if row.result else {}
-    badges = [views.cell_badge(row.result, cell) if row.result and cell else None for cell in row.cells]
-    badges += [views.badge_of(checks[check.id].outcome) if check.id in checks else None for check in summary.checks]
+    badges = [
+        views.cell_badge(row.result, cell) if row.result and cell else None for cell in row.cells
+    ]
+    badges += [
+        views.badge_of(checks[check.id].outcome) if check.id in checks else None
+        for check in summary.checks
+    ]
     return "".join(badge.letter if badge else "-" for badge in badges)
 
 

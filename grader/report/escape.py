@@ -50,7 +50,9 @@ def line(text: str, longest: int = 300) -> str:
     """Return a text as one line that can be shown; cut with an ellipsis."""
     # Split again, since where a terminal sequence stood between blanks, two are left.
     whole = " ".join(shown(" ".join(text[: longest * 4].split()), longest * 4).split())
-    return whole if len(whole) <= longest and len(text) <= longest * 4 else whole[: longest - 1] + "…"
+    return (
+        whole if len(whole) <= longest and len(text) <= longest * 4 else whole[: longest - 1] + "…"
+    )
 
 
 # -- terminal and CI log -----------------------------------------------------------------------
@@ -98,7 +100,8 @@ def terminal_text(text: str, limit: int = 400) -> str:
 #: mentions, addresses, numbers of issues, emoji, URLs, commits, ticket numbers. Names of files and topics
 #: (with a point, an underscore, a leading slash) are set as code because they read better so.
 _CODE = re.compile(
-    r"[@#_]|:(?!$)|^\W*/|www\.|\w\.[^\W\d_]{2}|(?<![^\W_])[0-9a-f]{7,}(?![^\W_])|[A-Za-z]-\d", re.IGNORECASE
+    r"[@#_]|:(?!$)|^\W*/|www\.|\w\.[^\W\d_]{2}|(?<![^\W_])[0-9a-f]{7,}(?![^\W_])|[A-Za-z]-\d",
+    re.IGNORECASE,
 )
 #: A word's code goes without stops, brackets and quotes around it; those of a call are its own.
 _AROUND = re.compile(r"([(\"'‘“]*)(.*?(?:\(\))?)([)\"'’”.,;:!?…]{0,20})", re.DOTALL)
@@ -136,4 +139,6 @@ def _word(word: str) -> str:
 
 
 def _prose(text: str) -> str:
-    return "".join(c if c.isalnum() or c in _INERT or not c.isascii() else f"&#{ord(c)};" for c in text)
+    return "".join(
+        c if c.isalnum() or c in _INERT or not c.isascii() else f"&#{ord(c)};" for c in text
+    )

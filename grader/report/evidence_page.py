@@ -33,10 +33,16 @@ def render(
     """
     anchors = views.anchors_of({name: recorded.record for name, recorded in recordings.items()})
     checks = [c for part in result.criteria for c in part.checks if what in (c.id, part.id)]
-    violations = [v for v in result.violations if what == WHOLE or {c.id for c in checks}.intersection(v.checks)]
+    violations = [
+        v
+        for v in result.violations
+        if what == WHOLE or {c.id for c in checks}.intersection(v.checks)
+    ]
     named = {check.session for check in checks} | {violation.session for violation in violations}
     # A robot that moves needs a script; the report has it.
-    drawn = [figure for of in figures.values() for figure in of if not isinstance(figure.content, Motion)]
+    drawn = [
+        figure for of in figures.values() for figure in of if not isinstance(figure.content, Motion)
+    ]
     shown = [f for f in drawn if {c.id for c in checks}.intersection(f.shows)]
     places = [place for check in checks for place in check.where]
     return render_page(
@@ -50,9 +56,15 @@ def render(
         violations=violations,
         figures=shown or [figure for figure in drawn if figure.session in named],
         sessions={name: recorded.record for name, recorded in recordings.items() if name in named},
-        timelines={name: timeline_of(recorded, result) for name, recorded in recordings.items() if name in named},
+        timelines={
+            name: timeline_of(recorded, result)
+            for name, recorded in recordings.items()
+            if name in named
+        },
         files=_files(places, submission.texts),
-        locations={check.id: views.locations_of(check, submission.texts, anchors) for check in checks},
+        locations={
+            check.id: views.locations_of(check, submission.texts, anchors) for check in checks
+        },
         beside={},
         views=views,
     )

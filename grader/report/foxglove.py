@@ -25,15 +25,24 @@ _NO_QUANTITY = ("/clock", "/parameter_events", _LOG, "stamp", "layout")
 
 def layout_of(recorded: Recorded) -> str:
     """Return the layout of a session's recording as JSON; equal recordings give equal bytes."""
-    topics = {i.topic for i in recorded.bag.topics if i.count and "/_" not in i.topic} - {*_NO_QUANTITY}
+    topics = {i.topic for i in recorded.bag.topics if i.count and "/_" not in i.topic} - {
+        *_NO_QUANTITY
+    }
     ordered = sorted(topics, key=lambda name: (name not in recorded.awaited, name))
-    plots = [_plot(topic, paths) for topic in ordered if (paths := _paths(recorded, topic))][:_MOST_PLOTS]
+    plots = [_plot(topic, paths) for topic in ordered if (paths := _paths(recorded, topic))][
+        :_MOST_PLOTS
+    ]
     panels = {f"Plot!{number}": plot for number, plot in enumerate(plots, 1)}
     panels["RosOut!log"] = {"topicToRender": _LOG, "minLogLevel": 1, "searchTerms": []}
     tree: Any = None
     for panel in reversed(panels):
         tree = panel if tree is None else {"direction": "column", "first": panel, "second": tree}
-    layout = {"configById": panels, "globalVariables": {}, "userNodes": {}, "playbackConfig": {"speed": 1}}
+    layout = {
+        "configById": panels,
+        "globalVariables": {},
+        "userNodes": {},
+        "playbackConfig": {"speed": 1},
+    }
     return json.dumps({**layout, "layout": tree}, indent=1) + "\n"
 
 
@@ -59,6 +68,13 @@ def _numbers(value: Any, depth: int) -> Iterator[str]:
 def _plot(topic: str, paths: Sequence[str]) -> dict[str, Any]:
     lines = [{"value": path, "enabled": True, "timestampMethod": "receiveTime"} for path in paths]
     shown = dict.fromkeys(
-        ("isSynced", "showLegend", "showXAxisLabels", "showYAxisLabels", "showPlotValuesInLegend"), True
+        ("isSynced", "showLegend", "showXAxisLabels", "showYAxisLabels", "showPlotValuesInLegend"),
+        True,
     )
-    return {"title": topic, "paths": lines, "xAxisVal": "timestamp", "legendDisplay": "floating", **shown}
+    return {
+        "title": topic,
+        "paths": lines,
+        "xAxisVal": "timestamp",
+        "legendDisplay": "floating",
+        **shown,
+    }

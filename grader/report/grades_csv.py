@@ -47,13 +47,17 @@ def csv_cell(value: str | int | Decimal) -> str | int | Decimal:
     return _GOES_ON.sub(r"\1'", text)
 
 
-def csv_text(rows: Iterable[Sequence[str | int | Decimal]], quoting: Literal[0, 1] = csv.QUOTE_MINIMAL) -> str:
+def csv_text(
+    rows: Iterable[Sequence[str | int | Decimal]], quoting: Literal[0, 1] = csv.QUOTE_MINIMAL
+) -> str:
     """Return the text of a file of rows, the first of them its head; numbers without trailing zeros."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n", quoting=quoting)
     for row in rows:
         cells = map(csv_cell, row)
-        writer.writerow([points(cell) if isinstance(cell, Decimal) else str(cell) for cell in cells])
+        writer.writerow(
+            [points(cell) if isinstance(cell, Decimal) else str(cell) for cell in cells]
+        )
     return BYTE_ORDER_MARK + text.getvalue()
 
 
@@ -70,7 +74,12 @@ def render(summary: ClassSummary) -> str:
         submitted, result = row.entry.submitted_at, row.result
         sums: list[str | Decimal] = [""] * 4
         if result:
-            sums = [result.final, result.score.earned, result.score.possible, result.still_undecided]
+            sums = [
+                result.final,
+                result.score.earned,
+                result.score.possible,
+                result.still_undecided,
+            ]
         adjustments = result.adjustments if result else ()
         rows.append(
             [
@@ -80,7 +89,10 @@ def render(summary: ClassSummary) -> str:
                 *sums,
                 *(cell.earned if cell else "" for cell in row.cells),
                 *map(_outcome, row.cells),
-                "; ".join(f"{a.kind.value} {points(a.points)}: {a.reason}".rstrip(": ") for a in adjustments),
+                "; ".join(
+                    f"{a.kind.value} {points(a.points)}: {a.reason}".rstrip(": ")
+                    for a in adjustments
+                ),
                 "; ".join(bonus_lines(result)) if result else "",
                 ", ".join(todo.need.value for todo in summary.todos if todo.row == number),
                 row.entry.problem,

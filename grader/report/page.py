@@ -38,17 +38,26 @@ def _template(name: str, styles: tuple[str, ...], scripts: tuple[str, ...]) -> T
         autoescape=True,
         undefined=StrictUndefined,
         # Text is made fit to be shown; markup of ours and numbers stay as they are.
-        finalize=lambda value: shown(value) if isinstance(value, str) and not isinstance(value, Markup) else value,
+        finalize=lambda value: (
+            shown(value) if isinstance(value, str) and not isinstance(value, Markup) else value
+        ),
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters.update(line=line, duration=duration, prose=prose, breakable=breakable, fields=views.fields)
+    environment.filters.update(
+        line=line, duration=duration, prose=prose, breakable=breakable, fields=views.fields
+    )
     environment.filters.update(percent=percent)
     environment.filters.update(points=views.points, tenths=views.tenths, signed=views.signed)
-    environment.filters.update(tenths_signed=lambda value: views.signed(value.quantize(Decimal("0.1"))))
+    environment.filters.update(
+        tenths_signed=lambda value: views.signed(value.quantize(Decimal("0.1")))
+    )
     environment.globals.update(
-        widths=(WIDE, HALF, NARROW), anchor=views.anchor, badge_of=views.badge_of, share_of=views.share_of
+        widths=(WIDE, HALF, NARROW),
+        anchor=views.anchor,
+        badge_of=views.badge_of,
+        share_of=views.share_of,
     )
     css, js = ("".join(map(_read, files)) for files in (styles, scripts))
     environment.globals.update(

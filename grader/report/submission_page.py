@@ -51,15 +51,21 @@ def render(
         undecided=[c for c in result.checks if not c.outcome.decided],
         beside=beside,
         players=[(figure, views.moments_of(result, figure)) for figure in players],
-        figures={of: [figure for figure in drawn if id(figure) not in placed] for of, drawn in figures.items()},
+        figures={
+            of: [figure for figure in drawn if id(figure) not in placed]
+            for of, drawn in figures.items()
+        },
         sessions=sessions,
         timelines={name: timeline_of(recorded, result) for name, recorded in recordings.items()},
         isolations=views.isolations_of(sessions),
         versions=views.versions_of(result),
         submission=submission,
         views=views,
-        locations={c.id: views.locations_of(c, submission.texts, anchors) for c in result.every_check},
+        locations={
+            c.id: views.locations_of(c, submission.texts, anchors) for c in result.every_check
+        },
         violations=[
-            (v, views.location_of(v.where, {}, anchors), views.titles_of(v, result)) for v in result.violations
+            (v, views.location_of(v.where, {}, anchors), views.titles_of(v, result))
+            for v in result.violations
         ],
     )

@@ -14,7 +14,15 @@ from rich.table import Table
 from rich.text import Text
 
 from grader.report.escape import terminal_text
-from grader.report.views import BONUS, adjustments_of, badge_of, earned_text, note_of, points, titles_of
+from grader.report.views import (
+    BONUS,
+    adjustments_of,
+    badge_of,
+    earned_text,
+    note_of,
+    points,
+    titles_of,
+)
 from grader.result import CheckResult, CriterionResult, Outcome, Result, Violation
 
 #: What took less was not run at all.
@@ -27,11 +35,15 @@ class ProgressDisplay(Live):
     def __init__(self, console: Console, submission: str, sessions: Sequence[str]) -> None:
         self._console = console
         self._submission = terminal_text(submission, 80)
-        self._states: dict[str, tuple[str, int, int, bool]] = dict.fromkeys(sessions, ("in the queue", 0, 0, False))
+        self._states: dict[str, tuple[str, int, int, bool]] = dict.fromkeys(
+            sessions, ("in the queue", 0, 0, False)
+        )
         self._started_s = time.monotonic()
         self._began: dict[str, float] = {}
         self._took: dict[str, float] = {}
-        super().__init__(console=console, get_renderable=self._table, refresh_per_second=8, transient=True)
+        super().__init__(
+            console=console, get_renderable=self._table, refresh_per_second=8, transient=True
+        )
 
     def note(self, session: str, text: str, step: int, steps: int, ended: bool) -> None:
         """Take note of what a session does now."""
@@ -40,8 +52,12 @@ class ProgressDisplay(Live):
         if ended:
             self._took[session] = now - self._began.pop(session)
             if not self._console.is_terminal:
-                took = f" ({self._took[session]:.1f} s)" if self._took[session] >= _NOTABLE_S else ""
-                self._console.print(f"  {session}: {terminal_text(text)}{took}", highlight=False, markup=False)
+                took = (
+                    f" ({self._took[session]:.1f} s)" if self._took[session] >= _NOTABLE_S else ""
+                )
+                self._console.print(
+                    f"  {session}: {terminal_text(text)}{took}", highlight=False, markup=False
+                )
         self._states[session] = (text, step, steps, ended)
 
     def _table(self) -> Group:
@@ -102,7 +118,10 @@ def print_result(console: Console, result: Result) -> None:
 def _add_adjustments(table: Table, result: Result) -> None:
     for adjustment in adjustments_of(result):
         body = Text(terminal_text(adjustment.title, 160))
-        body.append(f"\n{terminal_text(adjustment.reason)} ({terminal_text(adjustment.decided, 160)})", "dim")
+        body.append(
+            f"\n{terminal_text(adjustment.reason)} ({terminal_text(adjustment.decided, 160)})",
+            "dim",
+        )
         style = {"gain": "green", "loss": "red"}.get(adjustment.style, "")
         table.add_row("", body, Text(adjustment.points, style))
     total = Text(f"{points(result.final)} / {points(result.score.possible)}", "bold")
@@ -110,7 +129,11 @@ def _add_adjustments(table: Table, result: Result) -> None:
 
 
 def _print_violation(console: Console, violation: Violation, result: Result) -> None:
-    text = " ".join(part for part in (violation.text, note_of(violation), f"(session {violation.session})") if part)
+    text = " ".join(
+        part
+        for part in (violation.text, note_of(violation), f"(session {violation.session})")
+        if part
+    )
     console.print(Text(f"For the instructor: {terminal_text(text)}", "red"))
     for evidence in violation.evidence:
         console.print(Text(f"  • {terminal_text(evidence, 300)}", "dim"))
@@ -150,6 +173,10 @@ def _add_checks(table: Table, checks: Sequence[CheckResult]) -> None:
         body.append(f"\n  see it yourself: {terminal_text(command, 400)}", "dim")
     if first.outcome in (Outcome.FAILED, Outcome.PARTIAL):
         body.append(f"\n  try again: {terminal_text(first.try_again)}", "dim")
-    earned = points(sum((check.earned for check in checks), Decimal(0))) if checks[1:] else earned_text(first)
+    earned = (
+        points(sum((check.earned for check in checks), Decimal(0)))
+        if checks[1:]
+        else earned_text(first)
+    )
     possible = points(sum((check.possible for check in checks), Decimal(0)))
     table.add_row(sign, body, Text(f"{earned} / {possible}", sign.style))

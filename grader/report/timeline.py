@@ -73,7 +73,11 @@ class Timeline:
         self.session, self.started_ns = record.session, record.started_ns
         #: What each process is called, by its place in the record.
         self.processes = [heading_of(record, place) for place in range(len(record.processes))]
-        ends_ns = [record.ended_ns, *(s.ended_ns for s in record.steps), *(p.exited_ns or 0 for p in record.processes)]
+        ends_ns = [
+            record.ended_ns,
+            *(s.ended_ns for s in record.steps),
+            *(p.exited_ns or 0 for p in record.processes),
+        ]
         self.length_s = max(1e-3, *(recorded.since_start_s(t_ns) for t_ns in ends_ns))
         self.ticks = [(time_s, short(time_s)) for time_s in ticks(0.0, self.length_s, _MOST_TICKS)]
         log = sorted(
@@ -87,23 +91,30 @@ class Timeline:
             ((place, moment) for place, lane in enumerate(self.lanes) for moment in lane.moments),
             key=lambda row: row[1].start_s,
         )
-        self.rows = [(f"{anchor('moment', self.session)}-{n}", *row) for n, row in enumerate(ordered)]
+        self.rows = [
+            (f"{anchor('moment', self.session)}-{n}", *row) for n, row in enumerate(ordered)
+        ]
 
     def _shown(self, lane: Lane, log: Sequence[tuple[float, int, int]]) -> Lane:
         """Return it within the session, of equal moments with the first, each with what was written soon after."""
         shown = []
-        for _, alike in itertools.groupby(lane.moments, key=lambda m: (m.style, m.text, m.note, m.end_s)):
+        for _, alike in itertools.groupby(
+            lane.moments, key=lambda m: (m.style, m.text, m.note, m.end_s)
+        ):
             first, *others = alike
             often = f"{len(others) + 1} times" if others else ""
             start_s, end_s = (
-                None if t is None else min(max(t, 0.0), self.length_s) for t in (first.start_s, first.end_s)
+                None if t is None else min(max(t, 0.0), self.length_s)
+                for t in (first.start_s, first.end_s)
             )
             after = bisect.bisect_left(log, (first.start_s,))
             soon = after < len(log) and log[after][0] - first.start_s <= _SOON_S
             line = first.line or (log[after][1:] if soon else None)
             note = f"{first.note} {often}".strip()
             shown.append(replace(first, start_s=start_s or 0.0, end_s=end_s, note=note, line=line))
-        kind = lane.kind if len(shown) <= _MOST_MOMENTS else f"{_MOST_MOMENTS} of {len(shown)} moments"
+        kind = (
+            lane.kind if len(shown) <= _MOST_MOMENTS else f"{_MOST_MOMENTS} of {len(shown)} moments"
+        )
         return Lane(lane.name, kind, shown[:_MOST_MOMENTS])
 
     def at(self, time_s: float) -> str:
@@ -112,7 +123,11 @@ class Timeline:
 
     def lines_of(self, place: int) -> set[int]:
         """Return the lines of a process's output that moments lead to."""
-        return {row[-1].line[1] for row in self.rows if row[-1].line is not None and row[-1].line[0] == place}
+        return {
+            row[-1].line[1]
+            for row in self.rows
+            if row[-1].line is not None and row[-1].line[0] == place
+        }
 
     @property
     def styles(self) -> set[str]:
@@ -123,7 +138,9 @@ class Timeline:
 def timeline_of(recorded: Recorded, result: Result) -> Timeline:
     """Return the timeline of a recorded session, with what points were lost for in it."""
     runs = recorded.record.processes
-    places = [n for role in ("student", "reference") for n, run in enumerate(runs) if run.role == role]
+    places = [
+        n for role in ("student", "reference") for n, run in enumerate(runs) if run.role == role
+    ]
     lanes = (
         *_stacked("points", "lost or open", _losses(recorded.record.session, result)),
         *(
@@ -134,7 +151,11 @@ def timeline_of(recorded: Recorded, result: Result) -> Timeline:
         *_of_actions(recorded),
         *_of_states(recorded),
         *_of_topics(recorded),
-        Lane("grading computer", "", [*_delays(recorded, "everything stalled for about", recorded.stalls, "stall")]),
+        Lane(
+            "grading computer",
+            "",
+            [*_delays(recorded, "everything stalled for about", recorded.stalls, "stall")],
+        ),
     )
     return Timeline(recorded, lanes)
 
@@ -154,12 +175,22 @@ def _stacked(name: str, kind: str, moments: Iterable[Moment]) -> Iterator[Lane]:
 def _losses(session: str, result: Result) -> Iterator[Moment]:
     """Return where in the recording the proof of lost or undecided points lies."""
     for check in result.checks:
-        place = next((w for w in check.where if w.session == session and w.start_s is not None), None)
+        place = next(
+            (w for w in check.where if w.session == session and w.start_s is not None), None
+        )
         if place is not None and place.start_s is not None and (check.lost or check.undecided):
             what = f"−{points(check.lost)}" if check.lost else f"{points(check.undecided)} open"
             text, href = f"{what}: {check.title}", "#" + anchor("check", check.id)
             end_s = place.start_s if place.end_s is None else place.end_s
-            yield Moment("lost" if check.lost else "open", place.start_s, text, check.reason, end_s, True, href=href)
+            yield Moment(
+                "lost" if check.lost else "open",
+                place.start_s,
+                text,
+                check.reason,
+                end_s,
+                True,
+                href=href,
+            )
 
 
 # -- steps -------------------------------------------------------------------------------------
@@ -182,7 +213,9 @@ def _of_step(recorded: Recorded, step: StepRun) -> Iterator[Moment]:
     style = "window" if opened_ns else "wait" if step.kind.startswith("wait") else "step"
     outcome = {"done": "", "timeout": "not in time"}.get(step.outcome, step.outcome)
     name = step.result.get("name")
-    alias = f"found as {name}" if isinstance(name, str) and name not in step.parameters.values() else ""
+    alias = (
+        f"found as {name}" if isinstance(name, str) and name not in step.parameters.values() else ""
+    )
     made = _MADE_OF[step.kind](step.result) if step.kind in _MADE_OF else ""
     note = "; ".join(filter(None, (outcome, str(step.result.get("problem", "")), alias, made)))
     start_s = recorded.since_start_s(opened_ns or step.started_ns)
@@ -193,16 +226,22 @@ def _of_step(recorded: Recorded, step: StepRun) -> Iterator[Moment]:
 def _described(step: StepRun) -> str:
     model = STEPS.get(step.kind)
     try:
-        return model.model_construct(**step.parameters).describe() if model is not None else step.kind
+        return (
+            model.model_construct(**step.parameters).describe() if model is not None else step.kind
+        )
     except (KeyError, ValueError, TypeError):  # recorded when the step had other parameters
         return step.kind
 
 
 #: Kind of a step -> what came of it, by its result.
 _MADE_OF: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
-    "start": lambda r: "it was running" if r.get("started") is False else ", ".join(r.get("processes", ())),
+    "start": lambda r: (
+        "it was running" if r.get("started") is False else ", ".join(r.get("processes", ()))
+    ),
     "publish": lambda r: "" if r.get("matched", True) else "no subscription was matched",
-    "get_parameters": lambda r: fields({n: held.get("value") for n, held in r.get("values", {}).items() if held}),
+    "get_parameters": lambda r: fields(
+        {n: held.get("value") for n, held in r.get("values", {}).items() if held}
+    ),
     "set_parameters": lambda r: f"refused: {fields(r['refused'])}" if r.get("refused") else "",
     "change_state": lambda r: " → ".join(str(r[key]) for key in ("before", "after") if key in r),
     "plan": lambda r: str(r.get("plan", {}).get("problem") or ""),
@@ -213,14 +252,25 @@ def _of_calls(recorded: Recorded, step: StepRun, label: str) -> Iterator[Moment]
     """Return calls with their answers, those together that were answered alike one after the other."""
     calls = (Call.of(recorded, call) for call in step.result["calls"])
     request = fields(step.parameters.get("request", {})) or "an empty request"
-    for (style, _), alike in itertools.groupby(calls, key=lambda call: (call.key[0], str(call.response))):
+    for (style, _), alike in itertools.groupby(
+        calls, key=lambda call: (call.key[0], str(call.response))
+    ):
         group = list(alike)
-        answer = "no answer" if group[0].response is None else fields(group[0].response) or "an empty answer"
-        often, slowest = f"{len(group)} times: " if len(group) > 1 else "", max(call.latency_s for call in group)
+        answer = (
+            "no answer"
+            if group[0].response is None
+            else fields(group[0].response) or "an empty answer"
+        )
+        often, slowest = (
+            f"{len(group)} times: " if len(group) > 1 else "",
+            max(call.latency_s for call in group),
+        )
         text = f"calling {step.result.get('service', '')} with {request}{label}"
         end_s = max(call.start_s + call.latency_s for call in group)
         note = (
-            f"{often}{answer}, after at most {duration(slowest)}" if often else f"{answer}, after {duration(slowest)}"
+            f"{often}{answer}, after at most {duration(slowest)}"
+            if often
+            else f"{answer}, after {duration(slowest)}"
         )
         yield Moment(style, group[0].start_s, text, note, end_s, style == "call-silent")
 
@@ -232,16 +282,25 @@ def _of_process(recorded: Recorded, place: int) -> Lane:
     """Return a process with its node in the graph, what it logged, its end, and when the machine delayed it."""
     run, at = recorded.record.processes[place], recorded.since_start_s
     end_ns, end = run.exited_ns or recorded.record.ended_ns, end_of(run)
-    odd = run.role == "student" and (run.ended_by in ("kill", "terminate", "limit") or bool(run.exit_status))
-    moments = [Moment("run", at(run.started_ns), f"{run.name} runs", end, at(end_ns)), *_found(recorded, run, end_ns)]
+    odd = run.role == "student" and (
+        run.ended_by in ("kill", "terminate", "limit") or bool(run.exit_status)
+    )
+    moments = [
+        Moment("run", at(run.started_ns), f"{run.name} runs", end, at(end_ns)),
+        *_found(recorded, run, end_ns),
+    ]
     if run.interrupted_ns is not None:
         moments.append(Moment("interrupt", at(run.interrupted_ns), "Ctrl-C (SIGINT)"))
     if run.exited_ns is not None:
         moments.append(Moment("bad-exit" if odd else "exit", at(run.exited_ns), end, trouble=odd))
     moments += _logged(recorded, place)
     delays = [delay for delay in recorded.delays(run) if delay.delay_ns >= _SHOWN_DELAY_NS]
-    moments += _delays(recorded, f"the grading computer was busy: {run.name} waited for a core,", delays, "delay")
-    return Lane(heading_of(recorded.record, place), "the lab's" if run.role == "reference" else "", moments)
+    moments += _delays(
+        recorded, f"the grading computer was busy: {run.name} waited for a core,", delays, "delay"
+    )
+    return Lane(
+        heading_of(recorded.record, place), "the lab's" if run.role == "reference" else "", moments
+    )
 
 
 def _found(recorded: Recorded, run: ProcessRun, end_ns: int) -> Iterator[Moment]:
@@ -262,20 +321,33 @@ def _logged(recorded: Recorded, place: int) -> Iterator[Moment]:
     """Return a process's exceptions, where their tracebacks end, and the warnings and errors that it logged."""
     run = recorded.record.processes[place]
     lines = recorded.lines_of(run)
-    numbers = {(line.t_ns, line.text.partition(":")[0].strip()): number for number, line in enumerate(lines)}
+    numbers = {
+        (line.t_ns, line.text.partition(":")[0].strip()): number
+        for number, line in enumerate(lines)
+    }
     for raised in tracebacks(run.output):
         number = numbers.get((raised.t_ns, raised.type), len(lines) - 1)
         text = f"{raised.name}: {raised.message}".partition("\n")[0]
-        yield Moment("raised", recorded.since_start_s(raised.t_ns), text, trouble=True, line=(place, number))
+        yield Moment(
+            "raised", recorded.since_start_s(raised.t_ns), text, trouble=True, line=(place, number)
+        )
     for number, line in enumerate(lines):
         if (warns := _WARNS.match(line.text)) is not None:
-            style, said = "logged-error" if warns[1] else "warning", line.text.partition("]: ")[2] or line.text
-            yield Moment(style, recorded.since_start_s(line.t_ns), said, trouble=True, line=(place, number))
+            style, said = (
+                "logged-error" if warns[1] else "warning",
+                line.text.partition("]: ")[2] or line.text,
+            )
+            yield Moment(
+                style, recorded.since_start_s(line.t_ns), said, trouble=True, line=(place, number)
+            )
 
 
 def _delays(recorded: Recorded, what: str, delays: Iterable[Delay], style: str) -> Iterator[Moment]:
     for delay in delays:
-        start_s, end_s = recorded.since_start_s(delay.start_ns), recorded.since_start_s(delay.end_ns)
+        start_s, end_s = (
+            recorded.since_start_s(delay.start_ns),
+            recorded.since_start_s(delay.end_ns),
+        )
         yield Moment(style, start_s, f"{what} {duration(delay.delay_ns / 1e9)}", end_s=end_s)
 
 
@@ -290,7 +362,11 @@ def _of_actions(recorded: Recorded) -> Iterator[Lane]:
             sent.setdefault(str(step.parameters.get("action", "")), []).append((step, goal))
     for action, goals in list(sent.items())[:_MOST_LANES]:
         yield from _stacked(action, "goals", [_goal(recorded, step, goal) for step, goal in goals])
-        yield Lane(action, "feedback", [m for step, goal in goals for m in _beside_goal(recorded, step, goal)])
+        yield Lane(
+            action,
+            "feedback",
+            [m for step, goal in goals for m in _beside_goal(recorded, step, goal)],
+        )
 
 
 def _goal(recorded: Recorded, step: StepRun, goal: Mapping[str, Any]) -> Moment:
@@ -301,9 +377,17 @@ def _goal(recorded: Recorded, step: StepRun, goal: Mapping[str, Any]) -> Moment:
     made = fields(goal["result"]) if goal.get("result") is not None else ""
     silent = accepted is not False and not ended_ns
     end_s = recorded.since_start_s(ended_ns or (step.ended_ns if silent else goal["answered_ns"]))
-    text, style = f"{step.label or 'goal'}: {fields(goal.get('goal', {}))}", "goal-silent" if silent else "goal"
+    text, style = (
+        f"{step.label or 'goal'}: {fields(goal.get('goal', {}))}",
+        "goal-silent" if silent else "goal",
+    )
     return Moment(
-        style, recorded.since_start_s(goal["sent_ns"]), text, f"{said}: {made}" if made else said, end_s, silent
+        style,
+        recorded.since_start_s(goal["sent_ns"]),
+        text,
+        f"{said}: {made}" if made else said,
+        end_s,
+        silent,
     )
 
 
@@ -325,26 +409,42 @@ def _of_states(recorded: Recorded) -> Iterator[Lane]:
             changes.setdefault(str(step.result.get("node", "")), []).append(step)
     for node, steps in list(changes.items())[:_MOST_LANES]:
         states = [steps[0].result["before"], *(step.result["after"] for step in steps)]
-        edges_ns = [steps[0].started_ns, *(step.result["answered_ns"] for step in steps), recorded.record.ended_ns]
+        edges_ns = [
+            steps[0].started_ns,
+            *(step.result["answered_ns"] for step in steps),
+            recorded.record.ended_ns,
+        ]
         spans = zip(states, itertools.pairwise(map(recorded.since_start_s, edges_ns)), strict=True)
-        yield Lane(node, "state", [Moment("state", a, f"{node} is {state}", "", b) for state, (a, b) in spans])
+        yield Lane(
+            node,
+            "state",
+            [Moment("state", a, f"{node} is {state}", "", b) for state, (a, b) in spans],
+        )
 
 
 def _of_topics(recorded: Recorded) -> Iterator[Lane]:
     """Return a lane for each topic that is not hidden or every node's, those first that the steps wait for."""
-    types = {info.topic: info.topic_type for info in sorted(recorded.bag.topics, key=lambda info: info.count)}
+    types = {
+        info.topic: info.topic_type
+        for info in sorted(recorded.bag.topics, key=lambda info: info.count)
+    }
     names = dict.fromkeys([*types, *(s.endpoint.topic for s in recorded.sightings)])
     plain = [name for name in names if name not in _STANDARD_TOPICS and "/_" not in name]
     lanes = [Lane(name, "", [*_of_topic(recorded, name, types.get(name, ""))]) for name in plain]
     shown = (lane for lane in lanes if lane.moments)
-    by_time = sorted(shown, key=lambda lane: (lane.name not in recorded.awaited, lane.moments[0].start_s, lane.name))
+    by_time = sorted(
+        shown,
+        key=lambda lane: (lane.name not in recorded.awaited, lane.moments[0].start_s, lane.name),
+    )
     yield from by_time[:_MOST_LANES]
 
 
 def _of_topic(recorded: Recorded, topic: str, topic_type: str) -> Iterator[Moment]:
     """Return when its endpoints were in the graph, its first message, and the spans between silences."""
     for kind in ("publisher", "subscription"):
-        seen = [s for s in recorded.sightings if (s.endpoint.topic, s.endpoint.kind) == (topic, kind)]
+        seen = [
+            s for s in recorded.sightings if (s.endpoint.topic, s.endpoint.kind) == (topic, kind)
+        ]
         if seen:
             start_s = recorded.since_start_s(min(s.start_ns for s in seen))
             nodes = ", ".join(dict.fromkeys(s.endpoint.node for s in seen))
@@ -354,7 +454,9 @@ def _of_topic(recorded: Recorded, topic: str, topic_type: str) -> Iterator[Momen
         return
     yield Moment("first", float(times_s[0]), f"first message on {topic}")
     gaps_s = np.diff(times_s)
-    limit_s = max(_SILENT_S, _SILENT_INTERVALS * float(np.median(gaps_s))) if len(gaps_s) else _SILENT_S
+    limit_s = (
+        max(_SILENT_S, _SILENT_INTERVALS * float(np.median(gaps_s))) if len(gaps_s) else _SILENT_S
+    )
     for part in np.split(times_s, np.flatnonzero(gaps_s > limit_s) + 1):
         length_s = float(part[-1] - part[0])
         rate = f", {short((len(part) - 1) / length_s)} Hz" if length_s > 0 and len(part) > 2 else ""

@@ -85,7 +85,9 @@ def literal(value: Any) -> str:
     if isinstance(value, str):
         return f"'{value[:500]}'"
     if isinstance(value, (list, tuple)):
-        return "[" + ", ".join(literal(v) for v in value[:20]) + (", …]" if len(value) > 20 else "]")
+        return (
+            "[" + ", ".join(literal(v) for v in value[:20]) + (", …]" if len(value) > 20 else "]")
+        )
     return str(value)[:500]
 
 
@@ -150,20 +152,38 @@ def losses_of(result: Result) -> list[Loss]:
     """
     found = []
     for criterion in result.criteria:
-        lost = [check for check in criterion.checks if check.lost > 0 and check.outcome is not Outcome.NOT_REACHED]
+        lost = [
+            check
+            for check in criterion.checks
+            if check.lost > 0 and check.outcome is not Outcome.NOT_REACHED
+        ]
         first = {check.hint or check.id: check for check in reversed(lost)}
         for check in lost:
             if first[check.hint or check.id] is check:
-                same = [other for other in lost if other is not check and check.hint and other.hint == check.hint]
-                blocked = [other for other in result.checks if other.blocked_by == check.id and other.lost > 0]
+                same = [
+                    other
+                    for other in lost
+                    if other is not check and check.hint and other.hint == check.hint
+                ]
+                blocked = [
+                    other
+                    for other in result.checks
+                    if other.blocked_by == check.id and other.lost > 0
+                ]
                 found.append(Loss(check, criterion, (*same, *blocked)))
     return sorted(found, key=lambda loss: -(loss.check.lost + loss.opens))
 
 
 def bonus_lines(result: Result) -> list[str]:
     """Return a line for each extension that was handed in, whose points are in no sum."""
-    lines = [(part, f"{part.title}: {points(part.earned)} of {points(part.possible)}") for part in result.bonus]
-    return [f"{text} ({points(part.undecided)} undecided)" if part.undecided else text for part, text in lines]
+    lines = [
+        (part, f"{part.title}: {points(part.earned)} of {points(part.possible)}")
+        for part in result.bonus
+    ]
+    return [
+        f"{text} ({points(part.undecided)} undecided)" if part.undecided else text
+        for part, text in lines
+    ]
 
 
 #: Heads what `bonus_lines` gives.
@@ -212,7 +232,11 @@ class AdjustmentView:
     def text(self) -> str:
         """All of it in one line, which is still untrusted."""
         head = f"{self.points} {self.title}".rstrip(": ")
-        return head + (f": {self.reason}" if self.reason else "") + (f" ({self.by})" if self.by else "")
+        return (
+            head
+            + (f": {self.reason}" if self.reason else "")
+            + (f" ({self.by})" if self.by else "")
+        )
 
 
 def adjustments_of(result: Result) -> list[AdjustmentView]:
@@ -238,7 +262,9 @@ def _adjustment_view(each: Adjustment, titles: Mapping[str, tuple[str, str]]) ->
     href = "#" + anchor(kind, each.what) if kind else ""
     by = ", ".join(part for part in (each.who, each.when.replace("T", " ")) if part)
     is_appeal = each.kind is AdjustmentKind.APPEAL
-    return AdjustmentView(signed(each.points), style, words[each.kind], href, each.reason, by, each.comment, is_appeal)
+    return AdjustmentView(
+        signed(each.points), style, words[each.kind], href, each.reason, by, each.comment, is_appeal
+    )
 
 
 def said_of(result: Result) -> dict[str, list[AdjustmentView]]:
@@ -252,7 +278,11 @@ def said_of(result: Result) -> dict[str, list[AdjustmentView]]:
 
 def appeal_text(result: Result, check: CheckResult) -> str:
     """Return what a student can send to appeal against a check."""
-    facts = (f"Expected: {check.expected}", f"Measured: {check.measured}", f"The report says: {check.reason}")
+    facts = (
+        f"Expected: {check.expected}",
+        f"Measured: {check.measured}",
+        f"The report says: {check.reason}",
+    )
     known = [fact for fact in facts if not fact.endswith(": ")]
     head = f"Appeal: {result.lab}, {result.submission}, check {check.id}"
     title = f"{check.title}: {earned_text(check)} of {points(check.possible)} points"
@@ -262,7 +292,9 @@ def appeal_text(result: Result, check: CheckResult) -> str:
 def cell_badge(result: Result, criterion: CriterionResult) -> Badge:
     """Return the badge of a criterion as it stands, with what people decided."""
     ids = {check.id for check in criterion.checks}
-    undecided = sum((check.undecided for check in result.open_checks if check.id in ids), Decimal(0))
+    undecided = sum(
+        (check.undecided for check in result.open_checks if check.id in ids), Decimal(0)
+    )
     earned = max(Decimal(0), min(result.final_of(criterion), criterion.possible - undecided))
     return badge_of(outcome_of_points(earned, criterion.possible, undecided))
 
@@ -328,7 +360,9 @@ def _excerpt(texts: Mapping[str, str], file: str, number: int) -> tuple[SourceLi
     first = max(1, number - CONTEXT_LINES)
     last = min(len(lines), number + CONTEXT_LINES)
     tabless = (text.replace("\t", "    ") for text in lines[first - 1 : last])
-    near = [t if len(t) <= LONGEST_SOURCE_LINE else t[: LONGEST_SOURCE_LINE - 1] + "…" for t in tabless]
+    near = [
+        t if len(t) <= LONGEST_SOURCE_LINE else t[: LONGEST_SOURCE_LINE - 1] + "…" for t in tabless
+    ]
     common = min((len(text) - len(text.lstrip(" ")) for text in near if text.strip()), default=0)
     return tuple(
         SourceLine(n, text[common:], n == number)
@@ -337,7 +371,9 @@ def _excerpt(texts: Mapping[str, str], file: str, number: int) -> tuple[SourceLi
     )
 
 
-def location_of(where: Location, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]) -> ShownLocation:
+def location_of(
+    where: Location, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]
+) -> ShownLocation:
     """Put a place in words, with its source lines and the part of the page that shows more."""
     session, process = where.session or "", where.process or ""
     href = anchors.get((session, process)) or anchors.get((session, "")) or ""
@@ -349,7 +385,10 @@ def locations_of(
     check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]
 ) -> list[ShownLocation]:
     """Return the first places where the proof of a check lies, each once."""
-    locations = (location_of(where, texts, anchors) for where in list(dict.fromkeys(check.where))[:MOST_LOCATIONS])
+    locations = (
+        location_of(where, texts, anchors)
+        for where in list(dict.fromkeys(check.where))[:MOST_LOCATIONS]
+    )
     return [location for location in locations if location.text]
 
 
@@ -373,7 +412,11 @@ def moments_of(result: Result, figure: Figure) -> list[Moment]:
     whole_ms = max(1, last_ms - first_ms)
     found = []
     for check in result.checks:
-        spans = [w for w in check.where if w.session == figure.session and w.start_s is not None] if check.lost else []
+        spans = (
+            [w for w in check.where if w.session == figure.session and w.start_s is not None]
+            if check.lost
+            else []
+        )
         for where in spans[:1]:
             assert where.start_s is not None
             ends_s = (where.start_s, where.start_s if where.end_s is None else where.end_s)
@@ -418,7 +461,9 @@ def heading_of(record: SessionRecord, number: int) -> str:
 def processes_of(record: SessionRecord) -> list[tuple[int, str, ProcessRun]]:
     """Return the processes to show, the submission's first: place in the record, heading, and process."""
     runs = enumerate(record.processes)
-    shown = [(n, heading_of(record, n), run) for n, run in runs if run.role != "grader" or run.output]
+    shown = [
+        (n, heading_of(record, n), run) for n, run in runs if run.role != "grader" or run.output
+    ]
     order = {"student": 0, "reference": 1, "grader": 2}
     return sorted(shown, key=lambda one: order.get(one[2].role, 3))
 
@@ -427,7 +472,11 @@ def output_of(run: ProcessRun, started_ns: int, meant: Collection[int] = ()) -> 
     """Return the first and the last lines of a process's output, and those with what comes before that are meant."""
     count = len(run.output)
     shown = {n for each in meant for n in range(each - LINES_BEFORE, each + 2)} & set(range(count))
-    near = {*range(min(PRINTED_HEAD_LINES, count)), *range(max(0, count - PRINTED_TAIL_LINES), count), *shown}
+    near = {
+        *range(min(PRINTED_HEAD_LINES, count)),
+        *range(max(0, count - PRINTED_TAIL_LINES), count),
+        *shown,
+    }
     shown |= {*range(min(HEAD_LINES, count)), *range(max(0, count - TAIL_LINES), count)}
     ordered = sorted(shown)
     return [
@@ -436,7 +485,9 @@ def output_of(run: ProcessRun, started_ns: int, meant: Collection[int] = ()) -> 
     ]
 
 
-def _printed(output: OutputLine, number: int, started_ns: int, far: bool, left_out: int) -> PrintedLine:
+def _printed(
+    output: OutputLine, number: int, started_ns: int, far: bool, left_out: int
+) -> PrintedLine:
     # What follows a bare carriage return is written over what was there, as a progress bar does.
     text = output.text.rstrip("\r").rpartition("\r")[2]
     if len(text) > LONGEST_OUTPUT_LINE:
@@ -473,11 +524,16 @@ def utc(t_ns: Any) -> str:
     return datetime.fromtimestamp(t_ns // 10**9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
 
 
-def isolations_of(sessions: Mapping[str, SessionRecord]) -> list[tuple[Mapping[str, Any], list[str]]]:
+def isolations_of(
+    sessions: Mapping[str, SessionRecord],
+) -> list[tuple[Mapping[str, Any], list[str]]]:
     """Return how sessions were confined, each way with the names of the sessions that were so."""
     all_ways = [record.isolation for record in sessions.values()]
     ways = [way for n, way in enumerate(all_ways) if way not in all_ways[:n]]
-    return [(way, [name for name, record in sessions.items() if record.isolation == way]) for way in ways]
+    return [
+        (way, [name for name, record in sessions.items() if record.isolation == way])
+        for way in ways
+    ]
 
 
 def versions_of(result: Result) -> list[tuple[str, str]]:
@@ -495,12 +551,16 @@ def versions_of(result: Result) -> list[tuple[str, str]]:
 
 def graded_on(result: Result) -> str:
     """Say on which distribution of ROS it was graded, and which the handout was written for."""
-    names = (re.fullmatch(r"ros-([a-z]+)-rclpy", name) for name in result.provenance.get("versions", {}))
+    names = (
+        re.fullmatch(r"ros-([a-z]+)-rclpy", name) for name in result.provenance.get("versions", {})
+    )
     graded = next((name[1].capitalize() for name in names if name), "")
     handout = result.provenance.get("handout_ros", "")
     if not graded:
         return ""
-    return f"graded on ROS 2 {graded}" + (f" (the handout: {handout})" if handout not in ("", graded) else "")
+    return f"graded on ROS 2 {graded}" + (
+        f" (the handout: {handout})" if handout not in ("", graded) else ""
+    )
 
 
 def found_note(artifact: ArtifactFact) -> str:
@@ -508,4 +568,6 @@ def found_note(artifact: ArtifactFact) -> str:
     if artifact.path is None:
         meant = ", ".join(artifact.candidates[:5])
         return f"could have been meant: {meant}" if meant else ""
-    return {"name": "", "near miss": "used in its place, under another name"}.get(artifact.found_by, artifact.found_by)
+    return {"name": "", "near miss": "used in its place, under another name"}.get(
+        artifact.found_by, artifact.found_by
+    )

@@ -33,28 +33,42 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     nobody points.
     """
     source = intake.source
-    record = SubmissionRecord(name=source.name, left_out=list(intake.left_out), source=source.origin)
+    record = SubmissionRecord(
+        name=source.name, left_out=list(intake.left_out), source=source.origin
+    )
     record.student_id, record.identity = source.student_id, source.identity
-    record.submitted_at = source.submitted_at.isoformat() if source.submitted_at is not None else None
+    record.submitted_at = (
+        source.submitted_at.isoformat() if source.submitted_at is not None else None
+    )
     collect_files(intake.folder, record)
     if not record.files:
         raise SubmissionError(
-            "the submission is empty", location=source.location, remedy="Put the lab's files into it."
+            "the submission is empty",
+            location=source.location,
+            remedy="Put the lab's files into it.",
         )
     paths = [PurePosixPath(f.path) for f in record.files]
     record.artifacts = find_artifacts(paths, record.texts, rubric.artifacts, rubric.bonus_artifacts)
     record.packages = find_packages(record.texts, [f.path for f in record.files])
     for fact in record.artifacts:
         if fact.path is None:
-            fact.path = _by_entry_point(rubric.artifacts[fact.name].executable, record.packages, record.texts)
+            fact.path = _by_entry_point(
+                rubric.artifacts[fact.name].executable, record.packages, record.texts
+            )
             fact.found_by = "near miss" if fact.path is not None else fact.found_by
     for fact in record.artifacts:
         fact.bonus = fact.name in rubric.bonus_artifacts
     # What nobody has to hand in is not missing.
-    record.artifacts = [fact for fact in record.artifacts if fact.path is not None or not fact.bonus]
+    record.artifacts = [
+        fact for fact in record.artifacts if fact.path is not None or not fact.bonus
+    ]
     _require_readable(intake, record)
     if not any(_shows_lab(fact, record, rubric) for fact in record.artifacts):
-        wanted = ", ".join(spec.file for name, spec in rubric.artifacts.items() if name not in rubric.bonus_artifacts)
+        wanted = ", ".join(
+            spec.file
+            for name, spec in rubric.artifacts.items()
+            if name not in rubric.bonus_artifacts
+        )
         problem = f"nothing in it looks like a submission to lab {rubric.lab.id}; it may be of another lab"
         remedy = f"At least one of these files is expected: {wanted}. "
         remedy += "Another lab is given by --lab; for a folder of several submissions, add --each."
@@ -78,12 +92,19 @@ def _shows_lab(fact: ArtifactFact, record: SubmissionRecord, rubric: Rubric) -> 
     A launch file that only a pattern finds, and an extension found by its contents, may be of any lab: they show it
     where they name one of its programs.
     """
-    spec, programs = rubric.artifacts[fact.name], {s.executable for s in rubric.artifacts.values()} - {None}
+    spec, programs = (
+        rubric.artifacts[fact.name],
+        {s.executable for s in rubric.artifacts.values()} - {None},
+    )
     by_pattern = spec.executable is None and fact.found_by == "name"
     if fact.path is None or not (by_pattern or (fact.bonus and fact.found_by != "name")):
         return fact.path is not None
     text = record.texts.get(fact.path, "")
-    return not programs or PurePosixPath(fact.path).name in names_of(spec) or any(str(p) in text for p in programs)
+    return (
+        not programs
+        or PurePosixPath(fact.path).name in names_of(spec)
+        or any(str(p) in text for p in programs)
+    )
 
 
 def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
@@ -108,17 +129,31 @@ def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
 
 def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
     """Read a folder of the project's own as `read_submission` does; a student's is extracted first."""
-    return read_submission(Intake(folder, SubmissionSource(folder.resolve().name, (), location=str(folder))), rubric)
+    return read_submission(
+        Intake(folder, SubmissionSource(folder.resolve().name, (), location=str(folder))), rubric
+    )
 
 
 def collect_files(folder: Path, record: SubmissionRecord) -> None:
     """Note the files of a folder with their hashes, and the texts that may be read."""
-    paths = [path.relative_to(folder) for path in folder.rglob("*") if path.is_file() and not path.is_symlink()]
+    paths = [
+        path.relative_to(folder)
+        for path in folder.rglob("*")
+        if path.is_file() and not path.is_symlink()
+    ]
     # The files of a folder come before those of the folders in it.
-    for path in sorted(paths, key=lambda path: (*((True, part) for part in path.parts[:-1]), (False, path.name))):
+    for path in sorted(
+        paths, key=lambda path: (*((True, part) for part in path.parts[:-1]), (False, path.name))
+    ):
         content = (folder / path).read_bytes()
-        record.files.append(FileFact(path.as_posix(), len(content), hashlib.sha256(content).hexdigest()))
-        if path.suffix.lower() in TEXT_SUFFIXES and len(content) <= MAX_TEXT_BYTES and b"\0" not in content:
+        record.files.append(
+            FileFact(path.as_posix(), len(content), hashlib.sha256(content).hexdigest())
+        )
+        if (
+            path.suffix.lower() in TEXT_SUFFIXES
+            and len(content) <= MAX_TEXT_BYTES
+            and b"\0" not in content
+        ):
             record.texts[path.as_posix()] = decode_text(content)
     _limit_texts(record.texts)
 
@@ -156,32 +191,48 @@ def find_artifacts(
         if facts[name].path is None:
             taken = {fact.path for fact in facts.values()}
             free = [p for p in paths if str(p) not in taken and p.suffix in (".py", "")]
-            programs = [p for p in paths if p.suffix == ".py"] if spec.executable is not None else []
+            programs = (
+                [p for p in paths if p.suffix == ".py"] if spec.executable is not None else []
+            )
             alike = _similar(spec, free) if name not in bonus else []
             near = alike or _holding(spec, free, texts) or _holding(spec, programs, texts)
             if near:
-                facts[name] = ArtifactFact(name, spec.file, str(near[0]), "near miss", list(map(str, near[1:])))
+                facts[name] = ArtifactFact(
+                    name, spec.file, str(near[0]), "near miss", list(map(str, near[1:]))
+                )
     return list(facts.values())
 
 
-def _holding(spec: ArtifactSpec, paths: list[PurePosixPath], texts: dict[str, str]) -> list[PurePosixPath]:
+def _holding(
+    spec: ArtifactSpec, paths: list[PurePosixPath], texts: dict[str, str]
+) -> list[PurePosixPath]:
     """Return the files that hold an artifact by their contents."""
     wanted = spec.contains
-    return [path for path in paths if wanted and all(words in texts.get(str(path), "") for words in wanted)]
+    return [
+        path
+        for path in paths
+        if wanted and all(words in texts.get(str(path), "") for words in wanted)
+    ]
 
 
 def by_pattern(name: str, spec: ArtifactSpec, paths: Sequence[PurePosixPath]) -> ArtifactFact:
     """Find an artifact by the rubric's patterns."""
     for pattern in spec.find:
         anywhere = pattern.startswith("**/")
-        hits = [p for p in paths if fnmatch.fnmatchcase(p.name if anywhere else str(p), pattern.removeprefix("**/"))]
+        hits = [
+            p
+            for p in paths
+            if fnmatch.fnmatchcase(p.name if anywhere else str(p), pattern.removeprefix("**/"))
+        ]
         if hits:
             first, *others = sorted(hits, key=lambda p: (len(p.parts), str(p)))
             return ArtifactFact(name, spec.file, str(first), "name", list(map(str, others)))
     return ArtifactFact(name, spec.file)
 
 
-def _by_entry_point(executable: str | None, packages: list[PackageFact], texts: dict[str, str]) -> str | None:
+def _by_entry_point(
+    executable: str | None, packages: list[PackageFact], texts: dict[str, str]
+) -> str | None:
     """Return the file that a package runs as an executable of the artifact's name, whatever the file is called."""
     for package in packages:
         target = package.executables.get(executable or "", "")
@@ -200,4 +251,6 @@ def _similar(spec: ArtifactSpec, free: list[PurePosixPath]) -> list[PurePosixPat
     def ratio(path: PurePosixPath) -> float:
         return difflib.SequenceMatcher(None, _plain(spec.file), _plain(path.name)).ratio()
 
-    return sorted((p for p in free if ratio(p) >= NEAR_MISS_RATIO), key=lambda p: (-ratio(p), str(p)))
+    return sorted(
+        (p for p in free if ratio(p) >= NEAR_MISS_RATIO), key=lambda p: (-ratio(p), str(p))
+    )

@@ -24,10 +24,20 @@ _WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
 #: Folders within each other that are copied: nobody's workspace has more, and each takes a descriptor.
 _DEEPEST = 100
 #: What the kernel says of a name that is gone, or that is a link, a folder, a pipe or none of it by now.
-_CHANGED = (errno.ENOENT, errno.ENOTDIR, errno.ELOOP, errno.ENXIO, errno.EINVAL, errno.EISDIR, errno.EEXIST)
+_CHANGED = (
+    errno.ENOENT,
+    errno.ENOTDIR,
+    errno.ELOOP,
+    errno.ENXIO,
+    errno.EINVAL,
+    errno.EISDIR,
+    errno.EEXIST,
+)
 
 
-def open_beneath(top: int | Path, path: str | PurePath, flags: int = os.O_RDONLY, mode: int = 0) -> int:
+def open_beneath(
+    top: int | Path, path: str | PurePath, flags: int = os.O_RDONLY, mode: int = 0
+) -> int:
     """Open what somebody else has named beneath a folder, which is open or a path of the grader's own.
 
     It raises `OSError` if that cannot be opened, and where the path is absolute, has a step upwards or leads over a
@@ -55,7 +65,9 @@ def _parts(path: str | PurePath) -> list[str]:
 
 
 def _opened(top: int | Path) -> AbstractContextManager[int]:
-    return nullcontext(top) if isinstance(top, int) else _closing(os.open(top, os.O_RDONLY | _FOLDER))
+    return (
+        nullcontext(top) if isinstance(top, int) else _closing(os.open(top, os.O_RDONLY | _FOLDER))
+    )
 
 
 @contextmanager
@@ -117,7 +129,10 @@ def copy_tree(source: Path, target: Path, owner: int | None = None) -> None:
 def _copy_below(source: int, target: int, owner: int | None, depth: int) -> None:
     _hand_over(target, 0o755, owner)
     with os.scandir(source) as entries:
-        names = [(entry.name, entry.is_symlink(), entry.is_dir(follow_symlinks=False)) for entry in entries]
+        names = [
+            (entry.name, entry.is_symlink(), entry.is_dir(follow_symlinks=False))
+            for entry in entries
+        ]
     for name, is_link, is_folder in names:
         with _unless_it_changed():
             if is_link:

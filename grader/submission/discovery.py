@@ -51,7 +51,13 @@ from grader.recording.submission import Identity, Person
 from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, JOURNAL_FILE
 from grader.submission.artifacts import by_pattern, names_of
 from grader.submission.extraction import Piece, SubmissionSource, names_in, text_of, texts_in
-from grader.submission.file_names import TOOL_FOLDERS, displayed, is_litter, is_packed, without_archive_suffix
+from grader.submission.file_names import (
+    TOOL_FOLDERS,
+    displayed,
+    is_litter,
+    is_packed,
+    without_archive_suffix,
+)
 from grader.submission.last_commit import last_commit_time
 from grader.submission.lms.systems import Delivered, System, is_table, recognised
 from grader.submission.members import is_folder
@@ -80,9 +86,12 @@ _PART = re.compile(
 )
 #: Longer numbers are those of students.
 _SECTION = re.compile(
-    r"(v|version|part|task|exercise|ex|q|question|lab|week|hw|assignment)[-_ ]?\d{1,3}([-_.]\d{1,3})*", re.IGNORECASE
+    r"(v|version|part|task|exercise|ex|q|question|lab|week|hw|assignment)[-_ ]?\d{1,3}([-_.]\d{1,3})*",
+    re.IGNORECASE,
 )
-_COLLECTION = re.compile(r"(^|[-_ ])(submissions|students|hand-?ins|abgaben)($|[-_ (])", re.IGNORECASE)
+_COLLECTION = re.compile(
+    r"(^|[-_ ])(submissions|students|hand-?ins|abgaben)($|[-_ (])", re.IGNORECASE
+)
 _VERSION = re.compile(r"Version (\d{1,4})")
 _PACKAGE_MARKS = frozenset({"package.xml", "setup.py", "CMakeLists.txt"})
 _PROGRAMS = frozenset({".py", ".c", ".cc", ".cpp", ".launch"})
@@ -113,7 +122,11 @@ class Discovery:
 
 
 def find_submissions(
-    paths: Sequence[Path], rubric: Rubric, *, shape: Shape = Shape.AUTO, class_list: Path | None = None
+    paths: Sequence[Path],
+    rubric: Rubric,
+    *,
+    shape: Shape = Shape.AUTO,
+    class_list: Path | None = None,
 ) -> Discovery:
     """Find the submissions in folders, archives, and downloads of learning-management systems.
 
@@ -198,7 +211,10 @@ class _Listing:
         """Read files below it; what cannot be read is left out."""
         if self.within is not None:
             members = {self.within + file: file for file in files}
-            return {members[m]: text for m, text in texts_in(self.path, members, _MOST_NOTES_BYTES).items()}
+            return {
+                members[m]: text
+                for m, text in texts_in(self.path, members, _MOST_NOTES_BYTES).items()
+            }
         read = {file: text_of(self.path, file, _MOST_NOTES_BYTES) for file in files}
         return {file: text for file, text in read.items() if text is not None}
 
@@ -243,7 +259,9 @@ def _walk(folder: Path, above: str) -> Iterator[str]:
 def _listed(folder: Path, most: int = _MOST_NAMES) -> list[tuple[str, bool]]:
     """Return the names in a folder, and whether each is a folder; none if it may not be read."""
     with suppress(OSError), os.scandir(folder) as entries:
-        return sorted((entry.name, entry.is_dir(follow_symlinks=False)) for entry in islice(entries, most))
+        return sorted(
+            (entry.name, entry.is_dir(follow_symlinks=False)) for entry in islice(entries, most)
+        )
     return []
 
 
@@ -308,7 +326,11 @@ class _Search:
         own = self._artifacts(name for name, folder in entries.items() if not folder)
         # What a system writes beside submissions lies in no repository, and beside no student's files.
         download = recognised(entries)
-        if download is not None and not listing.is_repository and not (own and download[0].own & entries.keys()):
+        if (
+            download is not None
+            and not listing.is_repository
+            and not (own and download[0].own & entries.keys())
+        ):
             return True
         folders = [name for name, folder in entries.items() if folder]
         held = {name: self._artifacts(listing.below(name).files) for name in folders}
@@ -316,7 +338,11 @@ class _Search:
         parts = {name for name in folders if _PART.fullmatch(name)} | sections
         students = {name: artifacts for name, artifacts in held.items() if name not in parts}
         archives = [name for name, folder in entries.items() if not folder and is_packed(name)]
-        sealed = [name for name in folders if name not in parts and _holds_archives_only(listing.below(name).files)]
+        sealed = [
+            name
+            for name in folders
+            if name not in parts and _holds_archives_only(listing.below(name).files)
+        ]
         named_so = _COLLECTION.search(listing.name) is not None
         alike = _share_one(students.values())
         if (listing.is_repository or own) and not (named_so and alike):
@@ -357,43 +383,63 @@ class _Search:
         before = len(self.submissions)
         for name, folder in listing.entries.items():
             if folder and self._is_earlier_result(listing.below(name)):
-                self.not_understood.append(f"{listing.location}: {displayed(name)}: results of an earlier grading")
+                self.not_understood.append(
+                    f"{listing.location}: {displayed(name)}: results of an earlier grading"
+                )
             elif folder:
                 # GitHub Classroom's `lab-09-submissions/lab-09-alice` names the user.
                 assignment = listing.name.removesuffix("-submissions")
                 user = name.removeprefix(f"{assignment}-") if assignment != listing.name else name
                 source = _source_of(self._last_version(listing.below(name)))
                 identity = Identity((Person(login=user),))
-                self._add(replace(source, student_id=user, identity=identity) if user != name else source, name)
+                self._add(
+                    replace(source, student_id=user, identity=identity) if user != name else source,
+                    name,
+                )
             elif is_packed(name):
                 piece = listing.piece(name, is_folder=False)
-                location, origin = f"{listing.location}: {displayed(name)}", f"{listing.origin}/{name}"
+                location, origin = (
+                    f"{listing.location}: {displayed(name)}",
+                    f"{listing.origin}/{name}",
+                )
                 source = SubmissionSource("", (piece,), location=location, origin=origin)
                 self._add(source, without_archive_suffix(name))
             elif not is_table(name):
-                self.not_understood.append(f"{listing.location}: {displayed(name)}: neither a folder nor an archive")
-        self.understood.append(f"{listing.location}: {_submissions(len(self.submissions) - before)}")
+                self.not_understood.append(
+                    f"{listing.location}: {displayed(name)}: neither a folder nor an archive"
+                )
+        self.understood.append(
+            f"{listing.location}: {_submissions(len(self.submissions) - before)}"
+        )
 
     def _is_earlier_result(self, listing: _Listing) -> bool:
         """Whether a folder holds results, and none of the lab's files, which a student may keep beside such."""
-        return any(file.endswith(_RESULT) for file in listing.files) and not self._artifacts(listing.files)
+        return any(file.endswith(_RESULT) for file in listing.files) and not self._artifacts(
+            listing.files
+        )
 
     def _last_version(self, listing: _Listing) -> _Listing:
         """Return the last of the folders `Version 1`, `Version 2`, ... that Microsoft Teams makes, if it holds such."""
         inner = listing
         for _ in range(_MOST_WRAPPERS):
             versions = {name: _VERSION.fullmatch(name) for name in inner.entries}
-            numbers = {name: int(version[1]) for name, version in versions.items() if version is not None}
+            numbers = {
+                name: int(version[1]) for name, version in versions.items() if version is not None
+            }
             if numbers and len(numbers) == len(versions):
                 *earlier, last = sorted(numbers, key=lambda name: numbers[name])
-                self.not_understood += [f"{inner.location}: {displayed(name)}: an earlier version" for name in earlier]
+                self.not_understood += [
+                    f"{inner.location}: {displayed(name)}: an earlier version" for name in earlier
+                ]
                 return inner.below(last)
             if list(inner.entries.values()) != [True]:
                 break
             inner = inner.below(next(iter(inner.entries)))
         return listing
 
-    def _add_download(self, listing: _Listing, system: System, delivered: Mapping[str, Delivered]) -> None:
+    def _add_download(
+        self, listing: _Listing, system: System, delivered: Mapping[str, Delivered]
+    ) -> None:
         students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
         known = system.details(delivered, listing.texts)
         for entry, is_a_folder in listing.entries.items():
@@ -404,31 +450,50 @@ class _Search:
                 self.not_understood.append(described)
         for (student, student_id), entries in students.items():
             source = self._delivered(listing, entries)
-            named = student if student == student_id or not student_id else f"{student}_{student_id}"
+            named = (
+                student if student == student_id or not student_id else f"{student}_{student_id}"
+            )
             described = f"{listing.location}: {displayed(named)}"
             own = {system.id_is: student_id} if system.id_is else {}
-            people = next(iter(entries.values())).people or (Person(student if student != student_id else "", **own),)
+            people = next(iter(entries.values())).people or (
+                Person(student if student != student_id else "", **own),
+            )
             identity = replace(source.identity, people=people, system=system.name)
-            source = replace(source, student=student, student_id=student_id or None, identity=identity)
+            source = replace(
+                source, student=student, student_id=student_id or None, identity=identity
+            )
             self._add(replace(source, location=described, origin=listing.origin), named)
         amount = _submissions(len(students))
         self.understood.append(f"{listing.location}: {system.name}'s download of {amount}")
 
     def _delivered(self, listing: _Listing, entries: Mapping[str, Delivered]) -> SubmissionSource:
         """Put together what one student has handed in: of several attempts, the last."""
-        last = max((upload.attempt_at for upload in entries.values() if upload.attempt_at is not None), default=None)
+        last = max(
+            (upload.attempt_at for upload in entries.values() if upload.attempt_at is not None),
+            default=None,
+        )
         counted = {entry: upload for entry, upload in entries.items() if upload.attempt_at == last}
         earlier = [entry for entry in entries if entry not in counted]
-        self.not_understood += [f"{listing.location}: {displayed(entry)}: an earlier attempt" for entry in earlier]
-        names = Counter(name for upload in counted.values() for name in {upload.file, upload.first_called})
+        self.not_understood += [
+            f"{listing.location}: {displayed(entry)}: an earlier attempt" for entry in earlier
+        ]
+        names = Counter(
+            name for upload in counted.values() for name in {upload.file, upload.first_called}
+        )
         pieces = []
         for entry, upload in counted.items():
             if upload.file:
-                name = upload.first_called if upload.first_called and names[upload.first_called] == 1 else upload.file
+                name = (
+                    upload.first_called
+                    if upload.first_called and names[upload.first_called] == 1
+                    else upload.file
+                )
                 pieces.append(listing.piece(entry, is_folder=False, name=name))
             elif listing.entries[entry]:
                 pieces.append(listing.piece(entry))
-        identity = Identity(handback=tuple(upload.handback for upload in counted.values() if upload.handback))
+        identity = Identity(
+            handback=tuple(upload.handback for upload in counted.values() if upload.handback)
+        )
         late = any(upload.late for upload in entries.values())
         return SubmissionSource("", tuple(pieces), submitted_at=last, late=late, identity=identity)
 
@@ -440,7 +505,9 @@ _RESULT = "recordings/submission.json"
 def _holds_archives_only(files: Iterable[str]) -> bool:
     """Whether files are what somebody hands in who packs: an archive, and no program beside it."""
     names = [PurePosixPath(file) for file in files]
-    return any(is_packed(name.name) for name in names) and not any(name.suffix in _PROGRAMS for name in names)
+    return any(is_packed(name.name) for name in names) and not any(
+        name.suffix in _PROGRAMS for name in names
+    )
 
 
 def _share_one(held: Iterable[frozenset[str]]) -> bool:
@@ -458,9 +525,14 @@ def _source_of(listing: _Listing) -> SubmissionSource:
     if listing.within is None:
         folders = [name for name, folder in listing.entries.items() if folder]
         inner = [listing.path / folders[0]] if len(folders) == 1 else []
-        time = next((found for folder in (listing.path, *inner) if (found := last_commit_time(folder))), None)
+        time = next(
+            (found for folder in (listing.path, *inner) if (found := last_commit_time(folder))),
+            None,
+        )
         time = None if time is not None and time > datetime.now(timezone.utc) else time
-    return SubmissionSource("", (listing.piece(),), submitted_at=time, location=listing.location, origin=listing.origin)
+    return SubmissionSource(
+        "", (listing.piece(),), submitted_at=time, location=listing.location, origin=listing.origin
+    )
 
 
 # -- names -----------------------------------------------------------------------------------------
@@ -469,7 +541,9 @@ def _source_of(listing: _Listing) -> SubmissionSource:
 def _safe_name(text: str) -> str:
     """Return a name for a folder of results: letters, marks and numbers of any script, and `-_.+@`."""
     composed = unicodedata.normalize("NFC", text[:1000].encode("utf-8", "replace").decode())
-    kept = "".join(c if c in "-_.+@" or unicodedata.category(c)[0] in "LMN" else "_" for c in composed)
+    kept = "".join(
+        c if c in "-_.+@" or unicodedata.category(c)[0] in "LMN" else "_" for c in composed
+    )
     name = re.sub(r"__+", "_", kept).strip("._- ")
     if len(name.encode()) > _MOST_NAME_BYTES:
         cut = name.encode()[: _MOST_NAME_BYTES - 7].decode("utf-8", "ignore")
@@ -486,12 +560,16 @@ def _origin(source: SubmissionSource) -> str:
     return "\n".join(f"{os.path.realpath(piece.path)}\n{piece.member}" for piece in source.pieces)
 
 
-def _uniquely_named(submissions: Sequence[SubmissionSource]) -> tuple[list[SubmissionSource], list[str]]:
+def _uniquely_named(
+    submissions: Sequence[SubmissionSource],
+) -> tuple[list[SubmissionSource], list[str]]:
     """Drop what was given twice, and tell those of the same name apart, and from what else lies among results.
 
     Returns the submissions, and for a person which of them got a mark.
     """
-    distinct = list({(_origin(source), source.name): source for source in reversed(submissions)}.values())[::-1]
+    distinct = list(
+        {(_origin(source), source.name): source for source in reversed(submissions)}.values()
+    )[::-1]
     names = Counter(source.name.casefold() for source in distinct)
     named, remarks = [], []
     for source in distinct:
@@ -500,7 +578,9 @@ def _uniquely_named(submissions: Sequence[SubmissionSource]) -> tuple[list[Submi
         if among_results or names[plain.casefold()] > 1:
             source = replace(source, name=f"{plain}-{_mark(_origin(source))}")
             others = " among results" if among_results else ""
-            remarks.append(f"{source.location}: called {source.name}, since there is another {plain}{others}")
+            remarks.append(
+                f"{source.location}: called {source.name}, since there is another {plain}{others}"
+            )
         named.append(source)
     return named, remarks
 
@@ -513,7 +593,10 @@ def _with_class_list(
     `names` are those without a mark, by where each submission lies.
     """
     items = [
-        (Student(s.name, s.student_id, s.submitted_at), (s.student, names[_origin(s)], *s.identity.names))
+        (
+            Student(s.name, s.student_id, s.submitted_at),
+            (s.student, names[_origin(s)], *s.identity.names),
+        )
         for s in submissions
     ]
     found = list(zip(submissions, matches(students, items), strict=True))
@@ -524,7 +607,9 @@ def _with_class_list(
     ]
     there = frozenset[int]().union(*(match.may_be for _, match in found))
     missing = tuple(
-        displayed(s.name or s.student_id or s.person.login) for n, s in enumerate(students) if n not in there
+        displayed(s.name or s.student_id or s.person.login)
+        for n, s in enumerate(students)
+        if n not in there
     )
     named = [
         replace(

@@ -39,7 +39,21 @@ from grader.submission.members import (
 #: What submissions are made of. These files have room of their own, so that a student's recordings and pictures,
 #: however many, do not crowd them out.
 _SOURCE_SUFFIXES = file_names.TEXT_SUFFIXES | frozenset(
-    {".c", ".cc", ".cpp", ".h", ".hpp", ".cmake", ".sh", ".json", ".msg", ".srv", ".action", ".urdf", ".xacro"}
+    {
+        ".c",
+        ".cc",
+        ".cpp",
+        ".h",
+        ".hpp",
+        ".cmake",
+        ".sh",
+        ".json",
+        ".msg",
+        ".srv",
+        ".action",
+        ".urdf",
+        ".xacro",
+    }
 )
 #: Beside one of these, an archive is not what was meant to be handed in.
 _PROGRAM_SUFFIXES = frozenset({".py", ".c", ".cc", ".cpp", ".hpp", ".launch", ".sh"})
@@ -84,7 +98,13 @@ class Limits:
 
 
 LIMITS = Limits()
-_BOUND = Bound("unpacking it", cpu_s=20, wall_s=600, memory_bytes=128 * 1024**2, file_bytes=LIMITS.archive_bytes)
+_BOUND = Bound(
+    "unpacking it",
+    cpu_s=20,
+    wall_s=600,
+    memory_bytes=128 * 1024**2,
+    file_bytes=LIMITS.archive_bytes,
+)
 
 T = TypeVar("T")
 
@@ -97,7 +117,9 @@ def in_bounds(work: Callable[[], T], location: str, bound: Bound = _BOUND) -> T:
     try:
         return in_process(work, bound)
     except BoundError as error:
-        raise SubmissionError(error.problem, location=location, remedy=too_much("").remedy) from None
+        raise SubmissionError(
+            error.problem, location=location, remedy=too_much("").remedy
+        ) from None
     except SubmissionError as error:
         error.location = error.location or location
         raise
@@ -182,8 +204,12 @@ def _extracted(source: SubmissionSource, scratch: Path, limits: Limits) -> Intak
         extraction.unpack_single_archive()
     left_out = extraction.left_out()
     if not extraction.kept:
-        problem = "no file of the submission could be used" if left_out else "the submission is empty"
-        remedy = f"Left out: {'; '.join(left_out[:3])}." if left_out else "Put the lab's files into it."
+        problem = (
+            "no file of the submission could be used" if left_out else "the submission is empty"
+        )
+        remedy = (
+            f"Left out: {'; '.join(left_out[:3])}." if left_out else "Put the lab's files into it."
+        )
         raise SubmissionError(problem, remedy=remedy)
     source = replace(source, submitted_at=source.submitted_at or extraction.newest)
     return Intake(extraction.folder, source, left_out, tuple(extraction.unreadable))
@@ -203,7 +229,10 @@ class _Extraction:
         self._reasons: dict[str, list[str]] = {}  # why something was left out -> its names
         self._tool_folders: set[str] = set()
         self._folders: set[str] = set()  # their collision keys
-        self._room = {True: [limits.files, limits.source_bytes], False: [limits.files, limits.other_bytes]}
+        self._room = {
+            True: [limits.files, limits.source_bytes],
+            False: [limits.files, limits.other_bytes],
+        }
         self._has_programs = False
         self._archives: list[str] = []
         self._partial, self._archive = scratch / "partial", scratch / "archive-0"
@@ -224,7 +253,9 @@ class _Extraction:
             raise SubmissionError("the submission may not be read", remedy=remedy) from None
 
     def _add_file(self, file: BinaryIO, piece: Piece, *, alone: bool) -> None:
-        is_archive = format_of(file.read(HEAD_BYTES)) is not None or file_names.is_packed(piece.path.name)
+        is_archive = format_of(file.read(HEAD_BYTES)) is not None or file_names.is_packed(
+            piece.path.name
+        )
         file.seek(0)
         if piece.member:
             self._add_all(_part_of(members_of_archive(file), piece.member, piece.name))
@@ -246,7 +277,9 @@ class _Extraction:
         """Return a line for each file that was left out; for those that would be too many, one for each reason."""
         several = len(self._archives) > 1 and not self._has_programs
         for name in self._archives:
-            self._note(name, _WITHIN + ", one of several; it is not clear which of them counts" * several)
+            self._note(
+                name, _WITHIN + ", one of several; it is not clear which of them counts" * several
+            )
         lines = []
         for reason, left_out in self._reasons.items():
             lines += [f"{file_names.displayed(name)}: {reason}" for name in left_out[:_MOST_NAMED]]
@@ -279,30 +312,45 @@ class _Extraction:
             self._note(f"{made}/", "made by a tool")
         if made is not None or is_folder or file_names.is_litter(parts[-1]):
             return False
-        if member.kind in (Kind.UNREADABLE, Kind.CLOSED) and len(self.unreadable) < _MOST_UNREADABLE:
+        if (
+            member.kind in (Kind.UNREADABLE, Kind.CLOSED)
+            and len(self.unreadable) < _MOST_UNREADABLE
+        ):
             self.unreadable.append("/".join(parts) + "/" * (member.kind is Kind.CLOSED))
         if member.kind is not Kind.FILE or len(parts) > self._limits.depth + 1:
-            raise file_names.UnfitError((Kind.DEEP if member.kind is Kind.FILE else member.kind).value)
+            raise file_names.UnfitError(
+                (Kind.DEEP if member.kind is Kind.FILE else member.kind).value
+            )
         if self.kept.get(file_names.collision_key(parts), member.name) != member.name:
-            raise file_names.UnfitError("its name differs from another only in case or in the form of its letters")
+            raise file_names.UnfitError(
+                "its name differs from another only in case or in the form of its letters"
+            )
         pieces = member.pieces()
         head = next(pieces, b"")
         suffix = PurePosixPath(parts[-1]).suffix.lower()
-        if (file_names.is_packed(parts[-1]) or suffix in ("", ".py")) and format_of(head[:HEAD_BYTES]) is not None:
+        if (file_names.is_packed(parts[-1]) or suffix in ("", ".py")) and format_of(
+            head[:HEAD_BYTES]
+        ) is not None:
             self._keep_archive(member, chain([head], pieces))
             return False
-        is_machine_code = head.startswith(_COMPILED_MAGIC) or (head.startswith(b"MZ") and b"\0" in head)
+        is_machine_code = head.startswith(_COMPILED_MAGIC) or (
+            head.startswith(b"MZ") and b"\0" in head
+        )
         if is_machine_code or file_names.is_compiled(parts[-1]):
             raise file_names.UnfitError("compiled code")
         self._copy(member, parts, chain([head], pieces), self._room[suffix in _SOURCE_SUFFIXES])
         self._has_programs = self._has_programs or suffix in _PROGRAM_SUFFIXES
         return True
 
-    def _copy(self, member: Member, parts: tuple[str, ...], content: Iterator[bytes], room: list[int]) -> None:
+    def _copy(
+        self, member: Member, parts: tuple[str, ...], content: Iterator[bytes], room: list[int]
+    ) -> None:
         """Copy a file into the clean folder, as far as there is room for files and bytes of its kind."""
         if room[0] <= 0:
             raise file_names.UnfitError(f"more than {self._limits.files:,} files of its kind")
-        folders = {file_names.collision_key(parts[:depth]) for depth in range(1, len(parts))} - self._folders
+        folders = {
+            file_names.collision_key(parts[:depth]) for depth in range(1, len(parts))
+        } - self._folders
         if len(self._folders) + len(folders) > self._limits.folders:
             raise file_names.UnfitError(f"more than {self._limits.folders:,} folders")
         most, why = self._limits.file_bytes, f"larger than {self._limits.file_bytes // 1024**2} MiB"
@@ -320,7 +368,9 @@ class _Extraction:
         if key in self.kept:
             self._note(member.name, "an earlier file of the same name")
         elif file_names.differ(member.name, parts):
-            self._note(member.name, "used, without the characters of its name that cannot be displayed")
+            self._note(
+                member.name, "used, without the characters of its name that cannot be displayed"
+            )
         self.kept[key] = member.name
 
     def _keep_archive(self, member: Member, content: Iterator[bytes]) -> None:
@@ -352,7 +402,9 @@ def _opened(path: Path) -> BinaryIO:
         raise
     except OSError:
         remedy = "This is something else; check the path."
-        raise SubmissionError("a submission is a folder, an archive or a file", remedy=remedy) from None
+        raise SubmissionError(
+            "a submission is a folder, an archive or a file", remedy=remedy
+        ) from None
 
 
 def _part_of(members: Iterable[Member], part: str, name: str) -> Iterator[Member]:

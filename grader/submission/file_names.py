@@ -7,20 +7,48 @@ import unicodedata
 
 #: Folders that tools make; a copy of a student's file in them is not the student's file.
 TOOL_FOLDERS = frozenset(
-    {"build", "install", "log", ".venv", "venv", "site-packages", "dist-packages", "node_modules", "__pycache__"}
+    {
+        "build",
+        "install",
+        "log",
+        ".venv",
+        "venv",
+        "site-packages",
+        "dist-packages",
+        "node_modules",
+        "__pycache__",
+    }
     | {".git", ".hg", ".svn", ".mypy_cache", ".pytest_cache", ".ruff_cache", ".vscode", ".idea"}
     | {"__MACOSX", "$RECYCLE.BIN", "System Volume Information"}
 )
 #: Files that file managers and version control leave behind, and that nobody means to hand in.
-_LITTER = frozenset({".ds_store", "thumbs.db", "desktop.ini", "icon", ".git", ".gitkeep", ".directory"})
+_LITTER = frozenset(
+    {".ds_store", "thumbs.db", "desktop.ini", "icon", ".git", ".gitkeep", ".directory"}
+)
 #: Kinds of files whose text the judging half may read.
 TEXT_SUFFIXES = frozenset(
-    {".py", ".md", ".rst", ".txt", ".xml", ".cfg", ".toml", ".yaml", ".yml", ".launch", ".org", ".adoc", ""}
+    {
+        ".py",
+        ".md",
+        ".rst",
+        ".txt",
+        ".xml",
+        ".cfg",
+        ".toml",
+        ".yaml",
+        ".yml",
+        ".launch",
+        ".org",
+        ".adoc",
+        "",
+    }
     | {".msg", ".srv", ".action"}
 )
 _COMPILED = re.compile(r"\.(py[cod]|so(\.\d+)*|dll|dylib|o|a|lib|exe|class|wasm)$", re.IGNORECASE)
 #: `alice.tar.gz` is called `alice`.
-_PACKED = re.compile(r"(\.tar)?\.(zip|tar|gz|tgz|bz2|tbz2?|xz|txz|zst|7z|rar|whl|egg|jar)$", re.IGNORECASE)
+_PACKED = re.compile(
+    r"(\.tar)?\.(zip|tar|gz|tgz|bz2|tbz2?|xz|txz|zst|7z|rar|whl|egg|jar)$", re.IGNORECASE
+)
 
 #: Characters of a raw name beyond which nobody looks at it.
 _MOST_CHARACTERS = 1_000
@@ -127,4 +155,6 @@ def without_archive_suffix(name: str) -> str:
 def displayed(name: str) -> str:
     """Return any name as one line of text that can be written to any file, escapes standing for what is not shown."""
     cut = name if len(name) <= _MOST_SHOWN else name[: _MOST_SHOWN - 1] + "…"
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in cut)
+    return "".join(
+        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in cut
+    )

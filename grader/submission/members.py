@@ -77,7 +77,8 @@ def pieces_of(file: IO[bytes]) -> Iterator[bytes]:
 def too_much(what: str) -> SubmissionError:
     """Return the error of a submission that holds more of something than anyone hands in."""
     return SubmissionError(
-        f"the submission holds {what}", remedy="Hand it in without recordings, build folders and the like."
+        f"the submission holds {what}",
+        remedy="Hand it in without recordings, build folders and the like.",
     )
 
 
@@ -101,7 +102,9 @@ def members_of_folder(path: Path, most_depth: int) -> Iterator[Member]:
         inside = os.path.relpath(above, os.path.realpath(path))
         depth = 0 if inside == "." else inside.count("/") + 1
         for name in (*sorted(files), *sorted(folders)):
-            yield from _entry(folder, name, name if depth == 0 else f"{inside}/{name}", depth == most_depth)
+            yield from _entry(
+                folder, name, name if depth == 0 else f"{inside}/{name}", depth == most_depth
+            )
         folders[:] = sorted(set(folders) - TOOL_FOLDERS) if depth < most_depth else []
 
 
@@ -110,7 +113,12 @@ def _entry(folder: int, name: str, path: str, is_deepest: bool) -> Iterator[Memb
         mode = os.stat(name, dir_fd=folder, follow_symlinks=False).st_mode
         if stat.S_ISREG(mode):
             with os.fdopen(open_regular_beneath(folder, name), "rb") as file:
-                yield Member(path, Kind.FILE, os.fstat(file.fileno()).st_size, pieces=partial(pieces_of, file))
+                yield Member(
+                    path,
+                    Kind.FILE,
+                    os.fstat(file.fileno()).st_size,
+                    pieces=partial(pieces_of, file),
+                )
         elif not stat.S_ISDIR(mode):
             yield Member(path, Kind.LINK if stat.S_ISLNK(mode) else Kind.SPECIAL)
         else:
@@ -243,7 +251,9 @@ def _zip_time(info: zipfile.ZipInfo) -> datetime | None:
         if field == 0x000A and len(data) >= 16 and data[4:6] == b"\x01\x00":
             return _utc(struct.unpack_from("<Q", data, 8)[0] / 1e7 - 11_644_473_600)
     with suppress(ValueError, OverflowError, OSError):
-        return None if tuple(info.date_time) == _ZIP_EPOCH else datetime(*info.date_time).astimezone()
+        return (
+            None if tuple(info.date_time) == _ZIP_EPOCH else datetime(*info.date_time).astimezone()
+        )
     return None
 
 
@@ -269,7 +279,11 @@ def _require_at_most(size: int) -> None:
 
 
 def _tar_kind(info: tarfile.TarInfo) -> Kind:
-    kinds = {tarfile.DIRTYPE: Kind.FOLDER, tarfile.SYMTYPE: Kind.LINK, tarfile.LNKTYPE: Kind.HARD_LINK}
+    kinds = {
+        tarfile.DIRTYPE: Kind.FOLDER,
+        tarfile.SYMTYPE: Kind.LINK,
+        tarfile.LNKTYPE: Kind.HARD_LINK,
+    }
     if info.issparse():
         return Kind.SPARSE
     return kinds.get(info.type, Kind.FILE if info.isreg() else Kind.SPECIAL)

@@ -62,10 +62,14 @@ def read_class_list(path: Path) -> list[Student]:
     try:
         with path.open("rb") as file:
             content = file.read(_MOST_BYTES)
-        text = content.decode("utf-16" if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig")
+        text = content.decode(
+            "utf-16" if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig"
+        )
     except (OSError, UnicodeDecodeError) as problem:
         raise SubmissionError(
-            "the class list cannot be read", location=str(path), remedy=f"It is a CSV file in UTF-8. {problem}"
+            "the class list cannot be read",
+            location=str(path),
+            remedy=f"It is a CSV file in UTF-8. {problem}",
         ) from None
     first = text.partition("\n")[0]
     rows = csv.reader(text.splitlines(), delimiter=max(",;\t", key=first.count))
@@ -74,7 +78,9 @@ def read_class_list(path: Path) -> list[Student]:
         if not {*_COLUMNS["name"], *_COLUMNS["login"], *_COLUMNS["student_id"]} & {*columns}:
             raise ValueError("there is no column 'name'")
         filled = (row for row in rows if any(cell.strip() for cell in row))
-        listed = (_listed({c: v.strip() for c, v in zip(columns, row, strict=False)}) for row in filled)
+        listed = (
+            _listed({c: v.strip() for c, v in zip(columns, row, strict=False)}) for row in filled
+        )
         return _once_each(student for student in listed if student.name != _POINTS_POSSIBLE)
     except (ValueError, OverflowError, csv.Error) as problem:
         raise SubmissionError(
@@ -90,7 +96,11 @@ def _once_each(listed: Iterable[Student]) -> list[Student]:
     found: dict[tuple[str, str | None, int], Student] = {}
     for number, student in enumerate(listed):
         key = (student.name, student.student_id, 0 if student.student_id else number)
-        times = [s.submitted_at for s in (found.get(key), student) if s is not None and s.submitted_at is not None]
+        times = [
+            s.submitted_at
+            for s in (found.get(key), student)
+            if s is not None and s.submitted_at is not None
+        ]
         found[key] = replace(student, submitted_at=max(times, default=None))
     return list(found.values())
 
@@ -136,7 +146,9 @@ class Match:
         return Identity(self.people).completed(identity)
 
 
-def matches(students: Sequence[Student], items: Sequence[tuple[Student, Sequence[str]]]) -> list[Match]:
+def matches(
+    students: Sequence[Student], items: Sequence[tuple[Student, Sequence[str]]]
+) -> list[Match]:
     """Find the student of each thing that was handed in, by the id, the name and others that it bears, however written.
 
     A name that two students have, or that two things bear under different ids, does not tell whose they are. All of a
@@ -148,7 +160,9 @@ def matches(students: Sequence[Student], items: Sequence[tuple[Student, Sequence
             teams[_plain(student.team)].append(index)
     owners = _owners(students, items)
     of_team = [
-        _plain(students[sure].team) if sure is not None else next((t for t in map(_plain, names) if t in teams), "")
+        _plain(students[sure].team)
+        if sure is not None
+        else next((t for t in map(_plain, names) if t in teams), "")
         for (sure, _), (item, others) in zip(owners, items, strict=True)
         for names in [(item.name, *others)]
     ]
@@ -157,9 +171,20 @@ def matches(students: Sequence[Student], items: Sequence[tuple[Student, Sequence
         known = students[sure] if sure is not None else Student("")
         members = teams[team] if team and of_team.count(team) == 1 else ()
         shares = dict.fromkeys([*([] if sure is None else [sure]), *members])
-        student_id, time = known.student_id or item.student_id, known.submitted_at or item.submitted_at
+        student_id, time = (
+            known.student_id or item.student_id,
+            known.submitted_at or item.submitted_at,
+        )
         people = tuple(person_of(students[index]) for index in shares)
-        found.append(Match(student_id, time, frozenset({*may_be, *shares}), people, bool(people) and sure is None))
+        found.append(
+            Match(
+                student_id,
+                time,
+                frozenset({*may_be, *shares}),
+                people,
+                bool(people) and sure is None,
+            )
+        )
     return found
 
 
@@ -197,10 +222,19 @@ def _keys(*texts: str | None) -> list[str]:
     "Surname, First" is the same as "First Surname".
     """
     given = [unicodedata.normalize("NFC", text) for text in texts if text]
-    given += [f"{first} {last}" for last, comma, first in (text.partition(", ") for text in given) if comma]
-    return [*(f"={text.casefold()}" for text in given), *(plain for text in given if (plain := _plain(text)))]
+    given += [
+        f"{first} {last}"
+        for last, comma, first in (text.partition(", ") for text in given)
+        if comma
+    ]
+    return [
+        *(f"={text.casefold()}" for text in given),
+        *(plain for text in given if (plain := _plain(text))),
+    ]
 
 
 def _plain(text: str) -> str:
     """Return the words of a text, of letters with their marks, and of digits."""
-    return " ".join("".join(c if unicodedata.category(c)[0] in "LMN" else " " for c in text).split()).casefold()
+    return " ".join(
+        "".join(c if unicodedata.category(c)[0] in "LMN" else " " for c in text).split()
+    ).casefold()

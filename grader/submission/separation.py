@@ -39,9 +39,17 @@ def require_no_links(results: Path, sources: Iterable[str], *, inside: bool = Tr
     known = [source for source in sources if source]
     if not lies_within(results, known):
         return
-    way = [place for place in _way_to(results) if any(place.is_relative_to(source) for source in known)]
-    below = (Path(above, name) for above, folders, files in os.walk(results) for name in (*folders, *files))
-    link = next((str(path) for path in (chain(way, below) if inside else way) if path.is_symlink()), None)
+    way = [
+        place for place in _way_to(results) if any(place.is_relative_to(source) for source in known)
+    ]
+    below = (
+        Path(above, name)
+        for above, folders, files in os.walk(results)
+        for name in (*folders, *files)
+    )
+    link = next(
+        (str(path) for path in (chain(way, below) if inside else way) if path.is_symlink()), None
+    )
     if link is not None:
         raise UsageError(
             "the submission holds a link where its results are to be written",

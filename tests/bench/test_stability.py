@@ -14,7 +14,14 @@ from bench.stability import Grading, differing, read, read_grading, table
 
 FULL, PART = {"publisher.rate": 6.0, "publisher.steady": 2.0}, {"publisher.rate": 6.0}
 GRADING = Grading("solution", "idle", 10.0, 8.0, FULL)
-BUSY = replace(GRADING, load="busy", took_s=13.0, decided=PART, undecided={"publisher.steady": ""}, retries={"a": 2})
+BUSY = replace(
+    GRADING,
+    load="busy",
+    took_s=13.0,
+    decided=PART,
+    undecided={"publisher.steady": ""},
+    retries={"a": 2},
+)
 
 
 def test_the_same_decisions_are_no_difference_whatever_stays_undecided() -> None:
@@ -32,7 +39,10 @@ def test_a_check_decided_in_two_ways_is_named() -> None:
     elsewhere = replace(other, submission="another")
     assert differing([GRADING, elsewhere]) == {}
     found = differing([GRADING, other])
-    assert found == {"solution: publisher.rate": [5.0, 6.0], "solution: publisher.steady": [2.0, 3.0]}
+    assert found == {
+        "solution: publisher.rate": [5.0, 6.0],
+        "solution: publisher.steady": [2.0, 3.0],
+    }
     assert "solution: publisher.rate: [5.0, 6.0]" in table([GRADING, other])
 
 
@@ -40,7 +50,9 @@ def test_collected_gradings_are_read_back(tmp_path: Path) -> None:
     """What was written by one run is taken up by the next; no file is no gradings."""
     file = tmp_path / "collected.jsonl"
     assert read(file) == []
-    file.write_text("".join(json.dumps(asdict(g)) + "\n" for g in (GRADING, BUSY)), encoding="utf-8")
+    file.write_text(
+        "".join(json.dumps(asdict(g)) + "\n" for g in (GRADING, BUSY)), encoding="utf-8"
+    )
     assert read(file) == [GRADING, BUSY]
 
 
@@ -56,8 +68,17 @@ def test_a_results_folder_is_read(tmp_path: Path) -> None:
     plain = {"submission": "alice", "score": score, "criteria": [{"checks": checks}]}
     (tmp_path / "result.json").write_text(json.dumps(plain), encoding="utf-8")
     grading = read_grading(tmp_path, "busy", 12.345)
-    assert (grading.submission, grading.load, grading.took_s, grading.earned) == ("alice", "busy", 12.35, 1.5)
-    assert (grading.decided, grading.undecided, grading.retries) == ({"a": 1.5}, {"b": "5 ms | busy"}, {"publisher": 2})
+    assert (grading.submission, grading.load, grading.took_s, grading.earned) == (
+        "alice",
+        "busy",
+        12.35,
+        1.5,
+    )
+    assert (grading.decided, grading.undecided, grading.retries) == (
+        {"a": 1.5},
+        {"b": "5 ms | busy"},
+        {"publisher": 2},
+    )
 
 
 # A process whose child tells when it did not run for 4 ms.
@@ -79,7 +100,9 @@ print(subprocess.run([sys.executable, '-c', late], capture_output=True, text=Tru
 def test_a_host_takes_time_from_what_was_started_and_gives_it_back() -> None:
     """What a child has started stands still for a notable share of the time, and goes on afterwards."""
     with LOADS["stolen"]():
-        said = subprocess.run([sys.executable, "-c", _CHILD], capture_output=True, text=True, check=True, timeout=60)
+        said = subprocess.run(
+            [sys.executable, "-c", _CHILD], capture_output=True, text=True, check=True, timeout=60
+        )
     assert float(said.stdout) > 0.1
 
 

@@ -32,7 +32,11 @@ expect.set_options(timeout=30_000)
 
 def chromium() -> str:
     """Give Chromium's path. Where it could have been installed, a test without it fails; elsewhere it is skipped."""
-    found = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    found = (
+        shutil.which("chromium")
+        or shutil.which("chromium-browser")
+        or shutil.which("google-chrome")
+    )
     if found is None:
         missing = "there is no Chromium; `tools/install-system-packages dev` installs it (as root, on Debian)"
         if os.geteuid() == 0 or os.environ.get("CI"):
@@ -65,7 +69,9 @@ class Visit:
         """Give axe-core's grave findings, a line each."""
         script = importlib.resources.files("axe_playwright_python") / "axe.min.js"
         self.page.evaluate(script.read_text(encoding="utf-8"))
-        found: dict[str, Any] = self.page.evaluate("axe.run({resultTypes: ['violations'], preload: false})")
+        found: dict[str, Any] = self.page.evaluate(
+            "axe.run({resultTypes: ['violations'], preload: false})"
+        )
         return [
             f"{v['id']}: {v['help']}: {v['nodes'][0]['target']} {v['nodes'][0]['failureSummary']}"
             for v in found["violations"]
@@ -75,7 +81,12 @@ class Visit:
 
 @contextmanager
 def visit(
-    started: Browser, file: Path, size: tuple[int, int] = DESK, *, dark: bool = False, scripts: bool = True
+    started: Browser,
+    file: Path,
+    size: tuple[int, int] = DESK,
+    *,
+    dark: bool = False,
+    scripts: bool = True,
 ) -> Iterator[Visit]:
     """Open a file, and see that it asks for nothing else and complains of nothing."""
     context = started.new_context(

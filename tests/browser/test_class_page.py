@@ -58,7 +58,9 @@ def page(chromium: Browser, file: Path) -> Iterator[Page]:
 
 def names(page: Page) -> list[str]:
     """Give the names of the students that the table shows, in its order."""
-    return [text.strip() for text in page.locator("#class-table .student:visible").all_text_contents()]
+    return [
+        text.strip() for text in page.locator("#class-table .student:visible").all_text_contents()
+    ]
 
 
 def heading(page: Page, name: str) -> Locator:
@@ -70,7 +72,9 @@ def by_points(summary: ClassSummary, descending: bool) -> list[str]:
     """Give the names by points, those that were not graded last."""
     graded = [(row.result.final, row.entry.name) for row in summary.rows if row.result is not None]
     graded.sort(key=lambda pair: -pair[0] if descending else pair[0])
-    return [name for _, name in graded] + [row.entry.name for row in summary.rows if row.result is None]
+    return [name for _, name in graded] + [
+        row.entry.name for row in summary.rows if row.result is None
+    ]
 
 
 # -- sorting -----------------------------------------------------------------------------------
@@ -112,7 +116,9 @@ def test_the_table_of_checks_sorts_by_discrimination(page: Page) -> None:
     before = names(page)
     table = page.locator("table.check-table")
     table.get_by_role("button", name="Discrimination").click()
-    shown = table.locator("tbody tr td:last-child").evaluate_all("cells => cells.map(c => c.dataset.value || '')")
+    shown = table.locator("tbody tr td:last-child").evaluate_all(
+        "cells => cells.map(c => c.dataset.value || '')"
+    )
     known = [Decimal(value) for value in shown if value]
     assert len(known) > 10
     assert known == sorted(known, reverse=True)
@@ -146,11 +152,16 @@ def test_a_criterion_and_an_outcome_filter(page: Page, summary: ClassSummary) ->
 
 def test_a_check_and_lost_points_filter(page: Page, summary: ClassSummary) -> None:
     """A check is a finer question than its criterion; what could not be reached is lost too."""
-    page.get_by_label("Criterion or check").select_option("Refuses while safety is off, and recovers")
+    page.get_by_label("Criterion or check").select_option(
+        "Refuses while safety is off, and recovers"
+    )
     page.get_by_label("Outcome").select_option("points lost")
     lost = (Outcome.PARTIAL, Outcome.FAILED, Outcome.NOT_REACHED)
     refuses = [
-        (row.entry.name, next((c.outcome for c in row.result.checks if c.id == "service.refuses"), None))
+        (
+            row.entry.name,
+            next((c.outcome for c in row.result.checks if c.id == "service.refuses"), None),
+        )
         for row in summary.rows
         if row.result is not None
     ]
@@ -173,7 +184,9 @@ def test_what_needs_attention_is_found(page: Page, summary: ClassSummary) -> Non
     assert len(needy) == 4
 
 
-def test_the_students_of_a_mistake_are_shown_in_the_table(page: Page, summary: ClassSummary) -> None:
+def test_the_students_of_a_mistake_are_shown_in_the_table(
+    page: Page, summary: ClassSummary
+) -> None:
     """The button at a mistake filters the table, says so, and takes one there."""
     page.get_by_label("Name").fill("nobody is called this")
     mistake = summary.mistakes[2]
@@ -195,7 +208,9 @@ def test_filtered_rows_stay_hidden_when_sorted(page: Page) -> None:
 
 def test_the_address_says_what_is_shown(chromium: Browser, page: Page, file: Path) -> None:
     """Whoever opens the address sees the same students in the same order; an address of nonsense shows all."""
-    page.get_by_label("Criterion or check").select_option("Refuses while safety is off, and recovers")
+    page.get_by_label("Criterion or check").select_option(
+        "Refuses while safety is off, and recovers"
+    )
     page.get_by_label("Outcome").select_option("points lost")
     heading(page, "Points").get_by_role("button").click()
     page.get_by_label("Name").fill("a")
@@ -204,8 +219,13 @@ def test_the_address_says_what_is_shown(chromium: Browser, page: Page, file: Pat
     with visit(chromium, file) as other:
         other.page.goto(page.url)
         assert names(other.page) == names(page)
-        assert other.page.get_by_role("status").text_content() == page.get_by_role("status").text_content()
-        other.page.evaluate("location.hash = '#show?in=<b>&outcome=__proto__&by=99d&mistake=constructor&name='")
+        assert (
+            other.page.get_by_role("status").text_content()
+            == page.get_by_role("status").text_content()
+        )
+        other.page.evaluate(
+            "location.hash = '#show?in=<b>&outcome=__proto__&by=99d&mistake=constructor&name='"
+        )
         expect(other.page.get_by_role("status")).to_contain_text("40 of 40 shown")
     page.get_by_role("button", name="Show all").click()
     expect(page.get_by_role("status")).to_contain_text("40 of 40 shown")
@@ -225,7 +245,9 @@ def test_the_last_row_holds_the_means_of_those_shown(page: Page) -> None:
     """The means of the columns add up to that of the points, of all and of any part."""
     for part in ("a", "o"):
         page.get_by_label("Name").fill(part)
-        cells = [text.strip() for text in page.locator("#class-table tfoot tr > *").all_text_contents()]
+        cells = [
+            text.strip() for text in page.locator("#class-table tfoot tr > *").all_text_contents()
+        ]
         total, *columns = [Decimal(text.replace("–", "0")) for text in cells[1:] if text]
         graded = page.locator("#class-table tbody tr:visible td.total[data-value]").count()
         assert cells[0] == f"Mean of {graded}"
@@ -254,7 +276,9 @@ def test_all_can_be_done_with_the_keyboard(page: Page, summary: ClassSummary) ->
     reached = []
     for _ in range(8):
         page.keyboard.press("Tab")
-        reached.append(page.evaluate("document.activeElement.id || document.activeElement.textContent.trim()"))
+        reached.append(
+            page.evaluate("document.activeElement.id || document.activeElement.textContent.trim()")
+        )
     assert reached[:5] == ["f-place", "f-outcome", "f-needs", "f-reset", "f-copy"]
     assert reached[-2:] == ["Student", "Points of 100"]
     page.keyboard.press("Enter")
@@ -277,8 +301,12 @@ def test_focus_is_seen(page: Page) -> None:
 # -- everywhere --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("size", "dark"), [(DESK, False), (PHONE, True)], ids=["desk, light", "phone, dark"])
-def test_nothing_keeps_anyone_from_using_it(chromium: Browser, file: Path, size: tuple[int, int], dark: bool) -> None:
+@pytest.mark.parametrize(
+    ("size", "dark"), [(DESK, False), (PHONE, True)], ids=["desk, light", "phone, dark"]
+)
+def test_nothing_keeps_anyone_from_using_it(
+    chromium: Browser, file: Path, size: tuple[int, int], dark: bool
+) -> None:
     """axe-core has no serious or critical finding, all folded parts open; nothing is asked of a network."""
     with visit(chromium, file, size, dark=dark) as seen:
         seen.page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
@@ -294,7 +322,9 @@ def test_a_phone_shows_it_without_scrolling_sideways(chromium: Browser, file: Pa
         assert seen.page.locator(".class-table .flag").evaluate_all(f"{over}.length") == 0
 
 
-def test_without_scripts_all_is_there(chromium: Browser, file: Path, entries: list[ClassEntry]) -> None:
+def test_without_scripts_all_is_there(
+    chromium: Browser, file: Path, entries: list[ClassEntry]
+) -> None:
     """Every student is shown, and nothing that would do nothing."""
     with visit(chromium, file, scripts=False) as seen:
         expect(seen.page.locator("#class-table tbody tr:visible")).to_have_count(len(entries))
@@ -317,12 +347,20 @@ def test_paper_shows_what_is_folded_and_no_controls(page: Page) -> None:
     assert folded.count() == before
 
 
-def test_a_hostile_class_does_nothing(chromium: Browser, tmp_path: Path, entries: list[ClassEntry]) -> None:
+def test_a_hostile_class_does_nothing(
+    chromium: Browser, tmp_path: Path, entries: list[ClassEntry]
+) -> None:
     """Names that are markup are shown as they are, and run nothing."""
     evil = "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
     file = tmp_path / "index.html"
-    hostile = [ClassEntry(f"{evil}{n}", entry.result, evil, "x/report.html") for n, entry in enumerate(entries[:3])]
-    file.write_text(render(summarise([*hostile, ClassEntry(evil, None, evil)], read_rubric(None))), encoding="utf-8")
+    hostile = [
+        ClassEntry(f"{evil}{n}", entry.result, evil, "x/report.html")
+        for n, entry in enumerate(entries[:3])
+    ]
+    file.write_text(
+        render(summarise([*hostile, ClassEntry(evil, None, evil)], read_rubric(None))),
+        encoding="utf-8",
+    )
     with visit(chromium, file) as seen:
         heading(seen.page, "Points").get_by_role("button").click()
         assert "owned" not in seen.page.title()
@@ -330,11 +368,15 @@ def test_a_hostile_class_does_nothing(chromium: Browser, tmp_path: Path, entries
         assert seen.requests == [file.as_uri()]
 
 
-def test_the_anonymous_page_works_alike(chromium: Browser, tmp_path: Path, entries: list[ClassEntry]) -> None:
+def test_the_anonymous_page_works_alike(
+    chromium: Browser, tmp_path: Path, entries: list[ClassEntry]
+) -> None:
     """Without links it can be sorted and filtered too."""
     rubric = read_rubric(None)
     file = tmp_path / "index.html"
-    file.write_text(render(summarise(anonymous(entries, rubric), rubric), anonymous=True), encoding="utf-8")
+    file.write_text(
+        render(summarise(anonymous(entries, rubric), rubric), anonymous=True), encoding="utf-8"
+    )
     with visit(chromium, file) as seen:
         assert names(seen.page)[:2] == ["Student 01", "Student 02"]
         seen.page.get_by_label("Name").fill("07")

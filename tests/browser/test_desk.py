@@ -46,19 +46,31 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     add_alike(folder, [f"open{n:02d}" for n in range(OPEN)], "solution", without="service")
     add_alike(folder, [f"appeal{n:02d}" for n in range(APPEALS)], "signed_mean_statistics")
     add_alike(folder, [f"fine{n:02d}" for n in range(40 - OPEN - APPEALS)], "solution")
-    appeals = [appeal_of(f"appeal{n:02d}", "I think that my mean is right.") for n in range(APPEALS)]
-    (folder / "overrides.yaml").write_text("# appeals by mail\n" + yaml.safe_dump({"overrides": appeals}))
+    appeals = [
+        appeal_of(f"appeal{n:02d}", "I think that my mean is right.") for n in range(APPEALS)
+    ]
+    (folder / "overrides.yaml").write_text(
+        "# appeals by mail\n" + yaml.safe_dump({"overrides": appeals})
+    )
     return folder
 
 
 def appeal_of(name: str, text: str) -> dict[str, str]:
     """Give an appeal as it stands in the file of overrides."""
-    return {"submission": name, "check": "subscriber.mean", "appeal": text, "who": name, "when": "2026-11-21"}
+    return {
+        "submission": name,
+        "check": "subscriber.mean",
+        "appeal": text,
+        "who": name,
+        "when": "2026-11-21",
+    }
 
 
 def opened(chromium: Browser, desk: Served, path: str = "", *, dark: bool = False) -> Visit:
     """Open a page of a desk; what it asks for elsewhere is noted, and what it complains of."""
-    context = chromium.new_context(viewport={"width": 1400, "height": 900}, color_scheme="dark" if dark else "light")
+    context = chromium.new_context(
+        viewport={"width": 1400, "height": 900}, color_scheme="dark" if dark else "light"
+    )
     seen = Visit(context.new_page())
     seen.page.on("request", lambda request: seen.requests.append(request.url))
     seen.page.on("console", lambda message: seen.complaints.append(message.text))
@@ -112,7 +124,9 @@ def test_a_class_is_decided_by_keyboard(chromium: Browser, made: Path) -> None:
             settle_appeal(keys, n)
         settle_services(keys)
         expect(seen.page.locator("#empty")).to_be_visible()
-        print(json.dumps({"keystrokes": keys.pressed, "seconds": round(time.monotonic() - began, 1)}))
+        print(
+            json.dumps({"keystrokes": keys.pressed, "seconds": round(time.monotonic() - began, 1)})
+        )
         assert keys.pressed < 150
         assert seen.complaints == []
         desk.until(lambda plain: not plain["waiting"])
@@ -120,7 +134,9 @@ def test_a_class_is_decided_by_keyboard(chromium: Browser, made: Path) -> None:
             result = load_result(made / f"open{n:02d}" / RESULT_FILE)
             assert (result.still_undecided, result.final) == (Decimal(0), result.score.possible)
         for n in range(APPEALS):
-            kinds = [a.kind.value for a in load_result(made / f"appeal{n:02d}" / RESULT_FILE).adjustments]
+            kinds = [
+                a.kind.value for a in load_result(made / f"appeal{n:02d}" / RESULT_FILE).adjustments
+            ]
             assert kinds == ["appeal", "points" if n % 2 else "reviewed"]
         text = (made / "overrides.yaml").read_text(encoding="utf-8")
         assert text.startswith("# appeals by mail\n")
@@ -134,7 +150,9 @@ def settle_appeal(keys: Keyboard, n: int) -> None:
     expect(keys.page.locator("#about")).to_contain_text(f"appeal{n:02d} · appeal")
     if n == 1:  # What is beside an item is its own evidence.
         expect(keys.page.locator("#evidence")).to_be_visible()
-        expect(keys.page.frame_locator("#evidence").locator(".said.question")).to_contain_text("appeal01")
+        expect(keys.page.frame_locator("#evidence").locator(".said.question")).to_contain_text(
+            "appeal01"
+        )
     if n % 2:
         keys.press("f")
         if n == 1:
@@ -170,7 +188,9 @@ def settle_services(keys: Keyboard) -> None:
 
 
 @pytest.mark.parametrize("dark", [False, True])
-def test_the_desk_can_be_used_by_all(chromium: Browser, made: Path, tmp_path: Path, dark: bool) -> None:
+def test_the_desk_can_be_used_by_all(
+    chromium: Browser, made: Path, tmp_path: Path, dark: bool
+) -> None:
     """No grave finding of axe-core: with decided items shown, the preview open, in evidence, and among the limits."""
     desk = serve(made)
     try:
@@ -183,7 +203,9 @@ def test_the_desk_can_be_used_by_all(chromium: Browser, made: Path, tmp_path: Pa
         seen.page.keyboard.press("s")
         expect(seen.page.locator("#preview")).to_be_visible()
         assert seen.axe() == []
-        evidence = tmp_path / "evidence.html"  # Where the desk shows it, axe-core could not run either.
+        evidence = (
+            tmp_path / "evidence.html"
+        )  # Where the desk shows it, axe-core could not run either.
         evidence.write_bytes(desk.ask("GET", "evidence?name=appeal00&what=subscriber.mean")[1])
         with visit(chromium, evidence, dark=dark) as alone:
             assert alone.axe() == []
@@ -215,14 +237,23 @@ def test_students_texts_stay_texts(chromium: Browser, tmp_path: Path) -> None:
     desk = serve(results)
     try:
         seen = with_decided(chromium, desk)
-        expect(seen.page.locator("#text")).to_contain_text("<script>document.title='owned'</script>")
+        expect(seen.page.locator("#text")).to_contain_text(
+            "<script>document.title='owned'</script>"
+        )
         evidence = seen.page.frame_locator("#evidence")
         expect(evidence.locator(".said.question")).to_contain_text("<img src=x")
-        expect(evidence.locator(".reason").first).to_contain_text("<script>document.title='owned'</script>")
-        assert evidence.locator("img, script, iframe, form, base, link, [onerror], [onload]").count() == 0
+        expect(evidence.locator(".reason").first).to_contain_text(
+            "<script>document.title='owned'</script>"
+        )
+        assert (
+            evidence.locator("img, script, iframe, form, base, link, [onerror], [onload]").count()
+            == 0
+        )
         assert (seen.page.title(), seen.complaints) == ("Review desk", [])
         report = opened(chromium, desk, "report?name=eve")
-        expect(report.page.locator(".reason").first).to_contain_text("<script>document.title='owned'</script>")
+        expect(report.page.locator(".reason").first).to_contain_text(
+            "<script>document.title='owned'</script>"
+        )
         assert "owned" not in report.page.title().replace(HOSTILE[:40], "")
         for page in (seen, report):
             assert [url for url in page.requests if not url.startswith(desk.address)] == []
@@ -231,7 +262,18 @@ def test_students_texts_stay_texts(chromium: Browser, tmp_path: Path) -> None:
 
 
 #: Texts that come from students, by their keys in results and recordings.
-_STUDENTS = {"reason", "expected", "measured", "hint", "notes", "advisories", "text", "texts", "error", "counted"}
+_STUDENTS = {
+    "reason",
+    "expected",
+    "measured",
+    "hint",
+    "notes",
+    "advisories",
+    "text",
+    "texts",
+    "error",
+    "counted",
+}
 
 
 def poisoned(value: Any, key: str = "") -> Any:

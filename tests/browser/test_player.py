@@ -32,7 +32,9 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Give a report with a motion."""
     folder = tmp_path_factory.mktemp("player")
     wanted: list[Row] = swinging(FRAMES, first=10, lag=-4.0)
-    figure = shown("posture", recorded(folder / "bag", {"/is": swinging(FRAMES), "/wanted": wanted}), **TOPICS)
+    figure = shown(
+        "posture", recorded(folder / "bag", {"/is": swinging(FRAMES), "/wanted": wanted}), **TOPICS
+    )
     file = folder / "report.html"
     file.write_text(page_of(figures=[figure]), encoding="utf-8")
     return file
@@ -70,7 +72,10 @@ def test_the_still_is_what_the_script_draws(chromium: Browser, report: Path) -> 
     with visit(chromium, report, scripts=False) as seen:
         picture = seen.page.locator(".player svg.chart")
         without = [picture.locator(".link").last.get_attribute(key) for key in ("x2", "y2")]
-        lines = [picture.locator(name).get_attribute("points") for name in (".ghost", ".shadow", ".way", ".ghost-way")]
+        lines = [
+            picture.locator(name).get_attribute("points")
+            for name in (".ghost", ".shadow", ".way", ".ghost-way")
+        ]
         expect(seen.page.locator(".controls")).to_be_hidden()
         expect(seen.page.locator(".player button:visible")).to_have_count(0)
         expect(seen.page.locator(".moment .at")).to_have_text(["1.2–7.3 s"])

@@ -48,7 +48,9 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 @pytest.mark.parametrize("dark", [False, True], ids=["light", "dark"])
 @pytest.mark.parametrize("name", NAMES)
-def test_nothing_keeps_anyone_from_using_it(name: str, dark: bool, chromium: Browser, reports: dict[str, Path]) -> None:
+def test_nothing_keeps_anyone_from_using_it(
+    name: str, dark: bool, chromium: Browser, reports: dict[str, Path]
+) -> None:
     """axe-core has no serious or critical finding with all parts unfolded; nothing is asked of a network."""
     with visit(chromium, reports[name], PHONE if dark else DESK, dark=dark) as seen:
         seen.page.get_by_role("button", name="Expand all").click()
@@ -75,14 +77,18 @@ def test_without_scripts_all_is_there(chromium: Browser, reports: dict[str, Path
         expect(output).to_have_attribute("open", "")
 
 
-def test_a_phone_shows_it_without_scrolling_sideways(chromium: Browser, reports: dict[str, Path]) -> None:
+def test_a_phone_shows_it_without_scrolling_sideways(
+    chromium: Browser, reports: dict[str, Path]
+) -> None:
     """Only tables and output scroll, in themselves."""
     for file in reports.values():
         with visit(chromium, file, PHONE) as seen:
             assert seen.page.evaluate("document.documentElement.scrollWidth") == PHONE[0], file
 
 
-def test_what_is_written_in_figures_can_be_read_on_a_phone(chromium: Browser, reports: dict[str, Path]) -> None:
+def test_what_is_written_in_figures_can_be_read_on_a_phone(
+    chromium: Browser, reports: dict[str, Path]
+) -> None:
     """No letter is smaller than 9.5 px, and no line ends outside of its picture."""
     for file in reports.values():
         with visit(chromium, file, PHONE) as seen:

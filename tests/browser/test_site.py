@@ -39,7 +39,9 @@ def pages(site: Path) -> list[Path]:
     return [page for page in sorted(site.rglob("*.html")) if page.name != "404.html"]
 
 
-@pytest.mark.parametrize(("size", "dark"), [(DESK, False), (PHONE, True)], ids=["desk in light", "phone in dark"])
+@pytest.mark.parametrize(
+    ("size", "dark"), [(DESK, False), (PHONE, True)], ids=["desk in light", "phone in dark"]
+)
 @pytest.mark.parametrize("name", ["index", "first-lab", "policy", "figures"])
 def test_nothing_keeps_anyone_from_using_it(
     name: str, size: tuple[int, int], dark: bool, chromium: Browser, site: Path
@@ -61,7 +63,11 @@ def test_every_page_and_every_link_leads_to_something(chromium: Browser, site: P
     inside = [urlsplit(link) for link in links if link.startswith("file:")]
     missing = [part.geturl() for part in inside if not Path(unquote(part.path)).is_file()]
     assert missing == []
-    named = {f"{unquote(p.path)}#{unquote(p.fragment)}" for p in inside if p.fragment and p.path.endswith(".html")}
+    named = {
+        f"{unquote(p.path)}#{unquote(p.fragment)}"
+        for p in inside
+        if p.fragment and p.path.endswith(".html")
+    }
     assert len(named) > 100
     assert named - anchors == set()
 

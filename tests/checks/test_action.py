@@ -30,7 +30,9 @@ GOOD: dict[str, Any] = {
     "answered_ns": at(1.003),
     "accepted": True,
     "stamp_ns": at(1.002),
-    "feedback": [{"t_ns": at(1.1 + n / 10), "values": {"sequence": list(range(n + 3))}} for n in range(4)],
+    "feedback": [
+        {"t_ns": at(1.1 + n / 10), "values": {"sequence": list(range(n + 3))}} for n in range(4)
+    ],
     "feedback_count": 4,
     "first_feedback_ns": at(1.1),
     "last_feedback_ns": at(1.4),
@@ -39,21 +41,34 @@ GOOD: dict[str, Any] = {
     "result": {"sequence": [0, 1, 1, 2, 3, 5], "took": 1.25, "by": {"name": "it"}},
     "cancel": None,
 }
-REJECTED = {**GOOD, "accepted": False, "feedback": [], "feedback_count": 0, "ended_ns": None, "result": None}
+REJECTED = {
+    **GOOD,
+    "accepted": False,
+    "feedback": [],
+    "feedback_count": 0,
+    "ended_ns": None,
+    "result": None,
+}
 SILENT = {**REJECTED, "accepted": None, "answered_ns": None, "status": None}
 ENDLESS = {**GOOD, "ended_ns": None, "status": "executing", "result": None}
 
 
-def cancelled(ended_s: float = 0.1, status: str = "canceled", *, accepted: bool = True, code: int = 0) -> Any:
+def cancelled(
+    ended_s: float = 0.1, status: str = "canceled", *, accepted: bool = True, code: int = 0
+) -> Any:
     """Give a goal that was cancelled 0.5 s after it was sent, and ended so long after that."""
     cancel = {"sent_ns": at(1.5), "answered_ns": at(1.51), "accepted": accepted, "code": code}
     return {**GOOD, "cancel": cancel, "ended_ns": at(1.5 + ended_s), "status": status}
 
 
-def sent(session: Session, label: str, *goals: dict[str, Any], outcome: str = "done", **result: Any) -> Session:
+def sent(
+    session: Session, label: str, *goals: dict[str, Any], outcome: str = "done", **result: Any
+) -> Session:
     """Add a step that sent goals."""
     parameters = {"action": NAME, "type": KIND, "goal": goals[0]["goal"] if goals else {"order": 5}}
-    return session.step("send_goal", label, outcome, goals=list(goals), parameters=parameters, **result)
+    return session.step(
+        "send_goal", label, outcome, goals=list(goals), parameters=parameters, **result
+    )
 
 
 def offering(folder: Path, name: str = NAME, kind: str = KIND, node: str = "/student") -> Session:
@@ -64,7 +79,9 @@ def offering(folder: Path, name: str = NAME, kind: str = KIND, node: str = "/stu
 def finding(folder: Path, part: str, wanted: dict[str, Any], *goals: dict[str, Any]) -> Finding:
     """Judge one part by what came of the goals of one step; another goal was accepted, and another rejected."""
     session = sent(sent(offering(folder), "yes", GOOD), "no", REJECTED)
-    return judged("action_server", {**ABOUT, part: {"step": "it", **wanted}}, sent(session, "it", *goals))
+    return judged(
+        "action_server", {**ABOUT, part: {"step": "it", **wanted}}, sent(session, "it", *goals)
+    )
 
 
 # -- offered ---------------------------------------------------------------------------------------
@@ -91,12 +108,21 @@ def test_an_action_is_offered_by_name_type_and_node(
 
 def test_no_action_in_the_graph_fails_and_keeps_the_rest_from_being_tested(tmp_path: Path) -> None:
     """The services of an action count only where one takes goals; nothing else costs by itself."""
-    session = Session(tmp_path).process().service(f"{NAME}/_action/get_result", kind=f"{KIND}_GetResult")
+    session = (
+        Session(tmp_path).process().service(f"{NAME}/_action/get_result", kind=f"{KIND}_GetResult")
+    )
     sent(session, "it", outcome="timeout", problem="the action server is not up")
-    found = judged("action_server", {**OFFERED, "result": {"step": "it", "values": {"sequence": []}}}, session)
+    found = judged(
+        "action_server", {**OFFERED, "result": {"step": "it", "values": {"sequence": []}}}, session
+    )
     assert found.outcome is Outcome.FAILED
     assert "The action /fibonacci did not appear" in found.reason
-    assert found.reason.count("Not tested, because no goal could be sent: the action server is not up.") == 1
+    assert (
+        found.reason.count(
+            "Not tested, because no goal could be sent: the action server is not up."
+        )
+        == 1
+    )
 
 
 def test_a_server_that_was_asked_for_and_never_seen_is_undecided(tmp_path: Path) -> None:
@@ -109,10 +135,14 @@ def test_a_server_that_was_asked_for_and_never_seen_is_undecided(tmp_path: Path)
 
 def test_a_fault_of_the_server_itself_points_at_its_line(tmp_path: Path) -> None:
     """What is lost by what the callbacks do is shown by the goal."""
-    session = sent(sent(offering(tmp_path).claim("action", NAME), "it", GOOD), "no", REJECTED).recorded()
+    session = sent(
+        sent(offering(tmp_path).claim("action", NAME), "it", GOOD), "no", REJECTED
+    ).recorded()
     rejects = judged("action_server", {**ABOUT, "accepted": {"step": "no"}}, session)
     assert [(place.file, place.line) for place in rejects.where] == [("it.py", 7), (None, None)]
-    late = judged("action_server", {**ABOUT, "result": {"step": "it", "values": {"took": 0}}}, session)
+    late = judged(
+        "action_server", {**ABOUT, "result": {"step": "it", "values": {"took": 0}}}, session
+    )
     assert [(place.topic, place.file) for place in late.where] == [(NAME, None)]
 
 
@@ -121,19 +151,26 @@ def test_a_fault_of_the_server_itself_points_at_its_line(tmp_path: Path) -> None
 
 def test_goals_are_accepted_and_rejected(tmp_path: Path) -> None:
     """The right answers earn all, and what was measured says how soon they came."""
-    assert finding(tmp_path / "1", "accepted", {}, GOOD).measured == "goal order=5 accepted after 3.0 ms"
+    assert (
+        finding(tmp_path / "1", "accepted", {}, GOOD).measured
+        == "goal order=5 accepted after 3.0 ms"
+    )
     assert finding(tmp_path / "2", "rejected", {}, REJECTED).outcome is Outcome.PASSED
 
 
 def test_who_accepts_or_rejects_everything_is_told_so(tmp_path: Path) -> None:
     """Without the other kind of answer in the session, the mistake has a name and a hint of its own."""
     wanted = {**ABOUT, "rejected": {"step": "it"}}
-    found = judged("action_server", wanted, sent(sent(offering(tmp_path / "1"), "yes", GOOD), "it", GOOD))
+    found = judged(
+        "action_server", wanted, sent(sent(offering(tmp_path / "1"), "yes", GOOD), "it", GOOD)
+    )
     assert (found.outcome, found.reason) == (Outcome.FAILED, "Every goal is accepted.")
     assert "GoalResponse.REJECT" in found.hint
     wanted = {**ABOUT, "accepted": {"step": "it"}, "rejected": {"step": "no"}}
     session = sent(sent(offering(tmp_path / "2"), "it", REJECTED), "no", REJECTED)
-    session.record.processes[0].output.append(OutputLine(at(1.0), "stderr", "... did not return a GoalResponse type."))
+    session.record.processes[0].output.append(
+        OutputLine(at(1.0), "stderr", "... did not return a GoalResponse type.")
+    )
     found = judged("action_server", wanted, session)
     assert found.credit == 0
     assert "Every goal is rejected." in found.reason
@@ -143,7 +180,12 @@ def test_who_accepts_or_rejects_everything_is_told_so(tmp_path: Path) -> None:
 
 def test_a_silent_server_is_charged_once(tmp_path: Path) -> None:
     """The first part says that no answer came, the others that they were not tested; so do later goals and checks."""
-    session = sent(sent(offering(tmp_path), "it", SILENT, outcome="timeout"), "later", SILENT, outcome="timeout")
+    session = sent(
+        sent(offering(tmp_path), "it", SILENT, outcome="timeout"),
+        "later",
+        SILENT,
+        outcome="timeout",
+    )
     wanted = {
         **ABOUT,
         "accepted": {"step": "it"},
@@ -164,18 +206,30 @@ def test_a_silent_server_is_charged_once(tmp_path: Path) -> None:
     assert after.outcome is Outcome.NOT_REACHED
 
 
-def test_what_lost_points_in_another_session_keeps_nothing_from_being_looked_at_again(tmp_path: Path) -> None:
+def test_what_lost_points_in_another_session_keeps_nothing_from_being_looked_at_again(
+    tmp_path: Path,
+) -> None:
     """Only a check of the same session was asked whether its loss may be chance."""
-    session = sent(offering(tmp_path), "it", outcome="timeout", problem="the action server is not up").recorded()
+    session = sent(
+        offering(tmp_path), "it", outcome="timeout", problem="the action server is not up"
+    ).recorded()
     elsewhere = failed("", "", "no README", where=[Location(session="other")])
-    found = judged("action_server", {**ABOUT, "accepted": {"step": "it"}}, session, findings={"first": elsewhere})
+    found = judged(
+        "action_server",
+        {**ABOUT, "accepted": {"step": "it"}},
+        session,
+        findings={"first": elsewhere},
+    )
     assert found.outcome is Outcome.FAILED
 
 
 def test_a_goal_that_is_answered_is_judged_whatever_became_of_earlier_ones(tmp_path: Path) -> None:
     """One that got no answer costs where it is asked about, and nothing besides."""
     session = sent(sent(offering(tmp_path), "first", SILENT, outcome="timeout"), "it", GOOD)
-    assert judged("action_server", {**ABOUT, "accepted": {"step": "it"}}, session).outcome is Outcome.PASSED
+    assert (
+        judged("action_server", {**ABOUT, "accepted": {"step": "it"}}, session).outcome
+        is Outcome.PASSED
+    )
 
 
 def test_goals_to_another_action_prove_nothing(tmp_path: Path) -> None:
@@ -184,8 +238,14 @@ def test_goals_to_another_action_prove_nothing(tmp_path: Path) -> None:
     for step in other.record.steps:
         step.parameters["action"] = "/other"
     recorded = sent(sent(other, "no", REJECTED), "later", SILENT).recorded()
-    assert "proves nothing" in judged("action_server", {**ABOUT, "rejected": {"step": "no"}}, recorded).reason
-    assert "Every goal" in judged("action_server", {**ABOUT, "accepted": {"step": "no"}}, recorded).reason
+    assert (
+        "proves nothing"
+        in judged("action_server", {**ABOUT, "rejected": {"step": "no"}}, recorded).reason
+    )
+    assert (
+        "Every goal"
+        in judged("action_server", {**ABOUT, "accepted": {"step": "no"}}, recorded).reason
+    )
     later = judged("action_server", {**ABOUT, "accepted": {"step": "later"}}, recorded)
     assert "neither accepted nor rejected" in later.reason
 
@@ -208,7 +268,12 @@ def test_a_rejected_goal_keeps_the_rest_from_being_tested(tmp_path: Path) -> Non
         ({"at_least_hz": 20}, {}, "0.5", "comes at 10.0 Hz; 19 Hz give full credit"),
         ({"at_least_hz": 10.8, "hz_tolerance": "5%"}, {}, "0.9", "comes at 10.0 Hz; 10.26 Hz"),
         ({"at_least_hz": 10.5, "hz_tolerance": "5%"}, {}, "1", ""),
-        ({"at_least_hz": 1}, {"feedback_count": 1, "last_feedback_ns": at(1.1)}, "0", "comes at 0.0 Hz"),
+        (
+            {"at_least_hz": 1},
+            {"feedback_count": 1, "last_feedback_ns": at(1.1)},
+            "0",
+            "comes at 0.0 Hz",
+        ),
         ({"rising": "sequence"}, {}, "1", ""),
         ({"falling": "sequence"}, {}, "0.5", "From one message to the next, sequence rises."),
         ({"rising": "sequence[1]"}, {}, "1", ""),
@@ -227,10 +292,21 @@ def test_feedback_is_judged_by_number_rate_and_order(
 def test_a_number_that_falls_once_does_not_rise(tmp_path: Path) -> None:
     """One message that goes back is enough, and what is not a number does not rise."""
     unknown = [{"t_ns": at(1.0 + n), "values": {"share": math.nan}} for n in range(4)]
-    assert finding(tmp_path / "1", "feedback", {"rising": "share"}, {**GOOD, "feedback": unknown}).credit < 1
-    feedback = [{"t_ns": at(1.0 + n), "values": {"share": share}} for n, share in enumerate((0.1, 0.5, 0.4, 1.0))]
+    assert (
+        finding(
+            tmp_path / "1", "feedback", {"rising": "share"}, {**GOOD, "feedback": unknown}
+        ).credit
+        < 1
+    )
+    feedback = [
+        {"t_ns": at(1.0 + n), "values": {"share": share}}
+        for n, share in enumerate((0.1, 0.5, 0.4, 1.0))
+    ]
     found = finding(
-        tmp_path, "feedback", {"rising": "share", "other_order_credit": "20%"}, {**GOOD, "feedback": feedback}
+        tmp_path,
+        "feedback",
+        {"rising": "share", "other_order_credit": "20%"},
+        {**GOOD, "feedback": feedback},
     )
     assert found.credit == Decimal("0.2")
 
@@ -242,7 +318,12 @@ def test_a_number_that_falls_once_does_not_rise(tmp_path: Path) -> None:
     ("values", "tolerance", "credit", "words"),
     [
         ({"sequence": [0, 1, 1, 2, 3, 5]}, 0.0, "1", ""),
-        ({"sequence": [0, 1, 1, 2, 3]}, 0.0, "0", "sequence is [0, 1, 1, 2, 3, 5], not [0, 1, 1, 2, 3]"),
+        (
+            {"sequence": [0, 1, 1, 2, 3]},
+            0.0,
+            "0",
+            "sequence is [0, 1, 1, 2, 3, 5], not [0, 1, 1, 2, 3]",
+        ),
         ({"sequence[5]": 5, "took": 1.3}, 0.1, "1", ""),
         ({"sequence[5]": 5, "took": 1.3}, 0.01, "0.5", "In the result, took is 1.25, not 1.3."),
         ({"by.name": "it", "by": {"name": "it"}}, 0.0, "1", ""),
@@ -266,7 +347,10 @@ def test_results_are_compared_value_by_value(
 def test_an_empty_result_is_told_so(tmp_path: Path) -> None:
     """Nothing but zeros in what was to be filled in."""
     empty = {**GOOD, "result": {"sequence": []}}
-    assert "Fill in the fields" in finding(tmp_path, "result", {"values": {"sequence": [1]}}, empty).hint
+    assert (
+        "Fill in the fields"
+        in finding(tmp_path, "result", {"values": {"sequence": [1]}}, empty).hint
+    )
 
 
 def test_a_result_that_never_came_is_not_an_end_that_never_came(tmp_path: Path) -> None:
@@ -284,13 +368,23 @@ def test_a_result_that_never_came_is_not_an_end_that_never_came(tmp_path: Path) 
     ("printed", "words", "hint"),
     [
         ("", "ended as ABORTED, not as SUCCEEDED", "goal_handle.succeed()"),
-        ("Goal state not set, assuming aborted. Goal ID: [1 2]", "without setting a status", "goal_handle.succeed()"),
+        (
+            "Goal state not set, assuming aborted. Goal ID: [1 2]",
+            "without setting a status",
+            "goal_handle.succeed()",
+        ),
         ("Error raised in execute callback: no", "The execute callback raised an exception", ""),
     ],
 )
-def test_who_forgets_to_succeed_is_told_so(tmp_path: Path, printed: str, words: str, hint: str) -> None:
+def test_who_forgets_to_succeed_is_told_so(
+    tmp_path: Path, printed: str, words: str, hint: str
+) -> None:
     """What rclpy prints says which mistake it is."""
-    session = Session(tmp_path).process(lines=[printed]).service(f"{NAME}/_action/send_goal", kind=f"{KIND}_SendGoal")
+    session = (
+        Session(tmp_path)
+        .process(lines=[printed])
+        .service(f"{NAME}/_action/send_goal", kind=f"{KIND}_SendGoal")
+    )
     sent(session, "it", {**GOOD, "status": "aborted"})
     found = judged("action_server", {**ABOUT, "final_status": {"step": "it"}}, session)
     assert found.outcome is Outcome.FAILED
@@ -306,12 +400,28 @@ def test_who_forgets_to_succeed_is_told_so(tmp_path: Path, printed: str, words: 
     [
         (cancelled(), "1", ""),
         (cancelled(1.0), "1", ""),
-        (cancelled(1.001), "0.5", "It ended 1.001 s after it was cancelled; within 1 s gives full credit"),
+        (
+            cancelled(1.001),
+            "0.5",
+            "It ended 1.001 s after it was cancelled; within 1 s gives full credit",
+        ),
         (cancelled(status="aborted"), "0.5", "ended as ABORTED, not as CANCELED"),
         (cancelled(3.0, "succeeded"), "0", "ended as SUCCEEDED, not as CANCELED"),
-        (cancelled(3.0, "succeeded", accepted=False), "0", "Cancelling the goal order=5 was refused."),
-        (cancelled(3.0, "succeeded", accepted=False, code=3), "0", "was not answered while it was under way"),
-        ({**cancelled(), "ended_ns": None, "status": "canceling"}, "0", "did not end after it was cancelled"),
+        (
+            cancelled(3.0, "succeeded", accepted=False),
+            "0",
+            "Cancelling the goal order=5 was refused.",
+        ),
+        (
+            cancelled(3.0, "succeeded", accepted=False, code=3),
+            "0",
+            "was not answered while it was under way",
+        ),
+        (
+            {**cancelled(), "ended_ns": None, "status": "canceling"},
+            "0",
+            "did not end after it was cancelled",
+        ),
         (GOOD, "0", "had ended as SUCCEEDED before it could be cancelled"),
         (ENDLESS, "0", "the moment at which the goal order=5 was to be cancelled never came"),
     ],
@@ -329,7 +439,10 @@ def test_a_server_that_is_blocked_or_refuses_is_told_how_to_fix_it(tmp_path: Pat
     """The two have hints of their own."""
     blocked = cancelled(3.0, "succeeded", accepted=False, code=3)
     assert "MultiThreadedExecutor" in finding(tmp_path / "1", "cancelled", {}, blocked).hint
-    assert "CancelResponse.ACCEPT" in finding(tmp_path / "2", "cancelled", {}, cancelled(accepted=False)).hint
+    assert (
+        "CancelResponse.ACCEPT"
+        in finding(tmp_path / "2", "cancelled", {}, cancelled(accepted=False)).hint
+    )
 
 
 NEWER = {**GOOD, "sent_ns": at(1.5), "answered_ns": at(1.51), "ended_ns": at(2.0)}
@@ -340,13 +453,38 @@ NEWER = {**GOOD, "sent_ns": at(1.5), "answered_ns": at(1.51), "ended_ns": at(2.0
     [
         ({"ended_ns": at(1.6), "status": "aborted"}, {}, "1", ""),
         ({"ended_ns": at(1.505), "status": "aborted"}, {}, "1", ""),
-        ({"ended_ns": at(2.6), "status": "aborted"}, {}, "0.5", "1.10 s after a newer one was sent"),
-        ({"ended_ns": at(1.6), "status": "aborted"}, {"ended_ns": None, "status": "executing"}, "0.5", "did not end"),
-        ({"ended_ns": at(1.6), "status": "aborted"}, {"status": "aborted"}, "0.5", "The newer goal ended as ABORTED."),
+        (
+            {"ended_ns": at(2.6), "status": "aborted"},
+            {},
+            "0.5",
+            "1.10 s after a newer one was sent",
+        ),
+        (
+            {"ended_ns": at(1.6), "status": "aborted"},
+            {"ended_ns": None, "status": "executing"},
+            "0.5",
+            "did not end",
+        ),
+        (
+            {"ended_ns": at(1.6), "status": "aborted"},
+            {"status": "aborted"},
+            "0.5",
+            "The newer goal ended as ABORTED.",
+        ),
         ({"ended_ns": at(4.0)}, {}, "0", "ended as SUCCEEDED, not as ABORTED or CANCELED"),
-        ({"ended_ns": at(4.0)}, {"accepted": False}, "0", "A newer goal is rejected while one is under way."),
+        (
+            {"ended_ns": at(4.0)},
+            {"accepted": False},
+            "0",
+            "A newer goal is rejected while one is under way.",
+        ),
         ({"ended_ns": at(4.0)}, {"accepted": None}, "0", "A newer goal was not answered."),
-        ({"ended_ns": at(4.0)}, {"answered_ns": at(4.0)}, "0", "A newer goal was answered only after 2.50 s."),
+        (
+            {"ended_ns": at(4.0)},
+            {"answered_ns": at(4.0)},
+            "0",
+            "A newer goal was answered only after 2.50 s.",
+        ),
     ],
 )
 def test_preempting_is_judged_by_both_goals(
@@ -360,8 +498,13 @@ def test_preempting_is_judged_by_both_goals(
 
 def test_who_never_succeeds_is_not_charged_for_the_newer_goal(tmp_path: Path) -> None:
     """That costs where the status of a goal is asked for."""
-    session = sent(offering(tmp_path), "it", {**GOOD, "status": "aborted"}, {**NEWER, "status": "aborted"})
-    assert judged("action_server", {**ABOUT, "preempted": {"step": "it"}}, session).outcome is Outcome.PASSED
+    session = sent(
+        offering(tmp_path), "it", {**GOOD, "status": "aborted"}, {**NEWER, "status": "aborted"}
+    )
+    assert (
+        judged("action_server", {**ABOUT, "preempted": {"step": "it"}}, session).outcome
+        is Outcome.PASSED
+    )
 
 
 def test_a_goal_that_ended_before_the_newer_one_could_be_sent_is_told_so(tmp_path: Path) -> None:
@@ -383,7 +526,10 @@ def test_what_the_machine_may_have_delayed_is_undecided(
     tmp_path: Path, part: str, wanted: dict[str, Any], goal: dict[str, Any]
 ) -> None:
     """With a delay in that time it is not the student's fault; without one it costs."""
-    for delays, outcome in (((), Outcome.PARTIAL), (((1.15, 0.1), (1.55, 0.3)), Outcome.INCONCLUSIVE)):
+    for delays, outcome in (
+        ((), Outcome.PARTIAL),
+        (((1.15, 0.1), (1.55, 0.3)), Outcome.INCONCLUSIVE),
+    ):
         session = sent(offering(tmp_path / outcome.value), "it", goal)
         session.disturbed("it", *delays)
         found = judged("action_server", {**ABOUT, part: {"step": "it", **wanted}}, session)
@@ -392,7 +538,9 @@ def test_what_the_machine_may_have_delayed_is_undecided(
 
 
 @pytest.mark.parametrize("part", ["cancelled", "preempted"])
-def test_a_goal_that_the_grader_asked_to_end_too_late_is_undecided(tmp_path: Path, part: str) -> None:
+def test_a_goal_that_the_grader_asked_to_end_too_late_is_undecided(
+    tmp_path: Path, part: str
+) -> None:
     """It was under way when that was due, and the machine delayed who was to ask; without a delay it costs."""
     for delays, outcome in (((), Outcome.FAILED), (((1.05, 0.45),), Outcome.INCONCLUSIVE)):
         session = sent(offering(tmp_path / outcome.value), "it", GOOD).disturbed("it", *delays)
@@ -407,10 +555,14 @@ def test_an_action_that_came_after_it_was_given_up_is_seen_again(
     """It was late, which may be the machine's doing; a goal that was sent came to a server that was there."""
     session = Session(tmp_path / "late")
     session.step(kind, "it", "timeout", parameters={"action": NAME}, **sent_goals)
-    session.record.graph.append(GraphSnapshot(at(9.0), services=[ServiceEndpoint(f"{NAME}/_action/send_goal", "", "")]))
+    session.record.graph.append(
+        GraphSnapshot(at(9.0), services=[ServiceEndpoint(f"{NAME}/_action/send_goal", "", "")])
+    )
     assert "/fibonacci came too late" in str(inconclusive_reason(session.recorded(), ()))
     session = sent(Session(tmp_path / "sent"), "it", SILENT, outcome="timeout")
-    session.record.graph.append(GraphSnapshot(at(9.0), services=[ServiceEndpoint(f"{NAME}/_action/send_goal", "", "")]))
+    session.record.graph.append(
+        GraphSnapshot(at(9.0), services=[ServiceEndpoint(f"{NAME}/_action/send_goal", "", "")])
+    )
     assert inconclusive_reason(session.recorded(), ()) is None
 
 
@@ -432,7 +584,10 @@ def test_a_check_without_a_part_is_refused() -> None:
 
 PLAIN = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(["sequence", "x"]), inner, max_size=2),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(["sequence", "x"]), inner, max_size=2)
+    ),
     max_leaves=6,
 )
 
@@ -442,10 +597,13 @@ PLAIN = st.recursive(
         {
             "accepted": st.sampled_from([True, False, None]),
             "ended_ns": st.none() | st.integers(-(2**63), 2**63),
-            "status": st.sampled_from([None, "unknown", "executing", "succeeded", "canceled", "aborted"]),
+            "status": st.sampled_from(
+                [None, "unknown", "executing", "succeeded", "canceled", "aborted"]
+            ),
             "result": PLAIN,
             "feedback": st.lists(
-                st.fixed_dictionaries({"t_ns": st.integers(-(2**63), 2**63), "values": PLAIN}), max_size=3
+                st.fixed_dictionaries({"t_ns": st.integers(-(2**63), 2**63), "values": PLAIN}),
+                max_size=3,
             ),
             "feedback_count": st.integers(0, 2**40),
             "first_feedback_ns": st.integers(-(2**63), 2**63),
@@ -462,11 +620,18 @@ PLAIN = st.recursive(
         }
     )
 )
-def test_whatever_a_server_sends_is_judged(tmp_path_factory: pytest.TempPathFactory, sent_back: dict[str, Any]) -> None:
+def test_whatever_a_server_sends_is_judged(
+    tmp_path_factory: pytest.TempPathFactory, sent_back: dict[str, Any]
+) -> None:
     """Its values and times are its own: no check breaks by them, and none earns more than all."""
     goal = {**GOOD, **sent_back}
-    goal["cancel"] = goal["cancel"] and {**goal["cancel"], "accepted": goal["cancel"]["answered_ns"] is not None}
-    session = sent(offering(tmp_path_factory.mktemp("any")), "it", goal, {**NEWER, "status": goal["status"]})
+    goal["cancel"] = goal["cancel"] and {
+        **goal["cancel"],
+        "accepted": goal["cancel"]["answered_ns"] is not None,
+    }
+    session = sent(
+        offering(tmp_path_factory.mktemp("any")), "it", goal, {**NEWER, "status": goal["status"]}
+    )
     step = {"step": "it"}
     wanted = {
         **ABOUT,

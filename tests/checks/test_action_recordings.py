@@ -18,7 +18,11 @@ def test_each_mistake_costs_what_it_is_worth_and_has_a_name(name: str, tmp_path:
     with tarfile.open(FOLDER / "recordings" / f"{name}.tar.xz") as archive:
         archive.extractall(tmp_path)
     result = judged(tmp_path)
-    lost = {check.id: check.possible - check.earned for check in result.checks if check.earned < check.possible}
+    lost = {
+        check.id: check.possible - check.earned
+        for check in result.checks
+        if check.earned < check.possible
+    }
     assert lost == {check: Decimal(points) for check, points in DEFECTS[name].lost}
     assert result.score.undecided == 0
     assert result.problems == ()
@@ -26,7 +30,10 @@ def test_each_mistake_costs_what_it_is_worth_and_has_a_name(name: str, tmp_path:
     assert not losing or DEFECTS[name].words in f"{losing[0].reason} {losing[0].hint}"
     if name == "accepts_all":
         goals = [command for command in losing[0].commands if "send_goal" in command]
-        assert goals[1] == """ros2 action send_goal -f /fibonacci test_msgs/action/Fibonacci '{"order": -1}'"""
+        assert (
+            goals[1]
+            == """ros2 action send_goal -f /fibonacci test_msgs/action/Fibonacci '{"order": -1}'"""
+        )
 
 
 def test_what_a_reader_of_bags_needs_is_in_the_recording(tmp_path: Path) -> None:

@@ -23,7 +23,9 @@ EACH = [
 VALUE: dict[str, Any] = {"artifact": "it", "each": EACH, "tolerance": 0.01}
 
 
-def answer(x: float, message: str = "far away", names: tuple[str, ...] = ("base",)) -> dict[str, Any]:
+def answer(
+    x: float, message: str = "far away", names: tuple[str, ...] = ("base",)
+) -> dict[str, Any]:
     """Give a response with nested fields, as a step keeps it."""
     return {"pose": {"position": {"x": x, "y": 0.0}}, "names": list(names), "message": message}
 
@@ -45,10 +47,25 @@ def calls(folder: Path, **answers: Mapping[str, Any] | None) -> Session:
     [
         (answer(1.5), answer(40.0), "1", ""),
         (answer(1.509), answer(39.991, "FAR"), "1", ""),
-        (answer(1.511), answer(40.0), "0.75", "In the answer to 'near', pose.position.x is 1.511, not 1.5."),
+        (
+            answer(1.511),
+            answer(40.0),
+            "0.75",
+            "In the answer to 'near', pose.position.x is 1.511, not 1.5.",
+        ),
         (answer(1.5, names=()), answer(40.0), "0.75", "names[0] is None, not 'base'"),
-        (answer(1.5), answer(4.0, "close"), "0.5", "pose.position.x is 4.0, not 40.0 and message is 'close'."),
-        (answer(0.0, "no", ()), answer(0.0, "no", ()), "0", "All 2 calls get the same answer, whatever they ask for."),
+        (
+            answer(1.5),
+            answer(4.0, "close"),
+            "0.5",
+            "pose.position.x is 4.0, not 40.0 and message is 'close'.",
+        ),
+        (
+            answer(0.0, "no", ()),
+            answer(0.0, "no", ()),
+            "0",
+            "All 2 calls get the same answer, whatever they ask for.",
+        ),
         (answer(1.5), None, "0.5", "far: No answer came within 0.1 s."),
         (None, answer(40.0), "0.5", "near: No answer came within 0.1 s."),
         ({"other": "type"}, answer(40.0), "0.5", "pose.position.x is None"),
@@ -82,7 +99,9 @@ def test_silence_costs_once(tmp_path: Path) -> None:
     recorded = calls(tmp_path, near=None, far=None).recorded()
     finding = judged("call_value", VALUE, recorded)
     assert (finding.outcome, finding.measured) == (Outcome.FAILED, "no answer")
-    assert judged("call_value", {**VALUE, "each": EACH[1:]}, recorded).outcome is Outcome.NOT_REACHED
+    assert (
+        judged("call_value", {**VALUE, "each": EACH[1:]}, recorded).outcome is Outcome.NOT_REACHED
+    )
 
 
 def test_a_request_that_cannot_be_sent_earns_nothing(tmp_path: Path) -> None:
@@ -106,7 +125,10 @@ def test_a_mistake_that_another_check_charged_costs_nothing(tmp_path: Path) -> N
 
 def doubled(request: Mapping[str, Any], parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
     """Compute the answer to a request; an oracle as a lab has it."""
-    return {"pose.position.x": np.float64(request["distance"]) * parameters["factor"], "names": np.array([])}
+    return {
+        "pose.position.x": np.float64(request["distance"]) * parameters["factor"],
+        "names": np.array([]),
+    }
 
 
 ORACLE: dict[str, Any] = {
@@ -114,12 +136,16 @@ ORACLE: dict[str, Any] = {
     "each": [{"step": "near"}, {"step": "far"}],
     "oracle": "tests/checks/test_answers.py:doubled",
     "parameters": {"factor": 2.0},
-    "alternatives": [{"parameters": {"factor": 3.0}, "meaning": "three times the distance", "credit": 0.75}],
+    "alternatives": [
+        {"parameters": {"factor": 3.0}, "meaning": "three times the distance", "credit": 0.75}
+    ],
 }
 
 
 @pytest.mark.parametrize(("factor", "credit"), [(2.0, "1"), (3.0, "0.75"), (4.0, "0.5")])
-def test_an_oracle_computes_the_answer_from_the_request(tmp_path: Path, factor: float, credit: str) -> None:
+def test_an_oracle_computes_the_answer_from_the_request(
+    tmp_path: Path, factor: float, credit: str
+) -> None:
     """And names a mistake by what it gives with other parameters."""
     session = calls(tmp_path, near=answer(factor, names=()), far=answer(2 * factor, names=()))
     finding = judged("call_value", ORACLE, session)

@@ -30,10 +30,16 @@ def rubric() -> Rubric:
     return read_rubric(None)
 
 
-def shown(rubric: Rubric, kind: str, used: dict[str, str] | None = None, reason: str = "") -> list[str]:
+def shown(
+    rubric: Rubric, kind: str, used: dict[str, str] | None = None, reason: str = ""
+) -> list[str]:
     """Return the commands for the first check of a kind."""
     spec = next(spec for spec in rubric.checks() if spec.check == kind)
-    return list(commands_of(spec, rubric, HANDED_IN, used or {}, Finding(Outcome.FAILED, Decimal(0), reason=reason)))
+    return list(
+        commands_of(
+            spec, rubric, HANDED_IN, used or {}, Finding(Outcome.FAILED, Decimal(0), reason=reason)
+        )
+    )
 
 
 def test_a_command_has_the_values_of_the_check_and_of_its_steps(rubric: Rubric) -> None:
@@ -41,13 +47,18 @@ def test_a_command_has_the_values_of_the_check_and_of_its_steps(rubric: Rubric) 
     assert shown(rubric, "topic_rate") == ["ros2 topic hz /joint_commands"]
     call = "ros2 service call /robot/enable std_srvs/srv/SetBool '{\"data\": true}'"
     assert shown(rubric, "call_answered") == [call]
-    assert shown(rubric, "call_gated") == ["ros2 param set /robot_mode_service safety_enabled false", call]
+    assert shown(rubric, "call_gated") == [
+        "ros2 param set /robot_mode_service safety_enabled false",
+        call,
+    ]
     assert shown(rubric, "survives")[0].startswith(
         "ros2 topic pub -r 100.0 /joint_states std_msgs/msg/Float64MultiArray "
     )
     replay = "ros2 bag play recordings/subscriber --topics /joint_commands /joint_states"
     assert shown(rubric, "reported_series") == [replay]
-    assert shown(rubric, "launch_arguments") == ["ros2 launch 'launch/my robot_launch.py' --show-args"]
+    assert shown(rubric, "launch_arguments") == [
+        "ros2 launch 'launch/my robot_launch.py' --show-args"
+    ]
 
 
 def test_names_are_those_that_the_student_uses(rubric: Rubric) -> None:
@@ -62,8 +73,12 @@ def test_every_kind_of_the_lab_can_be_written(rubric: Rubric) -> None:
     """No template names what its check does not have; one of what is written, or of the lab's own, has no command."""
     for spec in rubric.checks():
         failed = Finding(Outcome.FAILED, Decimal(0))
-        whole = dataclasses.replace(HANDED_IN, artifacts=[ArtifactFact(n, n, n, "name") for n in rubric.artifacts])
+        whole = dataclasses.replace(
+            HANDED_IN, artifacts=[ArtifactFact(n, n, n, "name") for n in rubric.artifacts]
+        )
         commands = commands_of(spec, rubric, whole, {}, failed)
         assert all(shlex.split(command)[0] in ("ros2", "python3") for command in commands)
-        has_some = spec.session is not None and spec.check != "launch_together" and not is_own(spec.check)
+        has_some = (
+            spec.session is not None and spec.check != "launch_together" and not is_own(spec.check)
+        )
         assert bool(commands) == has_some, spec.check

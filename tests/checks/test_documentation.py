@@ -24,7 +24,11 @@ README: dict[str, Any] = {
 }
 CODE = {"artifacts": ["it"], "full_from": 0.5}
 CONCEPTS: dict[str, Any] = {
-    "concepts": {"reliability": ["reliab"], "latency": ["latenc", "delay"], "queue": ["depth", "queue"]},
+    "concepts": {
+        "reliability": ["reliab"],
+        "latency": ["latenc", "delay"],
+        "queue": ["depth", "queue"],
+    },
     "reasons": ["because", "but$", "while$"],
     "anchors": ["QoS"],
     "min_words": 6,
@@ -54,21 +58,39 @@ def of(text: str) -> SubmissionRecord:
 def test_a_readme_that_says_all_passes() -> None:
     """Commands and a description of each part earn all, in whatever folder it lies."""
     assert static("readme", README, submission({"README.md": FILLED})).outcome is Outcome.PASSED
-    assert static("readme", README, submission({"docs/Readme.TXT": FILLED})).outcome is Outcome.PASSED
+    assert (
+        static("readme", README, submission({"docs/Readme.TXT": FILLED})).outcome is Outcome.PASSED
+    )
 
 
 @pytest.mark.parametrize(
     "name",
-    ["LIESMICH.txt", "Lisez-moi.md", "LEEME.txt", "LEIAME", "README_ROS.md", "readme (1).txt", "说明.md", "notes.txt"],
+    [
+        "LIESMICH.txt",
+        "Lisez-moi.md",
+        "LEEME.txt",
+        "LEIAME",
+        "README_ROS.md",
+        "readme (1).txt",
+        "说明.md",
+        "notes.txt",
+    ],
 )
 def test_a_readme_may_have_another_name(name: str) -> None:
     """Other languages have other names for it, and the only text that there is will do."""
-    assert static("readme", README, submission({name: FILLED, "it.py": ""})).outcome is Outcome.PASSED
+    assert (
+        static("readme", README, submission({name: FILLED, "it.py": ""})).outcome is Outcome.PASSED
+    )
 
 
 def test_texts_for_programs_are_no_readme() -> None:
     """A list of requirements, a licence or a CMakeLists.txt describes nothing."""
-    files = {"requirements.txt": "numpy\n", "CMakeLists.txt": "project(x)\n", "LICENSE.txt": FILLED, "it.py": ""}
+    files = {
+        "requirements.txt": "numpy\n",
+        "CMakeLists.txt": "project(x)\n",
+        "LICENSE.txt": FILLED,
+        "it.py": "",
+    }
     assert static("readme", README, submission(files)).outcome is Outcome.FAILED
 
 
@@ -95,7 +117,9 @@ def test_a_file_that_holds_several_parts_counts_once() -> None:
 def test_each_part_of_a_readme_counts() -> None:
     """Without a word on running it half is lost, without a part half of the rest; what was found is listed."""
     without_commands = FILLED.replace("Run with:\n\n```\npython3 talk.py\n```\n\n", "")
-    assert static("readme", README, submission({"README.md": without_commands})).credit == Decimal("0.5")
+    assert static("readme", README, submission({"README.md": without_commands})).credit == Decimal(
+        "0.5"
+    )
     without_part = FILLED.partition("- hear.py")[0]
     finding = static("readme", README, submission({"README.md": without_part}))
     assert finding.credit == Decimal("0.75")
@@ -120,7 +144,9 @@ def test_instructions_without_a_command_are_for_a_person_to_read() -> None:
 
 def test_a_long_text_in_unknown_words_is_for_a_person_to_read() -> None:
     """A text that names no part in any way that the grader knows may still tell them apart."""
-    text = "python3 main.py\n\n" + " ".join(f"słowo{chr(97 + n)}{chr(97 + m)}" for n in range(9) for m in range(9))
+    text = "python3 main.py\n\n" + " ".join(
+        f"słowo{chr(97 + n)}{chr(97 + m)}" for n in range(9) for m in range(9)
+    )
     finding = static("readme", README, submission({"README.md": text}))
     assert finding.outcome is Outcome.PASSED
     assert "names no part" in finding.notes[0]
@@ -129,7 +155,9 @@ def test_a_long_text_in_unknown_words_is_for_a_person_to_read() -> None:
 def test_the_students_own_names_count() -> None:
     """A part is found by the name of the file that was handed in."""
     text = FILLED.replace("talk.py", "sprecher.py")
-    record = submission({"README.md": text, "src/sprecher.py": "x = 1\n"}, talk="src/sprecher.py", hear="hear.py")
+    record = submission(
+        {"README.md": text, "src/sprecher.py": "x = 1\n"}, talk="src/sprecher.py", hear="hear.py"
+    )
     assert static("readme", README, record).outcome is Outcome.PASSED
 
 
@@ -150,7 +178,9 @@ def test_code_is_credited_by_its_share(explained: int, credit: float) -> None:
     """Of a file (half) and three functions (half), half explained earn all, and what is not is named and shown."""
     words = iter(["the rate", "the phase", "the limits", "the order"][:explained])
     text = "class Node:\n" + "".join(
-        f"    def f{n}(self):\n        # because of {said}\n{LONG}" if said else f"    def f{n}(self):\n{LONG}"
+        f"    def f{n}(self):\n        # because of {said}\n{LONG}"
+        if said
+        else f"    def f{n}(self):\n{LONG}"
         for n, said in enumerate(next(words, "") for _ in range(3))
     )
     text = f"# About {said}\n{text}" if (said := next(words, "")) else text
@@ -173,14 +203,19 @@ def test_what_counted_and_what_did_not_is_listed() -> None:
 
 def test_without_sources_there_is_nothing_to_document() -> None:
     """Files that were not handed in do not count, and none at all fails."""
-    assert static("code_explained", CODE, submission({"x.py": ""}, it=None)).measured == "no source files"
+    assert (
+        static("code_explained", CODE, submission({"x.py": ""}, it=None)).measured
+        == "no source files"
+    )
 
 
 def test_a_file_with_a_syntax_error_is_no_crash() -> None:
     """What cannot be parsed is judged by what can be read of it, and a note says so."""
     assert static("code_explained", CODE, of("def broken(:\n    pass\n")).outcome is Outcome.FAILED
     finding = static(
-        "code_explained", CODE, of("# Sends what was asked for\n" + "This is not what was asked for.\n" * 30)
+        "code_explained",
+        CODE,
+        of("# Sends what was asked for\n" + "This is not what was asked for.\n" * 30),
     )
     assert finding.outcome is Outcome.PASSED
     assert "For a person to read" in finding.notes[0]
@@ -197,7 +232,10 @@ DISCUSSED = (
 
 def test_concepts_that_are_weighed_pass() -> None:
     """All concepts discussed with reasons earn all, in the README or in the source."""
-    assert static("concepts_explained", CONCEPTS, submission({"README.md": DISCUSSED})).outcome is Outcome.PASSED
+    assert (
+        static("concepts_explained", CONCEPTS, submission({"README.md": DISCUSSED})).outcome
+        is Outcome.PASSED
+    )
     source = f'"""{DISCUSSED}"""\nx = 1\n'
     finding = static("concepts_explained", {**CONCEPTS, "artifacts": ["it"]}, of(source))
     assert finding.outcome is Outcome.PASSED
@@ -210,7 +248,10 @@ def test_concepts_that_are_weighed_pass() -> None:
 def test_one_concept_is_too_little() -> None:
     """Below the least number of concepts there is no credit."""
     text = "# QoS\n\nThe QoS profile of this lab is reliable for all the commands that we send.\n"
-    assert static("concepts_explained", CONCEPTS, submission({"README.md": text})).outcome is Outcome.FAILED
+    assert (
+        static("concepts_explained", CONCEPTS, submission({"README.md": text})).outcome
+        is Outcome.FAILED
+    )
 
 
 def test_a_missing_concept_is_named() -> None:
@@ -218,7 +259,9 @@ def test_a_missing_concept_is_named() -> None:
     text = "\n".join(DISCUSSED.splitlines()[:3])
     finding = static("concepts_explained", CONCEPTS, submission({"README.md": text}))
     assert finding.outcome is Outcome.PARTIAL
-    assert "recognised 2 of 3 subjects; 3 give full credit. Not recognised: queue." in finding.reason
+    assert (
+        "recognised 2 of 3 subjects; 3 give full credit. Not recognised: queue." in finding.reason
+    )
     assert finding.counted[0] == "reliability: README.md, line 3"
     assert finding.counted[2] == "queue: not recognised"
 
@@ -235,7 +278,10 @@ def test_a_list_of_settings_earns_a_third() -> None:
 def test_passages_about_something_else_do_not_count() -> None:
     """Without an anchor a passage is not about the subject."""
     text = DISCUSSED.replace("QoS", "It")
-    assert static("concepts_explained", CONCEPTS, submission({"README.md": text})).outcome is Outcome.FAILED
+    assert (
+        static("concepts_explained", CONCEPTS, submission({"README.md": text})).outcome
+        is Outcome.FAILED
+    )
 
 
 def test_of_a_hundred_documents_the_first_are_read() -> None:
@@ -244,15 +290,29 @@ def test_of_a_hundred_documents_the_first_are_read() -> None:
     said = f"{FILLED}\n"
     first = {"README.md": said, **{f"d{n}/README.md": padding for n in range(100)}}
     last = {**{f"d{n}/README.md": padding for n in range(100)}, "e/e/e/README.md": said}
-    assert static("readme", README, submission(first, talk="talk.py", hear="hear.py")).outcome is Outcome.PASSED
-    assert static("readme", README, submission(last, talk="talk.py", hear="hear.py")).outcome is Outcome.FAILED
+    assert (
+        static("readme", README, submission(first, talk="talk.py", hear="hear.py")).outcome
+        is Outcome.PASSED
+    )
+    assert (
+        static("readme", README, submission(last, talk="talk.py", hear="hear.py")).outcome
+        is Outcome.FAILED
+    )
 
 
 def test_a_part_that_was_not_handed_in_needs_no_description() -> None:
     """A missing file is charged where it is missed, and not in the README again."""
     text = FILLED[: FILLED.index("- hear.py")]
-    assert static("readme", README, submission({"README.md": text}, talk="talk.py", hear=None)).credit == 1
-    assert static("readme", README, submission({"README.md": text}, talk="talk.py", hear="hear.py")).credit < 1
+    assert (
+        static("readme", README, submission({"README.md": text}, talk="talk.py", hear=None)).credit
+        == 1
+    )
+    assert (
+        static(
+            "readme", README, submission({"README.md": text}, talk="talk.py", hear="hear.py")
+        ).credit
+        < 1
+    )
 
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -268,7 +328,9 @@ def notes_on(text: str) -> tuple[str, ...]:
 def test_words_without_sentences_are_for_a_person_to_read() -> None:
     """What only strings the words of the matter together keeps its points, and a note points at it."""
     salad = (ROOT / "fixtures/qos_word_salad/submission/README.md").read_text(encoding="utf-8")
-    assert notes_on(salad) == ("For a person to read: README.md, line 8, seems to be words, not sentences.",)
+    assert notes_on(salad) == (
+        "For a person to read: README.md, line 8, seems to be words, not sentences.",
+    )
 
 
 @pytest.mark.parametrize(

@@ -56,16 +56,30 @@ def points(check: str, files: dict[str, str]) -> float:
         "подписчик считает ошибку, сервис включает робота, сравнение QoS меряет задержки.\n",
         "# Lab\n\n## How to start\nOpen each file in the editor and press its run button.\n\n## Files\n"
         + "".join(f"1. **{file}**\n" for file in FILES.values()),
-        "# TP 9\n\n" + "".join(f"## {file}\nLancer avec `python3 {file}`.\n\n" for file in FILES.values()),
+        "# TP 9\n\n"
+        + "".join(f"## {file}\nLancer avec `python3 {file}`.\n\n" for file in FILES.values()),
     ],
-    ids=["tree", "table", "rst", "sentences", "german", "spanish", "chinese", "russian", "editor", "french"],
+    ids=[
+        "tree",
+        "table",
+        "rst",
+        "sentences",
+        "german",
+        "spanish",
+        "chinese",
+        "russian",
+        "editor",
+        "french",
+    ],
 )
 def test_a_readme_that_helps_a_reader_gets_all(text: str) -> None:
     """It tells how to run the work and lets a reader find each part, in whatever form and language."""
     assert points("documentation.readme", {"README.md": text}) == 4
 
 
-HEADINGS = "# Lab\n\n## How to run\n\n{0}\n\n" + "".join(f"## {file}\n\n{{0}}\n\n" for file in FILES.values())
+HEADINGS = "# Lab\n\n## How to run\n\n{0}\n\n" + "".join(
+    f"## {file}\n\n{{0}}\n\n" for file in FILES.values()
+)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +89,10 @@ HEADINGS = "# Lab\n\n## How to run\n\n{0}\n\n" + "".join(f"## {file}\n\n{{0}}\n\
         (HEADINGS.format("TODO: describe this part"), 0),
         (HEADINGS.format("<your text here>"), 0),
         (HEADINGS.format("Lorem ipsum dolor sit amet, consectetur adipiscing elit."), 0),
-        ('#!/usr/bin/env python3\n"""Joint publisher."""\nimport rclpy\n\n\nclass JointPublisher:\n    pass\n', 0),
+        (
+            '#!/usr/bin/env python3\n"""Joint publisher."""\nimport rclpy\n\n\nclass JointPublisher:\n    pass\n',
+            0,
+        ),
         (HEADINGS.format("```python\nimport rclpy\n\nrclpy.init()\n```"), 0),
         ("# Lab 09-01\n\nI enjoyed this lab very much and learned a lot about robots.\n", 0),
         ("# Lab 09-01: publisher, subscriber, service\n\nRobotics, by Ann.\n", 0),
@@ -83,7 +100,19 @@ HEADINGS = "# Lab\n\n## How to run\n\n{0}\n\n" + "".join(f"## {file}\n\n{{0}}\n\
         ("# Lab\n\nRun `ros2 launch arm robot_launch.py` or `ros2 run arm qos_comparison`.\n", 4),
         ("# Lab\n\nThe files:\n\n" + "".join(f"- {file}\n" for file in FILES.values()), 2),
     ],
-    ids=["empty", "todo", "template", "lorem", "code", "pasted", "chat", "title", "run only", "run both", "list only"],
+    ids=[
+        "empty",
+        "todo",
+        "template",
+        "lorem",
+        "code",
+        "pasted",
+        "chat",
+        "title",
+        "run only",
+        "run both",
+        "list only",
+    ],
 )
 def test_a_hollow_readme_gets_what_it_says(text: str, most: float) -> None:
     """Templates, blind text and pasted code earn nothing; half of what is asked for earns half."""
@@ -118,28 +147,64 @@ def code_points(slots: dict[str, str]) -> float:
     """Give the points for five files with these texts in their slots; `@` is the name of the file."""
     filled = {**SLOTS, **slots}
     return points(
-        "documentation.code", {f: CODE.format(**filled).replace("@", f.split(".")[0]) for f in FILES.values()}
+        "documentation.code",
+        {f: CODE.format(**filled).replace("@", f.split(".")[0]) for f in FILES.values()},
     )
 
 
 @pytest.mark.parametrize(
     "slots",
     [
-        {"head": '"""Sends the commands of @."""\n', "docstring": '        """Publish the next row in @."""\n'},
-        {"of_class": '    """Sends @ commands."""\n\n', "docstring": '        """Publish the next row in @."""\n'},
-        {"inside": "        # a queue of ten is enough for @\n", "reason": "        # @ keeps the others at rest\n"},
-        {"head": "# Node that sends sine waves, part @\n", "above": "    # Called a hundred times a second by @\n"},
-        {"head": "# Schickt Sinuswellen, Teil @\n", "reason": "        # alle anderen Gelenke von @ ruhen\n"},
-        {"head": '"""Envía las órdenes de @."""\n', "docstring": '        """Publica la fila siguiente de @."""\n'},
+        {
+            "head": '"""Sends the commands of @."""\n',
+            "docstring": '        """Publish the next row in @."""\n',
+        },
+        {
+            "of_class": '    """Sends @ commands."""\n\n',
+            "docstring": '        """Publish the next row in @."""\n',
+        },
+        {
+            "inside": "        # a queue of ten is enough for @\n",
+            "reason": "        # @ keeps the others at rest\n",
+        },
+        {
+            "head": "# Node that sends sine waves, part @\n",
+            "above": "    # Called a hundred times a second by @\n",
+        },
+        {
+            "head": "# Schickt Sinuswellen, Teil @\n",
+            "reason": "        # alle anderen Gelenke von @ ruhen\n",
+        },
+        {
+            "head": '"""Envía las órdenes de @."""\n',
+            "docstring": '        """Publica la fila siguiente de @."""\n',
+        },
         {"head": "# @：发送关节命令\n", "reason": "        # @ 的其余关节保持静止\n"},
-        {"of_class": "    '''@はアームへ指令を送る。'''\n\n", "reason": "        # @の他の関節は動かさない\n"},
+        {
+            "of_class": "    '''@はアームへ指令を送る。'''\n\n",
+            "reason": "        # @の他の関節は動かさない\n",
+        },
         {
             "head": "'''\nOutput of @: joint angles.\n'''\n",
             "docstring": "        '''\n        Next row of @.\n        '''\n",
         },
-        {"inside": "        self.time = 0.0  # @ counts seconds from start\n", "above": "    # @ timer: next sample\n"},
+        {
+            "inside": "        self.time = 0.0  # @ counts seconds from start\n",
+            "above": "    # @ timer: next sample\n",
+        },
     ],
-    ids=["docstrings", "class", "comments", "above", "german", "spanish", "chinese", "japanese", "quotes", "inline"],
+    ids=[
+        "docstrings",
+        "class",
+        "comments",
+        "above",
+        "german",
+        "spanish",
+        "chinese",
+        "japanese",
+        "quotes",
+        "inline",
+    ],
 )
 def test_code_that_is_explained_in_any_way_gets_all(slots: dict[str, str]) -> None:
     """Docstrings alone and comments alone are as good as each other, in any language."""
@@ -155,7 +220,13 @@ OFF = "        # message.data = [1.0] * 7\n        # self.publisher.publish(mess
     [
         ({}, 0),
         ({"head": LICENCE}, 0),
-        ({"reason": OFF, "inside": "        # self.timer = self.create_timer(0.01, self.tick)\n"}, 0),
+        (
+            {
+                "reason": OFF,
+                "inside": "        # self.timer = self.create_timer(0.01, self.tick)\n",
+            },
+            0,
+        ),
         ({"inside": "        # create publisher\n", "reason": "        # message\n"}, 0),
         ({"head": '"""TODO: add docstring for @."""\n', "docstring": '        """TODO."""\n'}, 0),
         (
@@ -175,11 +246,31 @@ OFF = "        # message.data = [1.0] * 7\n        # self.publisher.publish(mess
             0,
         ),
         ({"head": "# this is important\n", "reason": "        # this is important\n"}, 1.09),
-        ({"head": "#!/usr/bin/env python3\n# -*- coding: utf-8 -*-\n", "reason": "        # ----------\n"}, 0),
+        (
+            {
+                "head": "#!/usr/bin/env python3\n# -*- coding: utf-8 -*-\n",
+                "reason": "        # ----------\n",
+            },
+            0,
+        ),
         ({"head": '"""Sends the commands of @."""\n'}, 5.45),
     ],
-    ids=["nothing", "licence", "off", "echo", "todo", "names", "imports", "lorem", "same", "tools", "heads"],
+    ids=[
+        "nothing",
+        "licence",
+        "off",
+        "echo",
+        "todo",
+        "names",
+        "imports",
+        "lorem",
+        "same",
+        "tools",
+        "heads",
+    ],
 )
-def test_code_that_only_looks_explained_gets_what_it_says(slots: dict[str, str], most: float) -> None:
+def test_code_that_only_looks_explained_gets_what_it_says(
+    slots: dict[str, str], most: float
+) -> None:
     """Licences, switched off code, echoes and templates explain nothing; heads alone explain the files."""
     assert code_points(slots) == pytest.approx(most, abs=0.01)

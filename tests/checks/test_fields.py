@@ -24,7 +24,9 @@ CALLED = {"topic": "/state", "field": "data", "pattern": r"^(?P<state>[A-Z]+),(?
 def driven(folder: Path, speeds: Sequence[float], rate_hz: float = 10.0) -> Session:
     """Make a session in which a node commands speeds."""
     times = [1.0 + n / rate_hz for n in range(len(speeds))]
-    return Session(folder).process().typed(TOPIC, TWIST, [{"linear": {"x": v}} for v in speeds], times)
+    return (
+        Session(folder).process().typed(TOPIC, TWIST, [{"linear": {"x": v}} for v in speeds], times)
+    )
 
 
 def in_range(folder: Path, speeds: Sequence[float], **more: Any) -> Finding:
@@ -47,8 +49,12 @@ def test_the_worst_message_is_shown_with_its_time(tmp_path: Path) -> None:
     assert finding.where[0].start_s == pytest.approx(1.9)
 
 
-@pytest.mark.parametrize(("wrong", "credit"), [(0, "1"), (1, "0.9"), (10, "0.8"), (30, "0.4"), (50, "0"), (60, "0")])
-def test_credit_falls_to_the_share_from_which_there_is_none(tmp_path: Path, wrong: int, credit: str) -> None:
+@pytest.mark.parametrize(
+    ("wrong", "credit"), [(0, "1"), (1, "0.9"), (10, "0.8"), (30, "0.4"), (50, "0"), (60, "0")]
+)
+def test_credit_falls_to_the_share_from_which_there_is_none(
+    tmp_path: Path, wrong: int, credit: str
+) -> None:
     """One wrong message is seen, however many are right."""
     finding = in_range(tmp_path, [0.1] * (100 - wrong) + [0.6] * wrong, none_below="50%")
     assert finding.credit == Decimal(credit)
@@ -65,7 +71,9 @@ def test_what_is_not_finite_is_wrong_unless_it_may_be(tmp_path: Path) -> None:
     ranges = [{"ranges": [1.0, math.inf, math.nan]}]
     scan = {"topic": "/scan", "field": "ranges", "low": 0.1}
     for finite, outcome in ((True, Outcome.FAILED), (False, Outcome.PASSED)):
-        session = Session(tmp_path / str(finite)).typed("/scan", "sensor_msgs/msg/LaserScan", ranges, [1.0])
+        session = Session(tmp_path / str(finite)).typed(
+            "/scan", "sensor_msgs/msg/LaserScan", ranges, [1.0]
+        )
         finding = judged("field_range", {**scan, "finite": finite}, session)
         assert finding.outcome is outcome
         assert finite == ("ranges[1] is inf" in finding.reason)
@@ -74,10 +82,22 @@ def test_what_is_not_finite_is_wrong_unless_it_may_be(tmp_path: Path) -> None:
 def test_each_element_has_its_limit_and_another_number_of_them_is_wrong(tmp_path: Path) -> None:
     """A list of limits is for as many numbers."""
     points = [{"x": 1.0, "y": 5.0, "z": 0.0}]
-    for name, high, words in (("right", (1.0, 5.0, 0.0), ""), ("low", (1.0, 4.0, 0.0), "[1] is 5.000, above 4")):
-        session = Session(tmp_path / name).typed("/p", "geometry_msgs/msg/PointStamped", [{"point": points[0]}], [1.0])
-        assert words in judged("field_range", {"topic": "/p", "field": "point", "high": high}, session).reason
-    session = Session(tmp_path / "two").typed("/p", "geometry_msgs/msg/PointStamped", [{"point": points[0]}], [1.0])
+    for name, high, words in (
+        ("right", (1.0, 5.0, 0.0), ""),
+        ("low", (1.0, 4.0, 0.0), "[1] is 5.000, above 4"),
+    ):
+        session = Session(tmp_path / name).typed(
+            "/p", "geometry_msgs/msg/PointStamped", [{"point": points[0]}], [1.0]
+        )
+        assert (
+            words
+            in judged(
+                "field_range", {"topic": "/p", "field": "point", "high": high}, session
+            ).reason
+        )
+    session = Session(tmp_path / "two").typed(
+        "/p", "geometry_msgs/msg/PointStamped", [{"point": points[0]}], [1.0]
+    )
     finding = judged("field_range", {"topic": "/p", "field": "point", "high": (1.0, 2.0)}, session)
     assert "holds 3 numbers, not 2" in finding.reason
 
@@ -93,7 +113,10 @@ def test_a_fast_change_is_in_doubt_where_the_machine_was_late(tmp_path: Path) ->
     """What was sent late for the machine may have been computed in time; another moment is the student's."""
     speeds = [0.0, 0.1, 0.2, 0.5, 0.5]
     late = driven(tmp_path / "late", speeds).disturbed("it", (1.25, 0.04))
-    assert judged("field_range", {**LIMITS, "change_per_s": 1.01}, late).outcome is Outcome.INCONCLUSIVE
+    assert (
+        judged("field_range", {**LIMITS, "change_per_s": 1.01}, late).outcome
+        is Outcome.INCONCLUSIVE
+    )
     calm = driven(tmp_path / "calm", speeds).disturbed("it", (3.0, 0.5))
     assert judged("field_range", {**LIMITS, "change_per_s": 1.01}, calm).outcome is Outcome.PARTIAL
 
@@ -146,7 +169,10 @@ def said(folder: Path, *texts: str) -> Session:
 def test_texts_of_the_form_pass(tmp_path: Path) -> None:
     """All match, and their numbers are within limits."""
     parameters = {**CALLED, "numbers": {"x": {"low": 0.0, "high": 2.0}}}
-    assert judged("field_matches", parameters, said(tmp_path, "FAR,2.0", "NEAR,0.1")).outcome is Outcome.PASSED
+    assert (
+        judged("field_matches", parameters, said(tmp_path, "FAR,2.0", "NEAR,0.1")).outcome
+        is Outcome.PASSED
+    )
 
 
 @pytest.mark.parametrize(
@@ -159,7 +185,11 @@ def test_texts_of_the_form_pass(tmp_path: Path) -> None:
 )
 def test_the_first_text_of_another_form_is_shown(tmp_path: Path, text: str, words: str) -> None:
     """What does not match, is out of range, or no number, costs its share."""
-    finding = judged("field_matches", {**CALLED, "numbers": {"x": {"low": 0, "high": 2}}}, said(tmp_path, "A,1", text))
+    finding = judged(
+        "field_matches",
+        {**CALLED, "numbers": {"x": {"low": 0, "high": 2}}},
+        said(tmp_path, "A,1", text),
+    )
     assert finding.credit == Decimal("0.5")
     assert finding.reason.startswith("At 2.00 s ")
     assert words in finding.reason
@@ -168,19 +198,31 @@ def test_the_first_text_of_another_form_is_shown(tmp_path: Path, text: str, word
 def test_states_come_in_order(tmp_path: Path) -> None:
     """Others may come between; one that is missing costs its share, and so does all after it."""
     parameters = {**CALLED, "in_order": ["^SEARCH", "^DETECTED", "^DONE"]}
-    right = judged("field_matches", parameters, said(tmp_path / "a", "SEARCH,0", "SEARCH,1", "DETECTED,1", "DONE,2"))
+    right = judged(
+        "field_matches",
+        parameters,
+        said(tmp_path / "a", "SEARCH,0", "SEARCH,1", "DETECTED,1", "DONE,2"),
+    )
     assert right.outcome is Outcome.PASSED
-    wrong = judged("field_matches", parameters, said(tmp_path / "b", "SEARCH,0", "DONE,1", "DETECTED,2"))
+    wrong = judged(
+        "field_matches", parameters, said(tmp_path / "b", "SEARCH,0", "DONE,1", "DETECTED,2")
+    )
     assert wrong.credit == Decimal("0.833")
     assert wrong.reason == "'^DONE' does not come after '^DETECTED'."
 
 
 def test_an_enum_is_compared_as_it_is_written(tmp_path: Path) -> None:
     """A number is a text for a pattern."""
-    session = Session(tmp_path).typed("/mode", "std_msgs/msg/UInt8", [{"data": 1}, {"data": 3}], [1.0, 2.0])
-    finding = judged("field_matches", {"topic": "/mode", "field": "data", "pattern": "^[12]$"}, session)
+    session = Session(tmp_path).typed(
+        "/mode", "std_msgs/msg/UInt8", [{"data": 1}, {"data": 3}], [1.0, 2.0]
+    )
+    finding = judged(
+        "field_matches", {"topic": "/mode", "field": "data", "pattern": "^[12]$"}, session
+    )
     assert finding.credit == Decimal("0.5")
-    session = Session(tmp_path / "long").typed("/mode", "std_msgs/msg/Int64", [{"data": 1234567}], [1.0])
+    session = Session(tmp_path / "long").typed(
+        "/mode", "std_msgs/msg/Int64", [{"data": 1234567}], [1.0]
+    )
     parameters = {"topic": "/mode", "field": "data", "pattern": "^1234567$"}
     assert judged("field_matches", parameters, session).outcome is Outcome.PASSED
 
@@ -196,11 +238,18 @@ def test_texts_of_another_type_do_not_match(tmp_path: Path) -> None:
 def test_a_limit_as_a_float32_is_that_limit(tmp_path: Path, limit: float) -> None:
     """Who holds a speed to 0.1 publishes 0.10000000149."""
     session = Session(tmp_path).typed("/v", "std_msgs/msg/Float32", [{"data": limit}], [1.0])
-    assert judged("field_range", {"topic": "/v", "field": "data", "low": limit, "high": limit}, session).credit == 1
+    assert (
+        judged(
+            "field_range", {"topic": "/v", "field": "data", "low": limit, "high": limit}, session
+        ).credit
+        == 1
+    )
 
 
 @pytest.mark.parametrize(("per_s", "credit"), [(1.0, "1"), (1.03, "0")])
-def test_who_changes_as_fast_as_allowed_is_not_too_fast(tmp_path: Path, per_s: float, credit: str) -> None:
+def test_who_changes_as_fast_as_allowed_is_not_too_fast(
+    tmp_path: Path, per_s: float, credit: str
+) -> None:
     """A timer is a tenth of a millisecond off, so that half of the steps seem a little too fast."""
     times = [1.0 + n / 100 + 0.0001 * (n % 3 == 0) for n in range(60)]
     rows = [{"data": per_s * n / 100} for n in range(60)]

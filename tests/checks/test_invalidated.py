@@ -15,7 +15,13 @@ from grader.judging.attempts import undecided_sessions
 from grader.judging.judge import judge, open_recordings
 from grader.judging.rubrics import read_rubric
 from grader.lab.rubric import Rubric
-from grader.recording.session import Endpoint, RecordingGap, SessionRecord, read_session, write_session
+from grader.recording.session import (
+    Endpoint,
+    RecordingGap,
+    SessionRecord,
+    read_session,
+    write_session,
+)
 from grader.recording.trusted_channel import DIGEST_DIGITS
 from grader.result import CheckResult, Outcome, Result, ViolationKind
 from tests.synthetic import ROOT
@@ -45,7 +51,9 @@ def disown(folder: Path, topic: str, publisher: bool = True, **changes: object) 
             wrong = "0" * len(entry.digests[SOME])
             entry.digests = entry.digests[: SOME.start] + wrong + entry.digests[SOME.stop :]
     if publisher:
-        record.graph[-2].endpoints.append(Endpoint("publisher", topic, "", "", "/clockwork", "0b" * 16))
+        record.graph[-2].endpoints.append(
+            Endpoint("publisher", topic, "", "", "/clockwork", "0b" * 16)
+        )
     write_session(folder / "launch", dataclasses.replace(record, **changes))  # type: ignore[arg-type]
 
 
@@ -62,7 +70,11 @@ def test_what_rests_on_a_second_clock_fails(recordings: Path, rubric: Rubric) ->
     (violation,) = result.violations
     assert (violation.kind, violation.checks) == (ViolationKind.SPOOFS_CLOCK, ("launch.together",))
     finding = checks.pop("launch.together")
-    assert (finding.outcome, finding.credit, finding.measured) == (Outcome.FAILED, Decimal(0), "not measured")
+    assert (finding.outcome, finding.credit, finding.measured) == (
+        Outcome.FAILED,
+        Decimal(0),
+        "not measured",
+    )
     assert finding.reason == f"{violation.text} So this cannot be measured."
     assert finding.where == (violation.where,)
     assert finding.expected
@@ -104,17 +116,23 @@ def unheard(folder: Path, *, again: bool) -> None:
     for entry in record.published:
         if (entry.process, entry.topic) == ("plateaus", "/joint_states"):
             entry.digests += "0" * 3 * len(entry.digests)
-    write_session(folder / "subscriber", dataclasses.replace(record, attempt=3, disturbed_before=again))
+    write_session(
+        folder / "subscriber", dataclasses.replace(record, attempt=3, disturbed_before=again)
+    )
 
 
-@pytest.mark.parametrize(("again", "outcome"), [(False, Outcome.INCONCLUSIVE), (True, Outcome.FAILED)])
+@pytest.mark.parametrize(
+    ("again", "outcome"), [(False, Outcome.INCONCLUSIVE), (True, Outcome.FAILED)]
+)
 def test_what_rests_on_messages_that_were_not_recorded(
     recordings: Path, rubric: Rubric, again: bool, outcome: Outcome
 ) -> None:
     """It is undecided where that is seen once, and fails where it is seen again; what else there is, is judged."""
     unheard(recordings, again=again)
     result, checks = judged(recordings, rubric)
-    assert [(v.kind, v.certain) for v in result.violations] == [(ViolationKind.DISTURBS_RECORDING, again)]
+    assert [(v.kind, v.certain) for v in result.violations] == [
+        (ViolationKind.DISTURBS_RECORDING, again)
+    ]
     assert checks["subscriber.receives"].outcome is outcome
     assert checks["publisher.rate"].outcome is Outcome.PASSED
     assert checks["subscriber.rms"].earned == 0
@@ -128,7 +146,10 @@ def test_a_recorder_that_is_brought_down_does_not_pay(
     record = read_session(recordings / "subscriber")
     director = next(run for run in record.processes if run.role == "grader")
     director.exit_status, problems = -6, ["the recorder died: "]
-    write_session(recordings / "subscriber", dataclasses.replace(record, problems=problems, disturbed_before=again))
+    write_session(
+        recordings / "subscriber",
+        dataclasses.replace(record, problems=problems, disturbed_before=again),
+    )
     result, checks = judged(recordings, rubric)
     assert [v.kind for v in result.violations] == [ViolationKind.ENDS_REFERENCE]
     assert result.score.undecided == undecided
@@ -141,11 +162,21 @@ def cut_short(folder: Path, session: str, topic: str, messages: int) -> None:
     """Let the recorder have left off a topic of a session, after so many messages."""
     record = read_session(folder / session)
     reason = "they fill as much space as is left for all other topics"
-    gap = RecordingGap(topic, "std_msgs/msg/Float64MultiArray", record.started_ns, messages, 10**6, reason, limit=True)
+    gap = RecordingGap(
+        topic,
+        "std_msgs/msg/Float64MultiArray",
+        record.started_ns,
+        messages,
+        10**6,
+        reason,
+        limit=True,
+    )
     write_session(folder / session, dataclasses.replace(record, unrecorded=[gap]))
 
 
-def test_what_needs_messages_that_a_flood_kept_out_fails_and_says_so(recordings: Path, rubric: Rubric) -> None:
+def test_what_needs_messages_that_a_flood_kept_out_fails_and_says_so(
+    recordings: Path, rubric: Rubric
+) -> None:
     """What the endpoint alone shows is passed; the rest is neither passed by a part nor left undecided."""
     cut_short(recordings, "publisher", "/joint_commands", 34)
     result, checks = judged(recordings, rubric)
@@ -158,7 +189,9 @@ def test_what_needs_messages_that_a_flood_kept_out_fails_and_says_so(recordings:
             Decimal(0),
             "not measured in full",
         )
-        assert finding.reason.startswith("Only the first 34 messages on /joint_commands (1 MB, 29.4 kB each)")
+        assert finding.reason.startswith(
+            "Only the first 34 messages on /joint_commands (1 MB, 29.4 kB each)"
+        )
         assert finding.expected
         assert finding.hint
     assert result.problems == ()
@@ -182,7 +215,11 @@ def keep_first_half(bag: Path) -> None:
                     channel.topic, channel.message_encoding, kind, channel.metadata
                 )
             writer.add_message(
-                channels[channel.id], message.log_time, message.data, message.publish_time, message.sequence
+                channels[channel.id],
+                message.log_time,
+                message.data,
+                message.publish_time,
+                message.sequence,
             )
         writer.finish()  # type: ignore[no-untyped-call]
 

@@ -17,7 +17,12 @@ LIMITS = [
     {"share": "50%", "full_within_s": 0.02, "none_beyond_s": 0.1},
     {"share": "95%", "full_within_s": 0.05, "none_beyond_s": 0.2},
 ]
-BY_STAMP = {"input": {"topic": "/in"}, "output": {"topic": "/out"}, "match": "stamp", "limits": LIMITS}
+BY_STAMP = {
+    "input": {"topic": "/in"},
+    "output": {"topic": "/out"},
+    "match": "stamp",
+    "limits": LIMITS,
+}
 COUNT = 200
 
 
@@ -31,12 +36,16 @@ def answered(folder: Path, lag_s: Callable[[int], float | None], kind: str = STA
     """Make a session in which a node answers 200 messages at 20 Hz, each after a time or not."""
     times = [1.0 + n / 20 for n in range(COUNT)]
     lags = [lag_s(n) for n in range(COUNT)]
-    sent = sorted((t + lag, n) for n, (t, lag) in enumerate(zip(times, lags, strict=True)) if lag is not None)
+    sent = sorted(
+        (t + lag, n) for n, (t, lag) in enumerate(zip(times, lags, strict=True)) if lag is not None
+    )
 
     def message(n: int) -> dict[str, Any]:
         return stamped(times[n]) if kind == STAMPED else {"data": n}
 
-    session = Session(folder).process().typed("/in", kind, [message(n) for n in range(COUNT)], times)
+    session = (
+        Session(folder).process().typed("/in", kind, [message(n) for n in range(COUNT)], times)
+    )
     return session.typed("/out", kind, [message(n) for _, n in sent], [t for t, _ in sent])
 
 
@@ -52,7 +61,9 @@ def test_soon_is_right(tmp_path: Path) -> None:
     assert finding.measured == "50% within 5.0 ms; 95% within 5.0 ms; 200 of 200 messages answered"
 
 
-@pytest.mark.parametrize(("lag_s", "credit"), [(0.019, "1"), (0.045, "0.8"), (0.06, "0.6"), (0.15, "0.1"), (0.3, "0")])
+@pytest.mark.parametrize(
+    ("lag_s", "credit"), [(0.019, "1"), (0.045, "0.8"), (0.06, "0.6"), (0.15, "0.1"), (0.3, "0")]
+)
 def test_later_answers_earn_less(tmp_path: Path, lag_s: float, credit: str) -> None:
     """Median and 95 % count the same, each in steps."""
     assert latency(tmp_path, lambda n: lag_s).credit == Decimal(credit)
@@ -75,31 +86,49 @@ def test_what_is_not_answered_costs_its_share(tmp_path: Path) -> None:
 def test_what_the_machine_delayed_is_in_doubt_and_no_more_than_that(tmp_path: Path) -> None:
     """Slow answers in delays may be fast ones; slow answers everywhere are the node's."""
     pauses = [(1.0 + n / 20, 0.05) for n in range(0, COUNT, 4)]
-    some = answered(tmp_path / "some", lambda n: 0.051 if n % 4 == 0 else 0.005).disturbed("it", *pauses)
+    some = answered(tmp_path / "some", lambda n: 0.051 if n % 4 == 0 else 0.005).disturbed(
+        "it", *pauses
+    )
     only = [{"share": "95%", "full_within_s": 0.01, "none_beyond_s": 0.2}]
-    assert judged("message_latency", {**BY_STAMP, "limits": only}, some).outcome is Outcome.INCONCLUSIVE
+    assert (
+        judged("message_latency", {**BY_STAMP, "limits": only}, some).outcome
+        is Outcome.INCONCLUSIVE
+    )
     every = answered(tmp_path / "every", lambda n: 0.5).disturbed("it", *pauses)
     assert judged("message_latency", {**BY_STAMP, "limits": only}, every).outcome is Outcome.FAILED
 
 
 @pytest.mark.parametrize(("usual_s", "outcome"), [(0.005, Outcome.PASSED), (0.3, Outcome.FAILED)])
-def test_a_delay_of_one_message_decides_nothing(tmp_path: Path, usual_s: float, outcome: Outcome) -> None:
+def test_a_delay_of_one_message_decides_nothing(
+    tmp_path: Path, usual_s: float, outcome: Outcome
+) -> None:
     """One of eighty answers waited for the machine, and is the slowest: 95 % of them are known all the same."""
-    within = {"window": "window", "limits": [{"share": "95%", "full_within_s": 0.02, "none_beyond_s": 0.1}]}
-    session = answered(tmp_path, lambda n: usual_s + (0.03 if n == 50 else 0.0)).disturbed("it", (3.5, 0.03))
+    within = {
+        "window": "window",
+        "limits": [{"share": "95%", "full_within_s": 0.02, "none_beyond_s": 0.1}],
+    }
+    session = answered(tmp_path, lambda n: usual_s + (0.03 if n == 50 else 0.0)).disturbed(
+        "it", (3.5, 0.03)
+    )
     finding = judged("message_latency", {**BY_STAMP, **within}, session.window(2.0, 6.0))
     assert finding.outcome is outcome
 
 
 def test_messages_that_the_machine_kept_away_are_in_doubt(tmp_path: Path) -> None:
     """Without room in a queue, a delay of two seconds loses what came in it."""
-    session = answered(tmp_path, lambda n: None if 40 <= n < 80 else 0.005).disturbed("it", (3.0, 2.0))
+    session = answered(tmp_path, lambda n: None if 40 <= n < 80 else 0.005).disturbed(
+        "it", (3.0, 2.0)
+    )
     assert judged("message_latency", BY_STAMP, session).outcome is Outcome.INCONCLUSIVE
 
 
 def test_a_field_can_name_the_message(tmp_path: Path) -> None:
     """Answers may overtake each other."""
-    field = {"input": {"topic": "/in", "field": "data"}, "output": {"topic": "/out", "field": "data"}, "match": "field"}
+    field = {
+        "input": {"topic": "/in", "field": "data"},
+        "output": {"topic": "/out", "field": "data"},
+        "match": "field",
+    }
     session = answered(tmp_path, lambda n: 0.011 if n % 2 else 0.063, INT)
     finding = judged("message_latency", {**BY_STAMP, **field}, session)
     assert "95% within 63.0 ms" in finding.measured
@@ -124,7 +153,10 @@ def test_what_answers_nothing_is_said_to(tmp_path: Path) -> None:
     """Messages came, but with other stamps."""
     session = answered(tmp_path, lambda n: None)
     session.typed(
-        "/out", STAMPED, [stamped(100.0 + n / 20) for n in range(COUNT)], [1.0 + n / 20 for n in range(COUNT)]
+        "/out",
+        STAMPED,
+        [stamped(100.0 + n / 20) for n in range(COUNT)],
+        [1.0 + n / 20 for n in range(COUNT)],
     )
     finding = judged("message_latency", BY_STAMP, session)
     assert finding.outcome is Outcome.FAILED

@@ -19,23 +19,43 @@ from grader.result import Finding, Location, Outcome
 from tests.synthetic import FLOATS, Session, at, evenly, judged, submission
 
 LOADS = {"artifact": "it", "step": "plan"}
-ARGUMENTS = {"step": "plan", "arguments": [{"name": "sim", "default": "true"}, {"name": "rate", "default": "100.0"}]}
+ARGUMENTS = {
+    "step": "plan",
+    "arguments": [{"name": "sim", "default": "true"}, {"name": "rate", "default": "100.0"}],
+}
 NODES: dict[str, Any] = {
     "step": "plan",
     "nodes": [
         {"node": "/talker", "artifact": "it", "executable": "talk", "charged_by": "talk.publishes"},
-        {"node": "/listener", "artifact": "it", "executable": "listen", "charged_by": "listen.receives"},
+        {
+            "node": "/listener",
+            "artifact": "it",
+            "executable": "listen",
+            "charged_by": "listen.receives",
+        },
     ],
 }
 PARAMETERS: dict[str, Any] = {
     "step": "plan",
     "other_step": "other",
     "parameters": [
-        {"node": "/talker", "executable": "talk", "step": "read", "name": "rate", "value": 100.0, "other": 50.0},
+        {
+            "node": "/talker",
+            "executable": "talk",
+            "step": "read",
+            "name": "rate",
+            "value": 100.0,
+            "other": 50.0,
+        },
     ],
 }
 TOGETHER: dict[str, dict[str, Any]] = {
-    "commands": {"topic": "/commands", "alone_session": "alone", "charged_by": "publishes", "window": "window"},
+    "commands": {
+        "topic": "/commands",
+        "alone_session": "alone",
+        "charged_by": "publishes",
+        "window": "window",
+    },
     "follows": {
         "topic": "/states",
         "command": "/commands",
@@ -51,7 +71,14 @@ FAILED = failed("", "", "by its own fault")
 
 def entry(executable: str, name: str | None, **more: Any) -> dict[str, Any]:
     """Give a process of a plan."""
-    return {"id": f"{executable}-1", "path": "/x", "executable": executable, "name": name, "kind": "node", **more}
+    return {
+        "id": f"{executable}-1",
+        "path": "/x",
+        "executable": executable,
+        "name": name,
+        "kind": "node",
+        **more,
+    }
 
 
 def planned(session: Session, label: str = "plan", worked_around: Any = (), **plan: Any) -> Session:
@@ -87,7 +114,13 @@ def test_output_that_only_goes_to_the_log_is_advised_of(tmp_path: Path) -> None:
 
 def test_an_error_fails_with_its_line(tmp_path: Path) -> None:
     """The message, the line and the remedy are told."""
-    problem = {"kind": "syntax", "message": "invalid syntax", "file": "it.py", "line": 4, "remedy": "Close it."}
+    problem = {
+        "kind": "syntax",
+        "message": "invalid syntax",
+        "file": "it.py",
+        "line": 4,
+        "remedy": "Close it.",
+    }
     finding = judged("launch_loads", LOADS, planned(Session(tmp_path), problem=problem))
     assert finding.outcome is Outcome.FAILED
     assert finding.reason == "Invalid syntax. (it.py, line 4)"
@@ -104,10 +137,20 @@ def test_what_we_cannot_evaluate_is_undecided(tmp_path: Path) -> None:
 
 def test_a_file_in_newer_syntax_is_undecided(tmp_path: Path) -> None:
     """What an older Python cannot read is for a person to decide; a mistake is none of this."""
-    problem = {"kind": "syntax_error", "message": "syntax error: invalid syntax", "file": "it.py", "line": 1}
-    for name, text, outcome in (("a", "type X = int\n", Outcome.INCONCLUSIVE), ("b", "x = (\n", Outcome.FAILED)):
+    problem = {
+        "kind": "syntax_error",
+        "message": "syntax error: invalid syntax",
+        "file": "it.py",
+        "line": 1,
+    }
+    for name, text, outcome in (
+        ("a", "type X = int\n", Outcome.INCONCLUSIVE),
+        ("b", "x = (\n", Outcome.FAILED),
+    ):
         session = planned(Session(tmp_path, name), problem=problem)
-        assert judged("launch_loads", LOADS, session, submission({"it.py": text})).outcome is outcome
+        assert (
+            judged("launch_loads", LOADS, session, submission({"it.py": text})).outcome is outcome
+        )
 
 
 REPAIRED = {
@@ -120,10 +163,14 @@ REPAIRED = {
 }
 
 
-def test_a_repaired_mistake_loses_the_loading_and_leaves_a_share_of_the_rest(tmp_path: Path) -> None:
+def test_a_repaired_mistake_loses_the_loading_and_leaves_a_share_of_the_rest(
+    tmp_path: Path,
+) -> None:
     """What was repaired on a copy is said, with its line, and the rest is judged for a share of its points."""
     finding = judged(
-        "launch_loads", {**LOADS, "repaired_rest": 0.6}, planned(Session(tmp_path), worked_around=[REPAIRED])
+        "launch_loads",
+        {**LOADS, "repaired_rest": 0.6},
+        planned(Session(tmp_path), worked_around=[REPAIRED]),
     )
     assert (finding.outcome, finding.rest) == (Outcome.FAILED, Decimal("0.6"))
     assert "`ros2 launch` stops there" in finding.reason
@@ -140,7 +187,9 @@ def test_a_file_that_its_package_does_not_install_costs_a_part(
     """It is found by its path, and not by the package's name; where that is not sure, nothing is lost."""
     record = submission({"arm/it.py": ""}, it="arm/it.py")
     record.packages = [PackageFact("arm", "arm", "ament_python", shared=shared)]
-    finding = judged("launch_loads", {**LOADS, "not_installed_costs": 0.4}, planned(Session(tmp_path)), record)
+    finding = judged(
+        "launch_loads", {**LOADS, "not_installed_costs": 0.4}, planned(Session(tmp_path)), record
+    )
     assert finding.credit == Decimal(credit)
     assert [w.file for w in finding.where] == (["arm/setup.py"] if credit != "1" else [None])
 
@@ -148,10 +197,16 @@ def test_a_file_that_its_package_does_not_install_costs_a_part(
 def test_what_is_declared_until_a_file_stops_counts(tmp_path: Path) -> None:
     """A mistake that nobody repairs leaves what was seen; one by which nothing was seen leaves nothing."""
     problem = {"kind": "invalid_choice", "message": "no choice"}
-    seen = planned(Session(tmp_path, "a"), problem=problem, arguments=[{"name": "rate", "default": "100.0"}])
+    seen = planned(
+        Session(tmp_path, "a"), problem=problem, arguments=[{"name": "rate", "default": "100.0"}]
+    )
     assert judged("launch_loads", LOADS, seen).rest == Decimal("0.75")
-    assert "is not declared until the file stops" in judged("launch_arguments", ARGUMENTS, seen).reason
-    assert judged("launch_loads", LOADS, planned(Session(tmp_path, "b"), problem=problem)).rest is None
+    assert (
+        "is not declared until the file stops" in judged("launch_arguments", ARGUMENTS, seen).reason
+    )
+    assert (
+        judged("launch_loads", LOADS, planned(Session(tmp_path, "b"), problem=problem)).rest is None
+    )
 
 
 @pytest.mark.parametrize(
@@ -167,9 +222,13 @@ def test_what_lacks_by_no_mistake_of_the_file_costs_nothing(
     tmp_path: Path, kind: str, message: str, remedy: str, outcome: Outcome
 ) -> None:
     """A file that was not handed in, and the name of a package that was not, are noted."""
-    worked_around = [{"kind": kind, "message": message, "file": "it.py", "line": 5, "remedy": remedy}]
+    worked_around = [
+        {"kind": kind, "message": message, "file": "it.py", "line": 5, "remedy": remedy}
+    ]
     handed_in = submission({"it.py": ""}, it="it.py", talk=None)
-    finding = judged("launch_loads", LOADS, planned(Session(tmp_path), worked_around=worked_around), handed_in)
+    finding = judged(
+        "launch_loads", LOADS, planned(Session(tmp_path), worked_around=worked_around), handed_in
+    )
     assert (finding.outcome, bool(finding.notes)) == (outcome, outcome is Outcome.PASSED)
 
 
@@ -179,7 +238,10 @@ def test_without_a_plan_nothing_is_decided(tmp_path: Path) -> None:
     assert (unevaluated.outcome, unevaluated.retry) == (Outcome.INCONCLUSIVE, True)
     broken = Session(tmp_path / "b").step("plan", "plan", plan={"schema": "other"})
     assert judged("launch_loads", LOADS, broken).outcome is Outcome.INCONCLUSIVE
-    assert judged("launch_loads", LOADS, Session(tmp_path / "c"), submission(it=None)).outcome is Outcome.FAILED
+    assert (
+        judged("launch_loads", LOADS, Session(tmp_path / "c"), submission(it=None)).outcome
+        is Outcome.FAILED
+    )
 
 
 # -- arguments -------------------------------------------------------------------------------------
@@ -196,7 +258,9 @@ def test_without_a_plan_nothing_is_decided(tmp_path: Path) -> None:
         ({}, "0", "rate is not declared"),
     ],
 )
-def test_each_argument_is_a_part(tmp_path: Path, defaults: dict[str, str | None], credit: str, words: str) -> None:
+def test_each_argument_is_a_part(
+    tmp_path: Path, defaults: dict[str, str | None], credit: str, words: str
+) -> None:
     """An argument that is missing loses its part, another default half of it; spelling is no matter."""
     listed = [{"name": name, "default": default} for name, default in defaults.items()]
     finding = judged("launch_arguments", ARGUMENTS, planned(Session(tmp_path), arguments=listed))
@@ -206,8 +270,19 @@ def test_each_argument_is_a_part(tmp_path: Path, defaults: dict[str, str | None]
 
 def test_an_argument_that_was_assumed_is_not_charged_again(tmp_path: Path) -> None:
     """That an argument is used and not declared keeps the file from loading, which is charged there."""
-    worked_around = [{"kind": "undefined_configuration", "message": "'sim' does not exist", "file": "it.py", "line": 9}]
-    session = planned(Session(tmp_path), worked_around=worked_around, arguments=[{"name": "rate", "default": "100.0"}])
+    worked_around = [
+        {
+            "kind": "undefined_configuration",
+            "message": "'sim' does not exist",
+            "file": "it.py",
+            "line": 9,
+        }
+    ]
+    session = planned(
+        Session(tmp_path),
+        worked_around=worked_around,
+        arguments=[{"name": "rate", "default": "100.0"}],
+    )
     assert judged("launch_arguments", ARGUMENTS, session).outcome is Outcome.PASSED
 
 
@@ -251,7 +326,9 @@ def test_a_node_at_fault_by_itself_is_not_charged_again(tmp_path: Path) -> None:
     session = planned(Session(tmp_path), processes=BOTH).node("/talker")
     finding = nodes(session, listen_receives=FAILED)
     assert finding.outcome is Outcome.PASSED
-    assert finding.notes == ("/listener has a fault of its own, which costs points in listen.receives.",)
+    assert finding.notes == (
+        "/listener has a fault of its own, which costs points in listen.receives.",
+    )
     assert nodes(session.recorded(), listen_receives=passed("", "")).credit == Decimal("0.5")  # type: ignore[arg-type]
 
 
@@ -271,7 +348,9 @@ def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> No
         ({"interrupted_ns": None, "exit_status": 3}, "ended with status 3: 'oh'."),
     ],
 )
-def test_why_a_node_is_down_is_reported(tmp_path: Path, run: dict[str, Any] | None, words: str) -> None:
+def test_why_a_node_is_down_is_reported(
+    tmp_path: Path, run: dict[str, Any] | None, words: str
+) -> None:
     """Not started, running without a node, and ended are told apart."""
     session = planned(Session(tmp_path), processes=BOTH).node("/talker")
     if run is not None:
@@ -279,7 +358,12 @@ def test_why_a_node_is_down_is_reported(tmp_path: Path, run: dict[str, Any] | No
     assert words in nodes(session).reason
 
 
-ENDED: dict[str, Any] = {"exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+ENDED: dict[str, Any] = {
+    "exited_ns": at(2.0),
+    "interrupted_ns": None,
+    "ended_by": "itself",
+    "exit_status": 1,
+}
 MISSING = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
 MISSING.append("ModuleNotFoundError: No module named 'matplotlib'")
 
@@ -296,7 +380,9 @@ def test_a_node_that_lacks_a_library_here_is_for_a_person(
     tmp_path: Path, source: str, up: list[str], outcome: Outcome
 ) -> None:
     """A node that needs what is not installed earns nothing before a person has decided; one that says so, nothing."""
-    session = planned(Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")])
+    session = planned(
+        Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")]
+    )
     session.process("talk-1", MISSING, artifact=None, **ENDED)
     for node in up:
         session.node(node)
@@ -306,13 +392,24 @@ def test_a_node_that_lacks_a_library_here_is_for_a_person(
 
 
 @pytest.mark.parametrize(
-    ("source", "outcome"), [("import xacro\n", Outcome.INCONCLUSIVE), ("raise ImportError\n", Outcome.FAILED)]
+    ("source", "outcome"),
+    [("import xacro\n", Outcome.INCONCLUSIVE), ("raise ImportError\n", Outcome.FAILED)],
 )
-def test_a_launch_file_lacks_only_what_it_imports(tmp_path: Path, source: str, outcome: Outcome) -> None:
+def test_a_launch_file_lacks_only_what_it_imports(
+    tmp_path: Path, source: str, outcome: Outcome
+) -> None:
     """That a module is missing is believed of a launch file whose source imports it at that line."""
-    problem = {"kind": "missing_module", "message": "m", "file": "it.py", "line": 1, "module": "xacro"}
+    problem = {
+        "kind": "missing_module",
+        "message": "m",
+        "file": "it.py",
+        "line": 1,
+        "module": "xacro",
+    }
     session = planned(Session(tmp_path), outcome="not_assessable", problem=problem)
-    finding = judged("launch_loads", {"artifact": "it", "step": "plan"}, session, submission({"it.py": source}))
+    finding = judged(
+        "launch_loads", {"artifact": "it", "step": "plan"}, session, submission({"it.py": source})
+    )
     assert finding.outcome is outcome
 
 
@@ -322,12 +419,20 @@ def died_of(given: str, declared: str, value: str) -> dict[str, Any]:
     frame = '  File "/ws/src/it.py", line 9, in __init__'
     lines = ["Traceback (most recent call last):", frame]
     lines.append(f"rclpy.exceptions.InvalidParameterTypeException: {said}: limit")
-    return {"lines": lines, "exited_ns": at(2.0), "interrupted_ns": None, "ended_by": "itself", "exit_status": 1}
+    return {
+        "lines": lines,
+        "exited_ns": at(2.0),
+        "interrupted_ns": None,
+        "ended_by": "itself",
+        "exit_status": 1,
+    }
 
 
 def test_a_parameter_of_another_type_shows_both_places(tmp_path: Path) -> None:
     """The launch file may give the wrong type, or the node declare it: both lines are shown."""
-    session = planned(Session(tmp_path), processes=[entry("talk", "talker", file="launch.py", line=4)])
+    session = planned(
+        Session(tmp_path), processes=[entry("talk", "talker", file="launch.py", line=4)]
+    )
     session.process("talk-1", artifact=None, **died_of("STRING", "DOUBLE", "1.5"))
     finding = nodes(session.node("/listener"))
     assert [str(where) for where in finding.where] == ["launch.py:4", "it.py:9"]
@@ -335,10 +440,17 @@ def test_a_parameter_of_another_type_shows_both_places(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("charged", "credit"), [(FAILED, "1"), (passed("", ""), "0.5")])
-def test_a_type_that_the_node_declares_wrongly_is_charged_once(tmp_path: Path, charged: Finding, credit: str) -> None:
+def test_a_type_that_the_node_declares_wrongly_is_charged_once(
+    tmp_path: Path, charged: Finding, credit: str
+) -> None:
     """Where the check of the node's parameters took points, the launch file is not to blame."""
-    wanted = {"step": "plan", "nodes": [{**NODES["nodes"][0], "types_charged_by": "types"}, NODES["nodes"][1]]}
-    session = planned(Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")])
+    wanted = {
+        "step": "plan",
+        "nodes": [{**NODES["nodes"][0], "types_charged_by": "types"}, NODES["nodes"][1]],
+    }
+    session = planned(
+        Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")]
+    )
     session.process("talk-1", artifact=None, **died_of("BOOL", "STRING", "True"))
     finding = judged("launch_nodes", wanted, session.node("/listener"), findings={"types": charged})
     assert finding.credit == Decimal(credit)
@@ -346,7 +458,9 @@ def test_a_type_that_the_node_declares_wrongly_is_charged_once(tmp_path: Path, c
 
 def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
     """A node that ends with an error, as one with a parameter of a wrong type, does not count by its first moment."""
-    said = ["rclpy.exceptions.InvalidParameterTypeException: Trying to set parameter 'rate' to '5' of type 'INTEGER'"]
+    said = [
+        "rclpy.exceptions.InvalidParameterTypeException: Trying to set parameter 'rate' to '5' of type 'INTEGER'"
+    ]
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
     session.process("listen-1", said, interrupted_ns=None, exit_status=1)
     finding = nodes(session)
@@ -379,7 +493,12 @@ def parameter(folder: Path, planned_value: Any, other_value: Any, running: Any =
         given = [] if value is None else [{"name": "rate", "value": value}]
         planned(session, label, processes=[entry("talk", "talker", parameters=given)])
     if running is not None:
-        session.step("get_parameters", "read", values={"rate": {"type": "double", "value": running}}, declared=["rate"])
+        session.step(
+            "get_parameters",
+            "read",
+            values={"rate": {"type": "double", "value": running}},
+            declared=["rate"],
+        )
     return judged("launch_parameters", PARAMETERS, session)
 
 
@@ -406,7 +525,9 @@ def test_a_parameter_reaches_the_node_and_follows_its_argument(
 
 
 @pytest.mark.parametrize(("default", "credit"), [("50.0", "1"), ("70.0", "0")])
-def test_a_wrong_default_is_charged_with_the_arguments(tmp_path: Path, default: str, credit: str) -> None:
+def test_a_wrong_default_is_charged_with_the_arguments(
+    tmp_path: Path, default: str, credit: str
+) -> None:
     """A parameter that has its argument's default is as it should be, whatever that default is."""
     wanted = {**PARAMETERS, "parameters": [{**PARAMETERS["parameters"][0], "argument": "rate"}]}
     arguments = [{"name": "rate", "default": default}]
@@ -418,13 +539,17 @@ def test_a_wrong_default_is_charged_with_the_arguments(tmp_path: Path, default: 
 
 
 @pytest.mark.parametrize(("declared", "credit"), [("rate", "0.5"), ("frequency", "1")])
-def test_a_parameter_cannot_follow_an_argument_of_another_name(tmp_path: Path, declared: str, credit: str) -> None:
+def test_a_parameter_cannot_follow_an_argument_of_another_name(
+    tmp_path: Path, declared: str, credit: str
+) -> None:
     """An argument that is not declared under its name is charged with the arguments, and not as a loose wire again."""
     wanted = {**PARAMETERS, "parameters": [{**PARAMETERS["parameters"][0], "argument": "rate"}]}
     process = entry("talk", "talker", parameters=[{"name": "rate", "value": 100.0}])
     session = Session(tmp_path)
     for label in ("plan", "other"):
-        planned(session, label, processes=[process], arguments=[{"name": declared, "default": "100.0"}])
+        planned(
+            session, label, processes=[process], arguments=[{"name": declared, "default": "100.0"}]
+        )
     assert judged("launch_parameters", wanted, session).credit == Decimal(credit)
 
 
@@ -440,7 +565,11 @@ def test_a_parameter_is_pointed_at_where_the_launch_file_gives_it(tmp_path: Path
     session = Session(tmp_path)
     given = [{"name": "rate", "value": 30.0}]
     for label in ("plan", "other"):
-        planned(session, label, processes=[entry("talk", "talker", parameters=given, file="a.py", line=2)])
+        planned(
+            session,
+            label,
+            processes=[entry("talk", "talker", parameters=given, file="a.py", line=2)],
+        )
     finding = judged("launch_parameters", PARAMETERS, session, submission({"a.py": text}))
     assert [(w.file, w.line) for w in finding.where] == [("a.py", 5)]
 
@@ -450,14 +579,20 @@ def test_a_parameter_file_for_the_name_in_the_code_counts(tmp_path: Path) -> Non
     session = Session(tmp_path)
     for label, value in (("plan", 100.0), ("other", 50.0)):
         content = {"talker": {"ros__parameters": {"rate": value}}}
-        planned(session, label, processes=[entry("talk", None, parameters=[{"file": "p.yaml", "content": content}])])
+        planned(
+            session,
+            label,
+            processes=[entry("talk", None, parameters=[{"file": "p.yaml", "content": content}])],
+        )
     assert judged("launch_parameters", PARAMETERS, session).outcome is Outcome.PASSED
 
 
 # -- all together ----------------------------------------------------------------------------------
 
 
-def together(folder: Path, rate_hz: float = 100, follows: bool = True, answers: bool = True) -> Session:
+def together(
+    folder: Path, rate_hz: float = 100, follows: bool = True, answers: bool = True
+) -> Session:
     """Make a session in which all ran."""
     times = evenly(rate_hz, 3.0)
     command = np.sin(np.array(times))
@@ -465,7 +600,9 @@ def together(folder: Path, rate_hz: float = 100, follows: bool = True, answers: 
     session.messages("/commands", [[x] for x in command.tolist()], times)
     session.messages("/states", [[x if follows else 0.0] for x in command.tolist()], times)
     response = {"success": True} if answers else None
-    return session.step("call", "enable", calls=[{"started_ns": at(1.0), "ended_ns": at(1.1), "response": response}])
+    return session.step(
+        "call", "enable", calls=[{"started_ns": at(1.0), "ended_ns": at(1.1), "response": response}]
+    )
 
 
 def alone(folder: Path, rate_hz: float = 100) -> Any:
@@ -484,7 +621,9 @@ def alone(folder: Path, rate_hz: float = 100) -> Any:
         ({"answers": False}, 0.667, "does not answer"),
     ],
 )
-def test_each_of_three_parts_counts(tmp_path: Path, how: dict[str, Any], credit: float, words: str) -> None:
+def test_each_of_three_parts_counts(
+    tmp_path: Path, how: dict[str, Any], credit: float, words: str
+) -> None:
     """Commands, the arm and the service are a third each."""
     session = together(tmp_path, **how)
     finding = judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)})
@@ -497,7 +636,10 @@ def test_any_field_may_follow_another(tmp_path: Path, gain: float, credit: int) 
     """A robot's speed follows what it is told, in another type; parts that a rubric leaves out do not count."""
     times = evenly(50, 3.0)
     speeds = [{"linear": {"x": 0.5 * math.sin(t), "y": 0.2}} for t in times]
-    moved = [{"twist": {"twist": {"linear": {k: gain * v for k, v in s["linear"].items()}}}} for s in speeds]
+    moved = [
+        {"twist": {"twist": {"linear": {k: gain * v for k, v in s["linear"].items()}}}}
+        for s in speeds
+    ]
     session = Session(tmp_path).typed("/cmd_vel", "geometry_msgs/msg/Twist", speeds, times)
     session.typed("/odom", "nav_msgs/msg/Odometry", moved, times)
     follows = {
@@ -546,23 +688,36 @@ def test_what_a_node_would_do_that_is_not_up_is_left_out(tmp_path: Path) -> None
         "answers": {**TOGETHER["answers"], "node": "/server"},
     }
     answering = together(tmp_path / "a", rate_hz=1).node("/server")
-    finding = judged("launch_together", with_nodes, answering, others={"alone": alone(tmp_path / "a")})
+    finding = judged(
+        "launch_together", with_nodes, answering, others={"alone": alone(tmp_path / "a")}
+    )
     assert finding.outcome is Outcome.PASSED
     assert finding.measured == "the service answers"
     silent = together(tmp_path / "b", answers=False).node("/server")
-    assert judged("launch_together", with_nodes, silent, others={"alone": alone(tmp_path / "b")}).credit == 0
+    assert (
+        judged(
+            "launch_together", with_nodes, silent, others={"alone": alone(tmp_path / "b")}
+        ).credit
+        == 0
+    )
     nobody = judged("launch_together", with_nodes, Session(tmp_path / "c"))
     assert nobody.outcome is Outcome.NOT_REACHED
 
 
 def test_a_node_that_died_is_not_charged_for_its_silence(tmp_path: Path) -> None:
     """A node that ended by itself is charged with the nodes, even if it was seen for a moment."""
-    plan = {"schema": PLAN_SCHEMA, "outcome": "ok", "processes": [entry("talk", "talker"), entry("serve", "server")]}
+    plan = {
+        "schema": PLAN_SCHEMA,
+        "outcome": "ok",
+        "processes": [entry("talk", "talker"), entry("serve", "server")],
+    }
     with_nodes = {part: {**TOGETHER[part], "node": "/talker"} for part in ("commands", "follows")}
     session = together(tmp_path, rate_hz=1).node("/server").node("/talker")
     session.record.plan = plan
     session.process("talk-1", [], interrupted_ns=None, exit_status=1)
-    finding = judged("launch_together", {**TOGETHER, **with_nodes}, session, others={"alone": alone(tmp_path)})
+    finding = judged(
+        "launch_together", {**TOGETHER, **with_nodes}, session, others={"alone": alone(tmp_path)}
+    )
     assert finding.outcome is Outcome.PASSED
     assert finding.measured == "the service answers"
 
@@ -573,14 +728,18 @@ def test_a_rate_that_the_launch_file_gives_the_node_is_kept(
 ) -> None:
     """Which rate the launch file gives is charged with its arguments and parameters, and not as a slow node again."""
     commands = {**TOGETHER["commands"], "rate_step": "read", "rate_parameter": "publish_rate"}
-    values = {} if publish_rate is None else {"publish_rate": {"type": "double", "value": publish_rate}}
+    values = (
+        {} if publish_rate is None else {"publish_rate": {"type": "double", "value": publish_rate}}
+    )
     session = together(tmp_path, rate_hz=40).step("get_parameters", "read", values=values)
     wanted = {**TOGETHER, "commands": commands}
     finding = judged("launch_together", wanted, session, others={"alone": alone(tmp_path)})
     assert float(finding.credit) == pytest.approx(credit, abs=0.001)
 
 
-@pytest.mark.parametrize(("asked", "credit"), [(FLOATS, 0.667), ("std_msgs/msg/Float32MultiArray", 1.0)])
+@pytest.mark.parametrize(
+    ("asked", "credit"), [(FLOATS, 0.667), ("std_msgs/msg/Float32MultiArray", 1.0)]
+)
 def test_an_arm_that_cannot_hear_commands_of_another_type_need_not_follow(
     tmp_path: Path, asked: str, credit: float
 ) -> None:
@@ -591,8 +750,12 @@ def test_an_arm_that_cannot_hear_commands_of_another_type_need_not_follow(
     assert float(finding.credit) == pytest.approx(credit, abs=0.001)
 
 
-@pytest.mark.parametrize(("made", "outcome"), [("/talker", Outcome.INCONCLUSIVE), ("/talk", Outcome.PARTIAL)])
-def test_a_node_that_was_made_and_never_seen_is_undecided(tmp_path: Path, made: str, outcome: Outcome) -> None:
+@pytest.mark.parametrize(
+    ("made", "outcome"), [("/talker", Outcome.INCONCLUSIVE), ("/talk", Outcome.PARTIAL)]
+)
+def test_a_node_that_was_made_and_never_seen_is_undecided(
+    tmp_path: Path, made: str, outcome: Outcome
+) -> None:
     """Its program says that it made the node, so the discovery may have failed; not under another name, nor always."""
     session = planned(Session(tmp_path), processes=BOTH).node("/listener").process("talk-1")
     session.record.claims.append(Claim("talk-1", "publisher", "/commands", node=made, file="it.py"))
@@ -601,20 +764,33 @@ def test_a_node_that_was_made_and_never_seen_is_undecided(tmp_path: Path, made: 
     assert (finding.settled or finding).outcome is Outcome.PARTIAL
 
 
-@pytest.mark.parametrize(("delay_s", "outcome"), [(2.5, Outcome.INCONCLUSIVE), (0.1, Outcome.PARTIAL)])
+@pytest.mark.parametrize(
+    ("delay_s", "outcome"), [(2.5, Outcome.INCONCLUSIVE), (0.1, Outcome.PARTIAL)]
+)
 def test_an_arm_that_had_no_core_may_not_have_followed_for_that(
     tmp_path: Path, delay_s: float, outcome: Outcome
 ) -> None:
     """The reference nodes need a core as well."""
-    session = together(tmp_path, follows=False).process("arm", role="reference").delayed("arm", delay_s, 5.0)
-    assert judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)}).outcome is outcome
+    session = (
+        together(tmp_path, follows=False)
+        .process("arm", role="reference")
+        .delayed("arm", delay_s, 5.0)
+    )
+    assert (
+        judged("launch_together", TOGETHER, session, others={"alone": alone(tmp_path)}).outcome
+        is outcome
+    )
 
 
 def test_a_rate_by_a_clock_that_was_set_is_compared_with_none(tmp_path: Path) -> None:
     """What the publisher has alone is not known where it was timed by such a clock."""
     times = evenly(100, 3.0)
     for name, step_s, outcome in (("set", 0.5, Outcome.PASSED), ("even", 0.0, Outcome.PARTIAL)):
-        other = Session(tmp_path / name, "alone").messages("/commands", [[0.0]] * len(times), times).window(0.9, 4.1)
+        other = (
+            Session(tmp_path / name, "alone")
+            .messages("/commands", [[0.0]] * len(times), times)
+            .window(0.9, 4.1)
+        )
         others = {"alone": other.clock({1.0: 0.0, 2.0: step_s}).recorded()}
         session = together(tmp_path / name, rate_hz=60)
         assert judged("launch_together", TOGETHER, session, others=others).outcome is outcome
@@ -645,12 +821,16 @@ def test_the_same_end_as_alone_is_charged_once(
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
     session.process("talk-1", CRASHED, artifact=None, **FELL)
     rate = (
-        failed("", "", "", where=[Location(file="it.py", line=alone_line), Location(session="alone")])
+        failed(
+            "", "", "", where=[Location(file="it.py", line=alone_line), Location(session="alone")]
+        )
         if charged
         else passed("", "")
     )
     findings = {"talk.rate": rate, "talk.publishes": passed("", "")}
-    finding = judged("launch_nodes", NODES, session, findings=findings, others={"alone": alone.recorded()})
+    finding = judged(
+        "launch_nodes", NODES, session, findings=findings, others={"alone": alone.recorded()}
+    )
     assert finding.credit == Decimal(credit)
     assert any("costs points in talk.rate" in note for note in finding.notes) == (credit == "1")
 
@@ -680,16 +860,26 @@ TOGETHER_IN = {
 
 def in_one_process(folder: Path, ends: bool = False) -> Session:
     """Make a session in which a process that has no name in the launch file holds both nodes."""
-    session = planned(together(folder), processes=[entry("arm", None)]).node("/talker").node("/listener")
+    session = (
+        planned(together(folder), processes=[entry("arm", None)]).node("/talker").node("/listener")
+    )
     session.record.plan = session.record.steps[-1].result["plan"]
-    return session.process("arm-1", CRASHED, artifact=None, **FELL) if ends else session.process("arm-1")
+    return (
+        session.process("arm-1", CRASHED, artifact=None, **FELL)
+        if ends
+        else session.process("arm-1")
+    )
 
 
 def test_parameters_of_a_process_reach_all_its_nodes(tmp_path: Path) -> None:
     """What the launch file gives a process without a name is what each of its nodes gets."""
     session = Session(tmp_path).node("/talker")
     for label, rate in (("plan", 100.0), ("other", 50.0)):
-        planned(session, label, processes=[entry("arm", None, parameters=[{"name": "rate", "value": rate}])])
+        planned(
+            session,
+            label,
+            processes=[entry("arm", None, parameters=[{"name": "rate", "value": rate}])],
+        )
     assert judged("launch_parameters", PARAMETERS, session).outcome is Outcome.PASSED
 
 
@@ -708,7 +898,10 @@ def test_what_a_node_keeps_others_of_its_process_from_is_charged_once(tmp_path: 
     session = in_one_process(tmp_path)
     session.record.steps = [step for step in session.record.steps if step.label != "enable"]
     assert judged("launch_together", TOGETHER_IN, session).outcome is Outcome.PARTIAL
-    assert judged("launch_together", TOGETHER_IN, session, findings={"motion": FAILED}).outcome is Outcome.PASSED
+    assert (
+        judged("launch_together", TOGETHER_IN, session, findings={"motion": FAILED}).outcome
+        is Outcome.PASSED
+    )
 
 
 @pytest.mark.parametrize(
@@ -723,7 +916,16 @@ def test_an_exception_by_what_a_node_hears_is_charged_with_that(
     alone = Session(tmp_path, "alone").process("it", CRASHED, **(FELL if alone_ends else {}))
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
     session.process("listen-1", CRASHED, artifact=None, **FELL)
-    wanted = {**NODES, "nodes": [NODES["nodes"][0], {**NODES["nodes"][1], "hears_charged_by": "talk.values"}]}
-    findings = {"talk.values": charged, "talk.publishes": passed("", ""), "listen.receives": passed("", "")}
-    finding = judged("launch_nodes", wanted, session, findings=findings, others={"alone": alone.recorded()})
+    wanted = {
+        **NODES,
+        "nodes": [NODES["nodes"][0], {**NODES["nodes"][1], "hears_charged_by": "talk.values"}],
+    }
+    findings = {
+        "talk.values": charged,
+        "talk.publishes": passed("", ""),
+        "listen.receives": passed("", ""),
+    }
+    finding = judged(
+        "launch_nodes", wanted, session, findings=findings, others={"alone": alone.recorded()}
+    )
     assert finding.credit == Decimal(credit)

@@ -38,7 +38,12 @@ def asked(
     called_s = ASKED[label]
     result = {"node": node, "before": before, "after": after, "success": success}
     times = {"called_ns": at(called_s), "answered_ns": at(called_s + 0.1)}
-    session.step("change_state", label, outcome, **({**result, **times} if outcome == "done" else {"problem": "x"}))
+    session.step(
+        "change_state",
+        label,
+        outcome,
+        **({**result, **times} if outcome == "done" else {"problem": "x"}),
+    )
     step = session.record.steps[-1]
     step.started_ns, step.ended_ns = at(called_s), at(called_s + 0.1)
     return session
@@ -78,7 +83,9 @@ def test_a_node_that_goes_all_the_way_passes(tmp_path: Path) -> None:
         ([], "0.5", "On /chatter 0 messages came"),
     ],
 )
-def test_messages_come_in_the_right_states_only(tmp_path: Path, times_s: list[float], credit: str, words: str) -> None:
+def test_messages_come_in_the_right_states_only(
+    tmp_path: Path, times_s: list[float], credit: str, words: str
+) -> None:
     """An ordinary publisher publishes in every state; one that on_activate() forgot publishes in none."""
     finding = judged("lifecycle", PUBLISHED, whole(tmp_path, *times_s))
     assert finding.credit == Decimal(credit)
@@ -100,14 +107,23 @@ def test_each_time_in_a_state_is_judged_by_its_own_delays(tmp_path: Path) -> Non
     session = whole(tmp_path, *ACTIVE)
     asked(session, "activate", "unconfigured", "active")
     again = session.record.steps[-1]
-    again.label, again.result["called_ns"], again.result["answered_ns"] = "again", at(12.0), at(12.1)
+    again.label, again.result["called_ns"], again.result["answered_ns"] = (
+        "again",
+        at(12.0),
+        at(12.1),
+    )
     session.record.ended_ns = at(13.0)
-    assert judged("lifecycle", PUBLISHED, session.disturbed("it", (12.1, 0.8))).outcome is Outcome.INCONCLUSIVE
+    assert (
+        judged("lifecycle", PUBLISHED, session.disturbed("it", (12.1, 0.8))).outcome
+        is Outcome.INCONCLUSIVE
+    )
 
 
 def test_another_lifecycle_node_does_not_count(tmp_path: Path) -> None:
     """Its states are not those of the node that is judged."""
-    session = asked(whole(tmp_path, *ACTIVE), "configure", "unconfigured", "inactive", node="/other")
+    session = asked(
+        whole(tmp_path, *ACTIVE), "configure", "unconfigured", "inactive", node="/other"
+    )
     other = session.record.steps.pop()
     other.label, other.result["called_ns"], other.result["answered_ns"] = "other", at(6.0), at(6.1)
     session.record.steps.insert(2, other)
@@ -142,11 +158,17 @@ def test_a_callback_that_fails_costs_its_transition(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("success", "after", "outcome"), [(False, "unconfigured", "passed"), (True, "active", "failed")]
 )
-def test_a_transition_can_be_expected_to_be_refused(tmp_path: Path, success: bool, after: str, outcome: str) -> None:
+def test_a_transition_can_be_expected_to_be_refused(
+    tmp_path: Path, success: bool, after: str, outcome: str
+) -> None:
     """What is not possible in a state leaves it, and reports no success."""
-    session = asked(Session(tmp_path).process("it"), "activate", "unconfigured", after, success=success)
+    session = asked(
+        Session(tmp_path).process("it"), "activate", "unconfigured", after, success=success
+    )
     wanted = [{"step": "activate", "state": "unconfigured", "succeeds": False}]
-    assert judged("lifecycle", {**LIFECYCLE, "transitions": wanted}, session).outcome.value == outcome
+    assert (
+        judged("lifecycle", {**LIFECYCLE, "transitions": wanted}, session).outcome.value == outcome
+    )
 
 
 def test_a_node_that_is_none_is_charged_once(tmp_path: Path) -> None:
@@ -163,12 +185,19 @@ def test_a_node_that_is_none_is_charged_once(tmp_path: Path) -> None:
 
 def test_one_transition_without_an_answer_costs_that_one(tmp_path: Path) -> None:
     """Where the node answers others, these count; and where it crashed, that is said."""
-    session = asked(Session(tmp_path / "slow").process("it"), "configure", "", "", outcome="timeout")
+    session = asked(
+        Session(tmp_path / "slow").process("it"), "configure", "", "", outcome="timeout"
+    )
     asked(session, "activate", "inactive", "active")
     finding = judged("lifecycle", {**LIFECYCLE, "transitions": WANTED[:2]}, session)
-    assert (finding.credit, finding.reason) == (Decimal("0.5"), "The node did not answer 'configure'.")
+    assert (finding.credit, finding.reason) == (
+        Decimal("0.5"),
+        "The node did not answer 'configure'.",
+    )
     error = ["ZeroDivisionError: division by zero"]
-    session = Session(tmp_path / "ended").process("it", error, interrupted_ns=None, ended_by="itself", exit_status=1)
+    session = Session(tmp_path / "ended").process(
+        "it", error, interrupted_ns=None, ended_by="itself", exit_status=1
+    )
     asked(session, "configure", "unconfigured", "inactive")
     asked(session, "activate", "", "", outcome="cancelled")
     finding = judged("lifecycle", {**LIFECYCLE, "transitions": WANTED[:2]}, session)
@@ -177,7 +206,9 @@ def test_one_transition_without_an_answer_costs_that_one(tmp_path: Path) -> None
 
 def test_a_state_that_was_never_reached_is_charged_with_its_transition(tmp_path: Path) -> None:
     """Nothing can be published in it, which is not said again."""
-    session = asked(Session(tmp_path).process("it"), "configure", "unconfigured", "unconfigured", success=False)
+    session = asked(
+        Session(tmp_path).process("it"), "configure", "unconfigured", "unconfigured", success=False
+    )
     finding = judged("lifecycle", {**PUBLISHED, "transitions": WANTED[:1]}, session)
     assert finding.outcome is Outcome.FAILED
     assert "/chatter" not in finding.reason

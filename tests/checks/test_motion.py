@@ -50,7 +50,9 @@ def test_who_comes_in_time_and_stays_passes(tmp_path: Path) -> None:
     assert "after 3.85 s" in finding.measured
 
 
-@pytest.mark.parametrize(("speed", "credit"), [(0.38, "1"), (0.36, "0.9"), (0.25, "0.4"), (0.19, "0")])
+@pytest.mark.parametrize(
+    ("speed", "credit"), [(0.38, "1"), (0.36, "0.9"), (0.25, "0.4"), (0.19, "0")]
+)
 def test_who_comes_late_earns_less_the_later(tmp_path: Path, speed: float, credit: str) -> None:
     """Credit falls from 5 s to 10 s, in steps."""
     finding = reached(tmp_path, lambda t: min(2.0, speed * t))
@@ -58,8 +60,12 @@ def test_who_comes_late_earns_less_the_later(tmp_path: Path, speed: float, credi
     assert not finding.reason or "5 s are allowed" in finding.reason
 
 
-@pytest.mark.parametrize(("stops_at", "credit"), [(1.95, "1"), (1.85, "0.4"), (1.4, "0.2"), (0.8, "0")])
-def test_who_stops_before_it_earns_by_how_near(tmp_path: Path, stops_at: float, credit: str) -> None:
+@pytest.mark.parametrize(
+    ("stops_at", "credit"), [(1.95, "1"), (1.85, "0.4"), (1.4, "0.2"), (0.8, "0")]
+)
+def test_who_stops_before_it_earns_by_how_near(
+    tmp_path: Path, stops_at: float, credit: str
+) -> None:
     """At most half, down to none at 1.1 m."""
     finding = reached(tmp_path, lambda t: min(stops_at, t), hold_s=1.0)
     assert finding.credit == Decimal(credit)
@@ -109,8 +115,13 @@ def test_a_step_that_was_not_reached_is_charged_where_it_is(tmp_path: Path) -> N
 
 def test_the_machine_s_delay_leaves_lateness_open(tmp_path: Path) -> None:
     """5.4 s with half a second of delay may be full or not; with much more lateness it cannot."""
-    for name, speed, outcome in (("near", 0.352, Outcome.INCONCLUSIVE), ("far", 0.05, Outcome.FAILED)):
-        session = moved(tmp_path / name, lambda t, v=speed: min(2.0, v * t)).disturbed("it", (2.0, 0.5))  # type: ignore[misc]
+    for name, speed, outcome in (
+        ("near", 0.352, Outcome.INCONCLUSIVE),
+        ("far", 0.05, Outcome.FAILED),
+    ):
+        session = moved(tmp_path / name, lambda t, v=speed: min(2.0, v * t)).disturbed(
+            "it", (2.0, 0.5)
+        )  # type: ignore[misc]
         assert judged("reaches", GOAL, session).outcome is outcome
 
 
@@ -152,7 +163,9 @@ def test_angles_are_compared_the_shorter_way_round(one: float, other: float) -> 
     """A turn more changes nothing, and nothing is more than half a turn off."""
     off = turned(np.array([[one]]), np.array([[other]]))[0]
     assert 0 <= off <= math.pi + 1e-9
-    assert turned(np.array([[one + 2 * math.pi]]), np.array([[other]]))[0] == pytest.approx(off, abs=1e-6)
+    assert turned(np.array([[one + 2 * math.pi]]), np.array([[other]]))[0] == pytest.approx(
+        off, abs=1e-6
+    )
 
 
 @given(st.floats(-3.1, 3.1))

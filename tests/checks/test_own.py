@@ -109,8 +109,12 @@ def judged(rubric: Path, made: Session) -> CheckResult:
     return found
 
 
-@pytest.mark.parametrize(("rising", "outcome", "earned"), [(9, "passed", 3), (5, "passed", 3), (3, "partial", 1.8)])
-def test_it_judges_by_the_messages(tmp_path: Path, rising: int, outcome: str, earned: float) -> None:
+@pytest.mark.parametrize(
+    ("rising", "outcome", "earned"), [(9, "passed", 3), (5, "passed", 3), (3, "partial", 1.8)]
+)
+def test_it_judges_by_the_messages(
+    tmp_path: Path, rising: int, outcome: str, earned: float
+) -> None:
     """Right, at the limit, and below it; with its parameters as the rubric gives them, and its location."""
     rows = [[float(min(n, rising))] for n in range(10)]
     found = judged(lab(tmp_path), session(tmp_path, rows))
@@ -152,8 +156,14 @@ WRONG = [
     ("return helper()", "checks/mine.py, line 28: ZeroDivisionError: division by zero"),
     ("import nowhere", "checks/mine.py, line 25: ModuleNotFoundError: No module named 'nowhere'"),
     ("raise SystemExit(1)", "checks/mine.py, line 25: SystemExit: 1"),
-    ("return Finding(passed('', '').outcome, passed('', '').credit * 5)", "its credit does not fit its outcome"),
-    ("return Finding(passed('', '').outcome, failed('', '', '').credit)", "its credit does not fit its outcome"),
+    (
+        "return Finding(passed('', '').outcome, passed('', '').credit * 5)",
+        "its credit does not fit its outcome",
+    ),
+    (
+        "return Finding(passed('', '').outcome, failed('', '', '').credit)",
+        "its credit does not fit its outcome",
+    ),
     ("return Finding(graded(0.5, '', '', '').outcome, 0.5)", "its credit does not fit its outcome"),
 ]
 
@@ -161,9 +171,7 @@ WRONG = [
 @pytest.mark.parametrize(("statement", "words"), WRONG, ids=[statement for statement, _ in WRONG])
 def test_what_goes_wrong_in_it_costs_nothing(tmp_path: Path, statement: str, words: str) -> None:
     """The outcome is an error that names the lab's file and line; the session is not recorded again for it."""
-    body = (
-        f"def rises(context: Context, p: Parameters) -> Finding:\n    {statement}\n\ndef helper():\n    return 1 / 0\n"
-    )
+    body = f"def rises(context: Context, p: Parameters) -> Finding:\n    {statement}\n\ndef helper():\n    return 1 / 0\n"
     found = judged(lab(tmp_path, body), session(tmp_path))
     assert found.outcome is Outcome.ERROR
     assert words in found.reason
@@ -171,7 +179,9 @@ def test_what_goes_wrong_in_it_costs_nothing(tmp_path: Path, statement: str, wor
 
 
 @pytest.mark.parametrize("caught", ["except Exception", "except"])
-def test_without_an_end_it_is_ended(caught: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_an_end_it_is_ended(
+    caught: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Also where it catches every exception, or all that there is once."""
     monkeypatch.setattr(own, "_MOST_CPU_S", 0.1)
     body = f"""\
@@ -208,7 +218,9 @@ def rises(context: Context, p: Parameters) -> Finding:
 
 def test_nothing_is_kept_waiting_where_a_check_could_not_be_ended(tmp_path: Path) -> None:
     """What judging needs is prepared in a thread, which no signal ends: it is not called there."""
-    text = RUBRIC.replace("        session: experiment\n", "").replace("topic: /commands, window: window, ", "")
+    text = RUBRIC.replace("        session: experiment\n", "").replace(
+        "topic: /commands, window: window, ", ""
+    )
     body = """\
 from grader.own_checks import Submission
 
@@ -232,7 +244,10 @@ def test_another_version_is_refused(tmp_path: Path) -> None:
     found = judged(lab(tmp_path, RISES + "\nAPI_VERSION = 2\n"), session(tmp_path))
     assert found.outcome is Outcome.ERROR
     assert "written for version 2 of grader.own_checks, and this is version 1" in found.reason
-    assert judged(lab(tmp_path / "b", RISES + "\nAPI_VERSION = 1\n"), session(tmp_path / "b")).outcome is Outcome.PASSED
+    assert (
+        judged(lab(tmp_path / "b", RISES + "\nAPI_VERSION = 1\n"), session(tmp_path / "b")).outcome
+        is Outcome.PASSED
+    )
 
 
 def test_a_clock_that_was_set_leaves_it_open(tmp_path: Path) -> None:
@@ -254,7 +269,9 @@ def rises(submission: Submission) -> Finding:
     text = text.replace("        with: {topic: /commands, window: window, least: 5}\n", "")
     assert judged(lab(tmp_path / "a", body, text), session(tmp_path)).measured == "it.py"
     with pytest.raises(RubricError) as caught:
-        read_rubric(lab(tmp_path / "b", body.replace("submission: Submission", "submission: Context"), text))
+        read_rubric(
+            lab(tmp_path / "b", body.replace("submission: Submission", "submission: Context"), text)
+        )
     assert "say which by the key session" in caught.value.mistakes[0]
 
 
@@ -265,16 +282,32 @@ MISTYPED = [
         "checks/mine.py:rise",
         "no function or class 'rise' in checks/mine.py; did you mean 'rises'?",
     ),
-    ("checks/mine.py:rises", "checks/mint.py:rises", "no Python file 'checks/mint.py' beside the rubric; did you mean"),
+    (
+        "checks/mine.py:rises",
+        "checks/mint.py:rises",
+        "no Python file 'checks/mint.py' beside the rubric; did you mean",
+    ),
     ("checks/mine.py:rises", "checks/mine.py", "no function or class '' in checks/mine.py"),
     ("checks/mine.py:rises", "../lab/checks/mine.py:rises", "did you mean 'checks/mine.py'"),
     ("checks/mine.py:rises", "checks/mine.py:Limits", "Limits is a class; a check is a function"),
-    ("checks/mine.py:rises", "checks/mine.py:no_arguments", "no_arguments must take (context: Context)"),
-    ("checks/mine.py:rises", "checks/mine.py:untyped", "the second argument of untyped must name the dataclass"),
+    (
+        "checks/mine.py:rises",
+        "checks/mine.py:no_arguments",
+        "no_arguments must take (context: Context)",
+    ),
+    (
+        "checks/mine.py:rises",
+        "checks/mine.py:untyped",
+        "the second argument of untyped must name the dataclass",
+    ),
     ("topic: /commands, window", "topic: /comands, window", "did you mean '/commands'?"),
     ("topic: /commands, window", "topc: /commands, window", "unknown key; did you mean 'topic'?"),
     ("{topic: /commands, window: window, ", "{topic: /commands, ", "window: this key is missing"),
-    ("window: window, least", "window: widow, least", "no step labelled 'widow' in session 'experiment'"),
+    (
+        "window: window, least",
+        "window: widow, least",
+        "no step labelled 'widow' in session 'experiment'",
+    ),
     ("least: 5", "least: five", "a whole number is expected"),
     ("least: 5", "most: 5", "a share from 0 to 1 is expected"),
     ("least: 5", "path: dta", "has no field 'dta'; did you mean 'data'?"),
@@ -283,8 +316,12 @@ MISTYPED = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "words"), MISTYPED, ids=[f"{new} {words:.20}" for _, new, words in MISTYPED])
-def test_what_is_mistyped_is_reported_without_running_it(tmp_path: Path, old: str, new: str, words: str) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "words"), MISTYPED, ids=[f"{new} {words:.20}" for _, new, words in MISTYPED]
+)
+def test_what_is_mistyped_is_reported_without_running_it(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
     """Its name, its parameters' names and values, and what they refer to: by the annotations of its file alone."""
     mark = tmp_path / "executed"
     more = f"\nimport pathlib\npathlib.Path({str(mark)!r}).touch()\ndef no_arguments():\n    pass\n"
@@ -293,9 +330,9 @@ def test_what_is_mistyped_is_reported_without_running_it(tmp_path: Path, old: st
     with pytest.raises(RubricError) as caught:
         read_rubric(lab(tmp_path, RISES + more, text))
     line = text[: text.index(new)].count("\n") + 1
-    assert any(m.startswith(f"rubric.yaml:{line}: ") and words in m for m in caught.value.mistakes), (
-        caught.value.mistakes
-    )
+    assert any(
+        m.startswith(f"rubric.yaml:{line}: ") and words in m for m in caught.value.mistakes
+    ), caught.value.mistakes
     assert not mark.exists()
 
 
@@ -311,7 +348,9 @@ def test_values_that_only_its_class_refuses_are_an_error(tmp_path: Path) -> None
 
 def test_types_of_its_parameters_are_given_under_their_names() -> None:
     """But for that of a file beside the rubric: which is not kept with recordings, so that they could not be judged."""
-    named = {name for name in vars(references) if hasattr(own_checks, name) and not name.startswith("_")}
+    named = {
+        name for name in vars(references) if hasattr(own_checks, name) and not name.startswith("_")
+    }
     assert named == set(LAB_TYPES)
     assert "FileBeside" not in LAB_TYPES
 
@@ -321,7 +360,9 @@ def result(results: Path) -> Any:
     return json.loads((results / "result.json").read_text(encoding="utf-8"))
 
 
-def test_its_recording_is_judged_again_without_the_lab(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_its_recording_is_judged_again_without_the_lab(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The file is kept beside the copy of the rubric; rubrics with such checks can be sent to other processes."""
     rubric = read_rubric(lab(tmp_path))
     assert named_files(rubric) == ["checks/mine.py"]

@@ -26,9 +26,19 @@ nodes = [
 
 @pytest.mark.parametrize(
     ("node_line", "parameter", "line"),
-    [(5, "a", 8), (5, "b", 9), (5, "none", 5), (11, "a", 11), (13, "a", 13), (20, "a", 20), (None, "a", None)],
+    [
+        (5, "a", 8),
+        (5, "b", 9),
+        (5, "none", 5),
+        (11, "a", 11),
+        (13, "a", 13),
+        (20, "a", 20),
+        (None, "a", None),
+    ],
 )
-def test_a_parameter_is_found_or_what_is_nearest(node_line: int | None, parameter: str, line: int | None) -> None:
+def test_a_parameter_is_found_or_what_is_nearest(
+    node_line: int | None, parameter: str, line: int | None
+) -> None:
     """Its own line, or that of the node."""
     assert parameter_line(TEXT, node_line, parameter) == line
 

@@ -22,11 +22,15 @@ RESTARTED = {"restarted": "restarted"}
 def windows(folder: Path, **refused: str) -> Session:
     """Give a session with a window before a parameter was set, one after, and one of a node that began with it."""
     session = Session(folder).process("it").window(1.0, 4.0, "before")
-    session.step("set_parameters", "set", "failed" if refused else "done", node="/talker", refused=refused)
+    session.step(
+        "set_parameters", "set", "failed" if refused else "done", node="/talker", refused=refused
+    )
     return session.window(5.0, 8.0, "after").window(9.0, 12.0, "restarted")
 
 
-def rates(session: Session, before_hz: float, after_hz: float, restarted_hz: float = 20.0) -> Session:
+def rates(
+    session: Session, before_hz: float, after_hz: float, restarted_hz: float = 20.0
+) -> Session:
     """Record a topic at three rates."""
     spans = {1.0: before_hz, 5.0: after_hz, 9.0: restarted_hz}
     times = [t for start_s, hz in spans.items() if hz for t in evenly(hz, 3.0, start_s)]
@@ -56,14 +60,19 @@ def test_a_rate_follows_its_parameter(
 
 def test_what_ignores_a_parameter_after_a_restart_too_is_named(tmp_path: Path) -> None:
     """It was declared only."""
-    finding = judged("parameter_effect", {**RATE, **RESTARTED}, rates(windows(tmp_path), 10.0, 10.0, 10.0))
+    finding = judged(
+        "parameter_effect", {**RATE, **RESTARTED}, rates(windows(tmp_path), 10.0, 10.0, 10.0)
+    )
     assert "it is declared but ignored" in finding.reason
 
 
 def test_what_was_so_before_proves_nothing(tmp_path: Path) -> None:
     """A rate that is the new one all the time is not the parameter's doing."""
     finding = judged("parameter_effect", RATE, rates(windows(tmp_path), 20.0, 20.0))
-    assert (finding.outcome, finding.reason) == (Outcome.FAILED, "It was 20 before, so nothing changed.")
+    assert (finding.outcome, finding.reason) == (
+        Outcome.FAILED,
+        "It was 20 before, so nothing changed.",
+    )
 
 
 def test_a_topic_that_falls_silent_fails_unless_the_machine_delayed_it(tmp_path: Path) -> None:
@@ -77,7 +86,9 @@ def test_a_topic_that_falls_silent_fails_unless_the_machine_delayed_it(tmp_path:
 
 def test_a_rate_that_the_machine_lowered_is_undecided(tmp_path: Path) -> None:
     """As it is where the rate alone is judged."""
-    late = rates(windows(tmp_path), 10.0, 17.0).disturbed("it", *((5.0 + n / 4, 0.06) for n in range(12)))
+    late = rates(windows(tmp_path), 10.0, 17.0).disturbed(
+        "it", *((5.0 + n / 4, 0.06) for n in range(12))
+    )
     assert judged("parameter_effect", RATE, late).outcome is Outcome.INCONCLUSIVE
 
 
@@ -123,7 +134,9 @@ def test_a_field_follows_its_parameter(
     assert words in finding.reason
 
 
-@pytest.mark.parametrize(("greeting", "outcome"), [("hello", Outcome.FAILED), ("ahoi", Outcome.PASSED)])
+@pytest.mark.parametrize(
+    ("greeting", "outcome"), [("hello", Outcome.FAILED), ("ahoi", Outcome.PASSED)]
+)
 def test_a_text_follows_its_parameter(tmp_path: Path, greeting: str, outcome: Outcome) -> None:
     """The most frequent one counts."""
     times = [t for s in (1.0, 5.0) for t in evenly(10, 3.0, s)]
@@ -147,14 +160,22 @@ def test_an_answer_follows_its_parameter(tmp_path: Path, total: float, outcome: 
 
 def test_a_parameter_that_cannot_be_set_has_no_effect(tmp_path: Path) -> None:
     """The node's reason is shown; without an answer, the first check that asks for one costs."""
-    finding = judged("parameter_effect", RATE, rates(windows(tmp_path, rate="it is read-only"), 10.0, 10.0))
+    finding = judged(
+        "parameter_effect", RATE, rates(windows(tmp_path, rate="it is read-only"), 10.0, 10.0)
+    )
     assert "could not be set while the node ran: rate: it is read-only." in finding.reason
-    silent = Session(tmp_path / "silent").process("it").step("get_parameters", "get", "timeout", problem="x")
+    silent = (
+        Session(tmp_path / "silent")
+        .process("it")
+        .step("get_parameters", "get", "timeout", problem="x")
+    )
     silent.step("set_parameters", "set", "timeout", problem="x")
     assert judged("parameter_effect", RATE, silent).outcome is Outcome.NOT_REACHED
 
 
-@pytest.mark.parametrize("wrong", [{"answer": "data"}, {"topic": None}, {"old": "slow"}, {"new": True}])
+@pytest.mark.parametrize(
+    "wrong", [{"answer": "data"}, {"topic": None}, {"old": "slow"}, {"new": True}]
+)
 def test_an_effect_is_of_one_kind(wrong: dict[str, Any]) -> None:
     """A topic or an answer, and a rate is a number."""
     with pytest.raises(ValidationError):
@@ -167,7 +188,10 @@ REJECTED = {"step": "invalid"}
 
 
 def refusing(
-    folder: Path, refused: dict[str, str], after: dict[str, Any], before: dict[str, Any] | None = None
+    folder: Path,
+    refused: dict[str, str],
+    after: dict[str, Any],
+    before: dict[str, Any] | None = None,
 ) -> Session:
     """Record that invalid values were set."""
     values = {"rate": -1.0, "mode": "fly"}
@@ -187,7 +211,10 @@ def refusing(
     )
 
 
-HELD, WHY = {"rate": 10.0, "mode": "drive"}, {"rate": "must be positive", "mode": "one of drive, stop"}
+HELD, WHY = (
+    {"rate": 10.0, "mode": "drive"},
+    {"rate": "must be positive", "mode": "one of drive, stop"},
+)
 
 
 @pytest.mark.parametrize(
@@ -211,25 +238,40 @@ def test_invalid_values_are_refused_with_a_reason(
 
 def test_a_refusal_of_what_is_not_declared_proves_nothing(tmp_path: Path) -> None:
     """By itself rclpy refuses it."""
-    finding = judged("parameter_rejected", REJECTED, refusing(tmp_path, WHY, {"rate": 10.0}, {"rate": 10.0}))
+    finding = judged(
+        "parameter_rejected", REJECTED, refusing(tmp_path, WHY, {"rate": 10.0}, {"rate": 10.0})
+    )
     assert finding.credit == Decimal("0.5")
     assert "mode is not declared, so that refusing it proves nothing." in finding.reason
 
 
 def test_other_words_of_a_reason_are_noted(tmp_path: Path) -> None:
     """They cost nothing."""
-    finding = judged("parameter_rejected", {**REJECTED, "reason": "positive"}, refusing(tmp_path, WHY, HELD))
+    finding = judged(
+        "parameter_rejected", {**REJECTED, "reason": "positive"}, refusing(tmp_path, WHY, HELD)
+    )
     assert finding.outcome is Outcome.PASSED
-    assert finding.notes == ("The reason 'one of drive, stop' for mode is not worded as in the lab.",)
+    assert finding.notes == (
+        "The reason 'one of drive, stop' for mode is not worded as in the lab.",
+    )
 
 
 def test_a_node_that_ends_by_an_invalid_value_fails(tmp_path: Path) -> None:
     """There is no answer any more, and the output says why."""
     session = Session(tmp_path).process(
-        "it", ["ZeroDivisionError: division by zero"], interrupted_ns=None, ended_by="itself", exit_status=1
+        "it",
+        ["ZeroDivisionError: division by zero"],
+        interrupted_ns=None,
+        ended_by="itself",
+        exit_status=1,
     )
     session.step(
-        "set_parameters", "invalid", "timeout", node="/talker", refused={}, parameters={"values": {"rate": 0.0}}
+        "set_parameters",
+        "invalid",
+        "timeout",
+        node="/talker",
+        refused={},
+        parameters={"values": {"rate": 0.0}},
     )
     finding = judged("parameter_rejected", REJECTED, session)
     assert finding.outcome is Outcome.FAILED

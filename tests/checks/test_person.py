@@ -19,8 +19,18 @@ from grader.lab.overrides import parse_overrides
 from grader.lab.rubric import Rubric, load_rubric
 
 SOLUTION = Path(__file__).resolve().parents[1] / "recordings/solution"
-LEVELS = [{"title": "Clear", "credit": "100%"}, {"title": "In part", "credit": 0.6}, {"title": "Not", "credit": 0}]
-CRITERION = {"id": "design", "title": "The design is explained", "points": 5, "by": "person", "levels": LEVELS}
+LEVELS = [
+    {"title": "Clear", "credit": "100%"},
+    {"title": "In part", "credit": 0.6},
+    {"title": "Not", "credit": 0},
+]
+CRITERION = {
+    "id": "design",
+    "title": "The design is explained",
+    "points": 5,
+    "by": "person",
+    "levels": LEVELS,
+}
 
 
 def rubric_with(folder: Path, criterion: dict[str, object]) -> Rubric:
@@ -38,16 +48,26 @@ def test_its_points_are_open_until_somebody_grades_it(tmp_path: Path, whole: boo
     """Undecided and not lost; the levels are what can be chosen; `set` decides."""
     inner = {**CRITERION, "id": "design.why", "read": ["publisher"]}
     rubric = rubric_with(
-        tmp_path, CRITERION if whole else {"id": "design", "title": "D", "points": 5, "checks": [inner]}
+        tmp_path,
+        CRITERION if whole else {"id": "design", "title": "D", "points": 5, "checks": [inner]},
     )
     (spec,) = [check for check in rubric.checks() if check.by_person]
-    assert [(level.title, level.credit) for level in spec.levels] == [("Clear", 1.0), ("In part", 0.6), ("Not", 0.0)]
+    assert [(level.title, level.credit) for level in spec.levels] == [
+        ("Clear", 1.0),
+        ("In part", 0.6),
+        ("Not", 0.0),
+    ]
     result = judge(open_recordings(SOLUTION, rubric), rubric)
     (check,) = result.open_checks
     assert (check.id, check.undecided, check.lost) == (spec.id, Decimal(5), Decimal(0))
     assert [place.file for place in check.where] == ([] if whole else ["joint_publisher.py"])
     (item,) = queue_of({"a": result}, rubric)
-    assert (item.kind, item.part.id, item.points, item.is_decided) == (Kind.TO_GRADE, spec.id, Decimal(5), False)
+    assert (item.kind, item.part.id, item.points, item.is_decided) == (
+        Kind.TO_GRADE,
+        spec.id,
+        Decimal(5),
+        False,
+    )
     facts = "reason: r, comment: as agreed, who: w, when: 2026-11-21"
     entry = f"overrides: [{{submission: a, check: {spec.id}, set: 3, {facts}}}]"
     decided = adjust(result, parse_overrides(tmp_path / "overrides.yaml", entry, rubric).entries)
@@ -55,13 +75,20 @@ def test_its_points_are_open_until_somebody_grades_it(tmp_path: Path, whole: boo
     assert decided.final_of(decided.criteria[-1]) == Decimal(3)
     assert [each.is_decided for each in queue_of({"a": decided}, rubric)] == [True]
     assert (
-        report_page(decided, open_recordings(SOLUTION, rubric), rubric).count('<p class="comment">as agreed</p>') == 1
+        report_page(decided, open_recordings(SOLUTION, rubric), rubric).count(
+            '<p class="comment">as agreed</p>'
+        )
+        == 1
     )
 
 
 @pytest.mark.parametrize(
     ("change", "words"),
-    [({"by": "nobody"}, "by"), ({"levels": [{"title": "A", "credit": 2}]}, "share"), ({"levles": []}, "levles")],
+    [
+        ({"by": "nobody"}, "by"),
+        ({"levels": [{"title": "A", "credit": 2}]}, "share"),
+        ({"levles": []}, "levles"),
+    ],
 )
 def test_mistakes_are_reported(tmp_path: Path, change: dict[str, object], words: str) -> None:
     """Who grades it, levels, and misspelt keys."""

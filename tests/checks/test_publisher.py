@@ -26,7 +26,13 @@ RATE = {
     "full_within": "2%",
     "zero_beyond": "20%",
 }
-JITTER = {"topic": TOPIC, "process": "it", "window": "window", "full_within_s": 0.003, "zero_beyond_s": 0.010}
+JITTER = {
+    "topic": TOPIC,
+    "process": "it",
+    "window": "window",
+    "full_within_s": 0.003,
+    "zero_beyond_s": 0.010,
+}
 VALUES = {"topic": TOPIC, "field": "data", "length": 7}
 MOTION = {
     "topic": TOPIC,
@@ -69,11 +75,17 @@ def test_a_topic_as_asked_passes(tmp_path: Path) -> None:
         ({"topic": "/command"}, "0.4", "/command,"),
         ({"topic_type": "std_msgs/msg/String"}, "0.4", "std_msgs/msg/String"),
         ({"node": "/other"}, "0.8", "/other"),
-        ({"topic": f"/arm{TOPIC}", "node": "/arm/student"}, "0.4", "in its node's namespace, /arm."),
+        (
+            {"topic": f"/arm{TOPIC}", "node": "/arm/student"},
+            "0.4",
+            "in its node's namespace, /arm.",
+        ),
         ({"topic": "/command", "topic_type": "std_msgs/msg/String"}, "0", "/command"),
     ],
 )
-def test_each_wrong_name_costs_its_part(tmp_path: Path, wrong: dict[str, str], credit: str, words: str) -> None:
+def test_each_wrong_name_costs_its_part(
+    tmp_path: Path, wrong: dict[str, str], credit: str, words: str
+) -> None:
     """A wrong topic or type costs 60 %, a wrong node name 20 %, and the reason names it."""
     topic = wrong.get("topic", TOPIC)
     session = Session(tmp_path).endpoint(
@@ -86,7 +98,8 @@ def test_each_wrong_name_costs_its_part(tmp_path: Path, wrong: dict[str, str], c
 
 
 @pytest.mark.parametrize(
-    ("announced", "outcome"), [("ab", Outcome.PARTIAL), ("cd", Outcome.PASSED), ("", Outcome.PASSED)]
+    ("announced", "outcome"),
+    [("ab", Outcome.PARTIAL), ("cd", Outcome.PASSED), ("", Outcome.PASSED)],
 )
 def test_a_type_announced_with_another_definition_costs_a_part(
     tmp_path: Path, announced: str, outcome: Outcome
@@ -123,7 +136,9 @@ def test_a_silent_publisher_fails_and_its_exception_is_reported(tmp_path: Path) 
         "    self.pub.publish(nothing)",
         "NameError: name 'nothing' is not defined",
     ]
-    session = Session(tmp_path).endpoint("publisher", TOPIC).process("it", lines, interrupted_ns=None)
+    session = (
+        Session(tmp_path).endpoint("publisher", TOPIC).process("it", lines, interrupted_ns=None)
+    )
     finding = judged("topic_published", PUBLISHED, session)
     assert finding.outcome is Outcome.FAILED
     assert "NameError" in finding.reason
@@ -163,7 +178,13 @@ def test_what_is_missing_is_missing_in_every_run(tmp_path: Path) -> None:
     """A program that ran on in another session did not lack the library there, nor here."""
     record = submission({"it.py": "\nimport matplotlib\n"})
     other = Session(tmp_path, "b").process("it", ["all is well"]).recorded()
-    finding = judged("topic_published", PUBLISHED, missing(tmp_path, "a", "matplotlib"), record, others={"b": other})
+    finding = judged(
+        "topic_published",
+        PUBLISHED,
+        missing(tmp_path, "a", "matplotlib"),
+        record,
+        others={"b": other},
+    )
     assert finding.outcome is Outcome.FAILED
 
 
@@ -187,13 +208,27 @@ def test_endpoints_of_reference_nodes_are_not_the_students(tmp_path: Path) -> No
 
 @pytest.mark.parametrize(
     ("rate_hz", "credit"),
-    [(100, 1.0), (98.0, 1.0), (102.0, 1.0), (97.5, 0.9), (94, 0.7), (110, 0.5), (80, 0.0), (50, 0.0), (121, 0.0)],
+    [
+        (100, 1.0),
+        (98.0, 1.0),
+        (102.0, 1.0),
+        (97.5, 0.9),
+        (94, 0.7),
+        (110, 0.5),
+        (80, 0.0),
+        (50, 0.0),
+        (121, 0.0),
+    ],
 )
-def test_credit_for_a_rate_falls_in_even_steps(tmp_path: Path, rate_hz: float, credit: float) -> None:
+def test_credit_for_a_rate_falls_in_even_steps(
+    tmp_path: Path, rate_hz: float, credit: float
+) -> None:
     """Within 2 % all is earned, from 20 % nothing, and in between a tenth less for each 1.8 %."""
     finding = rate(tmp_path, rate_hz)
     assert float(finding.credit) == pytest.approx(credit, abs=0.003)
-    assert finding.outcome is {0.0: Outcome.FAILED, 1.0: Outcome.PASSED}.get(credit, Outcome.PARTIAL)
+    assert finding.outcome is {0.0: Outcome.FAILED, 1.0: Outcome.PASSED}.get(
+        credit, Outcome.PARTIAL
+    )
 
 
 def test_the_reason_says_slower_or_faster(tmp_path: Path) -> None:
@@ -205,12 +240,18 @@ def test_the_reason_says_slower_or_faster(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("rate_hz", "period", "words"),
     [
-        (10, "0.1", "Messages come at 10.0 Hz, 90.0% slower than 100 Hz. The timer's period is 0.1 s."),
+        (
+            10,
+            "0.1",
+            "Messages come at 10.0 Hz, 90.0% slower than 100 Hz. The timer's period is 0.1 s.",
+        ),
         (1000, "0", "Messages come at 1000.0 Hz, 10 times 100 Hz. The timer's period is 0 s"),
         (50, "self.period", "50.0% slower than 100 Hz."),
     ],
 )
-def test_a_timer_that_gives_the_rate_is_named(tmp_path: Path, rate_hz: float, period: str, words: str) -> None:
+def test_a_timer_that_gives_the_rate_is_named(
+    tmp_path: Path, rate_hz: float, period: str, words: str
+) -> None:
     """The period of the only timer is told, where the source says it."""
     session = published(tmp_path, evenly(rate_hz, 6.0)).claim("timer", period)
     reason = judged("topic_rate", RATE, session).reason
@@ -230,7 +271,12 @@ def test_bursts_have_the_rate_of_all_their_messages(tmp_path: Path, shift_s: flo
 
 def test_of_a_window_without_messages_those_outside_are_not_told(tmp_path: Path) -> None:
     """What came before or after it is nothing of which its rate could be measured."""
-    session = Session(tmp_path).process("it").messages(TOPIC, [[0.0] * 7] * 201, evenly(100, 2.0)).window(5.0, 6.0)
+    session = (
+        Session(tmp_path)
+        .process("it")
+        .messages(TOPIC, [[0.0] * 7] * 201, evenly(100, 2.0))
+        .window(5.0, 6.0)
+    )
     found = judged("topic_rate", RATE, session)
     assert (found.outcome, found.measured) == (Outcome.FAILED, "0 messages")
 
@@ -240,7 +286,9 @@ def test_samples_that_the_recorder_lost_do_not_lower_the_rate(tmp_path: Path) ->
     times = evenly(100, 6.0)
     kept = [(t, n) for n, t in enumerate(times, 1) if n % 3]
     session = Session(tmp_path).endpoint("publisher", TOPIC).process("it").window(0.9, 7.1)
-    session.messages(TOPIC, [[0.0]] * len(kept), [t for t, _ in kept], sequence=[n for _, n in kept])
+    session.messages(
+        TOPIC, [[0.0]] * len(kept), [t for t, _ in kept], sequence=[n for _, n in kept]
+    )
     finding = judged("topic_rate", RATE, session)
     assert finding.outcome is Outcome.PASSED
     assert "100.00 Hz" in finding.measured
@@ -301,7 +349,9 @@ def test_what_the_machine_disturbs_is_judged_by_what_it_did_not(
 
 def test_what_is_uneven_between_disturbances_is_uneven(tmp_path: Path) -> None:
     """That the machine stalled excuses nothing that happened when it did not."""
-    session = published(tmp_path, uneven(0.4, 0.0095)).disturbed("it", *((1.03 + n, 0.1) for n in range(6)))
+    session = published(tmp_path, uneven(0.4, 0.0095)).disturbed(
+        "it", *((1.03 + n, 0.1) for n in range(6))
+    )
     assert judged("topic_jitter", JITTER, session).outcome is Outcome.FAILED
 
 
@@ -386,7 +436,9 @@ def uneven(share: float, by_s: float, rate_hz: float = 100) -> list[float]:
 
 
 @pytest.mark.parametrize(("by_s", "credit"), [(0.0029, 1.0), (0.0065, 0.5), (0.0099, 0.014)])
-def test_credit_for_evenness_falls_between_the_limits(tmp_path: Path, by_s: float, credit: float) -> None:
+def test_credit_for_evenness_falls_between_the_limits(
+    tmp_path: Path, by_s: float, credit: float
+) -> None:
     """With a tenth of the intervals off, their distance from the median decides."""
     finding = judged("topic_jitter", JITTER, published(tmp_path, uneven(0.2, by_s)))
     assert float(finding.credit) == pytest.approx(credit, abs=0.02)
@@ -394,7 +446,10 @@ def test_credit_for_evenness_falls_between_the_limits(tmp_path: Path, by_s: floa
 
 def test_a_few_late_messages_cost_nothing(tmp_path: Path) -> None:
     """What is late in clearly less than 5 % of the intervals is not seen."""
-    assert judged("topic_jitter", JITTER, published(tmp_path, uneven(0.01, 0.009))).outcome is Outcome.PASSED
+    assert (
+        judged("topic_jitter", JITTER, published(tmp_path, uneven(0.01, 0.009))).outcome
+        is Outcome.PASSED
+    )
 
 
 def test_evenness_at_the_edge_of_what_a_sample_can_tell_is_undecided(tmp_path: Path) -> None:
@@ -412,8 +467,13 @@ def test_a_rate_at_the_edge_of_a_step_is_undecided(tmp_path: Path) -> None:
 
 def test_nothing_is_timed_by_a_clock_that_was_set(tmp_path: Path) -> None:
     """A step of the system's clock within the window leaves rate and evenness open; slewing does not."""
-    for name, step_ms, outcome in (("set", 30.0, Outcome.INCONCLUSIVE), ("slewed", 0.4, Outcome.PASSED)):
-        session = published(tmp_path / name, evenly(100, 10.0)).clock({1.0: 0.0, 4.0: step_ms / 1e3})
+    for name, step_ms, outcome in (
+        ("set", 30.0, Outcome.INCONCLUSIVE),
+        ("slewed", 0.4, Outcome.PASSED),
+    ):
+        session = published(tmp_path / name, evenly(100, 10.0)).clock(
+            {1.0: 0.0, 4.0: step_ms / 1e3}
+        )
         assert judged("topic_rate", RATE, session).outcome is outcome
         assert judged("topic_jitter", JITTER, session).outcome is outcome
 
@@ -436,7 +496,9 @@ def test_unevenness_of_the_machine_is_undecided(tmp_path: Path) -> None:
         ([], 0.0, "most hold 0"),
     ],
 )
-def test_each_message_holds_seven_finite_numbers(tmp_path: Path, row: list[float], credit: float, words: str) -> None:
+def test_each_message_holds_seven_finite_numbers(
+    tmp_path: Path, row: list[float], credit: float, words: str
+) -> None:
     """Another length or a number that is not finite costs all, and is told."""
     times = evenly(10, 1.0)
     finding = judged("message_values", VALUES, published(tmp_path, times, [row] * len(times)))
@@ -527,7 +589,10 @@ def test_a_motion_the_wrong_way_is_named(tmp_path: Path) -> None:
     rows = [[-row[0], *row[1:]] for row in motion(np.arange(len(times)) * 0.01)]
     finding = judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows))
     assert float(finding.credit) == pytest.approx(0.889, abs=0.001)
-    assert "begins -180° into its sine" in finding.reason or "begins 180° into its sine" in finding.reason
+    assert (
+        "begins -180° into its sine" in finding.reason
+        or "begins 180° into its sine" in finding.reason
+    )
 
 
 def test_a_motion_ten_times_too_fast_is_named(tmp_path: Path) -> None:
@@ -558,7 +623,10 @@ def test_a_motion_for_another_number_of_joints_earns_nothing(tmp_path: Path) -> 
     times = np.array(evenly(100, 6.0))
     rows = [row[:6] for row in motion(times - times[0])]
     finding = judged("sinusoids", MOTION, published(tmp_path, times.tolist(), rows))
-    assert (finding.outcome, finding.reason) == (Outcome.FAILED, "There are 6 elements for 7 joints.")
+    assert (finding.outcome, finding.reason) == (
+        Outcome.FAILED,
+        "There are 6 elements for 7 joints.",
+    )
 
 
 def test_a_joint_that_is_sent_no_number_makes_a_motion_worthless(tmp_path: Path) -> None:
@@ -576,7 +644,10 @@ def test_a_joint_that_is_sent_no_number_makes_a_motion_worthless(tmp_path: Path)
         (lambda row, n: [57.29578 * value for value in row], "beyond ±3.1416"),
         (lambda row, n: [row[1], row[0], *row[2:]], "The motion of element 0 is in element 1."),
         (lambda row, n: [*row[:6], 1.2], "Element 6 jumps to 1.20 with the first message."),
-        (lambda row, n: [0.5 * np.cos(2 * np.pi * 0.2 * 0.01 * n), *row[1:]], "Element 0 jumps to 0.50"),
+        (
+            lambda row, n: [0.5 * np.cos(2 * np.pi * 0.2 * 0.01 * n), *row[1:]],
+            "Element 0 jumps to 0.50",
+        ),
     ],
     ids=["degrees", "swapped", "a joint off its rest", "cosine"],
 )
@@ -590,9 +661,15 @@ def test_a_motion_that_endangers_earns_nothing_and_makes_its_values_unsafe(
     moved = judged("sinusoids", {**MOTION, "reach": 3.1416, "starts_within": 0.1}, session)
     assert (moved.outcome, said in moved.reason) == (Outcome.FAILED, True)
     values = {"topic": "/commands", "field": "data", "length": 7, "unsafe_by": "motion"}
-    assert judged("message_values", values, session, findings={"motion": moved}).outcome is Outcome.FAILED
+    assert (
+        judged("message_values", values, session, findings={"motion": moved}).outcome
+        is Outcome.FAILED
+    )
     harmless = replace(moved, outcome=Outcome.PARTIAL)
-    assert judged("message_values", values, session, findings={"motion": harmless}).outcome is Outcome.PASSED
+    assert (
+        judged("message_values", values, session, findings={"motion": harmless}).outcome
+        is Outcome.PASSED
+    )
 
 
 def test_the_first_message_that_goes_too_far_is_pointed_at(tmp_path: Path) -> None:
@@ -613,17 +690,27 @@ def test_the_first_message_that_goes_too_far_is_pointed_at(tmp_path: Path) -> No
 
 
 @pytest.mark.parametrize(("rate_hz", "missed"), [(100, 0), (100, 5), (100, 40), (50, 9)])
-@pytest.mark.parametrize(("angle_rad", "outcome"), [(np.pi / 2, Outcome.FAILED), (0.0, Outcome.PASSED)])
+@pytest.mark.parametrize(
+    ("angle_rad", "outcome"), [(np.pi / 2, Outcome.FAILED), (0.0, Outcome.PASSED)]
+)
 def test_a_jump_at_the_start_is_seen_by_the_motion_too(
     tmp_path: Path, rate_hz: float, missed: int, angle_rad: float, outcome: Outcome
 ) -> None:
     """Whether the first messages were recorded makes no difference: where the motion began is known by what follows."""
     times = np.array(evenly(rate_hz, 6.0))
-    rows = [[0.5 * np.sin(0.4 * np.pi * t + angle_rad), *motion(np.array([t]))[0][1:]] for t in times - times[0]]
+    rows = [
+        [0.5 * np.sin(0.4 * np.pi * t + angle_rad), *motion(np.array([t]))[0][1:]]
+        for t in times - times[0]
+    ]
     session = Session(tmp_path).endpoint("publisher", TOPIC).process("it")
-    session.messages(TOPIC, rows[missed:], times[missed:].tolist(), sequence=range(missed + 1, len(rows) + 1))
+    session.messages(
+        TOPIC, rows[missed:], times[missed:].tolist(), sequence=range(missed + 1, len(rows) + 1)
+    )
     moved = judged("sinusoids", {**MOTION, "reach": 3.1416, "starts_within": 0.1}, session)
-    assert (moved.outcome, "Element 0 jumps to" in moved.reason) == (outcome, outcome is Outcome.FAILED)
+    assert (moved.outcome, "Element 0 jumps to" in moved.reason) == (
+        outcome,
+        outcome is Outcome.FAILED,
+    )
 
 
 def test_an_element_that_is_not_there_is_named(tmp_path: Path) -> None:
@@ -649,7 +736,11 @@ def test_a_square_wave_is_no_clean_sine(tmp_path: Path) -> None:
 
 def test_best_effort_is_not_reliable(tmp_path: Path) -> None:
     """An offer of best effort where reliable is asked for fails, at the line of the tap."""
-    session = Session(tmp_path).endpoint("publisher", TOPIC, qos=BEST_EFFORT).claim("publisher", TOPIC, 31, BEST_EFFORT)
+    session = (
+        Session(tmp_path)
+        .endpoint("publisher", TOPIC, qos=BEST_EFFORT)
+        .claim("publisher", TOPIC, 31, BEST_EFFORT)
+    )
     finding = judged("offered_qos", {"topic": TOPIC, "reliability": "reliable"}, session)
     assert finding.outcome is Outcome.FAILED
     assert "BEST_EFFORT" in finding.reason
@@ -660,7 +751,9 @@ def test_a_wrong_depth_only_advises(tmp_path: Path) -> None:
     """The depth is a claim of the student's code, so that it costs nothing."""
     claim = replace(RELIABLE, history="keep_last", depth=1)
     session = Session(tmp_path).endpoint("publisher", TOPIC).claim("publisher", TOPIC, qos=claim)
-    finding = judged("offered_qos", {"topic": TOPIC, "reliability": "reliable", "depth": 10}, session)
+    finding = judged(
+        "offered_qos", {"topic": TOPIC, "reliability": "reliable", "depth": 10}, session
+    )
     assert finding.outcome is Outcome.PASSED
     assert "depth is 1" in finding.notes[0]
 
@@ -669,7 +762,9 @@ def test_a_depth_left_to_the_middleware_is_reported_so(tmp_path: Path) -> None:
     """The system's default profile has no depth of its own."""
     claimed = replace(RELIABLE, history="system_default", depth=0)
     session = Session(tmp_path).endpoint("publisher", TOPIC).claim("publisher", TOPIC, qos=claimed)
-    finding = judged("offered_qos", {"topic": TOPIC, "reliability": "reliable", "depth": 10}, session)
+    finding = judged(
+        "offered_qos", {"topic": TOPIC, "reliability": "reliable", "depth": 10}, session
+    )
     assert finding.notes == ("The depth is left to the middleware; the lab asks for 10.",)
 
 
@@ -685,10 +780,16 @@ def test_a_publisher_that_was_asked_for_and_not_seen_is_undecided(tmp_path: Path
     for name, outcome in ((TOPIC, Outcome.INCONCLUSIVE), ("/elsewhere", Outcome.FAILED)):
         session = Session(tmp_path / name.strip("/")).process("it").claim("publisher", name)
         assert judged("topic_published", PUBLISHED, session).outcome is outcome
-    limited = Session(tmp_path / "limited").process("it", limit="processes").claim("publisher", TOPIC)
+    limited = (
+        Session(tmp_path / "limited").process("it", limit="processes").claim("publisher", TOPIC)
+    )
     finding = judged("topic_published", PUBLISHED, limited)
     assert (finding.outcome, "(limit: processes)" in finding.reason) == (Outcome.FAILED, True)
-    crashed = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 9, in tick', "ValueError: no"]
+    crashed = [
+        "Traceback (most recent call last):",
+        '  File "/ws/src/it.py", line 9, in tick',
+        "ValueError: no",
+    ]
     session = Session(tmp_path / "crashed").process("it", crashed).claim("publisher", TOPIC)
     assert judged("topic_published", PUBLISHED, session).outcome is Outcome.FAILED
 
@@ -700,12 +801,17 @@ def test_a_second_publisher_does_not_make_up_for_the_first(tmp_path: Path) -> No
         session.graph.endpoints.clear()
         for qos in order:
             session.endpoint("publisher", TOPIC, qos=qos)
-        assert judged("offered_qos", {"topic": TOPIC, "reliability": "reliable"}, session).outcome is Outcome.FAILED
+        assert (
+            judged("offered_qos", {"topic": TOPIC, "reliability": "reliable"}, session).outcome
+            is Outcome.FAILED
+        )
 
 
 def test_a_second_publisher_does_not_lend_its_type(tmp_path: Path) -> None:
     """A publisher of the right type beside one of another is no publisher of the right type alone."""
-    session = published(tmp_path, evenly(100, 1.0)).endpoint("publisher", TOPIC, topic_type="std_msgs/msg/String")
+    session = published(tmp_path, evenly(100, 1.0)).endpoint(
+        "publisher", TOPIC, topic_type="std_msgs/msg/String"
+    )
     assert judged("topic_published", PUBLISHED, session).outcome is Outcome.PARTIAL
 
 
@@ -714,7 +820,9 @@ def forged(folder: Path, arrivals_s: list[float]) -> Session:
     session = Session(folder).endpoint("publisher", TOPIC).process("it")
     for number, arrival_s in enumerate(arrivals_s, 1):
         stamp_s = 1.0 + number / 100
-        session.messages(TOPIC, [[0.0] * 7], [stamp_s], sequence=[number], latency_s=arrival_s - stamp_s)
+        session.messages(
+            TOPIC, [[0.0] * 7], [stamp_s], sequence=[number], latency_s=arrival_s - stamp_s
+        )
     return session.window(1.0, 1.0 + len(arrivals_s) / 100 + 0.005)
 
 
@@ -732,13 +840,19 @@ def test_messages_that_the_recorder_lost_at_the_end_are_no_silence(tmp_path: Pat
     """The next message tells by its number that those before it were sent, whether they were recorded or not."""
     times = evenly(100, 6.5, 1.0)
     for name, first, outcome in (("lost", 651, Outcome.PASSED), ("silent", 502, Outcome.PARTIAL)):
-        session = Session(tmp_path / name).endpoint("publisher", TOPIC).process("it").window(1.0, 7.0)
+        session = (
+            Session(tmp_path / name).endpoint("publisher", TOPIC).process("it").window(1.0, 7.0)
+        )
         kept = [*enumerate(times[:501], 1), (first, times[-1])]
-        session.messages(TOPIC, [[0.0]] * len(kept), [t for _, t in kept], sequence=[n for n, _ in kept])
+        session.messages(
+            TOPIC, [[0.0]] * len(kept), [t for _, t in kept], sequence=[n for n, _ in kept]
+        )
         assert judged("topic_rate", RATE, session).outcome is outcome
 
 
-@pytest.mark.parametrize(("delay_s", "outcome"), [(0.3, Outcome.INCONCLUSIVE), (0.0, Outcome.PARTIAL)])
+@pytest.mark.parametrize(
+    ("delay_s", "outcome"), [(0.3, Outcome.INCONCLUSIVE), (0.0, Outcome.PARTIAL)]
+)
 def test_what_a_node_makes_up_for_in_the_window_may_be_the_machines(
     tmp_path: Path, delay_s: float, outcome: Outcome
 ) -> None:
@@ -774,7 +888,13 @@ def test_a_rate_that_just_fails_does_not_read_as_the_one_wanted(tmp_path: Path) 
     """A rubric may be stricter than the digits that are usually shown."""
     session = Session(tmp_path).messages("/t", [[0.0]] * 601, evenly(99.97, 6.0)[:601])
     session.window(1.0, 7.0)
-    strict = {"topic": "/t", "process": "it", "window": "window", "rate_hz": 100, "full_within": "0.01%"}
+    strict = {
+        "topic": "/t",
+        "process": "it",
+        "window": "window",
+        "rate_hz": 100,
+        "full_within": "0.01%",
+    }
     finding = judged("topic_rate", {**strict, "zero_beyond": "0.02%"}, session)
     assert finding.outcome is Outcome.FAILED
     assert "99.99 to 100.01 Hz" in finding.expected

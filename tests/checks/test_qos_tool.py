@@ -47,14 +47,23 @@ def ended(folder: Path, after_s: float, *lines: str, **facts: Any) -> Finding:
 def test_a_program_that_ends_with_results_passes(tmp_path: Path) -> None:
     """Results and an end in time earn all, and another exit status is noted only."""
     assert ended(tmp_path / "a", 10.2, "Results").outcome is Outcome.PASSED
-    assert ended(tmp_path / "b", 10.2, "Results", exit_status=1).notes[0].startswith("It does not end with")
+    assert (
+        ended(tmp_path / "b", 10.2, "Results", exit_status=1)
+        .notes[0]
+        .startswith("It does not end with")
+    )
 
 
-def test_an_end_at_ctrl_c_that_rclpy_turned_into_another_error_is_seen_again(tmp_path: Path) -> None:
+def test_an_end_at_ctrl_c_that_rclpy_turned_into_another_error_is_seen_again(
+    tmp_path: Path,
+) -> None:
     """What would have printed its results at Ctrl-C has not failed by an accident of rclpy's, unless it repeats."""
     lines = ["RuntimeError: Unable to convert call argument '0' to Python object"]
     finding = ended(tmp_path, 22.0, *lines, interrupted_ns=at(22.1), ended_by="interrupt")
-    assert (finding.outcome, finding.settled and finding.settled.outcome) == (Outcome.INCONCLUSIVE, Outcome.FAILED)
+    assert (finding.outcome, finding.settled and finding.settled.outcome) == (
+        Outcome.INCONCLUSIVE,
+        Outcome.FAILED,
+    )
 
 
 @pytest.mark.parametrize(
@@ -63,9 +72,27 @@ def test_an_end_at_ctrl_c_that_rclpy_turned_into_another_error_is_seen_again(tmp
         (3.0, ["Results"], {}, "0.5", "after 3.0 s"),
         (10.0, [], {}, "0", "in time, and printed nothing"),
         (10.0, ["Ergebnis"], {}, "0.5", "nothing that it printed could be read as results"),
-        (1.0, ["Traceback (most recent call last):", "    Results()", "NameError: Results"], {}, "0", "NameError"),
-        (22.0, ["Results"], {"interrupted_ns": at(22.1), "ended_by": "interrupt"}, "0.5", "had to be stopped"),
-        (22.0, [], {"interrupted_ns": at(22.1), "ended_by": "kill"}, "0", "still running after 22 s"),
+        (
+            1.0,
+            ["Traceback (most recent call last):", "    Results()", "NameError: Results"],
+            {},
+            "0",
+            "NameError",
+        ),
+        (
+            22.0,
+            ["Results"],
+            {"interrupted_ns": at(22.1), "ended_by": "interrupt"},
+            "0.5",
+            "had to be stopped",
+        ),
+        (
+            22.0,
+            [],
+            {"interrupted_ns": at(22.1), "ended_by": "kill"},
+            "0",
+            "still running after 22 s",
+        ),
     ],
 )
 def test_each_other_end_is_distinguished(
@@ -79,15 +106,22 @@ def test_each_other_end_is_distinguished(
 
 def test_results_between_the_lines_of_a_traceback_count(tmp_path: Path) -> None:
     """A traceback on one stream takes nothing from what is printed on the other meanwhile."""
-    session = Session(tmp_path).process("it", ["Results"], interrupted_ns=None, exited_ns=at(10.3), ended_by="itself")
-    session.record.processes[0].output[:0] = [OutputLine(at(0.1), "stderr", "Traceback (most recent call last):")]
+    session = Session(tmp_path).process(
+        "it", ["Results"], interrupted_ns=None, exited_ns=at(10.3), ended_by="itself"
+    )
+    session.record.processes[0].output[:0] = [
+        OutputLine(at(0.1), "stderr", "Traceback (most recent call last):")
+    ]
     assert judged("ends_by_itself", ENDS, session).outcome is Outcome.PASSED
 
 
 def test_a_program_that_was_not_started_decides_nothing(tmp_path: Path) -> None:
     """Without its process the recording cannot answer; without its file the check fails."""
     assert judged("ends_by_itself", ENDS, Session(tmp_path)).outcome is Outcome.INCONCLUSIVE
-    assert judged("ends_by_itself", ENDS, Session(tmp_path), submission(it=None)).outcome is Outcome.FAILED
+    assert (
+        judged("ends_by_itself", ENDS, Session(tmp_path), submission(it=None)).outcome
+        is Outcome.FAILED
+    )
 
 
 # -- traffic ---------------------------------------------------------------------------------------
@@ -97,9 +131,14 @@ def test_each_topic_with_traffic_is_a_part(tmp_path: Path) -> None:
     """One of two topics with enough messages earns half, counted by sequence numbers."""
     session = Session(tmp_path).messages("/a", [[0.0]] * 2, [1.0, 2.0], sequence=[1, 200])
     session.messages("/b", [[0.0]] * 3, [1.0, 2.0, 3.0])
-    finding = judged("topics_carry_traffic", {"topics": ["/a", "/b"], "least_messages": 100}, session)
+    finding = judged(
+        "topics_carry_traffic", {"topics": ["/a", "/b"], "least_messages": 100}, session
+    )
     assert finding.credit == Decimal("0.5")
-    assert finding.reason == "Nothing subscribes to /a. Nothing subscribes to /b. Too few messages arrived on /b."
+    assert (
+        finding.reason
+        == "Nothing subscribes to /a. Nothing subscribes to /b. Too few messages arrived on /b."
+    )
 
 
 def test_what_nothing_hears_is_not_received(tmp_path: Path) -> None:
@@ -111,7 +150,9 @@ def test_what_nothing_hears_is_not_received(tmp_path: Path) -> None:
         ("fits", RELIABLE, RELIABLE, "1"),
     ):
         session = (
-            Session(tmp_path / name).messages("/a", [[0.0]] * 2, [1.0, 2.0]).endpoint("publisher", "/a", qos=offered)
+            Session(tmp_path / name)
+            .messages("/a", [[0.0]] * 2, [1.0, 2.0])
+            .endpoint("publisher", "/a", qos=offered)
         )
         if requested is not None:
             session.endpoint("subscription", "/a", qos=requested)
@@ -123,7 +164,11 @@ def test_too_little_traffic_earns_its_share(tmp_path: Path) -> None:
     session = Session(tmp_path).messages("/a", [[0.0]] * 2, [1.0, 2.0], sequence=[1, 55])
     wanted = {"topics": ["/a"], "least_messages": 100}
     assert judged("topics_carry_traffic", wanted, session).credit == Decimal("0.5")
-    renamed = Session(tmp_path, "renamed").messages("/x", [[0.0]] * 2, [1.0, 2.0], sequence=[1, 200]).called("/a=/x")
+    renamed = (
+        Session(tmp_path, "renamed")
+        .messages("/x", [[0.0]] * 2, [1.0, 2.0], sequence=[1, 200])
+        .called("/a=/x")
+    )
     assert judged("topics_carry_traffic", wanted, renamed).credit == Decimal("0.5")
 
 
@@ -131,7 +176,10 @@ def test_too_little_traffic_earns_its_share(tmp_path: Path) -> None:
 
 
 def profiled(
-    folder: Path, qos: Qos, claim: Qos | None = CLAIM, kinds: tuple[str, ...] = ("publisher", "subscription")
+    folder: Path,
+    qos: Qos,
+    claim: Qos | None = CLAIM,
+    kinds: tuple[str, ...] = ("publisher", "subscription"),
 ) -> Finding:
     """Judge a topic whose sides have this QoS in the graph, and asked for that in the source."""
     session = Session(folder)
@@ -155,7 +203,9 @@ def test_a_profile_as_asked_passes(tmp_path: Path) -> None:
         (RELIABLE, replace(CLAIM, history="keep_all", depth=0), "0.5", "history keep_all"),
     ],
 )
-def test_each_policy_is_a_part(tmp_path: Path, qos: Qos, claim: Qos, credit: str, words: str) -> None:
+def test_each_policy_is_a_part(
+    tmp_path: Path, qos: Qos, claim: Qos, credit: str, words: str
+) -> None:
     """A wrong policy costs a quarter."""
     finding = profiled(tmp_path, qos, claim)
     assert finding.credit == Decimal(credit)
@@ -178,9 +228,16 @@ def test_a_side_that_is_missing_costs_half(tmp_path: Path) -> None:
 
 def test_sides_that_differ_are_distinguished(tmp_path: Path) -> None:
     """Where only the subscription is wrong, reason and measurement say so."""
-    session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC, qos=BEST_EFFORT).process()
+    session = (
+        Session(tmp_path)
+        .endpoint("publisher", TOPIC)
+        .endpoint("subscription", TOPIC, qos=BEST_EFFORT)
+        .process()
+    )
     finding = judged("qos_profiles", PROFILES, session)
-    assert finding.reason == f"The subscription on {TOPIC} has reliability best_effort, not reliable."
+    assert (
+        finding.reason == f"The subscription on {TOPIC} has reliability best_effort, not reliable."
+    )
     assert "publisher reliable" in finding.measured
     assert "subscription best_effort" in finding.measured
 
@@ -227,7 +284,9 @@ def row(count: int = 1000, mean_ms: float = 1.0, max_ms: float = 3.0, name: str 
         ("fast: no latency data", "0"),
     ],
 )
-def test_a_wrong_count_costs_all_and_a_wrong_latency_half(tmp_path: Path, line: str, credit: str) -> None:
+def test_a_wrong_count_costs_all_and_a_wrong_latency_half(
+    tmp_path: Path, line: str, credit: str
+) -> None:
     """The count may be 2 % off; the mean latency must be one that can be, and no more than the maximum."""
     assert reported(tmp_path, line).credit == Decimal(credit)
 
@@ -245,8 +304,12 @@ def test_other_forms_are_judged_by_what_they_say(tmp_path: Path, line: str, cred
     assert reported(tmp_path, line).credit == Decimal(credit)
 
 
-@pytest.mark.parametrize(("line", "said"), [("avg latency: 0.0010ms, max: 0.0030ms", True), (row(mean_ms=0.2), False)])
-def test_seconds_that_are_called_milliseconds_are_named(tmp_path: Path, line: str, said: bool) -> None:
+@pytest.mark.parametrize(
+    ("line", "said"), [("avg latency: 0.0010ms, max: 0.0030ms", True), (row(mean_ms=0.2), False)]
+)
+def test_seconds_that_are_called_milliseconds_are_named(
+    tmp_path: Path, line: str, said: bool
+) -> None:
     """A latency that a factor of 1000 puts right is told to be in s; another is not."""
     reason = reported(tmp_path, line if "msgs" in line else f"fast: 1000 msgs, {line}").reason
     assert "recorded was 1.00 ms." in reason
@@ -255,10 +318,20 @@ def test_seconds_that_are_called_milliseconds_are_named(tmp_path: Path, line: st
 
 def test_what_was_never_sent_is_not_charged_in_the_report(tmp_path: Path) -> None:
     """A topic without traffic costs points for the traffic; a report of what never came is invented."""
-    wanted = {**REPORTED, "rows": [{"name": "fast", "topic": TOPIC}, {"name": "slow", "topic": "/slow"}]}
-    for name, lines, credit in (("honest", [row()], "1"), ("liar", [row(), row(name="slow")], "0.5")):
-        session = Session(tmp_path, name).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
-        session.messages(TOPIC, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001).process("it", lines)
+    wanted = {
+        **REPORTED,
+        "rows": [{"name": "fast", "topic": TOPIC}, {"name": "slow", "topic": "/slow"}],
+    }
+    for name, lines, credit in (
+        ("honest", [row()], "1"),
+        ("liar", [row(), row(name="slow")], "0.5"),
+    ):
+        session = (
+            Session(tmp_path, name).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+        )
+        session.messages(TOPIC, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001).process(
+            "it", lines
+        )
         assert judged("reported_traffic", wanted, session).credit == Decimal(credit)
     silent = Session(tmp_path, "silent").process("it", ["fast: 0 msgs, no latency data"])
     assert judged("reported_traffic", REPORTED, silent).outcome is Outcome.NOT_REACHED
@@ -273,7 +346,9 @@ def test_numbers_without_a_subscription_are_invented(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("mean_ms", "max_ms"), [(1.0, 3.0), (50.0, 90.0)])
-def test_counts_that_the_machine_may_have_lowered_are_undecided(tmp_path: Path, mean_ms: float, max_ms: float) -> None:
+def test_counts_that_the_machine_may_have_lowered_are_undecided(
+    tmp_path: Path, mean_ms: float, max_ms: float
+) -> None:
     """Where the tool was delayed, a count that is far too low says nothing, nor does it earn anything."""
     session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
     times = evenly(100, 9.99)
@@ -301,12 +376,15 @@ def test_a_count_may_lack_what_a_short_queue_did_not_hold(
     times = evenly(100, 9.99)
     session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
     # In each delay six messages come, of which a queue of one holds one; or one comes, and pushes out one before it.
-    session.process("it", [row(count)]).disturbed("it", *((float(start_s), delay_s) for start_s in range(1, 11)))
+    session.process("it", [row(count)]).disturbed(
+        "it", *((float(start_s), delay_s) for start_s in range(1, 11))
+    )
     assert judged("reported_traffic", REPORTED, session).outcome is outcome
 
 
 @pytest.mark.parametrize(
-    ("mean_ms", "outcome"), [(12.0, Outcome.PASSED), (18.0, Outcome.INCONCLUSIVE), (400.0, Outcome.PARTIAL)]
+    ("mean_ms", "outcome"),
+    [(12.0, Outcome.PASSED), (18.0, Outcome.INCONCLUSIVE), (400.0, Outcome.PARTIAL)],
 )
 def test_a_latency_may_be_later_by_what_the_machine_makes_a_message_wait(
     tmp_path: Path, mean_ms: float, outcome: Outcome
@@ -335,23 +413,36 @@ def test_the_machine_does_not_excuse_counts_of_what_never_was(tmp_path: Path) ->
     ("source", "outcome"),
     [
         ("RESULTS = {'fast': (1000, 0.91, 3.2), 'slow': (998, 1.13, 2.75)}", Outcome.FAILED),
-        ("print('fast: 1000 msgs, avg 0.91 max 3.20')\nprint('slow: 998 msgs, avg 1.13 max 2.75')", Outcome.FAILED),
+        (
+            "print('fast: 1000 msgs, avg 0.91 max 3.20')\nprint('slow: 998 msgs, avg 1.13 max 2.75')",
+            Outcome.FAILED,
+        ),
         ("N = [1000, 998]\nSECONDS = [0.00091, 3.2e-3, 0.00113, 2.75e-3]", Outcome.FAILED),
-        ("# fast: 1000 msgs, avg 0.91 max 3.20\n# slow: 998 msgs, avg 1.31 max 2.57", Outcome.PASSED),
+        (
+            "# fast: 1000 msgs, avg 0.91 max 3.20\n# slow: 998 msgs, avg 1.31 max 2.57",
+            Outcome.PASSED,
+        ),
         ("RESULTS = (10.91, 13.2, 11.13, 12.75, 1000, 998)", Outcome.PASSED),
     ],
 )
-def test_numbers_that_stand_in_the_source_were_not_measured(tmp_path: Path, source: str, outcome: Outcome) -> None:
+def test_numbers_that_stand_in_the_source_were_not_measured(
+    tmp_path: Path, source: str, outcome: Outcome
+) -> None:
     """Where all that is printed are constants, nothing was measured; an older result in a comment is no such thing."""
     session = Session(tmp_path)
     for topic in (TOPIC, "/slow"):
         session.endpoint("publisher", topic).endpoint("subscription", topic)
         session.messages(topic, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001)
     session.process("it", [row(1000, 0.91, 3.2), row(998, 1.13, 2.75, "slow")])
-    wanted = {**REPORTED, "rows": [{"name": "fast", "topic": TOPIC}, {"name": "slow", "topic": "/slow"}]}
+    wanted = {
+        **REPORTED,
+        "rows": [{"name": "fast", "topic": TOPIC}, {"name": "slow", "topic": "/slow"}],
+    }
     finding = judged("reported_traffic", wanted, session, submission({"it.py": source}))
     assert finding.outcome is outcome
-    assert [place.file for place in finding.where[:1]] == ["it.py" if outcome is Outcome.FAILED else None]
+    assert [place.file for place in finding.where[:1]] == [
+        "it.py" if outcome is Outcome.FAILED else None
+    ]
 
 
 def test_a_pattern_without_its_groups_is_a_mistake_of_the_rubric(tmp_path: Path) -> None:
@@ -363,8 +454,12 @@ def test_a_pattern_without_its_groups_is_a_mistake_of_the_rubric(tmp_path: Path)
 def test_a_line_in_the_form_asked_for_counts_before_others(tmp_path: Path) -> None:
     """What else begins with a row's name, behind it or before it, is no result."""
     for n, lines in enumerate(([row(), "fast | 1 | x"], ["fast | 1 | x", row()])):
-        session = Session(tmp_path, f"s{n}").endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
-        session.messages(TOPIC, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001).process("it", lines)
+        session = (
+            Session(tmp_path, f"s{n}").endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
+        )
+        session.messages(TOPIC, [[0.0]] * 1000, evenly(100, 9.99), latency_s=0.001).process(
+            "it", lines
+        )
         assert judged("reported_traffic", REPORTED, session).outcome is Outcome.PASSED
 
 
@@ -377,16 +472,22 @@ def test_a_line_in_the_form_asked_for_counts_before_others(tmp_path: Path) -> No
         ("readme", {"parts": [], "commands": ["("]}),
     ],
 )
-def test_a_pattern_that_does_not_compile_is_a_mistake_of_the_rubric(check: str, parameters: dict[str, Any]) -> None:
+def test_a_pattern_that_does_not_compile_is_a_mistake_of_the_rubric(
+    check: str, parameters: dict[str, Any]
+) -> None:
     """A regular expression that is none is refused when the rubric loads, like any other wrong parameter."""
     with pytest.raises(ValidationError, match="not a valid regular expression"):
         REGISTRY[check].parameters.model_validate(parameters)
 
 
 @pytest.mark.parametrize("latency_s", [-0.2, 0.2])
-def test_latencies_are_not_compared_with_stamps_of_ones_own(tmp_path: Path, latency_s: float) -> None:
+def test_latencies_are_not_compared_with_stamps_of_ones_own(
+    tmp_path: Path, latency_s: float
+) -> None:
     """Who stamps messages as he likes does not get the latency that he prints confirmed."""
-    finding = reported(tmp_path, row(mean_ms=1e3 * latency_s, max_ms=1e3 * latency_s + 1), latency_s=latency_s)
+    finding = reported(
+        tmp_path, row(mean_ms=1e3 * latency_s, max_ms=1e3 * latency_s + 1), latency_s=latency_s
+    )
     assert finding.credit == Decimal("0.5")
     assert "not their times of publication" in finding.reason
 
@@ -401,17 +502,30 @@ def test_latencies_are_not_compared_with_stamps_of_ones_own(tmp_path: Path, late
         ("fast: 1000 msgs, avg latency: -1 ms, max: 3 ms", "0.5"),
     ],
 )
-def test_a_latency_is_judged_to_the_places_that_are_printed(tmp_path: Path, line: str, credit: str) -> None:
+def test_a_latency_is_judged_to_the_places_that_are_printed(
+    tmp_path: Path, line: str, credit: str
+) -> None:
     """0.4 ms may be printed as 0 ms, and not as 0.00 ms; no message arrives before it was sent."""
     assert reported(tmp_path, line, latency_s=0.0004).credit == Decimal(credit)
 
 
-@pytest.mark.parametrize(("delay_s", "outcome"), [(3.0, Outcome.INCONCLUSIVE), (0.1, Outcome.PARTIAL)])
-def test_a_tool_that_had_no_core_may_have_sent_more(tmp_path: Path, delay_s: float, outcome: Outcome) -> None:
+@pytest.mark.parametrize(
+    ("delay_s", "outcome"), [(3.0, Outcome.INCONCLUSIVE), (0.1, Outcome.PARTIAL)]
+)
+def test_a_tool_that_had_no_core_may_have_sent_more(
+    tmp_path: Path, delay_s: float, outcome: Outcome
+) -> None:
     """Timers leave out the periods for which the program had no core."""
-    session = Session(tmp_path).process("it", started_ns=at(0.0), exited_ns=at(10.0)).delayed("it", delay_s, 10.0)
+    session = (
+        Session(tmp_path)
+        .process("it", started_ns=at(0.0), exited_ns=at(10.0))
+        .delayed("it", delay_s, 10.0)
+    )
     session.messages(TOPIC, [[0.0]] * 200, evenly(20, 9.95))
-    assert judged("topics_carry_traffic", {"topics": [TOPIC], "least_messages": 400}, session).outcome is outcome
+    assert (
+        judged("topics_carry_traffic", {"topics": [TOPIC], "least_messages": 400}, session).outcome
+        is outcome
+    )
 
 
 def test_a_side_that_was_made_and_never_seen_is_undecided(tmp_path: Path) -> None:
@@ -427,12 +541,18 @@ def test_a_side_that_was_made_and_never_seen_is_undecided(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     ("kept", "words"),
-    [("qos_invented_numbers", "None of the 4 counts"), ("solution", None), ("best_effort_publisher", None)],
+    [
+        ("qos_invented_numbers", "None of the 4 counts"),
+        ("solution", None),
+        ("best_effort_publisher", None),
+    ],
 )
 def test_numbers_that_nothing_measured_are_for_a_person(kept: str, words: str | None) -> None:
     """Of a random generator's numbers no count is that of the messages; measured ones, or none, are no case."""
     rubric = read_rubric(None)
-    result = judge(open_recordings(Path(__file__).resolve().parents[1] / "recordings" / kept, rubric), rubric)
+    result = judge(
+        open_recordings(Path(__file__).resolve().parents[1] / "recordings" / kept, rubric), rubric
+    )
     found = [check.unmeasured for check in result.checks if check.unmeasured]
     assert [words in text for text in found if words] == ([True] if words else [])
     assert bool(found) == (words is not None)

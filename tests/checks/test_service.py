@@ -13,7 +13,12 @@ from tests.synthetic import Session, at, judged, submission
 
 NAME, SET_BOOL = "/robot/enable", "std_srvs/srv/SetBool"
 OFFERED = {"artifact": "it", "service": NAME, "type": SET_BOOL, "node": "/student"}
-ANSWERED = {"artifact": "it", "step": "enable", "response": {"success": True}, "message": "(?i)enabl"}
+ANSWERED = {
+    "artifact": "it",
+    "step": "enable",
+    "response": {"success": True},
+    "message": "(?i)enabl",
+}
 GATED = {
     "set_step": "off",
     "refused_step": "refuse",
@@ -43,12 +48,19 @@ def answer(success: bool, message: str = "Robot enabled") -> dict[str, Any]:
 
 
 def called(
-    session: Session, label: str, *calls: dict[str, Any], wanted: int | None = None, data: bool = True, **result: Any
+    session: Session,
+    label: str,
+    *calls: dict[str, Any],
+    wanted: int | None = None,
+    data: bool = True,
+    **result: Any,
 ) -> Session:
     """Add a step that called the service."""
     parameters = {"service": NAME, "request": {"data": data}, "repeat": wanted or len(calls)}
     outcome = "done" if all(c["response"] is not None for c in calls) else "timeout"
-    return session.step("call", label, outcome, calls=list(calls), service=NAME, parameters=parameters, **result)
+    return session.step(
+        "call", label, outcome, calls=list(calls), service=NAME, parameters=parameters, **result
+    )
 
 
 # -- the service -----------------------------------------------------------------------------------
@@ -56,7 +68,10 @@ def called(
 
 def test_a_service_as_asked_passes(tmp_path: Path) -> None:
     """Name, type and node as asked earn all."""
-    assert judged("service_offered", OFFERED, Session(tmp_path).service(NAME)).outcome is Outcome.PASSED
+    assert (
+        judged("service_offered", OFFERED, Session(tmp_path).service(NAME)).outcome
+        is Outcome.PASSED
+    )
 
 
 @pytest.mark.parametrize(
@@ -69,7 +84,9 @@ def test_a_service_as_asked_passes(tmp_path: Path) -> None:
         ({"node": "/arm/student"}, "1", ""),
     ],
 )
-def test_each_wrong_name_costs_its_part(tmp_path: Path, wrong: dict[str, str], credit: str, words: str) -> None:
+def test_each_wrong_name_costs_its_part(
+    tmp_path: Path, wrong: dict[str, str], credit: str, words: str
+) -> None:
     """A wrong name or type costs 60 %, a wrong node name 20 %, a namespace nothing."""
     session = Session(tmp_path).service(**{"name": NAME, **wrong})
     if "name" in wrong:
@@ -81,18 +98,27 @@ def test_each_wrong_name_costs_its_part(tmp_path: Path, wrong: dict[str, str], c
 
 def test_no_service_fails(tmp_path: Path) -> None:
     """A service that never came up, or only one of our own, fails."""
-    session = Session(tmp_path).service(NAME, "/ours").process("it", interrupted_ns=None, ended_by="x")
+    session = (
+        Session(tmp_path).service(NAME, "/ours").process("it", interrupted_ns=None, ended_by="x")
+    )
     finding = judged("service_offered", OFFERED, session, reference_nodes=["/ours"])
     assert finding.outcome is Outcome.FAILED
     assert "did not appear" in finding.reason
-    assert judged("service_offered", OFFERED, Session(tmp_path), submission(it=None)).measured == "no such file"
+    assert (
+        judged("service_offered", OFFERED, Session(tmp_path), submission(it=None)).measured
+        == "no such file"
+    )
 
 
 @pytest.mark.parametrize(("ends_s", "outcome"), [(0.8, Outcome.FAILED), (1.2, Outcome.PASSED)])
-def test_a_service_that_nobody_could_call_is_not_offered(tmp_path: Path, ends_s: float, outcome: Outcome) -> None:
+def test_a_service_that_nobody_could_call_is_not_offered(
+    tmp_path: Path, ends_s: float, outcome: Outcome
+) -> None:
     """What was in the graph for a moment, of a node that ended before the first call, is no service."""
     session = (
-        Session(tmp_path).service(NAME).process("it", interrupted_ns=None, ended_by="itself", exited_ns=at(ends_s))
+        Session(tmp_path)
+        .service(NAME)
+        .process("it", interrupted_ns=None, ended_by="itself", exited_ns=at(ends_s))
     )
     finding = judged("service_offered", OFFERED, called(session, "enable", call(None)))
     assert finding.outcome is outcome
@@ -136,7 +162,12 @@ def test_the_same_request_is_to_be_answered_alike(
     tmp_path: Path, later: dict[str, Any], credit: str, words: str
 ) -> None:
     """A contrary later costs all, a refusal a quarter; one that tells of the former state as well is no contrary."""
-    session = called(called(Session(tmp_path), "enable", call(answer(True))), "many", call(answer(True)), call(later))
+    session = called(
+        called(Session(tmp_path), "enable", call(answer(True))),
+        "many",
+        call(answer(True)),
+        call(later),
+    )
     finding = judged("call_answered", AGAIN, session)
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
@@ -146,15 +177,25 @@ def test_the_same_request_is_to_be_answered_alike(
 def test_a_contrary_message_is_charged_once(tmp_path: Path, credit: str, outcome: Outcome) -> None:
     """Messages that are swapped, or a switch, take points at the first request where the rubric names that check."""
     session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))
-    before = {"first": Finding(Outcome.PARTIAL if credit != "1" else Outcome.PASSED, Decimal(credit), "", "")}
-    finding = judged("call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=before)
+    before = {
+        "first": Finding(
+            Outcome.PARTIAL if credit != "1" else Outcome.PASSED, Decimal(credit), "", ""
+        )
+    }
+    finding = judged(
+        "call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=before
+    )
     assert finding.outcome is outcome
 
 
 @pytest.mark.parametrize(("default", "credit"), [(False, "1"), (True, "0"), ("false", "0")])
-def test_another_default_is_not_charged_with_the_answer(tmp_path: Path, default: Any, credit: str) -> None:
+def test_another_default_is_not_charged_with_the_answer(
+    tmp_path: Path, default: Any, credit: str
+) -> None:
     """A node that refuses since its parameter begins otherwise is judged when the parameter has been set."""
-    session = Session(tmp_path).step("get_parameters", "read", values={"safe": {"type": "bool", "value": default}})
+    session = Session(tmp_path).step(
+        "get_parameters", "read", values={"safe": {"type": "bool", "value": default}}
+    )
     called(session, "enable", call(answer(False)))
     called(session, "recover", call(answer(True)))
     given = {"step": "read", "name": "safe", "value": True, "instead": "recover"}
@@ -163,15 +204,21 @@ def test_another_default_is_not_charged_with_the_answer(tmp_path: Path, default:
 
 def test_another_answer_later_is_charged_once(tmp_path: Path) -> None:
     """A node that refuses what changes nothing loses for enabling, and not for disabling as well."""
-    session = called(called(Session(tmp_path), "enable", call(answer(True))), "many", call(answer(False)))
+    session = called(
+        called(Session(tmp_path), "enable", call(answer(True))), "many", call(answer(False))
+    )
     taken = {"first": Finding(Outcome.PARTIAL, Decimal("0.75"), "", "")}
-    finding = judged("call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=taken)
+    finding = judged(
+        "call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=taken
+    )
     assert finding.outcome is Outcome.PASSED
 
 
 def test_no_answer_fails_and_says_how_long_it_took(tmp_path: Path) -> None:
     """A call without an answer is told with its time."""
-    finding = judged("call_answered", ANSWERED, called(Session(tmp_path).process(), "enable", call(None, 3.0)))
+    finding = judged(
+        "call_answered", ANSWERED, called(Session(tmp_path).process(), "enable", call(None, 3.0))
+    )
     assert finding.outcome is Outcome.FAILED
     assert finding.reason == "No answer came within 3.0 s."
 
@@ -198,7 +245,9 @@ def test_an_exception_in_the_callback_is_the_reason(tmp_path: Path) -> None:
 
 def test_silence_is_charged_once(tmp_path: Path) -> None:
     """After a call without an answer, a second one is not reached."""
-    session = called(called(Session(tmp_path).process(), "first", call(None, 3.0)), "enable", call(None, 3.0))
+    session = called(
+        called(Session(tmp_path).process(), "first", call(None, 3.0)), "enable", call(None, 3.0)
+    )
     assert judged("call_answered", ANSWERED, session).outcome is Outcome.NOT_REACHED
 
 
@@ -221,7 +270,9 @@ def test_a_call_that_was_never_made_fails(tmp_path: Path) -> None:
 # -- the gate --------------------------------------------------------------------------------------
 
 
-def gated(folder: Path, refuse: bool, recover: bool, from_start: bool, outcome: str = "done") -> Finding:
+def gated(
+    folder: Path, refuse: bool, recover: bool, from_start: bool, outcome: str = "done"
+) -> Finding:
     """Judge a node that answers three calls with these."""
     session = Session(folder).step("set_parameters", "off", outcome)
     for label, success in (("refuse", refuse), ("recover", recover), ("from_start", from_start)):
@@ -248,12 +299,24 @@ def test_refusal_and_recovery_are_half_each(
 
 
 @pytest.mark.parametrize(("success", "credit"), [(True, "1"), (False, "0.17")])
-def test_what_must_always_be_possible_is_not_refused(tmp_path: Path, success: bool, credit: str) -> None:
+def test_what_must_always_be_possible_is_not_refused(
+    tmp_path: Path, success: bool, credit: str
+) -> None:
     """A robot that cannot be disabled while safety is off endangers as one that can be enabled then."""
     session = Session(tmp_path).step("set_parameters", "off", "done")
-    for label, answered in (("refuse", False), ("disable", success), ("recover", True), ("from_start", False)):
+    for label, answered in (
+        ("refuse", False),
+        ("disable", success),
+        ("recover", True),
+        ("from_start", False),
+    ):
         called(session, label, call(answer(answered)), data=label != "disable")
-    gate = {**GATED, "allowed_step": "disable", "allowed": {"success": True}, "disallowed_credit": 0.17}
+    gate = {
+        **GATED,
+        "allowed_step": "disable",
+        "allowed": {"success": True},
+        "disallowed_credit": 0.17,
+    }
     assert judged("call_gated", gate, session).credit == Decimal(credit)
 
 
@@ -262,7 +325,9 @@ def test_a_refusal_in_words_alone_earns_half(tmp_path: Path) -> None:
     for name, said, credit in (("a", "Cannot enable: unsafe", "0.5"), ("b", "Robot enabled", "0")):
         session = called(Session(tmp_path, name), "refuse", call(answer(True, said)))
         called(session, "recover", call(answer(True)))
-        assert judged("call_gated", {**GATED, "refusal": "(?i)cannot"}, session).credit == Decimal(credit)
+        assert judged("call_gated", {**GATED, "refusal": "(?i)cannot"}, session).credit == Decimal(
+            credit
+        )
 
 
 def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
@@ -272,8 +337,16 @@ def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
     """
     lost = {"first": Finding(Outcome.FAILED, Decimal(0), "", "")}
     gate = {**GATED, "enables": "first"}
-    for name, off, on, credit in (("a", True, False, "0.5"), ("b", False, False, "0"), ("c", False, True, "1")):
-        session = called(called(Session(tmp_path, name), "refuse", call(answer(off))), "recover", call(answer(on)))
+    for name, off, on, credit in (
+        ("a", True, False, "0.5"),
+        ("b", False, False, "0"),
+        ("c", False, True, "1"),
+    ):
+        session = called(
+            called(Session(tmp_path, name), "refuse", call(answer(off))),
+            "recover",
+            call(answer(on)),
+        )
         finding = judged("call_gated", gate, session, findings=lost)
         assert finding.credit == Decimal(credit)
         assert (finding.outcome is Outcome.NOT_REACHED) == (credit == "0")
@@ -297,13 +370,19 @@ def test_no_answer_while_off_is_reported(tmp_path: Path) -> None:
     ("values", "credit", "words"),
     [
         ({"limit": ("double", 1.0), "safe": ("bool", True)}, "1", ""),
-        ({"limit": ("double", 2.0), "safe": ("bool", True)}, "0.75", "limit is 2.0 (double), not 1.0"),
+        (
+            {"limit": ("double", 2.0), "safe": ("bool", True)},
+            "0.75",
+            "limit is 2.0 (double), not 1.0",
+        ),
         ({"limit": ("integer", 1), "safe": ("bool", True)}, "0.75", "limit is 1 (integer)"),
         ({"safe": ("bool", True)}, "0.5", "limit is not declared"),
         ({}, "0", "safe is not declared"),
     ],
 )
-def test_each_parameter_is_a_part(tmp_path: Path, values: dict[str, Any], credit: str, words: str) -> None:
+def test_each_parameter_is_a_part(
+    tmp_path: Path, values: dict[str, Any], credit: str, words: str
+) -> None:
     """A parameter that is not declared loses its part, one with another default half of it."""
     plain = {name: {"type": kind, "value": value} for name, (kind, value) in values.items()}
     session = Session(tmp_path).step("get_parameters", "defaults", values=plain)
@@ -314,13 +393,17 @@ def test_each_parameter_is_a_part(tmp_path: Path, values: dict[str, Any], credit
 
 def test_parameters_of_a_silent_node_are_not_charged_again(tmp_path: Path) -> None:
     """A node that answers nothing is charged with its calls."""
-    session = called(Session(tmp_path).step("get_parameters", "defaults", "timeout"), "enable", call(None))
+    session = called(
+        Session(tmp_path).step("get_parameters", "defaults", "timeout"), "enable", call(None)
+    )
     assert judged("parameters_declared", DECLARED, session).outcome is Outcome.NOT_REACHED
 
 
 def test_parameters_that_cannot_be_read_fail(tmp_path: Path) -> None:
     """If only the parameters are not answered, that is charged here."""
-    session = Session(tmp_path).step("get_parameters", "defaults", "timeout", problem="no such node")
+    session = Session(tmp_path).step(
+        "get_parameters", "defaults", "timeout", problem="no such node"
+    )
     finding = judged("parameters_declared", DECLARED, session)
     assert finding.outcome is Outcome.FAILED
     assert "no such node" in finding.reason
@@ -333,7 +416,9 @@ def test_parameters_that_cannot_be_read_fail(tmp_path: Path) -> None:
     ("latencies", "credit"),
     [([0.002] * 10, "1"), ([1.0] * 10, "1"), ([0.002] * 9 + [1.2], "0.9"), ([2.0] * 10, "0")],
 )
-def test_calls_are_credited_by_the_share_in_time(tmp_path: Path, latencies: list[float], credit: str) -> None:
+def test_calls_are_credited_by_the_share_in_time(
+    tmp_path: Path, latencies: list[float], credit: str
+) -> None:
     """A call answered within the limit counts, one above it does not."""
     calls = [call(answer(True), latency_s) for latency_s in latencies]
     finding = judged("calls_in_time", IN_TIME, called(Session(tmp_path), "many", *calls))
@@ -391,30 +476,44 @@ def test_a_call_that_the_grader_itself_delayed_is_undecided(tmp_path: Path) -> N
 
 # -- a node that ended before it was asked ---------------------------------------------------------
 
-QUIET: dict[str, Any] = {"interrupted_ns": None, "ended_by": "itself", "exit_status": 0, "exited_ns": at(0.9)}
+QUIET: dict[str, Any] = {
+    "interrupted_ns": None,
+    "ended_by": "itself",
+    "exit_status": 0,
+    "exited_ns": at(0.9),
+}
 
 
-@pytest.mark.parametrize("check", ["call_answered", "topic_published", "topics_subscribed", "service_offered"])
+@pytest.mark.parametrize(
+    "check", ["call_answered", "topic_published", "topics_subscribed", "service_offered"]
+)
 def test_a_node_that_ended_without_an_error_is_told_to_spin(tmp_path: Path, check: str) -> None:
     """That it had ended is said in each check of the node alike."""
     parameters: dict[str, dict[str, Any]] = {
         "call_answered": ANSWERED,
         "service_offered": OFFERED,
         "topic_published": {"artifact": "it", "topic": "/t", "type": "std_msgs/msg/String"},
-        "topics_subscribed": {"artifact": "it", "topics": [{"topic": "/t", "type": "std_msgs/msg/String"}]},
+        "topics_subscribed": {
+            "artifact": "it",
+            "topics": [{"topic": "/t", "type": "std_msgs/msg/String"}],
+        },
     }
     session = Session(tmp_path).process("it", **QUIET)
     session.step("call", "enable", "cancelled", problem="the student's process had ended")
     finding = judged(check, parameters[check], session, submission({"it.py": ""}, it="it.py"))
     assert finding.outcome is Outcome.FAILED
-    assert finding.reason.startswith("Your it node had already ended (exit status 0 after 0.8 s, no error)")
+    assert finding.reason.startswith(
+        "Your it node had already ended (exit status 0 after 0.8 s, no error)"
+    )
     assert "rclpy.spin(node)" in finding.hint
 
 
 def test_what_could_not_be_asked_of_a_node_that_ended_is_not_charged_again(tmp_path: Path) -> None:
     """The parameters of a node that had ended, and its later calls, are not tested, and say why."""
     session = Session(tmp_path).process("it", **QUIET)
-    session.step("get_parameters", "defaults", "cancelled", problem="the student's process had ended")
+    session.step(
+        "get_parameters", "defaults", "cancelled", problem="the student's process had ended"
+    )
     session.step("call", "enable", "cancelled").step("call", "many", "cancelled")
     recorded = session.recorded()
     declared = judged("parameters_declared", DECLARED, recorded)

@@ -34,9 +34,16 @@ BEGINS = {"step": 1.0, "message": 3.0, "condition": 5.0}
 def test_who_waits_passes_and_who_does_not_is_shown(tmp_path: Path, kind: str) -> None:
     """A message stamped a little before counts as after it."""
     begins = BEGINS[kind]
-    for name, first, outcome in (("right", begins + 0.1, Outcome.PASSED), ("edge", begins - 0.049, Outcome.PASSED)):
-        assert judged("silent_until", UNTIL[kind], spoken(tmp_path / name, first)).outcome is outcome
-    finding = judged("silent_until", UNTIL[kind], spoken(tmp_path / "wrong", begins - 0.06, begins + 0.1))
+    for name, first, outcome in (
+        ("right", begins + 0.1, Outcome.PASSED),
+        ("edge", begins - 0.049, Outcome.PASSED),
+    ):
+        assert (
+            judged("silent_until", UNTIL[kind], spoken(tmp_path / name, first)).outcome is outcome
+        )
+    finding = judged(
+        "silent_until", UNTIL[kind], spoken(tmp_path / "wrong", begins - 0.06, begins + 0.1)
+    )
     assert finding.outcome is Outcome.FAILED
     assert finding.measured == "1 messages too early"
     assert f"Messages come from {begins - 0.06:.2f} s on" in finding.reason
@@ -44,8 +51,13 @@ def test_who_waits_passes_and_who_does_not_is_shown(tmp_path: Path, kind: str) -
 
 def test_silence_for_ever_proves_nothing_unless_it_may(tmp_path: Path) -> None:
     """It has to begin, soon enough."""
-    assert judged("silent_until", UNTIL["step"], spoken(tmp_path / "never")).outcome is Outcome.FAILED
-    assert judged("silent_until", UNTIL["step"], spoken(tmp_path / "late", 9.0)).outcome is Outcome.FAILED
+    assert (
+        judged("silent_until", UNTIL["step"], spoken(tmp_path / "never")).outcome is Outcome.FAILED
+    )
+    assert (
+        judged("silent_until", UNTIL["step"], spoken(tmp_path / "late", 9.0)).outcome
+        is Outcome.FAILED
+    )
     may = {**UNTIL["step"], "begins_within_s": None}
     assert judged("silent_until", may, spoken(tmp_path / "may")).outcome is Outcome.PASSED
 
@@ -59,8 +71,13 @@ def test_the_machine_may_have_kept_it_silent(tmp_path: Path) -> None:
 def test_what_never_came_can_prove_nothing(tmp_path: Path) -> None:
     """But who published all the same did not wait for it."""
     parameters = {"topic": "/out", "message_on": "/start"}
-    assert judged("silent_until", parameters, spoken(tmp_path / "silent")).outcome is Outcome.NOT_REACHED
-    assert judged("silent_until", parameters, spoken(tmp_path / "loud", 4.0)).outcome is Outcome.FAILED
+    assert (
+        judged("silent_until", parameters, spoken(tmp_path / "silent")).outcome
+        is Outcome.NOT_REACHED
+    )
+    assert (
+        judged("silent_until", parameters, spoken(tmp_path / "loud", 4.0)).outcome is Outcome.FAILED
+    )
 
 
 STOPS: dict[str, Any] = {"topic": "/out", "step": "go", "within_s": 0.5, "none_from_s": 1.5}
@@ -68,25 +85,41 @@ STOPS: dict[str, Any] = {"topic": "/out", "step": "go", "within_s": 0.5, "none_f
 
 @pytest.mark.parametrize(
     ("times", "credit"),
-    [((1.5,), "1"), ((1.5, 2.49), "1"), ((1.5, 3.0), "0.5"), ((1.5, 2.6, 3.6), "0"), ((1.5, 20.0), "0")],
+    [
+        ((1.5,), "1"),
+        ((1.5, 2.49), "1"),
+        ((1.5, 3.0), "0.5"),
+        ((1.5, 2.6, 3.6), "0"),
+        ((1.5, 20.0), "0"),
+    ],
 )
-def test_the_last_message_after_the_step_counts(tmp_path: Path, times: Sequence[float], credit: str) -> None:
+def test_the_last_message_after_the_step_counts(
+    tmp_path: Path, times: Sequence[float], credit: str
+) -> None:
     """The step ends at 2 s; half a second is allowed, and after one and a half there is no credit."""
     assert judged("stops_publishing", STOPS, spoken(tmp_path, *times)).credit == Decimal(credit)
 
 
 def test_who_never_published_has_nothing_to_stop(tmp_path: Path) -> None:
     """That is charged elsewhere."""
-    assert judged("stops_publishing", STOPS, spoken(tmp_path / "a", 2.2)).outcome is Outcome.NOT_REACHED
+    assert (
+        judged("stops_publishing", STOPS, spoken(tmp_path / "a", 2.2)).outcome
+        is Outcome.NOT_REACHED
+    )
     unknown = {**STOPS, "step": "stop"}
-    assert judged("stops_publishing", unknown, spoken(tmp_path / "b", 1.5)).outcome is Outcome.NOT_REACHED
+    assert (
+        judged("stops_publishing", unknown, spoken(tmp_path / "b", 1.5)).outcome
+        is Outcome.NOT_REACHED
+    )
 
 
 def test_it_counts_until_a_step(tmp_path: Path) -> None:
     """What it may publish after another step is its own affair."""
     session = spoken(tmp_path, 1.5, 20.0).step("publish", "again")
     session.record.steps[-1].started_ns += 10_000_000_000
-    assert judged("stops_publishing", {**STOPS, "until": "again"}, session).outcome is Outcome.PASSED
+    assert (
+        judged("stops_publishing", {**STOPS, "until": "again"}, session).outcome is Outcome.PASSED
+    )
 
 
 def test_a_message_that_the_machine_made_late_is_in_doubt(tmp_path: Path) -> None:
@@ -95,8 +128,12 @@ def test_a_message_that_the_machine_made_late_is_in_doubt(tmp_path: Path) -> Non
     assert judged("stops_publishing", STOPS, session).outcome is Outcome.INCONCLUSIVE
 
 
-@pytest.mark.parametrize(("ended_s", "outcome"), [(8.0, Outcome.INCONCLUSIVE), (20.0, Outcome.FAILED)])
-def test_what_may_come_after_the_end_is_in_doubt(tmp_path: Path, ended_s: float, outcome: Outcome) -> None:
+@pytest.mark.parametrize(
+    ("ended_s", "outcome"), [(8.0, Outcome.INCONCLUSIVE), (20.0, Outcome.FAILED)]
+)
+def test_what_may_come_after_the_end_is_in_doubt(
+    tmp_path: Path, ended_s: float, outcome: Outcome
+) -> None:
     """A node that was delayed for four seconds need not have begun a moment after its five."""
     session = Session(tmp_path).process().step("publish", "go").disturbed("it", (1.5, 4.0))
     session.record.ended_ns = at(ended_s)

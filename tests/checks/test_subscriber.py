@@ -23,7 +23,11 @@ SUBSCRIBED: dict[str, Any] = {
     "node": "/student",
     "topics": [{"topic": COMMAND, "type": FLOATS}, {"topic": STATE, "type": FLOATS}],
 }
-STREAMS: dict[str, Any] = {"artifact": "it", "streams": {"command": COMMAND, "state": STATE}, "field": "data"}
+STREAMS: dict[str, Any] = {
+    "artifact": "it",
+    "streams": {"command": COMMAND, "state": STATE},
+    "field": "data",
+}
 PATTERN = r"RMS[^\d]*([\d.]+)"
 SERIES = {
     **STREAMS,
@@ -61,7 +65,9 @@ def stimulus(folder: Path, errors: tuple[float, ...] = ERRORS) -> tuple[Session,
     return session, times
 
 
-def with_reports(session: Session, times: list[float], factor: float = 1.0, every: int = 1) -> Session:
+def with_reports(
+    session: Session, times: list[float], factor: float = 1.0, every: int = 1
+) -> Session:
     """Let a process report the RMS error on each state, or on every n-th."""
     lines = [
         (time_s + 0.001, f"RMS tracking error: {factor * abs(ERRORS[n // STATES_EACH]):.4f} rad")
@@ -87,7 +93,11 @@ def history(last: int | None) -> np.ndarray[Any, Any]:
 
 def subscribed(folder: Path, qos: Any = RELIABLE, state: str = STATE, **how: str) -> Session:
     """Make a session with two subscriptions, the second as told."""
-    session = Session(folder).endpoint("subscription", COMMAND).process("it", interrupted_ns=None, exited_ns=None)
+    session = (
+        Session(folder)
+        .endpoint("subscription", COMMAND)
+        .process("it", interrupted_ns=None, exited_ns=None)
+    )
     return session.endpoint("subscription", state, qos=qos, **how)
 
 
@@ -113,7 +123,10 @@ def test_a_request_that_nobody_offers_costs_a_part(tmp_path: Path, qos: Any, pol
 
 def test_a_weaker_request_is_compatible(tmp_path: Path) -> None:
     """Best effort is requested from a reliable publisher without loss of points."""
-    assert judged("topics_subscribed", SUBSCRIBED, subscribed(tmp_path, BEST_EFFORT)).outcome is Outcome.PASSED
+    assert (
+        judged("topics_subscribed", SUBSCRIBED, subscribed(tmp_path, BEST_EFFORT)).outcome
+        is Outcome.PASSED
+    )
 
 
 def test_a_weaker_request_than_the_lab_asks_for_is_noted(tmp_path: Path) -> None:
@@ -134,7 +147,9 @@ def test_reliable_is_too_much_for_a_best_effort_offer(tmp_path: Path) -> None:
 
 def test_a_misspelt_topic_and_a_wrong_type_are_reported(tmp_path: Path) -> None:
     """The name that the student used and the type are named."""
-    session = subscribed(tmp_path, state="/state", topic_type="std_msgs/msg/String").called(f"{STATE}=/state")
+    session = subscribed(tmp_path, state="/state", topic_type="std_msgs/msg/String").called(
+        f"{STATE}=/state"
+    )
     finding = judged("topics_subscribed", SUBSCRIBED, session)
     assert finding.credit == Decimal("0.4")
     assert "/state, not /states" in finding.reason
@@ -142,7 +157,9 @@ def test_a_misspelt_topic_and_a_wrong_type_are_reported(tmp_path: Path) -> None:
 
 def test_a_topic_in_the_namespace_of_its_node_is_reported(tmp_path: Path) -> None:
     """A relative name in a node with a namespace costs what any other name does, and the reason says why it is so."""
-    session = subscribed(tmp_path, state=f"/arm{STATE}", node="/arm/student").called(f"{STATE}=/arm{STATE}")
+    session = subscribed(tmp_path, state=f"/arm{STATE}", node="/arm/student").called(
+        f"{STATE}=/arm{STATE}"
+    )
     finding = judged("topics_subscribed", SUBSCRIBED, session)
     assert finding.credit == Decimal("0.4")
     assert "in its node's namespace, /arm." in finding.reason
@@ -158,7 +175,11 @@ def test_no_subscription_at_all_fails(tmp_path: Path) -> None:
 
 def test_a_wrong_node_name_costs_a_fifth(tmp_path: Path) -> None:
     """Another node name is named with the one asked for."""
-    session = Session(tmp_path).endpoint("subscription", COMMAND, "/x").endpoint("subscription", STATE, "/x")
+    session = (
+        Session(tmp_path)
+        .endpoint("subscription", COMMAND, "/x")
+        .endpoint("subscription", STATE, "/x")
+    )
     finding = judged("topics_subscribed", SUBSCRIBED, session)
     assert finding.credit == Decimal("0.8")
     assert "/x, not /student" in finding.reason
@@ -195,7 +216,10 @@ FINE = (0.0944, 0.0544, -0.0244, 0.0644)
 def test_reports_count_as_they_are_rounded(tmp_path: Path, form: str, credit: int) -> None:
     """Two decimals are judged to these; coarser numbers are not taken for rounded ones."""
     session, times = stimulus(tmp_path, FINE)
-    lines = [(t + 0.001, f"RMS: {form.format(abs(FINE[n // STATES_EACH]))} rad") for n, t in enumerate(times)]
+    lines = [
+        (t + 0.001, f"RMS: {form.format(abs(FINE[n // STATES_EACH]))} rad")
+        for n, t in enumerate(times)
+    ]
     assert judged("reported_series", SERIES, session.process("it", lines)).credit == credit
 
 
@@ -206,7 +230,9 @@ def test_a_known_mistake_in_the_series_is_named(tmp_path: Path) -> None:
     """The RMS over all errors so far earns what the rubric leaves, with an example and the name of the mistake."""
     session, times = stimulus(tmp_path)
     squares = np.cumsum(np.repeat(ERRORS, STATES_EACH) ** 2) / np.arange(1, len(times) + 1)
-    lines = [(t + 0.001, f"RMS: {value:.4f}") for t, value in zip(times, np.sqrt(squares), strict=True)]
+    lines = [
+        (t + 0.001, f"RMS: {value:.4f}") for t, value in zip(times, np.sqrt(squares), strict=True)
+    ]
     wanted = {**SERIES, "alternatives": [HISTORY_INSTEAD]}
     finding = judged("reported_series", wanted, session.process("it", lines))
     assert finding.credit == Decimal("0.5")
@@ -215,7 +241,10 @@ def test_a_known_mistake_in_the_series_is_named(tmp_path: Path) -> None:
 
 def test_a_factor_that_the_rubric_knows_is_named(tmp_path: Path) -> None:
     """The root of the sum in place of the mean earns nothing, and is called that."""
-    wanted = {**SERIES, "alternatives": [{"parameters": {"scale": 2.645751}, "meaning": "the root of the sum"}]}
+    wanted = {
+        **SERIES,
+        "alternatives": [{"parameters": {"scale": 2.645751}, "meaning": "the root of the sum"}],
+    }
     finding = judged("reported_series", wanted, with_reports(*stimulus(tmp_path), factor=7**0.5))
     assert finding.outcome is Outcome.FAILED
     assert finding.reason.endswith("Your numbers match the root of the sum.")
@@ -223,12 +252,20 @@ def test_a_factor_that_the_rubric_knows_is_named(tmp_path: Path) -> None:
 
 def test_a_right_series_is_no_known_mistake(tmp_path: Path) -> None:
     """What is right passes whatever alternatives there are."""
-    wanted = {**SERIES, "alternatives": [{"parameters": {}, "meaning": "what is right", "credit": 0}]}
-    assert judged("reported_series", wanted, with_reports(*stimulus(tmp_path))).outcome is Outcome.PASSED
+    wanted = {
+        **SERIES,
+        "alternatives": [{"parameters": {}, "meaning": "what is right", "credit": 0}],
+    }
+    assert (
+        judged("reported_series", wanted, with_reports(*stimulus(tmp_path))).outcome
+        is Outcome.PASSED
+    )
 
 
 @pytest.mark.parametrize(("plateaus", "credit"), [(3, "1"), (2, "1"), (1, "0.5")])
-def test_a_node_that_ended_is_charged_where_the_rubric_says(tmp_path: Path, plateaus: int, credit: str) -> None:
+def test_a_node_that_ended_is_charged_where_the_rubric_says(
+    tmp_path: Path, plateaus: int, credit: str
+) -> None:
     """Plateaus after a node's end do not count if another check charges it, but half of them must be reached."""
     session, times = stimulus(tmp_path)
     with_reports(session, times[: plateaus * STATES_EACH])
@@ -265,7 +302,9 @@ def test_a_node_that_stopped_reporting_loses_the_rest(tmp_path: Path) -> None:
     assert "no report during a whole phase" in finding.reason
 
 
-@pytest.mark.parametrize(("delay_s", "outcome"), [(3.0, Outcome.INCONCLUSIVE), (0.5, Outcome.PARTIAL)])
+@pytest.mark.parametrize(
+    ("delay_s", "outcome"), [(3.0, Outcome.INCONCLUSIVE), (0.5, Outcome.PARTIAL)]
+)
 def test_silence_that_the_machine_may_have_caused_is_undecided(
     tmp_path: Path, delay_s: float, outcome: Outcome
 ) -> None:
@@ -315,7 +354,9 @@ def test_the_share_of_reports_is_credited(tmp_path: Path, every: int, credit: fl
 
 
 @pytest.mark.parametrize(("every", "credit"), [(1, 1.0), (2, 0.875), (50, 0.75)])
-def test_reports_that_are_missing_cost_their_share_alone(tmp_path: Path, every: int, credit: float) -> None:
+def test_reports_that_are_missing_cost_their_share_alone(
+    tmp_path: Path, every: int, credit: float
+) -> None:
     """Right numbers on few states keep what the rubric leaves them."""
     parameters = {**SHARE, "share": {**SHARE["share"], "costs": 0.25}}
     finding = judged("reported_series", parameters, with_reports(*stimulus(tmp_path), every=every))
@@ -349,11 +390,16 @@ def test_reports_that_the_machine_kept_back_are_undecided(tmp_path: Path) -> Non
 def test_short_delays_lose_no_reports_while_the_queue_has_room(tmp_path: Path) -> None:
     """A node with a queue of ten has not lost half by many short delays, and one without may have."""
     queue = Qos("reliable", "volatile", "keep_last", 10)
-    for name, qos, outcome in (("a", queue, Outcome.PARTIAL), ("b", replace(queue, depth=1), Outcome.INCONCLUSIVE)):
+    for name, qos, outcome in (
+        ("a", queue, Outcome.PARTIAL),
+        ("b", replace(queue, depth=1), Outcome.INCONCLUSIVE),
+    ):
         session = with_reports(*stimulus(tmp_path / name), every=2).delayed("it", 2.5, 5.0)
         samples = [Usage(at(t / 100), 0, round(t / 100 * 0.08 * 1e9)) for t in range(0, 500, 50)]
         session.record.processes[0].usage = samples
-        session.claim("subscription", "/commands", qos=qos).claim("subscription", "/states", qos=qos)
+        session.claim("subscription", "/commands", qos=qos).claim(
+            "subscription", "/states", qos=qos
+        )
         assert judged("reported_series", SHARE, session).outcome is outcome
 
 
@@ -365,7 +411,9 @@ def test_only_a_disturbance_that_fills_the_queue_loses_reports(tmp_path: Path) -
         ("b", [(1.0, 1.5)], Outcome.INCONCLUSIVE),
     ):
         session = with_reports(*stimulus(tmp_path / name), every=2).disturbed("it", *delays)
-        session.claim("subscription", "/commands", qos=queue).claim("subscription", "/states", qos=queue)
+        session.claim("subscription", "/commands", qos=queue).claim(
+            "subscription", "/states", qos=queue
+        )
         assert judged("reported_series", SHARE, session).outcome is outcome
 
 
@@ -375,7 +423,9 @@ def test_only_a_disturbance_that_fills_the_queue_loses_reports(tmp_path: Path) -
 def printed(folder: Path, value: float, count: int = 7, **how: Any) -> Finding:
     """Judge a node that reports on each state and prints a mean at the end."""
     session = with_reports(*stimulus(folder), **how)
-    session.record.processes[0].output.append(replace(session.record.processes[0].output[-1], t_ns=0))
+    session.record.processes[0].output.append(
+        replace(session.record.processes[0].output[-1], t_ns=0)
+    )
     session.record.processes[0].output[-1].text = f"Mean: {vector(value, count)}"
     return judged("reported_statistics", STATISTICS, session)
 
@@ -414,20 +464,38 @@ def test_a_mistake_that_another_check_charged_costs_nothing_again(tmp_path: Path
     mean = float(np.abs(history(None)).mean())
     session = with_reports(*stimulus(tmp_path))
     session.record.processes[0].output.append(OutputLine(0, "stdout", f"Mean: {vector(mean)}"))
-    alternative = {"parameters": {"history": None}, "meaning": "the whole run", "credit": 0.5, "charged_by": ["first"]}
+    alternative = {
+        "parameters": {"history": None},
+        "meaning": "the whole run",
+        "credit": 0.5,
+        "charged_by": ["first"],
+    }
     wanted = {**STATISTICS, "alternatives": [alternative]}
     taken = Finding(Outcome.PARTIAL, Decimal("0.5"), "", "")
-    assert judged("reported_statistics", wanted, session, findings={"first": taken}).outcome is Outcome.PASSED
+    assert (
+        judged("reported_statistics", wanted, session, findings={"first": taken}).outcome
+        is Outcome.PASSED
+    )
     given = Finding(Outcome.PASSED, Decimal(1), "", "")
-    assert judged("reported_statistics", wanted, session, findings={"first": given}).credit == Decimal("0.5")
+    assert judged(
+        "reported_statistics", wanted, session, findings={"first": given}
+    ).credit == Decimal("0.5")
 
 
 @pytest.mark.parametrize(("number", "credit"), [("0.06", 1), ("0.07", 0), ("0.060", 0)])
 def test_two_decimals_are_enough(tmp_path: Path, number: str, credit: int) -> None:
     """Numbers printed with two decimals are judged to these, those with more to what they say."""
     session, _ = stimulus(tmp_path, FINE)
-    wanted = {**STATISTICS, "label": "Max", "key": "max", "parameters": {"history": 30}, "alternatives": []}
-    finding = judged("reported_statistics", wanted, session.process("it", ["Max: [" + f"{number} " * 7 + "]"]))
+    wanted = {
+        **STATISTICS,
+        "label": "Max",
+        "key": "max",
+        "parameters": {"history": 30},
+        "alternatives": [],
+    }
+    finding = judged(
+        "reported_statistics", wanted, session.process("it", ["Max: [" + f"{number} " * 7 + "]"])
+    )
     assert finding.credit == credit
 
 
@@ -467,7 +535,9 @@ def test_statistics_must_come_after_a_shorter_run_too(
     session.record.processes[0].output.append(OutputLine(0, "stdout", f"Mean: {vector(mean)}"))
     other = Session(tmp_path, "other")
     reports = [(1.0 + 0.01 * n, "RMS: 0.1") for n in range(50)]
-    other.process("joint_subscriber-2", [*reports, *((29.0, line) for line in lines)], artifact=None)
+    other.process(
+        "joint_subscriber-2", [*reports, *((29.0, line) for line in lines)], artifact=None
+    )
     run = other.record.processes[0]
     run.ended_by = "interrupt"
     for name, value in facts.items():
@@ -555,12 +625,16 @@ def test_a_signal_in_the_midst_of_a_call_is_nobodys_fault(tmp_path: Path) -> Non
 def test_a_node_that_went_on_survives(tmp_path: Path) -> None:
     """A process that only ended at Ctrl-C has survived."""
     session = Session(tmp_path).process().step("publish", "early")
-    assert judged("survives", {"artifact": "it", "step": "early"}, session).outcome is Outcome.PASSED
+    assert (
+        judged("survives", {"artifact": "it", "step": "early"}, session).outcome is Outcome.PASSED
+    )
 
 
 def test_a_node_that_died_at_the_step_fails(tmp_path: Path) -> None:
     """A process that ended by itself, and had to be started again, has not."""
-    session = Session(tmp_path).process("it", interrupted_ns=None, exited_ns=1_800_000_003_000_000_000, exit_status=1)
+    session = Session(tmp_path).process(
+        "it", interrupted_ns=None, exited_ns=1_800_000_003_000_000_000, exit_status=1
+    )
     session.process("it", started_ns=1_800_000_005_000_000_000).step("publish", "early")
     finding = judged("survives", {"artifact": "it", "step": "early"}, session)
     assert finding.outcome is Outcome.FAILED
@@ -587,7 +661,9 @@ def test_what_ends_a_node_later_is_no_matter_of_the_step(tmp_path: Path) -> None
         (1.5, "No command yet, so no RMS error of the 7 joints", "1"),
     ],
 )
-def test_a_report_before_it_can_be_made_costs_a_part(tmp_path: Path, time_s: float, line: str, credit: str) -> None:
+def test_a_report_before_it_can_be_made_costs_a_part(
+    tmp_path: Path, time_s: float, line: str, credit: str
+) -> None:
     """A node that makes up what it is compared with goes on, but reports too early; one that says why not does not."""
     session = Session(tmp_path).step("publish", "early").step("start", "later")
     session.record.steps[-1].started_ns = at(2.0)
@@ -601,7 +677,10 @@ def test_a_report_before_it_can_be_made_costs_a_part(tmp_path: Path, time_s: flo
 def test_a_step_that_was_not_reached_decides_nothing(tmp_path: Path) -> None:
     """Without the step the recording does not show what the node would have done."""
     session = Session(tmp_path).process()
-    assert judged("survives", {"artifact": "it", "step": "early"}, session).outcome is Outcome.INCONCLUSIVE
+    assert (
+        judged("survives", {"artifact": "it", "step": "early"}, session).outcome
+        is Outcome.INCONCLUSIVE
+    )
 
 
 def test_a_missing_subscriber_fails(tmp_path: Path) -> None:
@@ -612,7 +691,11 @@ def test_a_missing_subscriber_fails(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("matched", "topic_type", "outcome"),
-    [(False, FLOATS, Outcome.INCONCLUSIVE), (True, FLOATS, Outcome.PASSED), (False, "other/msg/Type", Outcome.PASSED)],
+    [
+        (False, FLOATS, Outcome.INCONCLUSIVE),
+        (True, FLOATS, Outcome.PASSED),
+        (False, "other/msg/Type", Outcome.PASSED),
+    ],
 )
 def test_a_node_that_got_nothing_has_not_survived_it(
     tmp_path: Path, matched: bool, topic_type: str, outcome: Outcome
@@ -627,22 +710,34 @@ def test_reports_that_the_grader_read_too_late_are_undecided(tmp_path: Path) -> 
     """A grader that stalled takes what was printed on one plateau for what is printed on the next."""
     session, times = stimulus(tmp_path)
     late = [(max(t, 3.7) if 1.9 < t < 3.7 else t) for t in times]
-    lines = [(t + 0.001, f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad") for n, t in enumerate(late)]
+    lines = [
+        (t + 0.001, f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad")
+        for n, t in enumerate(late)
+    ]
     session.process("it", lines)
     session.record.machine = [MachineSample(at(n / 2), 0) for n in range(12)]
     assert judged("reported_series", SERIES, session.recorded()).outcome is Outcome.PARTIAL
-    session.record.machine = [sample for sample in session.record.machine if not at(1.9) < sample.t_ns < at(3.7)]
-    assert judged("reported_series", SERIES, Recorded(session.record, Bag.open(session.folder))).outcome is (
-        Outcome.INCONCLUSIVE
-    )
+    session.record.machine = [
+        sample for sample in session.record.machine if not at(1.9) < sample.t_ns < at(3.7)
+    ]
+    assert judged(
+        "reported_series", SERIES, Recorded(session.record, Bag.open(session.folder))
+    ).outcome is (Outcome.INCONCLUSIVE)
 
 
-@pytest.mark.parametrize(("asked", "outcome"), [(STATE, Outcome.INCONCLUSIVE), ("/other", Outcome.PARTIAL)])
+@pytest.mark.parametrize(
+    ("asked", "outcome"), [(STATE, Outcome.INCONCLUSIVE), ("/other", Outcome.PARTIAL)]
+)
 def test_one_subscription_that_was_made_and_never_seen_is_undecided(
     tmp_path: Path, asked: str, outcome: Outcome
 ) -> None:
     """The node asked for it under its name and goes on, so the discovery may have failed."""
-    session = Session(tmp_path).endpoint("subscription", COMMAND).process("it").claim("subscription", asked)
+    session = (
+        Session(tmp_path)
+        .endpoint("subscription", COMMAND)
+        .process("it")
+        .claim("subscription", asked)
+    )
     assert judged("topics_subscribed", SUBSCRIBED, session).outcome is outcome
 
 
@@ -651,10 +746,15 @@ def test_one_subscription_that_was_made_and_never_seen_is_undecided(
 
 def listening(folder: Path, *snapshots: tuple[float, tuple[str, ...]]) -> Session:
     """Make a session in whose graph subscriptions of the same node come and go."""
-    session = Session(folder).process("it", ["Traceback (most recent call last):", "TypeError: None"])
+    session = Session(folder).process(
+        "it", ["Traceback (most recent call last):", "TypeError: None"]
+    )
     session.record.graph.clear()
     for time_s, gids in snapshots:
-        there = [Endpoint("subscription", STATE, FLOATS, "", "/student", gid * 32, RELIABLE) for gid in gids]
+        there = [
+            Endpoint("subscription", STATE, FLOATS, "", "/student", gid * 32, RELIABLE)
+            for gid in gids
+        ]
         session.record.graph.append(GraphSnapshot(at(time_s), ["/student"] if there else [], there))
     session.step("publish", "early", parameters={"topic": STATE, "type": FLOATS}, matched=True)
     return session.step("start", "stimulus")
@@ -669,7 +769,13 @@ def listening(folder: Path, *snapshots: tuple[float, tuple[str, ...]]) -> Sessio
         ([(1.5, "")], False),
         ([(4.5, "")], True),
     ],
-    ids=["it stays", "it comes back", "it comes back beside what it left", "it is gone", "it goes later"],
+    ids=[
+        "it stays",
+        "it comes back",
+        "it comes back beside what it left",
+        "it is gone",
+        "it goes later",
+    ],
 )
 def test_a_program_outlives_its_node_only_with_it(
     tmp_path: Path, later: list[tuple[float, str]], survived: bool
@@ -687,11 +793,16 @@ def test_a_program_outlives_its_node_only_with_it(
 # -- lines that are repeated -----------------------------------------------------------------------
 
 
-def padded(session: Session, times: list[float], every: int, lines: int, apart_s: float = 0.0001) -> Session:
+def padded(
+    session: Session, times: list[float], every: int, lines: int, apart_s: float = 0.0001
+) -> Session:
     """Let a process report on every n-th state, each time in several lines."""
     describe_diagnosis = [(n, time_s) for n, time_s in enumerate(times) if n % every == 0]
     said = [
-        (time_s + 0.001 + k * apart_s, f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad")
+        (
+            time_s + 0.001 + k * apart_s,
+            f"RMS tracking error: {abs(ERRORS[n // STATES_EACH]):.4f} rad",
+        )
         for n, time_s in describe_diagnosis
         for k in range(lines)
     ]
@@ -699,9 +810,13 @@ def padded(session: Session, times: list[float], every: int, lines: int, apart_s
 
 
 @pytest.mark.parametrize(("every", "lines", "credit"), [(8, 8, 0.1), (2, 2, 0.5), (1, 2, 1.0)])
-def test_a_repeated_line_is_no_further_report(tmp_path: Path, every: int, lines: int, credit: float) -> None:
+def test_a_repeated_line_is_no_further_report(
+    tmp_path: Path, every: int, lines: int, credit: float
+) -> None:
     """A report counts once for each state; to say everything twice costs nothing."""
-    finding = judged("reported_series", SHARE, padded(*stimulus(tmp_path), every=every, lines=lines))
+    finding = judged(
+        "reported_series", SHARE, padded(*stimulus(tmp_path), every=every, lines=lines)
+    )
     assert float(finding.credit) == pytest.approx(credit, abs=0.005)
     assert ("that repeat one" in finding.measured) is (credit < 1)
 
@@ -711,7 +826,9 @@ def test_reports_that_came_together_are_no_repeats(tmp_path: Path) -> None:
     session, times = stimulus(tmp_path)
     with_reports(session, times)
     output = session.record.processes[0].output
-    session.record.processes[0].output = [replace(o, t_ns=output[n - n % 4 + 3].t_ns) for n, o in enumerate(output)]
+    session.record.processes[0].output = [
+        replace(o, t_ns=output[n - n % 4 + 3].t_ns) for n, o in enumerate(output)
+    ]
     assert judged("reported_series", SHARE, session).outcome is Outcome.PASSED
 
 
@@ -725,7 +842,9 @@ def test_reports_that_the_grader_read_together_are_no_repeats(tmp_path: Path) ->
     assert judged("reported_series", SHARE, session).outcome is Outcome.PASSED
 
 
-@pytest.mark.parametrize(("every", "lines", "credit"), [(1, 1, 1.0), (3, 1, 0.3), (8, 1, 0.1), (8, 8, 0.1)])
+@pytest.mark.parametrize(
+    ("every", "lines", "credit"), [(1, 1, 1.0), (3, 1, 0.3), (8, 1, 0.1), (8, 8, 0.1)]
+)
 def test_statistics_earn_the_share_of_the_states_that_they_are_over(
     tmp_path: Path, every: int, lines: int, credit: float
 ) -> None:
@@ -735,7 +854,9 @@ def test_statistics_earn_the_share_of_the_states_that_they_are_over(
     padded(session, last, every, lines)
     for line in session.record.processes[0].output:
         line.text = f"RMS tracking error: {abs(ERRORS[-1]):.4f} rad"
-    session.record.processes[0].output.append(OutputLine(at(20.0), "stdout", f"Mean: {vector(abs(ERRORS[-1]))}"))
+    session.record.processes[0].output.append(
+        OutputLine(at(20.0), "stdout", f"Mean: {vector(abs(ERRORS[-1]))}")
+    )
     wanted = {**STATISTICS, "parameters": {"history": 1000}, "alternatives": [], "full_from": 0.25}
     finding = judged("reported_statistics", wanted, session)
     assert float(finding.credit) == pytest.approx(credit, abs=0.005)
@@ -754,18 +875,34 @@ def test_right_statistics_are_shown_with_the_usual_digits(tmp_path: Path) -> Non
 
 @pytest.mark.parametrize(
     ("qos", "credit"),
-    [(RELIABLE, "1"), (BEST_EFFORT, "0.5"), (replace(BEST_EFFORT, durability="transient_local"), "0")],
+    [
+        (RELIABLE, "1"),
+        (BEST_EFFORT, "0.5"),
+        (replace(BEST_EFFORT, durability="transient_local"), "0"),
+    ],
 )
-def test_a_subscription_requests_the_profile_that_is_asked_for(tmp_path: Path, qos: Qos, credit: str) -> None:
+def test_a_subscription_requests_the_profile_that_is_asked_for(
+    tmp_path: Path, qos: Qos, credit: str
+) -> None:
     """Each policy counts the same; another endpoint's on the topic does not."""
-    session = Session(tmp_path).endpoint("subscription", "/in", qos=qos).endpoint("publisher", "/in", qos=BEST_EFFORT)
+    session = (
+        Session(tmp_path)
+        .endpoint("subscription", "/in", qos=qos)
+        .endpoint("publisher", "/in", qos=BEST_EFFORT)
+    )
     wanted = {"topic": "/in", "reliability": "reliable", "durability": "volatile"}
     finding = judged("requested_qos", wanted, session)
     assert finding.credit == Decimal(credit)
-    assert credit == "1" or "The subscription requests BEST_EFFORT reliability, not RELIABLE." in finding.reason
+    assert (
+        credit == "1"
+        or "The subscription requests BEST_EFFORT reliability, not RELIABLE." in finding.reason
+    )
 
 
 def test_without_a_subscription_there_is_no_request(tmp_path: Path) -> None:
     """A publisher on the topic is none."""
     session = Session(tmp_path).endpoint("publisher", "/in")
-    assert judged("requested_qos", {"topic": "/in", "reliability": "reliable"}, session).outcome is Outcome.FAILED
+    assert (
+        judged("requested_qos", {"topic": "/in", "reliability": "reliable"}, session).outcome
+        is Outcome.FAILED
+    )

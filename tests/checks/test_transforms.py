@@ -37,16 +37,25 @@ def yawed(angle: float, length: float = 1.0) -> list[float]:
 
 
 def transform(
-    parent: str, child: str, time_s: float, xyz: Sequence[float] = (0, 0, 0), xyzw: Sequence[float] = (0, 0, 0, 1)
+    parent: str,
+    child: str,
+    time_s: float,
+    xyz: Sequence[float] = (0, 0, 0),
+    xyzw: Sequence[float] = (0, 0, 0, 1),
 ) -> dict[str, Any]:
     """Give a transform as a message has it."""
     stamp_ns = at(time_s) if time_s else 0
-    pose = {"translation": dict(zip("xyz", xyz, strict=True)), "rotation": dict(zip("xyzw", xyzw, strict=True))}
+    pose = {
+        "translation": dict(zip("xyz", xyz, strict=True)),
+        "rotation": dict(zip("xyzw", xyzw, strict=True)),
+    }
     header = {"frame_id": parent, "stamp": {"sec": stamp_ns // 10**9, "nanosec": stamp_ns % 10**9}}
     return {"header": header, "child_frame_id": child, "transform": pose}
 
 
-def base(time_s: float, late_s: float = 0.0, *, parent: str = "odom", child: str = "base") -> dict[str, Any]:
+def base(
+    time_s: float, late_s: float = 0.0, *, parent: str = "odom", child: str = "base"
+) -> dict[str, Any]:
     """Give the frame that drives along x at 0.5 m/s and turns at 0.2 rad/s."""
     return transform(parent, child, time_s - late_s, (0.5 * time_s, 0, 0), yawed(0.2 * time_s))
 
@@ -54,7 +63,14 @@ def base(time_s: float, late_s: float = 0.0, *, parent: str = "odom", child: str
 def laser(**other: Any) -> dict[str, Any]:
     """Give the static frame, in its right place but for what is given."""
     return transform(
-        **{"parent": "base", "child": "laser", "time_s": 0.9, "xyz": (0.2, 0, 0.3), "xyzw": yawed(0.5), **other}
+        **{
+            "parent": "base",
+            "child": "laser",
+            "time_s": 0.9,
+            "xyz": (0.2, 0, 0.3),
+            "xyzw": yawed(0.5),
+            **other,
+        }
     )
 
 
@@ -70,9 +86,13 @@ def session(
     latched = list(static if static is not None else [laser()])
     made = Session(folder).process("it").window(1.0, 4.0)
     made.typed("/tf", TF, [{"transforms": [each]} for _, each in sent], [t for t, _ in sent])
-    made.typed("/tf_static", TF, [{"transforms": latched}] if latched else [], [0.9] if latched else [])
+    made.typed(
+        "/tf_static", TF, [{"transforms": latched}] if latched else [], [0.9] if latched else []
+    )
     made.endpoint("publisher", "/tf", topic_type=TF)
-    made.endpoint("publisher", "/tf_static", topic_type=TF, qos=replace(LATCHED, durability=durability))
+    made.endpoint(
+        "publisher", "/tf_static", topic_type=TF, qos=replace(LATCHED, durability=durability)
+    )
     return made
 
 
@@ -83,13 +103,22 @@ def only(part: str, made: Session, **parameters: Any) -> Finding:
 
 def test_all_as_asked_passes(tmp_path: Path) -> None:
     """Frames, rates, stamps and poses are right."""
-    poses = [LASER, {"frame": "laser", "within": "odom", "oracle": "tests/checks/test_transforms.py:laser_in_odom"}]
+    poses = [
+        LASER,
+        {
+            "frame": "laser",
+            "within": "odom",
+            "oracle": "tests/checks/test_transforms.py:laser_in_odom",
+        },
+    ]
     finding = judged("transform_tree", {**TREE, "poses": poses}, session(tmp_path))
     assert (finding.outcome, finding.reason) == (Outcome.PASSED, "")
     assert "base at 20.0 Hz" in finding.measured
 
 
-def laser_in_odom(streams: Mapping[str, Any], parameters: Mapping[str, Any], seed: int) -> list[list[float]]:
+def laser_in_odom(
+    streams: Mapping[str, Any], parameters: Mapping[str, Any], seed: int
+) -> list[list[float]]:
     """Compute where the laser is, by the formula of the drive; an oracle as a lab has it."""
     found = []
     for time_ns in parameters["times_ns"]:
@@ -101,12 +130,18 @@ def laser_in_odom(streams: Mapping[str, Any], parameters: Mapping[str, Any], see
 
 def test_nothing_sent_fails(tmp_path: Path) -> None:
     """No transforms, or another type on the topic, is said as such."""
-    assert "No transform was sent on /tf or /tf_static." in only("frames", session(tmp_path, [], [])).reason
+    assert (
+        "No transform was sent on /tf or /tf_static."
+        in only("frames", session(tmp_path, [], [])).reason
+    )
     made = Session(tmp_path, "other").window(1.0, 4.0)
     made.typed("/tf", "geometry_msgs/msg/TransformStamped", [base(2.0)], [2.0])
     finding = only("frames", made)
     assert finding.outcome is Outcome.FAILED
-    assert "/tf carries geometry_msgs/msg/TransformStamped, not tf2_msgs/msg/TFMessage." in finding.reason
+    assert (
+        "/tf carries geometry_msgs/msg/TransformStamped, not tf2_msgs/msg/TFMessage."
+        in finding.reason
+    )
 
 
 @pytest.mark.parametrize(
@@ -138,7 +173,9 @@ def test_another_node_costs_a_part(tmp_path: Path, node: str, credit: str) -> No
         ({"child": "robot"}, "0.5", "No transform of the frame base arrived on /tf."),
     ],
 )
-def test_wrong_names_cost_their_frame(tmp_path: Path, names: dict[str, Any], credit: str, words: str) -> None:
+def test_wrong_names_cost_their_frame(
+    tmp_path: Path, names: dict[str, Any], credit: str, words: str
+) -> None:
     """Of two frames, one is half; a mistake with a name costs half of that."""
     finding = only("frames", session(tmp_path, [(t, base(t, **names)) for t in TIMES]))
     assert finding.credit == Decimal(credit)
@@ -149,8 +186,16 @@ def test_wrong_names_cost_their_frame(tmp_path: Path, names: dict[str, Any], cre
     ("more", "credit", "words"),
     [
         ([], "1", ""),
-        ([transform("camera", "lens", 1.0)], "0.667", "There are 2 roots, not connected: camera, odom."),
-        ([transform("map", "base", 1.0), transform("map", "odom", 1.0)], "0.667", "The frame base has 2 parents"),
+        (
+            [transform("camera", "lens", 1.0)],
+            "0.667",
+            "There are 2 roots, not connected: camera, odom.",
+        ),
+        (
+            [transform("map", "base", 1.0), transform("map", "odom", 1.0)],
+            "0.667",
+            "The frame base has 2 parents",
+        ),
         ([transform("laser", "odom", 1.0)], "0.667", "The frames form a circle"),
     ],
 )
@@ -163,22 +208,36 @@ def test_a_tree_has_one_root_one_parent_each_and_no_circle(
     assert words in finding.reason
 
 
-@pytest.mark.parametrize("names", [{"child": "robot", "parent": "odom"}, {"parent": "base", "child": "odom"}])
+@pytest.mark.parametrize(
+    "names", [{"child": "robot", "parent": "odom"}, {"parent": "base", "child": "odom"}]
+)
 def test_one_mistake_costs_once(tmp_path: Path, names: dict[str, Any]) -> None:
     """A frame that is missing, or exchanged with its parent, does not break the tree besides."""
     finding = only("tree", session(tmp_path, [(t, base(t, **names)) for t in TIMES]))
     assert finding.outcome is Outcome.PASSED
     exchanged = session(tmp_path / "again", [(t, base(t, **names)) for t in TIMES])
-    pose = {"frame": "base", "within": "odom", "oracle": "tests/checks/test_transforms.py:base_in_odom"}
+    pose = {
+        "frame": "base",
+        "within": "odom",
+        "oracle": "tests/checks/test_transforms.py:base_in_odom",
+    }
     found = only("poses", exchanged, poses=[pose])
     assert found.outcome is (Outcome.FAILED if names["child"] == "robot" else Outcome.PASSED)
 
 
 @pytest.mark.parametrize("names", [{"child": "bases"}, {"parent": "odoms"}, {"parent": "Odom"}])
-def test_a_misspelt_frame_is_judged_under_the_name_that_it_has(tmp_path: Path, names: dict[str, Any]) -> None:
+def test_a_misspelt_frame_is_judged_under_the_name_that_it_has(
+    tmp_path: Path, names: dict[str, Any]
+) -> None:
     """Its name costs its part of the frames, as another name would; where it lies, and the tree, are right."""
-    made = session(tmp_path, [(t, base(t, **names)) for t in TIMES], [laser(parent=names.get("child", "base"))])
-    pose = {"frame": "base", "within": "odom", "oracle": "tests/checks/test_transforms.py:base_in_odom"}
+    made = session(
+        tmp_path, [(t, base(t, **names)) for t in TIMES], [laser(parent=names.get("child", "base"))]
+    )
+    pose = {
+        "frame": "base",
+        "within": "odom",
+        "oracle": "tests/checks/test_transforms.py:base_in_odom",
+    }
     wrong = only("frames", made)
     assert wrong.credit == Decimal("0.5")
     assert next(iter(names.values())) in wrong.reason
@@ -190,8 +249,15 @@ def test_a_misspelt_parent_costs_only_the_frame_that_names_it(tmp_path: Path) ->
     """The frame itself is sent under its right name, below another."""
     made = session(tmp_path, static=[laser(parent="bas")])
     wrong = only("frames", made)
-    assert (wrong.credit, "The parent of laser is bas, not base." in wrong.reason) == (Decimal("0.5"), True)
-    pose = {"frame": "laser", "within": "odom", "oracle": "tests/checks/test_transforms.py:laser_in_odom"}
+    assert (wrong.credit, "The parent of laser is bas, not base." in wrong.reason) == (
+        Decimal("0.5"),
+        True,
+    )
+    pose = {
+        "frame": "laser",
+        "within": "odom",
+        "oracle": "tests/checks/test_transforms.py:laser_in_odom",
+    }
     assert only("poses", made, poses=[pose]).outcome is Outcome.PASSED
 
 
@@ -226,7 +292,9 @@ def test_a_name_that_is_sent_is_not_taken_for_another(tmp_path: Path) -> None:
     assert "No transform of the frame base" in only("frames", made).reason
 
 
-def base_in_odom(streams: Mapping[str, Any], parameters: Mapping[str, Any], seed: int) -> list[list[float]]:
+def base_in_odom(
+    streams: Mapping[str, Any], parameters: Mapping[str, Any], seed: int
+) -> list[list[float]]:
     """Compute where the base is."""
     times_s = [(int(time_ns) - at(0.0)) / 1e9 for time_ns in parameters["times_ns"]]
     return [[0.5 * time_s, 0.0, 0.0, *yawed(0.2 * time_s)] for time_s in times_s]
@@ -244,7 +312,9 @@ def base_in_odom(streams: Mapping[str, Any], parameters: Mapping[str, Any], seed
         ([0.0, 0.0, math.nan, 1.0], "0.5", "not finite"),
     ],
 )
-def test_quaternions_have_the_length_1(tmp_path: Path, xyzw: list[float], credit: str, words: str) -> None:
+def test_quaternions_have_the_length_1(
+    tmp_path: Path, xyzw: list[float], credit: str, words: str
+) -> None:
     """Half a percent is allowed."""
     finding = only("values", session(tmp_path, None, [laser(xyzw=xyzw)]))
     assert finding.credit == Decimal(credit)
@@ -261,7 +331,9 @@ def test_quaternions_have_the_length_1(tmp_path: Path, xyzw: list[float], credit
         (-0.5, Outcome.FAILED, "0.50 s in the future"),
     ],
 )
-def test_stamps_are_of_the_time_of_publication(tmp_path: Path, late_s: float, outcome: Outcome, words: str) -> None:
+def test_stamps_are_of_the_time_of_publication(
+    tmp_path: Path, late_s: float, outcome: Outcome, words: str
+) -> None:
     """A tenth of a second old, or a fiftieth ahead, is allowed."""
     finding = only("stamps", session(tmp_path, [(t, base(t, late_s=late_s)) for t in TIMES]))
     assert finding.outcome is outcome
@@ -270,7 +342,9 @@ def test_stamps_are_of_the_time_of_publication(tmp_path: Path, late_s: float, ou
 
 def test_stamps_of_0_are_named(tmp_path: Path) -> None:
     """Whoever forgets the stamp learns how to set it."""
-    finding = only("stamps", session(tmp_path, [(t, transform("odom", "base", 0.0)) for t in TIMES]))
+    finding = only(
+        "stamps", session(tmp_path, [(t, transform("odom", "base", 0.0)) for t in TIMES])
+    )
     assert (finding.outcome, finding.reason) == (Outcome.FAILED, "The stamps of base are 0.")
     assert "get_clock().now()" in finding.hint
 
@@ -282,7 +356,10 @@ def test_a_stamp_that_the_machine_made_old_is_undecided(tmp_path: Path) -> None:
     assert only("stamps", session(tmp_path, sent)).outcome is Outcome.PARTIAL
     made = session(tmp_path / "delayed", sent).disturbed("it", (1.65, 0.34), (2.65, 0.34))
     assert only("stamps", made).outcome is Outcome.INCONCLUSIVE
-    assert only("stamps", session(tmp_path / "other", sent).disturbed("it", (3.5, 0.4))).outcome is Outcome.PARTIAL
+    assert (
+        only("stamps", session(tmp_path / "other", sent).disturbed("it", (3.5, 0.4))).outcome
+        is Outcome.PARTIAL
+    )
 
 
 def test_simulated_time_is_that_of_the_clock(tmp_path: Path) -> None:
@@ -295,7 +372,10 @@ def test_simulated_time_is_that_of_the_clock(tmp_path: Path) -> None:
 
     def made(name: str, shift_s: float) -> Session:
         recorded = session(tmp_path / name, [(t, stamped(2 * t + shift_s)) for t in TIMES])
-        clock = [{"clock": {"sec": int(2 * t), "nanosec": round(2 * t % 1 * 1e9)}} for t in evenly(100, 4.0, 0.5)]
+        clock = [
+            {"clock": {"sec": int(2 * t), "nanosec": round(2 * t % 1 * 1e9)}}
+            for t in evenly(100, 4.0, 0.5)
+        ]
         return recorded.typed("/clock", "rosgraph_msgs/msg/Clock", clock, evenly(100, 4.0, 0.5))
 
     assert only("stamps", made("right", 0.0), simulated=True).outcome is Outcome.PASSED
@@ -320,7 +400,13 @@ AGAIN = [(t, base(t)) for t in TIMES] + [(t, laser()) for t in TIMES]
             "0.5",
             "sent once on /tf, without being latched",
         ),
-        ([], [laser(), base(1.0)], "transient_local", "0.5", "base moves, and was sent on /tf_static"),
+        (
+            [],
+            [laser(), base(1.0)],
+            "transient_local",
+            "0.5",
+            "base moves, and was sent on /tf_static",
+        ),
     ],
 )
 def test_what_is_static_is_latched(
@@ -351,14 +437,18 @@ def test_a_rate_that_the_machine_lowered_is_undecided(tmp_path: Path) -> None:
     """If it would have been right without the delay; a node that falls silent is slow."""
     slow = [(t, base(t)) for t in evenly(15.0, 3.0)]
     assert only("rates", session(tmp_path, slow)).outcome is Outcome.PARTIAL
-    delayed = session(tmp_path / "delayed", slow).disturbed("it", *((1.0 + n / 2, 0.15) for n in range(6)))
+    delayed = session(tmp_path / "delayed", slow).disturbed(
+        "it", *((1.0 + n / 2, 0.15) for n in range(6))
+    )
     assert only("rates", delayed).outcome is Outcome.INCONCLUSIVE
     silent = session(tmp_path / "silent", [(t, base(t)) for t in evenly(20.0, 1.0)])
     assert only("rates", silent).outcome is Outcome.FAILED
 
 
 @pytest.mark.parametrize(
-    ("absent", "outcome"), [(["transforms3d"], Outcome.INCONCLUSIVE), ([], Outcome.FAILED)], ids=["absent", "there"]
+    ("absent", "outcome"),
+    [(["transforms3d"], Outcome.INCONCLUSIVE), ([], Outcome.FAILED)],
+    ids=["absent", "there"],
 )
 def test_a_broadcaster_that_lacks_a_library_here_is_for_a_person(
     tmp_path: Path, absent: list[str], outcome: Outcome
@@ -366,7 +456,9 @@ def test_a_broadcaster_that_lacks_a_library_here_is_for_a_person(
     """A node that ended at the import of what the grader lacks shows no frame, and has not lost them."""
     lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
     lines.append("ModuleNotFoundError: No module named 'transforms3d'")
-    made = Session(tmp_path).process("it", lines, interrupted_ns=None, exit_status=1).window(1.0, 4.0)
+    made = (
+        Session(tmp_path).process("it", lines, interrupted_ns=None, exit_status=1).window(1.0, 4.0)
+    )
     record = submission({"it.py": "import transforms3d\n"})
     record.absent_modules = absent
     finding = judged("transform_tree", TREE, made, record)
@@ -393,7 +485,9 @@ INVERSE = {"xyz": (-0.2 * math.cos(0.5), 0.2 * math.sin(0.5), -0.3), "xyzw": yaw
         ({"xyzw": [0, 0, 0, 0]}, "0", "numbers that are not a pose"),
     ],
 )
-def test_a_pose_is_where_it_should_be(tmp_path: Path, sent: dict[str, Any], credit: str, words: str) -> None:
+def test_a_pose_is_where_it_should_be(
+    tmp_path: Path, sent: dict[str, Any], credit: str, words: str
+) -> None:
     """Within a centimetre and a degree; known mistakes have their names, and leave half of the credit."""
     finding = only("poses", session(tmp_path, None, [laser(**sent)]), poses=[LASER])
     assert finding.credit == Decimal(credit)
@@ -413,14 +507,23 @@ def test_turns_about_the_moving_axes_have_their_name(tmp_path: Path) -> None:
     assert only("poses", other, poses=[turned]).outcome is Outcome.FAILED
 
 
-ORACLE = {"frame": "laser", "within": "odom", "oracle": "tests/checks/test_transforms.py:laser_in_odom"}
+ORACLE = {
+    "frame": "laser",
+    "within": "odom",
+    "oracle": "tests/checks/test_transforms.py:laser_in_odom",
+}
 SLIP = {"parameters": {"factor": 2.0}, "meaning": "a drive that is twice as fast", "credit": 0.5}
 
 
 @pytest.mark.parametrize(("factor", "credit"), [(1.0, "1"), (2.0, "0.5"), (1.5, "0")])
-def test_an_oracle_says_where_a_frame_is_at_each_time(tmp_path: Path, factor: float, credit: str) -> None:
+def test_an_oracle_says_where_a_frame_is_at_each_time(
+    tmp_path: Path, factor: float, credit: str
+) -> None:
     """Composed along the tree; what it gives with other parameters names a mistake."""
-    sent = [(t, transform("odom", "base", t, (0.5 * t * factor, 0, 0), yawed(0.2 * t * factor))) for t in TIMES]
+    sent = [
+        (t, transform("odom", "base", t, (0.5 * t * factor, 0, 0), yawed(0.2 * t * factor)))
+        for t in TIMES
+    ]
     finding = only("poses", session(tmp_path, sent), poses=[{**ORACLE, "alternatives": [SLIP]}])
     assert finding.credit == Decimal(credit)
     assert ("twice as fast" in finding.reason) == (factor == 2.0)
@@ -447,9 +550,17 @@ def test_what_was_not_latched_lies_where_it_should_all_the_same(tmp_path: Path) 
 
 def test_at_given_times_a_pose_is_interpolated(tmp_path: Path) -> None:
     """Between two stamps it lies between two poses; outside of what was sent, nowhere."""
-    pose = {"frame": "base", "within": "odom", "xyz": [0.5 * 2.025, 0, 0], "rpy": [0, 0, 0.2 * 2.025]}
+    pose = {
+        "frame": "base",
+        "within": "odom",
+        "xyz": [0.5 * 2.025, 0, 0],
+        "rpy": [0, 0, 0.2 * 2.025],
+    }
     close = {**pose, "tolerance_m": 1e-6, "tolerance_deg": 1e-4}
-    assert only("poses", session(tmp_path), poses=[{**close, "at_s": [1.025]}]).outcome is Outcome.PASSED
+    assert (
+        only("poses", session(tmp_path), poses=[{**close, "at_s": [1.025]}]).outcome
+        is Outcome.PASSED
+    )
     late = only("poses", session(tmp_path / "late"), poses=[{**close, "at_s": [9.0]}])
     assert late.outcome is Outcome.FAILED
     assert "nothing connects them at the time that is looked at" in late.reason
@@ -457,12 +568,19 @@ def test_at_given_times_a_pose_is_interpolated(tmp_path: Path) -> None:
 
 def test_poses_that_the_machine_delayed_are_undecided(tmp_path: Path) -> None:
     """A pose that was computed for another time than it is stamped with is wrong, unless the machine was late."""
-    sent = [(t, base(t) if abs(t - 2.5) > 0.3 else {**base(t - 0.2), "header": base(t)["header"]}) for t in TIMES]
+    sent = [
+        (t, base(t) if abs(t - 2.5) > 0.3 else {**base(t - 0.2), "header": base(t)["header"]})
+        for t in TIMES
+    ]
     assert only("poses", session(tmp_path, sent), poses=[ORACLE]).outcome is Outcome.PARTIAL
-    made = session(tmp_path / "delayed", sent).disturbed("it", *((2.2 + n / 10, 0.05) for n in range(7)))
+    made = session(tmp_path / "delayed", sent).disturbed(
+        "it", *((2.2 + n / 10, 0.05) for n in range(7))
+    )
     assert only("poses", made, poses=[ORACLE]).outcome is Outcome.INCONCLUSIVE
     wrong = [(t, transform("odom", "base", t)) for t in TIMES]
-    made = session(tmp_path / "wrong", wrong).disturbed("it", *((2.2 + n / 10, 0.05) for n in range(7)))
+    made = session(tmp_path / "wrong", wrong).disturbed(
+        "it", *((2.2 + n / 10, 0.05) for n in range(7))
+    )
     assert only("poses", made, poses=[ORACLE]).outcome is Outcome.FAILED
 
 
@@ -490,7 +608,10 @@ def test_other_frames_than_the_wanted_earn_nothing(tmp_path: Path) -> None:
     """A sound tree of good numbers is no achievement where none of the frames is asked for."""
     made = session(tmp_path, [(t, base(t, parent="map", child="robot")) for t in TIMES], [])
     finding = judged("transform_tree", TREE, made)
-    assert (finding.outcome, finding.reason) == (Outcome.FAILED, "None of the frames was sent, but robot.")
+    assert (finding.outcome, finding.reason) == (
+        Outcome.FAILED,
+        "None of the frames was sent, but robot.",
+    )
 
 
 def test_numbers_of_other_frames_do_not_count(tmp_path: Path) -> None:

@@ -53,14 +53,23 @@ class SmallClass:
 
     def command(self, *more: str) -> list[str]:
         """Return the command that grades the class."""
-        arguments = ["--each", str(self.submissions), "--rubric", str(self.rubric), "-o", str(self.results)]
+        arguments = [
+            "--each",
+            str(self.submissions),
+            "--rubric",
+            str(self.rubric),
+            "-o",
+            str(self.results),
+        ]
         return [sys.executable, "-m", "grader.cli", *arguments, *more]
 
     def start(self, *more: str) -> subprocess.Popen[str]:
         """Start to grade the class."""
         pipe = subprocess.PIPE
         environment = {**os.environ, "TMPDIR": str(self.temporary), "CI": ""}
-        return subprocess.Popen(self.command(*more), stdout=pipe, stderr=pipe, text=True, env=environment)
+        return subprocess.Popen(
+            self.command(*more), stdout=pipe, stderr=pipe, text=True, env=environment
+        )
 
     def grade(self, *more: str) -> tuple[int, str, str]:
         """Grade the class; returns exit status, output and errors."""
@@ -80,7 +89,9 @@ class SmallClass:
 
     def result(self, name: str) -> dict[str, Any]:
         """Read a submission's result."""
-        plain: dict[str, Any] = json.loads((self.results / name / RESULT_FILE).read_text(encoding="utf-8"))
+        plain: dict[str, Any] = json.loads(
+            (self.results / name / RESULT_FILE).read_text(encoding="utf-8")
+        )
         return plain
 
     def outcomes(self) -> dict[str, Any]:
@@ -88,15 +99,26 @@ class SmallClass:
         found = {}
         for path in sorted(self.results.glob(f"*/{RESULT_FILE}")):
             plain = json.loads(path.read_text(encoding="utf-8"))
-            checks = {check["id"]: check["outcome"] for c in plain["criteria"] for check in c["checks"]}
+            checks = {
+                check["id"]: check["outcome"] for c in plain["criteria"] for check in c["checks"]
+            }
             seeds = [session["seed"] for session in plain["provenance"]["sessions"].values()]
-            found[path.parent.name] = (plain["score"], checks, plain["provenance"]["left_out"], seeds)
+            found[path.parent.name] = (
+                plain["score"],
+                checks,
+                plain["provenance"]["left_out"],
+                seeds,
+            )
         return found
 
     def files_of(self, name: str) -> dict[str, bytes]:
         """Return all files of a submission's results."""
         folder = self.results / name
-        return {str(p.relative_to(folder)): p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
+        return {
+            str(p.relative_to(folder)): p.read_bytes()
+            for p in sorted(folder.rglob("*"))
+            if p.is_file()
+        }
 
     def graded(self) -> list[str]:
         """Return who is graded, as the journal says, in that order."""
@@ -106,7 +128,9 @@ class SmallClass:
 
     def recording(self) -> list[str]:
         """Return whose sessions are being recorded now."""
-        return sorted({p.parts[-4] for p in self.results.glob(f"*/{UNFINISHED}/{RECORDINGS}/.*.partial")})
+        return sorted(
+            {p.parts[-4] for p in self.results.glob(f"*/{UNFINISHED}/{RECORDINGS}/.*.partial")}
+        )
 
 
 @dataclass
@@ -137,7 +161,12 @@ class Family:
 def _born(pid: int) -> str:
     """Return when a process started, empty if it is gone or but a line in its parent's books."""
     try:
-        status = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace").rsplit(")", 1)[1].split()
+        status = (
+            Path(f"/proc/{pid}/stat")
+            .read_text(encoding="utf-8", errors="replace")
+            .rsplit(")", 1)[1]
+            .split()
+        )
     except OSError:
         return ""
     return status[19] if status[0] not in "ZX" else ""
@@ -152,7 +181,13 @@ def make_class(folder: Path, talkers: Mapping[str, str | None]) -> SmallClass:
         {"interrupt": {"process": "talker"}},
     ]
     (folder / "lab").mkdir()
-    make_lab(folder / "lab", {"talker": TALKER}, {"only": steps}, timeout_s=90, checks=[published("/chatter")])
+    make_lab(
+        folder / "lab",
+        {"talker": TALKER},
+        {"only": steps},
+        timeout_s=90,
+        checks=[published("/chatter")],
+    )
     made = SmallClass(folder)
     for name, source in talkers.items():
         made.hand_in(name, source)

@@ -29,7 +29,12 @@ from grader.result_folder import JOURNAL_FILE, RECORDINGS
 from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
 from tests.live.small_lab import TALKER, command_of, name_of, remains, until
 from tests.regraded import judge_results
-from tests.report.exports.importers import User, moodle_feedback, moodle_grade_book, moodle_worksheet
+from tests.report.exports.importers import (
+    User,
+    moodle_feedback,
+    moodle_grade_book,
+    moodle_worksheet,
+)
 
 pytestmark = pytest.mark.live
 
@@ -53,7 +58,9 @@ def half_done(small: SmallClass, pid: int) -> Family:
 
     def seen() -> bool:
         family.look()
-        return bool(small.graded() and small.recording()) and any("/ws/install" in c for c in family.left())
+        return bool(small.graded() and small.recording()) and any(
+            "/ws/install" in c for c in family.left()
+        )
 
     until(seen, 120)
     return family
@@ -98,20 +105,27 @@ def test_a_class_is_graded_once(tmp_path: Path) -> None:
 
 def test_a_download_goes_back_to_where_it_came_from(tmp_path: Path) -> None:
     """From Moodle's download to what Moodle reads again; a class list counts for later runs, and runs nothing anew."""
-    names = {"Änne Müller_11_assignsubmission_file": TALKER, "Bob O'Brien_12_assignsubmission_file": CRASHES}
+    names = {
+        "Änne Müller_11_assignsubmission_file": TALKER,
+        "Bob O'Brien_12_assignsubmission_file": CRASHES,
+    }
     small = make_class(tmp_path, names)
     assert small.grade()[0] == 0
     before = {name: small.files_of(name) for name in ("Änne_Müller_11", "Bob_O_Brien_12")}
     listed = tmp_path / "class.csv"
     listed.write_text(
-        'name,student_id,email\n"Müller, Änne",0012,am@uni.example\nBob O\'Brien,0013,\n', encoding="utf-8"
+        'name,student_id,email\n"Müller, Änne",0012,am@uni.example\nBob O\'Brien,0013,\n',
+        encoding="utf-8",
     )
     assert "2 graded, 2 of them as before" in small.grade("--class-list", str(listed))[1]
     kept = {name: small.files_of(name) for name in before}
     assert "2 graded, 2 of them as before" in small.grade("--anonymous")[1]
     assert {name: small.files_of(name) for name in before} == kept
     record = f"{RECORDINGS}/submission.json"
-    assert [{k for k in kept[name] if kept[name][k] != before[name][k]} for name in before] == [{record}, {record}]
+    assert [{k for k in kept[name] if kept[name][k] != before[name][k]} for name in before] == [
+        {record},
+        {record},
+    ]
 
     users = [User("11", "", "0012"), User("12", "", "0013")]
     forms = ["--to=moodle", "--to=feedback", "--to=mail"]
@@ -121,13 +135,21 @@ def test_a_download_goes_back_to_where_it_came_from(tmp_path: Path) -> None:
         check=True,
         text=True,
     )
-    moodle, feedback, mails = (Path(line.rpartition(": ")[0]).read_bytes() for line in done.stdout.splitlines())
-    assert {n: grade for n, (grade, _) in moodle_worksheet(moodle, users, Decimal(1)).items()} == {"11": 1, "12": 0}
+    moodle, feedback, mails = (
+        Path(line.rpartition(": ")[0]).read_bytes() for line in done.stdout.splitlines()
+    )
+    assert {n: grade for n, (grade, _) in moodle_worksheet(moodle, users, Decimal(1)).items()} == {
+        "11": 1,
+        "12": 0,
+    }
     assert moodle_grade_book(moodle, users, "ID number", "student_id") == {"11": 1, "12": 0}
     reports = {
-        user: (small.results / n / "report.html").read_bytes() for user, n in zip(("11", "12"), before, strict=True)
+        user: (small.results / n / "report.html").read_bytes()
+        for user, n in zip(("11", "12"), before, strict=True)
     }
-    assert moodle_feedback(feedback, users) == {user: {"report.html": report} for user, report in reports.items()}
+    assert moodle_feedback(feedback, users) == {
+        user: {"report.html": report} for user, report in reports.items()
+    }
     assert b"am@uni.example" in mails
     assert "no address is known that mail can be sent to: Bob_O_Brien_12" in done.stderr
 
@@ -150,7 +172,9 @@ def test_exactly_what_is_undecided_is_run_again(tmp_path: Path) -> None:
     assert not (small.results / "cem").exists()
     assert remains(small.temporary) == []
     again = small.files_of("ann")
-    assert "2 graded, 2 of them as before" in small.grade("--undecided")[1], "there is nothing to decide any more"
+    assert "2 graded, 2 of them as before" in small.grade("--undecided")[1], (
+        "there is nothing to decide any more"
+    )
     assert small.files_of("ann") == again
 
 
@@ -164,7 +188,9 @@ def leave_open(small: SmallClass, name: str) -> None:
     judge_results(folder, rubric)
     assert small.result(name)["score"]["undecided"] == 1
     with Journal.open(small.results) as journal:
-        found = [json.loads(line) for line in (small.results / JOURNAL_FILE).read_text().splitlines()]
+        found = [
+            json.loads(line) for line in (small.results / JOURNAL_FILE).read_text().splitlines()
+        ]
         entry = next(line for line in found if line.get("graded") == name)
         journal.note(name, entry["key"], entry["policy"], entry["isolation"])
 
@@ -189,7 +215,9 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_run_that_is_asked_to_end_keeps_what_is_done(tmp_path: Path, number: signal.Signals) -> None:
+def test_a_run_that_is_asked_to_end_keeps_what_is_done(
+    tmp_path: Path, number: signal.Signals
+) -> None:
     """At Ctrl-C the run ends with the status of the signal, says what is kept, and leaves no process and no folder."""
     small = make_class(tmp_path, {"ann": TALKER, "bob": SLEEPS, "cem": TALKER})
     with small.start("-j", "1") as process:
@@ -247,7 +275,11 @@ def kill(family: Family, victim: str) -> set[int]:
     """Kill the processes of a run that are the victim; returns their ids."""
     part, name = VICTIMS[victim]
     family.look()
-    found = {pid for pid, _ in family.members if part in command_of(pid) and name_of(pid).startswith(name)}
+    found = {
+        pid
+        for pid, _ in family.members
+        if part in command_of(pid) and name_of(pid).startswith(name)
+    }
     for pid in found:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGKILL)

@@ -65,9 +65,17 @@ def test_all_who_are_known_are_reported_once(tmp_path: Path) -> None:
     ann, bob, cem, old = entries
     assert (ann.result, ann.problem) == (result_named("ann"), "")
     assert (ann.student_id, ann.submitted_at) == ("id of ann", NOON)
-    assert (bob.result, bob.problem, bob.student_id) == (None, "the submission is empty", "id of bob")
-    assert (cem.result, cem.problem) == (None, "the disk is full"), "an earlier result is not this submission's"
-    assert (old.result, old.problem) == (result_named("old"), ""), "whoever has a result has handed in"
+    assert (bob.result, bob.problem, bob.student_id) == (
+        None,
+        "the submission is empty",
+        "id of bob",
+    )
+    assert (cem.result, cem.problem) == (None, "the disk is full"), (
+        "an earlier result is not this submission's"
+    )
+    assert (old.result, old.problem) == (result_named("old"), ""), (
+        "whoever has a result has handed in"
+    )
 
 
 def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
@@ -88,16 +96,28 @@ def test_who_handed_in_is_told_to_recordings_that_hold_good(tmp_path: Path) -> N
     results = tmp_path / "results"
     shutil.copytree(KEPT, results / "ann" / RECORDINGS)
     ann = replace(source("ann"), origin=read_submission(results / "ann" / RECORDINGS).source)
-    listed = replace(ann, student_id="0012", identity=Identity((Person("Ann", "0012", "am12", "ann@uni.example"),)))
+    listed = replace(
+        ann,
+        student_id="0012",
+        identity=Identity((Person("Ann", "0012", "am12", "ann@uni.example"),)),
+    )
     with Journal.open(results) as journal:
-        run = ClassRun(read_rubric(None), Options(Path(sys.executable)), journal, Machine(1), RunProgress(Console(), 1))
+        run = ClassRun(
+            read_rubric(None),
+            Options(Path(sys.executable)),
+            journal,
+            Machine(1),
+            RunProgress(Console(), 1),
+        )
         run._state_intake(_Task(listed, "", NOON.isoformat(), "", ""))
         record = read_submission(results / "ann" / RECORDINGS)
         assert (record.student_id, record.identity) == ("0012", listed.identity)
         before = (results / "ann" / RECORDINGS / "submission.json").stat()
         run._state_intake(_Task(with_earlier(ann, results), "", NOON.isoformat(), "", ""))
         after = (results / "ann" / RECORDINGS / "submission.json").stat()
-    assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns), "a run without a list changed it"
+    assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns), (
+        "a run without a list changed it"
+    )
 
 
 def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -> None:
@@ -106,10 +126,14 @@ def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -
     shutil.copytree(lab_folder() / "reference/solution", handed_in)
     shutil.copytree(KEPT, results / "ann" / RECORDINGS)
     shutil.copy(lab_folder() / "rubric.yaml", results / "ann" / RECORDINGS / RUBRIC_COPY)
-    decided = "overrides: [{submission: wrong_topic, bonus: 1, reason: r, who: w, when: 2026-11-21}]"
+    decided = (
+        "overrides: [{submission: wrong_topic, bonus: 1, reason: r, who: w, when: 2026-11-21}]"
+    )
     (tmp_path / "overrides.yaml").write_text(decided, encoding="utf-8")
     rubric = read_rubric(None)
-    options = Options(Path(sys.executable), overrides=load_overrides(tmp_path / "overrides.yaml", rubric))
+    options = Options(
+        Path(sys.executable), overrides=load_overrides(tmp_path / "overrides.yaml", rubric)
+    )
     lab, chosen = fingerprint.lab_sha256(rubric), fingerprint.options_sha256(options)
     key = fingerprint.sha256_of((fingerprint.engine_sha256(), lab, chosen))
     with open_submission(SubmissionSource.of(handed_in)) as intake:

@@ -79,14 +79,34 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
     folder.mkdir()
     file = folder / "scheduler.json"
     dask = [sys.executable, "-m", "dask"]
-    scheduler = ["scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", "--scheduler-file", str(file)]
-    worker = ["worker", "--scheduler-file", str(file), "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    scheduler = [
+        "scheduler",
+        "--host",
+        "127.0.0.1",
+        "--port",
+        "0",
+        "--no-dashboard",
+        "--scheduler-file",
+        str(file),
+    ]
+    worker = [
+        "worker",
+        "--scheduler-file",
+        str(file),
+        "--nthreads",
+        "1",
+        "--no-nanny",
+        "--no-dashboard",
+    ]
     with ExitStack() as stack:
         stack.enter_context(running([*dask, *scheduler], folder))
         until(lambda: is_whole(file), 60)
         workers = [
             stack.enter_context(
-                running([*dask, *worker, "--name", name, "--local-directory", str(folder / name)], folder)
+                running(
+                    [*dask, *worker, "--name", name, "--local-directory", str(folder / name)],
+                    folder,
+                )
             )
             for name in ("one", "other")
         ]
@@ -132,7 +152,15 @@ def test_a_lost_worker_changes_no_result(tmp_path: Path, cluster: Cluster) -> No
     names = list(here.outcomes())
     before = {name: small.files_of(name) for name in names}
     folders = [str(small.results / name) for name in names]
-    command = [sys.executable, "-m", "grader.cli", "regrade", *folders, "--rubric", str(small.rubric)]
+    command = [
+        sys.executable,
+        "-m",
+        "grader.cli",
+        "regrade",
+        *folders,
+        "--rubric",
+        str(small.rubric),
+    ]
     assert subprocess.run(command, capture_output=True, check=False).returncode == 0
     assert {name: small.files_of(name) for name in names} == before
     status, output, _ = small.grade("--scheduler", str(cluster.address), "--seed", "7")

@@ -36,7 +36,9 @@ def judged(rubric: Rubric) -> dict[str, Any]:
 
 def expecting(**parts: Any) -> Expectation:
     """Give an expectation."""
-    return Expectation.model_validate({"about": "It is so.", "sessions": ["publisher"], "criteria": {}, **parts})
+    return Expectation.model_validate(
+        {"about": "It is so.", "sessions": ["publisher"], "criteria": {}, **parts}
+    )
 
 
 def read(result: dict[str, Any], identity: str = "", **change: Any) -> Result:
@@ -56,7 +58,9 @@ def test_all_fixtures_fit_the_rubric(rubric: Rubric) -> None:
     found = fixtures_in(ROOT / "fixtures")
     assert len(found) >= 117
     assert {
-        fixture.name: fixture.expectation.unfit(rubric) for fixture in found if fixture.expectation.unfit(rubric)
+        fixture.name: fixture.expectation.unfit(rubric)
+        for fixture in found
+        if fixture.expectation.unfit(rubric)
     } == {}
     for fixture in found:
         assert fixture.layers, fixture.name
@@ -119,13 +123,19 @@ def test_a_fixture_is_laid_out_over_what_it_builds_on(tmp_path: Path) -> None:
     assert {p.name: p.read_text() for p in submission.iterdir()} == {"a.py": "base", "b.py": "own"}
 
 
-def test_the_solution_is_a_fixture_too(tmp_path: Path, rubric: Rubric, judged: dict[str, Any]) -> None:
+def test_the_solution_is_a_fixture_too(
+    tmp_path: Path, rubric: Rubric, judged: dict[str, Any]
+) -> None:
     """It is laid out as it lies there, and expects all points of every check."""
     fixture = solution(SOLUTION, rubric)
     assert (fixture.lay_out(tmp_path) / "robot_service.py").is_file()
     assert compare(fixture.expectation, read(judged), rubric).differences == ()
-    less = compare(fixture.expectation, read(judged, "qos.honest", outcome="partial", earned=3), rubric)
-    assert [line.split(" | ")[0].split(":")[0] for line in less.differences] == ["qos.honest is partial, not passed"]
+    less = compare(
+        fixture.expectation, read(judged, "qos.honest", outcome="partial", earned=3), rubric
+    )
+    assert [line.split(" | ")[0].split(":")[0] for line in less.differences] == [
+        "qos.honest is partial, not passed"
+    ]
 
 
 # -- comparing -------------------------------------------------------------------------------------
@@ -138,11 +148,16 @@ def differences(expectation: Expectation, result: Result, rubric: Rubric) -> lis
 
 def test_what_is_not_named_must_pass(judged: dict[str, Any], rubric: Rubric) -> None:
     """A criterion without checks is demanded in full; another criterion is nobody's matter."""
-    result = read(judged, "publisher.rate", outcome="failed", earned=0, reason="slow", measured="90 Hz")
+    result = read(
+        judged, "publisher.rate", outcome="failed", earned=0, reason="slow", measured="90 Hz"
+    )
     assert compare(expecting(criteria={"publisher": {}}), result, rubric).differences == (
         "publisher.rate is failed, not passed: 90 Hz | slow",
     )
-    assert compare(expecting(criteria={"subscriber": {"checks": {}}}), result, rubric).differences == ()
+    assert (
+        compare(expecting(criteria={"subscriber": {"checks": {}}}), result, rubric).differences
+        == ()
+    )
 
 
 @pytest.mark.parametrize(
@@ -150,7 +165,11 @@ def test_what_is_not_named_must_pass(judged: dict[str, Any], rubric: Rubric) -> 
     [
         ({"outcome": "failed"}, {"outcome": "failed", "earned": 0}, []),
         ({"outcome": "failed"}, {}, ["publisher.rate is passed, not failed"]),
-        ({"outcome": "failed"}, {"outcome": "failed", "earned": 1}, ["publisher.rate earns 1, not 0"]),
+        (
+            {"outcome": "failed"},
+            {"outcome": "failed", "earned": 1},
+            ["publisher.rate earns 1, not 0"],
+        ),
         ({"outcome": "partial", "earned": [1, 5]}, {"outcome": "partial", "earned": 5}, []),
         (
             {"outcome": "partial", "earned": [1, 5]},
@@ -158,24 +177,38 @@ def test_what_is_not_named_must_pass(judged: dict[str, Any], rubric: Rubric) -> 
             ["publisher.rate earns 5.1, not from 1 to 5"],
         ),
         ({"outcome": "partial"}, {"outcome": "partial", "earned": 0.1}, []),
-        ({"outcome": "failed", "reason_has": "TIMER"}, {"outcome": "failed", "earned": 0, "hint": "a timer"}, []),
+        (
+            {"outcome": "failed", "reason_has": "TIMER"},
+            {"outcome": "failed", "earned": 0, "hint": "a timer"},
+            [],
+        ),
         (
             {"outcome": "failed", "reason_has": "timer"},
             {"outcome": "failed", "earned": 0, "reason": "slow", "hint": ""},
             ["publisher.rate does not mention 'timer'"],
         ),
-        ({"outcome": "not_reached"}, {"outcome": "failed", "earned": 0}, ["publisher.rate is failed, not not reached"]),
+        (
+            {"outcome": "not_reached"},
+            {"outcome": "failed", "earned": 0},
+            ["publisher.rate is failed, not not reached"],
+        ),
     ],
 )
 def test_a_check_that_is_named(
-    judged: dict[str, Any], rubric: Rubric, wanted: dict[str, Any], change: dict[str, Any], found: list[str]
+    judged: dict[str, Any],
+    rubric: Rubric,
+    wanted: dict[str, Any],
+    change: dict[str, Any],
+    found: list[str],
 ) -> None:
     """Outcome, points and words of a check are as expected, or each difference is told."""
     expectation = expecting(criteria={"publisher": {"checks": {"publisher.rate": wanted}}})
     assert differences(expectation, read(judged, "publisher.rate", **change), rubric) == found
 
 
-def test_checks_by_the_files_alone_are_asserted_where_they_are_named(judged: dict[str, Any], rubric: Rubric) -> None:
+def test_checks_by_the_files_alone_are_asserted_where_they_are_named(
+    judged: dict[str, Any], rubric: Rubric
+) -> None:
     """A check without a session counts only if it is named, or if its criterion has no other."""
     result = read(judged, "qos.explains", outcome="failed", earned=0)
     assert differences(expecting(criteria={"qos": {}}), result, rubric) == []
@@ -199,7 +232,9 @@ def test_what_was_not_judged_is_a_difference(judged: dict[str, Any], rubric: Rub
     """A session that did not run cannot pass for one that did."""
     partial = copy.deepcopy(judged)
     partial["criteria"] = [c for c in partial["criteria"] if c["id"] != "service"]
-    expectation = expecting(criteria={"service": {"checks": {"service.offers": {"outcome": "passed"}}}})
+    expectation = expecting(
+        criteria={"service": {"checks": {"service.offers": {"outcome": "passed"}}}}
+    )
     assert differences(expectation, read(partial), rubric) == [
         "service.offers is expected, but was not judged",
         "service is expected, but nothing of it was judged",
@@ -219,7 +254,9 @@ def test_what_is_undecided_may_be_run_again(judged: dict[str, Any], rubric: Rubr
 def test_an_expectation_of_another_rubric_is_reported_before_anything_runs(rubric: Rubric) -> None:
     """Names that the rubric does not have are listed, each with its kind, its place, and what may be meant."""
     checks = {"publisher.rat": {"outcome": "failed"}}
-    expectation = expecting(sessions=["publisher", "night"], criteria={"publisher": {"checks": checks}, "fame": {}})
+    expectation = expecting(
+        sessions=["publisher", "night"], criteria={"publisher": {"checks": checks}, "fame": {}}
+    )
     found = [(loc, words.partition(";")[0]) for loc, words in expectation.unfit(rubric)]
     assert found == [
         (("sessions", 1), "the rubric has no session 'night'"),

@@ -71,7 +71,9 @@ def test_the_same_files_are_the_same_submission(tmp_path: Path) -> None:
 def test_names_and_contents_cannot_be_mixed_up(tmp_path: Path) -> None:
     """Files that would follow each other in the same bytes are told apart."""
     hashes = set()
-    for number, files in enumerate(({"a": "bc"}, {"ab": "c"}, {"a": "b", "c": ""}, {"a": "", "b": "c"})):
+    for number, files in enumerate(
+        ({"a": "bc"}, {"ab": "c"}, {"a": "b", "c": ""}, {"a": "", "b": "c"})
+    ):
         folder = tmp_path / str(number)
         folder.mkdir()
         for name, text in files.items():
@@ -90,7 +92,9 @@ def test_the_rubric_with_all_its_programs_counts(tmp_path: Path, rubric: Rubric)
     assert here.folder == lab
     whole = fingerprint.lab_sha256(here)
     assert whole == fingerprint.lab_sha256(rubric)
-    assert {"reference/arm.py", "reference/arm_model.py", "reference/oracles.py"} <= set(fingerprint.lab_files(here))
+    assert {"reference/arm.py", "reference/arm_model.py", "reference/oracles.py"} <= set(
+        fingerprint.lab_files(here)
+    )
     for name in ("arm.py", "arm_model.py", "oracles.py"):
         path = lab / "reference" / name
         text = path.read_text(encoding="utf-8")
@@ -107,9 +111,15 @@ def test_of_the_rubrics_own_folder_not_everything_counts(tmp_path: Path, rubric:
         shutil.copy(rubric.folder / "reference" / name, tmp_path)
     (tmp_path / "submissions").mkdir()
     (tmp_path / "submissions" / "ann.py").write_text("")
-    specs = {name: spec.model_copy(update={"file": "arm.py"}) for name, spec in rubric.reference.items()}
+    specs = {
+        name: spec.model_copy(update={"file": "arm.py"}) for name, spec in rubric.reference.items()
+    }
     atomic_replacement = rubric.model_copy(update={"folder": tmp_path, "reference": specs})
-    assert set(fingerprint.lab_files(atomic_replacement)) == {"arm.py", "arm_model.py", "oracles.py"}
+    assert set(fingerprint.lab_files(atomic_replacement)) == {
+        "arm.py",
+        "arm_model.py",
+        "oracles.py",
+    }
 
 
 @pytest.mark.parametrize(
@@ -128,7 +138,9 @@ def test_options_that_matter(options: Options) -> None:
 
 def test_options_that_do_not_matter() -> None:
     """How many run side by side changes no result."""
-    assert fingerprint.options_sha256(replace(OPTIONS, jobs=3)) == fingerprint.options_sha256(OPTIONS)
+    assert fingerprint.options_sha256(replace(OPTIONS, jobs=3)) == fingerprint.options_sha256(
+        OPTIONS
+    )
 
 
 def test_decisions_of_people_concern_those_whom_they_name(tmp_path: Path, rubric: Rubric) -> None:

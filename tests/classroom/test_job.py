@@ -19,7 +19,13 @@ from grader.submission.extraction import SubmissionSource
 def test_a_job_arrives_as_it_was_sent(tmp_path: Path) -> None:
     """Rubric, options and submission are the same on the other side."""
     source = SubmissionSource.of(tmp_path)
-    job = Job(source, tmp_path, read_rubric(None), Options(Path(sys.executable), ["qos"]), Isolation(Level.FULL))
+    job = Job(
+        source,
+        tmp_path,
+        read_rubric(None),
+        Options(Path(sys.executable), ["qos"]),
+        Isolation(Level.FULL),
+    )
     assert pickle.loads(pickle.dumps(job)) == job
 
 
@@ -34,7 +40,10 @@ def test_problems_arrive() -> None:
 @pytest.mark.parametrize(
     ("error", "expected"),
     [
-        (SubmissionError("it is empty", location="ann", remedy="fill it"), ("it is empty", "ann", "fill it", 3)),
+        (
+            SubmissionError("it is empty", location="ann", remedy="fill it"),
+            ("it is empty", "ann", "fill it", 3),
+        ),
         (GraderError("it broke"), ("it broke", "", "", 70)),
         (
             RubricError("two mistakes", ["a.yaml:1: one", "a.yaml:2: two"], location="a.yaml"),
@@ -42,7 +51,9 @@ def test_problems_arrive() -> None:
         ),
     ],
 )
-def test_errors_keep_their_words_and_their_exit_status(error: GraderError, expected: tuple[str, str, str, int]) -> None:
+def test_errors_keep_their_words_and_their_exit_status(
+    error: GraderError, expected: tuple[str, str, str, int]
+) -> None:
     """An error of a submission says the same in a class as it does alone."""
     found = problem_of(error)
     assert (found.problem, found.location, found.remedy, found.exit_status) == expected
@@ -51,7 +62,11 @@ def test_errors_keep_their_words_and_their_exit_status(error: GraderError, expec
 def test_a_full_disk_is_named() -> None:
     """Of an error of the system the reason and the file are told, and what to look at."""
     told = problem_of(OSError(28, "No space left on device", "/results/ann"))
-    assert (told.problem, told.location, told.exit_status) == ("No space left on device", "/results/ann", 70)
+    assert (told.problem, told.location, told.exit_status) == (
+        "No space left on device",
+        "/results/ann",
+        70,
+    )
     assert "disk" in told.remedy
 
 

@@ -39,7 +39,9 @@ def test_what_is_graded_is_kept(tmp_path: Path) -> None:
     """A finished submission lies under its name, and the next run knows it, with its policy and confinement."""
     graded(tmp_path, "ann", "bob")
     assert held(tmp_path, "ann", "bob", "cem") == ["ann", "bob"]
-    assert json.loads((tmp_path / "ann" / RESULT_FILE).read_text(encoding="utf-8")) == {"mark": "ann"}
+    assert json.loads((tmp_path / "ann" / RESULT_FILE).read_text(encoding="utf-8")) == {
+        "mark": "ann"
+    }
     with Journal.open(tmp_path) as journal:
         entry = journal.holds("ann", "key")
         assert entry is not None
@@ -118,7 +120,10 @@ def test_what_could_not_be_graded_is_tried_again(tmp_path: Path) -> None:
     assert held(tmp_path, "ann") == []
     assert not (tmp_path / "ann").exists()
     assert (tmp_path / OUTDATED / "ann" / RESULT_FILE).is_file()
-    lines = [json.loads(line) for line in (tmp_path / JOURNAL_FILE).read_text(encoding="utf-8").splitlines()]
+    lines = [
+        json.loads(line)
+        for line in (tmp_path / JOURNAL_FILE).read_text(encoding="utf-8").splitlines()
+    ]
     assert lines[-1]["not graded"] == "ann"
     assert lines[-1]["problem"] == "the disk is full"
 
@@ -136,7 +141,11 @@ def test_another_judgement_changes_the_policy_alone(tmp_path: Path) -> None:
 
 def test_one_run_at_a_time(tmp_path: Path) -> None:
     """A second run in the same folder is refused while the first is at work, and not after."""
-    with Journal.open(tmp_path), pytest.raises(GraderError, match="another run"), Journal.open(tmp_path):
+    with (
+        Journal.open(tmp_path),
+        pytest.raises(GraderError, match="another run"),
+        Journal.open(tmp_path),
+    ):
         pass
     assert held(tmp_path) == []
 

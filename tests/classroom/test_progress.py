@@ -31,7 +31,9 @@ def points(earned: str, undecided: str = "0") -> Result:
 def console(*, terminal: bool = False) -> tuple[Console, io.StringIO]:
     """Make a console whose output can be read."""
     stream = io.StringIO()
-    return Console(file=stream, force_terminal=terminal, width=100, highlight=False, _environ={}), stream
+    return Console(
+        file=stream, force_terminal=terminal, width=100, highlight=False, _environ={}
+    ), stream
 
 
 def shown(progress: RunProgress) -> str:
@@ -51,7 +53,12 @@ def test_in_a_ci_job_each_submission_is_a_line() -> None:
         progress.phase("ann", Progress("qos", "starting"))
         progress.ended(row("ann", points("84.6")))
         progress.ended(row("bob", points("50", "2.5")))
-        progress.ended(row("cem", GraderError("the submission is empty", location="class/cem", remedy="fill it")))
+        progress.ended(
+            row(
+                "cem",
+                GraderError("the submission is empty", location="class/cem", remedy="fill it"),
+            )
+        )
     assert stream.getvalue().splitlines() == [
         "[2/4] ✓ ann: 84.6 / 100 (12 s)",
         "[3/4] ✓ bob: 50 / 100, 2.5 undecided (12 s)",
@@ -64,7 +71,9 @@ def test_on_a_terminal_all_that_runs_is_shown() -> None:
     progress = RunProgress(console(terminal=True)[0], 4)
     for name in ("ann", "bob", "cem", "dan"):
         progress.expect(name, 40.0)
-    assert "0 of 4 submissions done · 0 under way · 4 in the queue · about 40 s left" in shown(progress)
+    assert "0 of 4 submissions done · 0 under way · 4 in the queue · about 40 s left" in shown(
+        progress
+    )
     progress.phase("ann", Progress("", "reading"))
     progress.phase("ann", Progress("qos", "waits for the exit of qos", 7, 8))
     progress.phase("ann", Progress("publisher", "waits"))
@@ -100,9 +109,21 @@ def test_the_table_at_the_end() -> None:
     rows = [
         row("ann", points("84.6")),
         row("bob", points("50", "2.5")),
-        row("cem", GraderError("the submission is empty", location="class/cem", remedy="Put the lab's files into it.")),
         row(
-            "dan", GraderError("No space left on device", location="/results/dan/report.html", remedy="Check the disk.")
+            "cem",
+            GraderError(
+                "the submission is empty",
+                location="class/cem",
+                remedy="Put the lab's files into it.",
+            ),
+        ),
+        row(
+            "dan",
+            GraderError(
+                "No space left on device",
+                location="/results/dan/report.html",
+                remedy="Check the disk.",
+            ),
         ),
     ]
     print_class(screen, rows)
@@ -120,12 +141,21 @@ def test_the_table_at_the_end() -> None:
 
 def test_the_summary() -> None:
     """One sentence counts all kinds, and the mean is of those that were graded."""
-    rows = [row("a", points("80"), reused=True), row("b", points("90", "1")), row("c", GraderError("empty"))]
-    assert summary(rows) == "2 graded, 1 of them as before, 1 with undecided points, 1 not graded, mean 85.0 points"
+    rows = [
+        row("a", points("80"), reused=True),
+        row("b", points("90", "1")),
+        row("c", GraderError("empty")),
+    ]
+    assert (
+        summary(rows)
+        == "2 graded, 1 of them as before, 1 with undecided points, 1 not graded, mean 85.0 points"
+    )
     assert summary([row("c", GraderError("empty"))]) == "0 graded, 1 not graded"
 
 
-@pytest.mark.parametrize("name", ["\x1b[2Jann", "::error::ann", "ann\nbob", "[red]ann[/red]", "a" * 5000])
+@pytest.mark.parametrize(
+    "name", ["\x1b[2Jann", "::error::ann", "ann\nbob", "[red]ann[/red]", "a" * 5000]
+)
 def test_names_cannot_steer_terminal_or_log(name: str) -> None:
     """Escapes, markup, line breaks and commands of a CI job in a name are shown, and a long one is cut."""
     screen, stream = console(terminal=False)

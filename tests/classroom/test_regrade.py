@@ -34,7 +34,9 @@ def add(results: Path, name: str, recording: str = "missing_service_file", **fac
     shutil.copytree(ROOT / "tests/recordings" / recording, folder / result_folder.RECORDINGS)
     shutil.copy(SHIPPED, folder / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
     path = folder / result_folder.RECORDINGS / "submission.json"
-    path.write_text(json.dumps({**json.loads(path.read_text(encoding="utf-8")), "name": name, **facts}))
+    path.write_text(
+        json.dumps({**json.loads(path.read_text(encoding="utf-8")), "name": name, **facts})
+    )
     return folder
 
 
@@ -74,7 +76,11 @@ def rejudge(results: Path, rubric: Path | None, overrides: Path | None, **how: A
 
 def files(results: Path) -> dict[str, bytes]:
     """Give all files of a class by their paths."""
-    return {str(p.relative_to(results)): p.read_bytes() for p in sorted(results.rglob("*")) if p.is_file()}
+    return {
+        str(p.relative_to(results)): p.read_bytes()
+        for p in sorted(results.rglob("*"))
+        if p.is_file()
+    }
 
 
 def trail(results: Path) -> list[dict[str, Any]]:
@@ -111,7 +117,9 @@ def test_a_look_writes_nothing(results: Path, stricter: Path) -> None:
     before = files(results)
     found = rejudge(results, stricter, None, pages=False)
     assert files(results) == before
-    assert {name: changes.difference for name, changes in found.changes.items()} == dict.fromkeys(NAMES, -5)
+    assert {name: changes.difference for name, changes in found.changes.items()} == dict.fromkeys(
+        NAMES, -5
+    )
     assert found.failed == {}
 
 
@@ -165,7 +173,10 @@ def test_each_is_judged_by_its_own_rubric(results: Path, stricter: Path) -> None
     """Where the copies differ, each folder's counts."""
     shutil.copy(stricter, results / "bob" / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
     found = rejudge(results, None, None, pages=False)
-    assert {name: changes.difference for name, changes in found.changes.items()} == {"alice": 0, "bob": -5}
+    assert {name: changes.difference for name, changes in found.changes.items()} == {
+        "alice": 0,
+        "bob": -5,
+    }
 
 
 def test_results_remember_the_rubric_that_was_applied(results: Path, stricter: Path) -> None:
@@ -174,10 +185,14 @@ def test_results_remember_the_rubric_that_was_applied(results: Path, stricter: P
     again = rejudge(results, None, None, pages=False)
     assert not any(changes.matters or changes.words for changes in again.changes.values())
     rejudge(results, SHIPPED, None, pages=True).apply()
-    assert not [path for path in files(results) if path.endswith(f"alice/{result_folder.RUBRIC_COPY}")]
+    assert not [
+        path for path in files(results) if path.endswith(f"alice/{result_folder.RUBRIC_COPY}")
+    ]
 
 
-def test_a_broken_rubric_is_reported_before_anything_is_judged(results: Path, tmp_path: Path) -> None:
+def test_a_broken_rubric_is_reported_before_anything_is_judged(
+    results: Path, tmp_path: Path
+) -> None:
     """All its mistakes are known, and no file has changed."""
     before = files(results)
     broken = rewritten(tmp_path, "check: topic_rate", "check: topic_rat")
@@ -203,7 +218,9 @@ def test_an_interruption_changes_nothing(results: Path, stricter: Path) -> None:
 
 def test_decisions_survive_every_regrade(results: Path, stricter: Path) -> None:
     """Overrides beside the results are applied whichever rubric judges, one by one and as a class."""
-    (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: bob, bonus: 2.5, {WHY}}}\n")
+    (results / "overrides.yaml").write_text(
+        f"overrides:\n  - {{submission: bob, bonus: 2.5, {WHY}}}\n"
+    )
     for rubric in (None, stricter):
         found = rejudge(results, rubric, None, pages=True)
         found.apply()
@@ -212,15 +229,21 @@ def test_decisions_survive_every_regrade(results: Path, stricter: Path) -> None:
         assert [a["kind"] for a in plain["adjustments"]] == ["bonus"]
         alone = regraded(results / "bob", rubric)
         assert alone.final == found.changes["bob"].after
-    assert json.loads((results / "alice" / result_folder.RESULT_FILE).read_text())["adjustments"] == []
+    assert (
+        json.loads((results / "alice" / result_folder.RESULT_FILE).read_text())["adjustments"] == []
+    )
 
 
 def test_another_file_of_decisions(results: Path, tmp_path: Path) -> None:
     """The file that is given counts, not the one beside the results."""
-    (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: bob, bonus: 2.5, {WHY}}}\n")
+    (results / "overrides.yaml").write_text(
+        f"overrides:\n  - {{submission: bob, bonus: 2.5, {WHY}}}\n"
+    )
     (tmp_path / "mine.yaml").write_text(f"overrides:\n  - {{submission: alice, bonus: 1, {WHY}}}\n")
     found = rejudge(results, None, tmp_path / "mine.yaml", pages=False)
-    assert {name: changes.difference for name, changes in found.changes.items() if changes.matters} == {"alice": 1}
+    assert {
+        name: changes.difference for name, changes in found.changes.items() if changes.matters
+    } == {"alice": 1}
 
 
 def test_decisions_under_another_name_are_not_passed_over(results: Path) -> None:
@@ -229,7 +252,10 @@ def test_decisions_under_another_name_are_not_passed_over(results: Path) -> None
     (results / "overrides.yml").write_text(text)
     with pytest.raises(RubricError, match=r"is called overrides\.yaml"):
         rejudge(results, None, None, pages=False)
-    assert rejudge(results, None, results / "overrides.yml", pages=False).changes["bob"].difference == 2.5
+    assert (
+        rejudge(results, None, results / "overrides.yml", pages=False).changes["bob"].difference
+        == 2.5
+    )
     (results / "overrides.yaml").write_text("overrides: []")
     assert not rejudge(results, None, None, pages=False).changes["bob"].matters
 
@@ -260,7 +286,8 @@ def test_lateness_by_the_recorded_time(tmp_path: Path) -> None:
     add(results, "carol", "wrong_topic")
     rejudge(results, rubric, None, pages=True).apply()
     found = {
-        name: json.loads((results / name / result_folder.RESULT_FILE).read_text()) for name in ("alice", "bob", "carol")
+        name: json.loads((results / name / result_folder.RESULT_FILE).read_text())
+        for name in ("alice", "bob", "carol")
     }
     earned = found["alice"]["score"]["earned"]
     assert {name: plain["score"]["final"] for name, plain in found.items()} == {
@@ -286,7 +313,9 @@ def test_each_replaced_result_is_kept_and_noted(results: Path, stricter: Path) -
         name = line["submission"]
         assert (results / line["kept"]).read_bytes() == old[name]
         new = (results / name / result_folder.RESULT_FILE).read_bytes()
-        assert line["result_sha256"] == [hashlib.sha256(text).hexdigest() for text in (old[name], new)]
+        assert line["result_sha256"] == [
+            hashlib.sha256(text).hexdigest() for text in (old[name], new)
+        ]
         assert line["final"][0] - line["final"][1] == 5
         assert line["checks"]["publisher.rate"]["points"] == [5, 0]
         assert line["rubric_sha256"][1] == hashlib.sha256(stricter.read_bytes()).hexdigest()
@@ -318,7 +347,9 @@ def test_the_first_result_with_a_decision_is_noted(tmp_path: Path) -> None:
     results = tmp_path / "results"
     for name in ("alice", "bob"):
         add(results, name, "wrong_topic")
-    (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: bob, bonus: 1, {WHY}}}\n")
+    (results / "overrides.yaml").write_text(
+        f"overrides:\n  - {{submission: bob, bonus: 1, {WHY}}}\n"
+    )
     rejudge(results, None, None, pages=True).apply()
     (line,) = trail(results)
     assert (line["submission"], line["final"][0], line["kept"]) == ("bob", None, None)

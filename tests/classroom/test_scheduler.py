@@ -33,7 +33,9 @@ def machine(slots: int) -> Machine:
     return Machine(slots, f"grade-test-{uuid.uuid4().hex}")
 
 
-async def waits(taking: Coroutine[Any, Any, Callable[[], None]]) -> asyncio.Task[Callable[[], None]]:
+async def waits(
+    taking: Coroutine[Any, Any, Callable[[], None]],
+) -> asyncio.Task[Callable[[], None]]:
     """Start to take a place, give that five chances, and check that it has to wait."""
     task = asyncio.ensure_future(taking)
     await asyncio.sleep(0.5)
@@ -61,7 +63,9 @@ def test_idle_cores_take_more_one_after_another(share: float, more: int) -> None
     """Beyond its slots a machine takes one sandbox after another while its cores have little to do, up to a number."""
 
     async def scenario() -> None:
-        slots = Machine(1, f"grade-test-{uuid.uuid4().hex}", spare=2, idle_s=lambda: share * time.monotonic())
+        slots = Machine(
+            1, f"grade-test-{uuid.uuid4().hex}", spare=2, idle_s=lambda: share * time.monotonic()
+        )
         held = [await slots.take()]
         for _ in range(more):
             began_s = time.monotonic()

@@ -45,7 +45,9 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int
         ["--scheduler", "tcp://127.0.0.1:1", "--export", "junit"],
     ],
 )
-def test_what_does_not_go_together(capsys: pytest.CaptureFixture[str], arguments: list[str]) -> None:
+def test_what_does_not_go_together(
+    capsys: pytest.CaptureFixture[str], arguments: list[str]
+) -> None:
     """Contradictory options end with 2 and the usage."""
     status, _, errors = run(capsys, ROOT / "submissions/alice", *arguments)
     assert (status, "usage: grade" in errors) == (2, True)
@@ -74,7 +76,10 @@ def test_who_is_marked_late_without_a_time_is_reported() -> None:
     """A system's mark is not lost where it alone tells that something was late."""
     late = SubmissionSource("bob", (), late=True)
     assert "--class-list can: bob\n" in told(Discovery((late, SubmissionSource("ann", ()))))
-    assert told(Discovery((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=timezone.utc)),))) == ""
+    assert (
+        told(Discovery((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=timezone.utc)),)))
+        == ""
+    )
 
 
 def test_who_is_on_the_page_from_earlier_runs_is_reported(tmp_path: Path) -> None:
@@ -82,7 +87,12 @@ def test_who_is_on_the_page_from_earlier_runs_is_reported(tmp_path: Path) -> Non
     for name in ("ann", "old"):
         (tmp_path / name).mkdir()
         (tmp_path / name / "result.json").write_text("{}", encoding="utf-8")
-    rows = [Row(SubmissionSource("ann", ()), Result("ann", "Lab 1", Score(Decimal(1), Decimal(1), Decimal(0)), ()))]
+    rows = [
+        Row(
+            SubmissionSource("ann", ()),
+            Result("ann", "Lab 1", Score(Decimal(1), Decimal(1), Decimal(0)), ()),
+        )
+    ]
     console = Console(file=io.StringIO(), width=200)
     options = Namespace(output=tmp_path, class_list=None, anonymous=False)
     _report_class(rows, read_rubric(None), options, console)

@@ -67,7 +67,9 @@ class Case:
             watching = asyncio.ensure_future(watch())
             job = replace(self.job, **limits)
             with Workers() as workers:
-                ending = await grade_in_process(job, workers, lambda phase: phases.append(phase.text))
+                ending = await grade_in_process(
+                    job, workers, lambda phase: phases.append(phase.text)
+                )
             watching.cancel()
             assert job.machine is not None
             (await asyncio.wait_for(job.machine.take(1), 120))()
@@ -141,9 +143,13 @@ def test_results_that_cannot_be_written_are_reported(case: Case) -> None:
 
 
 @pytest.mark.parametrize(
-    ("alone_s", "third"), [(60.0, "waits to run alone"), (0.0, "waits to run beside few others")], ids=["yes", "no"]
+    ("alone_s", "third"),
+    [(60.0, "waits to run alone"), (0.0, "waits to run beside few others")],
+    ids=["yes", "no"],
 )
-def test_what_stays_undecided_is_recorded_in_an_ever_calmer_machine(case: Case, alone_s: float, third: str) -> None:
+def test_what_stays_undecided_is_recorded_in_an_ever_calmer_machine(
+    case: Case, alone_s: float, third: str
+) -> None:
     """Again beside few others, then alone, but not once that took its time: the others wait for it."""
     # What it asks for is never seen; one recording is no proof of that, nor are two.
     case.small.hand_in("ann", TALKER.replace("rclpy.init()", "rclpy.init(domain_id=7)"))

@@ -25,7 +25,9 @@ def _each(change: Callable[[ast.Module], ast.AST]) -> Disguise:
     """Return the disguise that changes the syntax tree of each file."""
 
     def disguise(files: Files) -> Files:
-        trees = {path: ast.fix_missing_locations(change(ast.parse(text))) for path, text in files.items()}
+        trees = {
+            path: ast.fix_missing_locations(change(ast.parse(text))) for path, text in files.items()
+        }
         return {path: ast.unparse(tree) + "\n" for path, tree in trees.items()}
 
     return disguise
@@ -119,7 +121,9 @@ class _Numbers(ast.NodeTransformer):
 
 def _own_names(tree: ast.AST) -> dict[str, str]:
     """Return another name for each that the program itself binds."""
-    bound = [n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)]
+    bound = [
+        n.id for n in ast.walk(tree) if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)
+    ]
     bound += [n.arg for n in ast.walk(tree) if isinstance(n, ast.arg) and n.arg != "self"]
     own = [n for n in dict.fromkeys(bound) if not hasattr(builtins, n) and not keyword.iskeyword(n)]
     return {name: f"{'abcdefghij'[k % 10]}{k}_wert" for k, name in enumerate(own)}
@@ -145,7 +149,9 @@ def _definitions(tree: ast.AST) -> dict[str, str]:
     own += [
         n.attr
         for n in ast.walk(tree)
-        if isinstance(n, ast.Attribute) and isinstance(n.ctx, ast.Store) and isinstance(n.value, ast.Name)
+        if isinstance(n, ast.Attribute)
+        and isinstance(n.ctx, ast.Store)
+        and isinstance(n.value, ast.Name)
     ]
     return {name: f"Teil{k}" for k, name in enumerate(dict.fromkeys(own))}
 
@@ -184,12 +190,22 @@ def _imports_changed(tree: ast.Module) -> ast.AST:
     """Turn the imports round, one line each, between others that nothing uses."""
     imports = [s for s in tree.body if isinstance(s, (ast.Import, ast.ImportFrom))]
     single = [
-        ast.ImportFrom(s.module, [name], s.level) if isinstance(s, ast.ImportFrom) else ast.Import([name])
+        ast.ImportFrom(s.module, [name], s.level)
+        if isinstance(s, ast.ImportFrom)
+        else ast.Import([name])
         for s in imports
         for name in s.names
     ]
-    extra = [_statement(f"import {name}") for name in ("os", "sys", "json", "random", "typing", "itertools")]
-    tree.body = [*extra[:3], *reversed(single), *extra[3:], *(s for s in tree.body if s not in imports)]
+    extra = [
+        _statement(f"import {name}")
+        for name in ("os", "sys", "json", "random", "typing", "itertools")
+    ]
+    tree.body = [
+        *extra[:3],
+        *reversed(single),
+        *extra[3:],
+        *(s for s in tree.body if s not in imports),
+    ]
     return tree
 
 
@@ -248,7 +264,11 @@ def _between(texts: Callable[[int], str], each: int) -> Callable[[list[ast.stmt]
         found: list[ast.stmt] = []
         for n, statement in enumerate(body, 1):
             found.append(statement)
-            if n % each == 0 and n < len(body) and not isinstance(statement, (ast.Import, ast.ImportFrom)):
+            if (
+                n % each == 0
+                and n < len(body)
+                and not isinstance(statement, (ast.Import, ast.ImportFrom))
+            ):
                 found.append(_statement(texts(n)))
         return found
 
@@ -281,9 +301,16 @@ def _dead_functions(body: list[ast.stmt]) -> list[ast.stmt]:
 
 def _outlined(body: list[ast.stmt]) -> list[ast.stmt]:
     """Put the second half of each longer body into a function that is called there."""
-    if len(body) < 4 or not any(map(_simple, body)) or any(isinstance(s, ast.ClassDef) for s in body):
+    if (
+        len(body) < 4
+        or not any(map(_simple, body))
+        or any(isinstance(s, ast.ClassDef) for s in body)
+    ):
         return body
-    if any(isinstance(s, (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef)) for s in body):
+    if any(
+        isinstance(s, (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef))
+        for s in body
+    ):
         return body
     half = len(body) // 2
     part = _statement("def carry_on():\n    pass")
@@ -296,7 +323,11 @@ class _Inlined(ast.NodeTransformer):
     """Puts what a function without parameters does in place of the statements that call it, and leaves it out."""
 
     def __init__(self, tree: ast.AST) -> None:
-        calls = [n.value.func for n in ast.walk(tree) if isinstance(n, ast.Expr) and isinstance(n.value, ast.Call)]
+        calls = [
+            n.value.func
+            for n in ast.walk(tree)
+            if isinstance(n, ast.Expr) and isinstance(n.value, ast.Call)
+        ]
         called = [getattr(f, "attr", getattr(f, "id", "")) for f in calls]
         kinds = (ast.FunctionDef, ast.AsyncFunctionDef)
         own = {n.name: n for n in ast.walk(tree) if isinstance(n, kinds)}
@@ -317,19 +348,32 @@ class _Loops(ast.NodeTransformer):
 
     def visit_For(self, node: ast.For) -> ast.AST | list[ast.stmt]:
         self.generic_visit(node)
-        steps = _statement("while True:\n    try:\n        item = next(walk)\n    except StopIteration:\n        break")
+        steps = _statement(
+            "while True:\n    try:\n        item = next(walk)\n    except StopIteration:\n        break"
+        )
         assert isinstance(steps, ast.While)
         take = ast.Assign([node.target], ast.Name("item", ast.Load()))
         steps.body += [take, *node.body]
-        start = ast.Assign([ast.Name("walk", ast.Store())], ast.Call(ast.Name("iter", ast.Load()), [node.iter], []))
+        start = ast.Assign(
+            [ast.Name("walk", ast.Store())], ast.Call(ast.Name("iter", ast.Load()), [node.iter], [])
+        )
         return [start, steps]
 
     def visit_ListComp(self, node: ast.ListComp) -> ast.AST:
         self.generic_visit(node)
-        return ast.Call(ast.Name("list", ast.Load()), [ast.GeneratorExp(node.elt, node.generators)], [])
+        return ast.Call(
+            ast.Name("list", ast.Load()), [ast.GeneratorExp(node.elt, node.generators)], []
+        )
 
 
-_TURNED = {ast.Lt: ast.Gt, ast.Gt: ast.Lt, ast.LtE: ast.GtE, ast.GtE: ast.LtE, ast.Eq: ast.Eq, ast.NotEq: ast.NotEq}
+_TURNED = {
+    ast.Lt: ast.Gt,
+    ast.Gt: ast.Lt,
+    ast.LtE: ast.GtE,
+    ast.GtE: ast.LtE,
+    ast.Eq: ast.Eq,
+    ast.NotEq: ast.NotEq,
+}
 
 
 class _Conditions(ast.NodeTransformer):
@@ -386,7 +430,12 @@ def _partial(files: Files) -> Files:
         tree = ast.parse(text)
         parts = [s for s in tree.body if isinstance(s, (ast.FunctionDef, ast.ClassDef))]
         parts.sort(key=lambda s: -len(ast.unparse(s)))
-        found[path] = ast.unparse(ast.Module([s for s in tree.body if s in parts[: (len(parts) + 1) // 2]], [])) + "\n"
+        found[path] = (
+            ast.unparse(
+                ast.Module([s for s in tree.body if s in parts[: (len(parts) + 1) // 2]], [])
+            )
+            + "\n"
+        )
     return found
 
 
@@ -397,7 +446,9 @@ DISGUISES: dict[str, Disguise] = {
     "texts translated": _transformed(_Texts),
     "numbers changed": _transformed(_Numbers),
     "variables renamed": _each(lambda tree: _Variables(_own_names(tree)).visit(tree)),
-    "functions and classes renamed": _each(lambda tree: _Definitions(_definitions(tree)).visit(tree)),
+    "functions and classes renamed": _each(
+        lambda tree: _Definitions(_definitions(tree)).visit(tree)
+    ),
     "types annotated": _each(_annotated),
     "imports changed": _each(_imports_changed),
     "definitions reordered": _in_bodies(_definitions_reordered),
@@ -411,6 +462,8 @@ DISGUISES: dict[str, Disguise] = {
     "functions inlined": _each(lambda tree: _Inlined(tree).visit(tree)),
     "loops rewritten": _transformed(_Loops),
     "conditions turned": _transformed(_Conditions),
-    "expressions rewritten": lambda files: _in_bodies(_with_temporaries)(_transformed(_Expressions)(files)),
+    "expressions rewritten": lambda files: _in_bodies(_with_temporaries)(
+        _transformed(_Expressions)(files)
+    ),
     "only half copied": _partial,
 }

@@ -14,7 +14,9 @@ from grader.lab.rubric import CheckSpec, CriterionSpec, LabSpec, Rubric
 from grader.result import RESULT_SCHEMA, read_result
 
 
-def rubric_of(*checks: tuple[str, int], requires: dict[str, tuple[str, ...]] | None = None) -> Rubric:
+def rubric_of(
+    *checks: tuple[str, int], requires: dict[str, tuple[str, ...]] | None = None
+) -> Rubric:
     """Give a rubric with checks `criterion.name` of some points."""
     specs = [
         CheckSpec.model_validate(
@@ -39,9 +41,19 @@ def rubric_of(*checks: tuple[str, int], requires: dict[str, tuple[str, ...]] | N
     return Rubric(lab=lab, criteria=tuple(criteria), folder=Path(), text="text")
 
 
-def plain_check(spec: CheckSpec, credit: float | None, reason: str = "", outcome: str = "") -> dict[str, Any]:
+def plain_check(
+    spec: CheckSpec, credit: float | None, reason: str = "", outcome: str = ""
+) -> dict[str, Any]:
     """Give a check as it stands in result.json; a credit of None leaves it undecided."""
-    worked_out = "inconclusive" if credit is None else "passed" if credit == 1 else "partial" if credit else "failed"
+    worked_out = (
+        "inconclusive"
+        if credit is None
+        else "passed"
+        if credit == 1
+        else "partial"
+        if credit
+        else "failed"
+    )
     return {
         "id": spec.id,
         "title": spec.title,
@@ -54,13 +66,20 @@ def plain_check(spec: CheckSpec, credit: float | None, reason: str = "", outcome
     }
 
 
-def result_of(rubric: Rubric, credits: Sequence[float | None], reasons: dict[str, str] | None = None) -> dict[str, Any]:
+def result_of(
+    rubric: Rubric, credits: Sequence[float | None], reasons: dict[str, str] | None = None
+) -> dict[str, Any]:
     """Give the plain data of a result with some credit for each check, in the rubric's order."""
     given = dict(zip((spec.id for spec in rubric.checks()), credits, strict=True))
     criteria = []
     for criterion in rubric.criteria:
-        checks = [plain_check(spec, given[spec.id], (reasons or {}).get(spec.id, "")) for spec in criterion.checks]
-        sums = {key: sum(check[key] for check in checks) for key in ("earned", "possible", "undecided")}
+        checks = [
+            plain_check(spec, given[spec.id], (reasons or {}).get(spec.id, ""))
+            for spec in criterion.checks
+        ]
+        sums = {
+            key: sum(check[key] for check in checks) for key in ("earned", "possible", "undecided")
+        }
         criteria.append({"id": criterion.id, "title": criterion.title, "checks": checks, **sums})
     score = {key: sum(c[key] for c in criteria) for key in ("earned", "possible", "undecided")}
     return {

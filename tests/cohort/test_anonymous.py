@@ -47,11 +47,19 @@ def said(*entries: ClassEntry) -> str:
     [
         ("alice", "Node /alice_node died (Alice in alice/pub.py).", ("alice",)),
         ("mueller_anna", "AnnaPublisher, anna_mueller, mueller.", ("mueller", "anna")),
-        ("Müller, Änne", "muller, mueller and Anne, MÜLLER.", ("muller", "mueller", "müller", "anne", "änne")),
+        (
+            "Müller, Änne",
+            "muller, mueller and Anne, MÜLLER.",
+            ("muller", "mueller", "müller", "anne", "änne"),
+        ),
         ("o'brien-4711999", "obrien? O'Brien handed in 4711999.", ("o'brien", "4711999")),
         ("Jo Ng", "Jo Ng wrote it.", ("jo ng",)),
         ("kim", "KimPublisher by kim; lab9_kim/x.py.", ("kim",)),
-        ("\u738b\u4f1f_8", "\u8bdd\u9898\u738b\u4f1f\u7684\u8282\u70b9, \u738b\u4f1fNode.", ("\u738b\u4f1f",)),
+        (
+            "\u738b\u4f1f_8",
+            "\u8bdd\u9898\u738b\u4f1f\u7684\u8282\u70b9, \u738b\u4f1fNode.",
+            ("\u738b\u4f1f",),
+        ),
         ("\uae40 \ucca0\uc218", "\uae40\ucca0\uc218\uac00; lab9\ucca0\uc218.", ("\ucca0\uc218",)),
     ],
 )
@@ -93,7 +101,14 @@ def test_links_ids_times_and_words_of_adjustments_go() -> None:
         "who": "Dr Who",
         "when": "x",
     }
-    bonus = {"kind": "bonus", "what": "score", "points": 3, "reason": "helped Bob", "who": "Dr Who", "when": "y"}
+    bonus = {
+        "kind": "bonus",
+        "what": "score",
+        "points": 3,
+        "reason": "helped Bob",
+        "who": "Dr Who",
+        "when": "y",
+    }
     known = dataclasses.replace(
         entry(
             "alice",
@@ -104,7 +119,17 @@ def test_links_ids_times_and_words_of_adjustments_go() -> None:
         submitted_at=datetime(2026, 11, 20, 21, 7, tzinfo=timezone.utc),
     )
     text = said(known)
-    for word in ("990017", "21:07", "surgery", "dr who", "2026-11-22", "helped", "report.html", "alice", "hash of"):
+    for word in (
+        "990017",
+        "21:07",
+        "surgery",
+        "dr who",
+        "2026-11-22",
+        "helped",
+        "report.html",
+        "alice",
+        "hash of",
+    ):
         assert word not in text
     assert "bonus" in text
     assert f"{HIDDEN} went out" in text
@@ -119,14 +144,18 @@ def test_no_login_address_or_partner_is_left() -> None:
     reason = "amu47 and bobrien3 wrote to aenne.mu@uni.example on Monday: 11 messages of Änne and O'Brien, 0012999."
     text = said(dataclasses.replace(entry("team_red", reason), identity=Identity(people)))
     assert [
-        word for word in ("amu47", "bobrien3", "aenne", "änne", "o'brien", "0012999", "team_red") if word in text
+        word
+        for word in ("amu47", "bobrien3", "aenne", "änne", "o'brien", "0012999", "team_red")
+        if word in text
     ] == []
     assert "on monday: 11 messages" in text
 
 
 def test_problems_of_what_was_not_graded_have_no_names_either() -> None:
     """Why something was not graded is said without the path of a folder that bears the name."""
-    assert "carol" not in said(ClassEntry("carol", None, "Nothing in /srv/carol.zip", "carol/report.html"))
+    assert "carol" not in said(
+        ClassEntry("carol", None, "Nothing in /srv/carol.zip", "carol/report.html")
+    )
 
 
 def test_pseudonyms_do_not_follow_the_names_and_need_the_submissions() -> None:
@@ -149,7 +178,9 @@ def test_the_same_mistakes_stay_the_same() -> None:
     """Hiding names neither joins nor parts what students did, nor does it change a point."""
     entries = [entry(name, f"Topic /{name} is unknown.") for name in ("alice", "berta", "carol")]
     named, hidden = summarise(entries, LAB), summarise(anonymous(entries, LAB), LAB)
-    assert [len(m.made_by) for m in hidden.mistakes] == [len(m.made_by) for m in named.mistakes] == [3]
+    assert (
+        [len(m.made_by) for m in hidden.mistakes] == [len(m.made_by) for m in named.mistakes] == [3]
+    )
     assert hidden.spread == named.spread
 
 

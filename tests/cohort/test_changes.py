@@ -29,7 +29,9 @@ def compared(before: dict[str, Any] | None, after: dict[str, Any]) -> Changes:
     return changes_between(read_result(before) if before is not None else None, read_result(after))
 
 
-def with_check(result: dict[str, Any], identity: str, earned: float, outcome: str, **more: Any) -> dict[str, Any]:
+def with_check(
+    result: dict[str, Any], identity: str, earned: float, outcome: str, **more: Any
+) -> dict[str, Any]:
     """Give a result in which a check, its criterion and the score have other points."""
     changed = copy.deepcopy(result)
     for criterion in changed["criteria"]:
@@ -55,9 +57,17 @@ def test_a_check_with_other_points(judged: dict[str, Any]) -> None:
     """The check, its criterion and the total change by as much."""
     after = with_check(judged, "publisher.rate", 2.5, "partial")
     changes = compared(judged, after)
-    assert (changes.submission, changes.before, changes.after) == (judged["submission"], Decimal(100), Decimal("97.5"))
+    assert (changes.submission, changes.before, changes.after) == (
+        judged["submission"],
+        Decimal(100),
+        Decimal("97.5"),
+    )
     criterion, check = changes.parts
-    assert (criterion.id, criterion.before, criterion.after) == ("publisher", Decimal(20), Decimal("17.5"))
+    assert (criterion.id, criterion.before, criterion.after) == (
+        "publisher",
+        Decimal(20),
+        Decimal("17.5"),
+    )
     assert (check.id, check.before, check.after) == ("publisher.rate", Decimal(5), Decimal("2.5"))
     assert check.outcomes == (Outcome.PASSED, Outcome.PARTIAL)
     assert changes.difference == criterion.difference == check.difference == Decimal("-2.5")
@@ -87,7 +97,9 @@ def test_words_alone_do_not_matter(judged: dict[str, Any]) -> None:
     reworded = with_check(judged, "publisher.rate", 5, "passed", reason="other words")
     changes = compared(judged, reworded)
     assert (changes.matters, changes.words) == (False, True)
-    elsewhere = copy.deepcopy(judged) | {"provenance": {**judged["provenance"], "rubric_sha256": "other"}}
+    elsewhere = copy.deepcopy(judged) | {
+        "provenance": {**judged["provenance"], "rubric_sha256": "other"}
+    }
     assert not compared(judged, elsewhere).words
 
 
@@ -120,21 +132,39 @@ def test_checks_that_came_and_went(judged: dict[str, Any]) -> None:
         ("gone", False, True),
     ]
     check, *others = changes.at("check")
-    assert (check.id, check.before, check.after, check.outcomes[0]) == ("publisher.rate", None, Decimal(5), None)
+    assert (check.id, check.before, check.after, check.outcomes[0]) == (
+        "publisher.rate",
+        None,
+        Decimal(5),
+        None,
+    )
     assert {(c.before is None, c.after is None) for c in others} == {(True, False), (False, True)}
 
 
 def adjustment(points: float, kind: str = "points", what: str = "publisher.rate") -> dict[str, Any]:
     """Give an adjustment as plain data."""
-    return {"kind": kind, "what": what, "points": points, "reason": "so", "who": "J. Smith", "when": "2026-11-21"}
+    return {
+        "kind": kind,
+        "what": what,
+        "points": points,
+        "reason": "so",
+        "who": "J. Smith",
+        "when": "2026-11-21",
+    }
 
 
 def test_adjustments_are_compared_by_what_they_concern(judged: dict[str, Any]) -> None:
     """Those of one kind about one thing count together; others are told apart."""
-    before = copy.deepcopy(judged) | {"adjustments": [adjustment(-2), adjustment(3, "bonus", "score")]}
-    after = copy.deepcopy(judged) | {"adjustments": [adjustment(-2), adjustment(-1), adjustment(3, "bonus", "score")]}
+    before = copy.deepcopy(judged) | {
+        "adjustments": [adjustment(-2), adjustment(3, "bonus", "score")]
+    }
+    after = copy.deepcopy(judged) | {
+        "adjustments": [adjustment(-2), adjustment(-1), adjustment(3, "bonus", "score")]
+    }
     changes = compared(before, after)
-    assert [(a.title, a.id, a.difference) for a in changes.parts] == [("points", "publisher.rate", Decimal(-1))]
+    assert [(a.title, a.id, a.difference) for a in changes.parts] == [
+        ("points", "publisher.rate", Decimal(-1))
+    ]
     assert changes.difference == -1
 
 

@@ -29,11 +29,23 @@ RATE = "Messages come at {} Hz, {}% slower than 100 Hz."
             "The topic is named /x, not /commands.",
         ),
         ("Executable 'a b' not found.", 'Executable "node" not found.'),
-        ("1 comment explains something; for 51 lines 2.", "0 comments explain something; for 21 lines 1."),
+        (
+            "1 comment explains something; for 51 lines 2.",
+            "0 comments explain something; for 21 lines 1.",
+        ),
         ("It does not say what a.py does.", "It does not say what a.py, b.py and c.py do."),
-        ("Without a docstring: module a_b (none), class C (none).", "Without a docstring: method A.b (none)."),
-        ("Python finds no module named scipy. It is not here.", "Python finds no module named pandas."),
-        ("The class TalkerNode uses its node too early.", "The class PubNode uses its node too early."),
+        (
+            "Without a docstring: module a_b (none), class C (none).",
+            "Without a docstring: method A.b (none).",
+        ),
+        (
+            "Python finds no module named scipy. It is not here.",
+            "Python finds no module named pandas.",
+        ),
+        (
+            "The class TalkerNode uses its node too early.",
+            "The class PubNode uses its node too early.",
+        ),
         ("Expected: [0.1 0.2].", "Expected: [3 -1e-3 2]."),
     ],
 )
@@ -47,7 +59,10 @@ def test_other_names_and_numbers_are_the_same_mistake(one: str, other: str) -> N
     [
         (RATE.format("90.7", "9.3"), "Messages come at 110 Hz, 10% faster than 100 Hz."),
         ("It ends with an AttributeError.", "It ends with a TypeError."),
-        ("The publisher offers BEST_EFFORT, not RELIABLE.", "The publisher offers VOLATILE, not TRANSIENT_LOCAL."),
+        (
+            "The publisher offers BEST_EFFORT, not RELIABLE.",
+            "The publisher offers VOLATILE, not TRANSIENT_LOCAL.",
+        ),
         ("The interpreter crashed: Segmentation fault.", "The interpreter crashed: out of memory."),
         ("No answer came within 3 s.", "It answers, but late."),
     ],
@@ -59,14 +74,22 @@ def test_other_words_are_another_mistake(one: str, other: str) -> None:
 
 def test_one_text_stands_for_several() -> None:
     """Numbers become their span, names the commonest of them, and what is alike stays."""
-    assert pattern_of([RATE.format(a, b) for a, b in (("9.5", "5"), ("90.7", "9.3"), ("87", "13"))]) == (
-        "Messages come at 9.5 to 90.7 Hz, 5 to 13% slower than 100 Hz."
+    assert pattern_of(
+        [RATE.format(a, b) for a, b in (("9.5", "5"), ("90.7", "9.3"), ("87", "13"))]
+    ) == ("Messages come at 9.5 to 90.7 Hz, 5 to 13% slower than 100 Hz.")
+    assert (
+        pattern_of(["No '/b' here.", "No '/a' here.", "No '/b' here."]) == "No '/b' or '/a' here."
     )
-    assert pattern_of(["No '/b' here.", "No '/a' here.", "No '/b' here."]) == "No '/b' or '/a' here."
-    assert pattern_of([f"No '/{name}' here." for name in "abcdef"]) == "No '/a' or '/b' or '/c' or 3 others here."
+    assert (
+        pattern_of([f"No '/{name}' here." for name in "abcdef"])
+        == "No '/a' or '/b' or '/c' or 3 others here."
+    )
     assert pattern_of(["It is 3 ms off. (line 4)", "It is 5 ms off."]) == "It is 3 to 5 ms off."
     assert pattern_of(["Without one: a.py and b.py.", "Without one: a.py."]) == "Without one: …"
-    assert pattern_of(["1 word stands.", "2 words stand.", "2 words stand."]) == "For example: 2 words stand."
+    assert (
+        pattern_of(["1 word stands.", "2 words stand.", "2 words stand."])
+        == "For example: 2 words stand."
+    )
 
 
 def test_a_text_is_its_own_pattern() -> None:
@@ -86,7 +109,9 @@ LAB = rubric_of(
 )
 
 
-def student(name: str, credits: list[float], reasons: dict[str, str], hint: str = "", **blocked: str) -> ClassEntry:
+def student(
+    name: str, credits: list[float], reasons: dict[str, str], hint: str = "", **blocked: str
+) -> ClassEntry:
     """Give a student with credits, reasons, and for checks that were not reached that which kept them from it."""
     plain: dict[str, Any] = result_of(LAB, credits, reasons)
     for check in (check for criterion in plain["criteria"] for check in criterion["checks"]):

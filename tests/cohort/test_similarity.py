@@ -39,7 +39,10 @@ def program(name: str, texts: Files, files: list[FileFact] | None = None) -> Pro
 
 def files_of(folder: Path) -> Files:
     """Give the Python files of a folder."""
-    return {str(path.relative_to(folder)): path.read_text(errors="replace") for path in sorted(folder.rglob("*.py"))}
+    return {
+        str(path.relative_to(folder)): path.read_text(errors="replace")
+        for path in sorted(folder.rglob("*.py"))
+    }
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +56,9 @@ def class_of_fixtures(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Fil
     """Give the Python files of all fixtures but for the extensions, which are copies of a few files by intent."""
     target = tmp_path_factory.mktemp("class")
     fixtures = [
-        fixture for fixture in fixtures_in(ROOT / "fixtures") if not fixture.name.startswith(("extension", "fresh"))
+        fixture
+        for fixture in fixtures_in(ROOT / "fixtures")
+        if not fixture.name.startswith(("extension", "fresh"))
     ]
     return {fixture.name: files_of(fixture.lay_out(target)) for fixture in fixtures}
 
@@ -84,13 +89,20 @@ def test_disguised_copy_is_found(
 ) -> None:
     """Each of 22 disguises leaves two thirds of a copy's own code, or of what was copied, to be seen."""
     copied = program("copy", DISGUISES[disguise](class_of_fixtures[name]))
-    found = [pair for pair in pairs_of([programs[name], copied], given) if set(pair.names) == {name, "copy"}]
+    found = [
+        pair
+        for pair in pairs_of([programs[name], copied], given)
+        if set(pair.names) == {name, "copy"}
+    ]
     assert len(found) == 1
     assert max(found[0].shares) >= 0.66
 
 
 def test_copies_in_a_class_are_those_that_are_shown(
-    class_of_fixtures: dict[str, Files], common: list[Files], programs: dict[str, Program], given: list[Program]
+    class_of_fixtures: dict[str, Files],
+    common: list[Files],
+    programs: dict[str, Program],
+    given: list[Program],
 ) -> None:
     """Of 125 fixtures, which share one origin, those pairs are shown that have lines of their own in common."""
     pairs = {frozenset(pair.names) for pair in pairs_of(list(programs.values()), given)}
@@ -98,14 +110,21 @@ def test_copies_in_a_class_are_those_that_are_shown(
     held = Counter(line for own in lines.values() for line in own)
     usual = {line for line, number in held.items() if number > len(lines) / 10}
     own = {name: found - usual - set().union(*map(_lines, common)) for name, found in lines.items()}
-    alike = {frozenset((a, b)) for a, b in combinations(own, 2) if len(own[a] & own[b]) >= WRITTEN_ONCE}
+    alike = {
+        frozenset((a, b)) for a, b in combinations(own, 2) if len(own[a] & own[b]) >= WRITTEN_ONCE
+    }
     assert len(pairs & alike) >= 0.9 * len(alike)
     assert len(pairs & alike) >= 0.9 * len(pairs)
 
 
 def _lines(texts: Files) -> set[str]:
     """Give the lines that are long enough not to be alike by chance."""
-    return {line.strip() for text in texts.values() for line in text.splitlines() if len(line.strip()) > 12}
+    return {
+        line.strip()
+        for text in texts.values()
+        for line in text.splitlines()
+        if len(line.strip()) > 12
+    }
 
 
 # -- what counts -------------------------------------------------------------------------------
@@ -141,7 +160,9 @@ def test_code_that_many_have_does_not_count() -> None:
 def test_lines_stand_side_by_side() -> None:
     """The spans name the lines on both sides, with their texts, wherever they stand."""
     shared, mine = _own(0b10110010) + _own(0b01011101), "import os\n\nPATHS = os.environ\n\n\n"
-    (pair,) = pairs_of([program("ada", {"a.py": shared}), program("bob", {"deep/b.py": mine + shared})])
+    (pair,) = pairs_of(
+        [program("ada", {"a.py": shared}), program("bob", {"deep/b.py": mine + shared})]
+    )
     ((one, other),) = pair.spans
     length = shared.count("\n")
     assert (one.path, one.first, one.last) == ("a.py", 1, length)
@@ -159,7 +180,11 @@ def test_little_in_common_is_not_shown() -> None:
 
 def test_same_files_are_found_but_those_given() -> None:
     """Files that are equal byte for byte are listed, of any kind; small ones and those of the common ground are not."""
-    picture, small, sheet = FileFact("a.png", 900, "p"), FileFact("__init__.py", 0, "i"), FileFact("s.pdf", 999, "s")
+    picture, small, sheet = (
+        FileFact("a.png", 900, "p"),
+        FileFact("__init__.py", 0, "i"),
+        FileFact("s.pdf", 999, "s"),
+    )
     class_ = [
         program("ada", {}, [picture, small, sheet]),
         program("bob", {}, [FileFact("b.png", 900, "p"), small, sheet]),
@@ -171,10 +196,18 @@ def test_same_files_are_found_but_those_given() -> None:
 def test_clusters_are_what_pairs_connect() -> None:
     """Three that two pairs connect are one group; two are none."""
     one = _own(0b10110010) + _own(0b01011101)
-    other = one.replace("if x >", "while x <").replace("for k in", "with").replace("y += k * x", "del y[k]")
+    other = (
+        one.replace("if x >", "while x <")
+        .replace("for k in", "with")
+        .replace("y += k * x", "del y[k]")
+    )
     text = {0: one, 1: other.replace(" if y else ", " or ")}
     both = {"a.py": text[0], "b.py": text[1]}
-    class_ = [program("ada", {"a.py": text[0]}), program("bob", both), program("cleo", {"c.py": text[1]})]
+    class_ = [
+        program("ada", {"a.py": text[0]}),
+        program("bob", both),
+        program("cleo", {"c.py": text[1]}),
+    ]
     found = Similarity({}, {}, (), tuple(pairs_of([*class_, program("dan", {"x.py": "pass"})])), ())
     assert {pair.names for pair in found.pairs} == {("ada", "bob"), ("bob", "cleo")}
     assert found.clusters == (("ada", "bob", "cleo"),)
@@ -203,14 +236,18 @@ def test_any_text_is_compared(text: str) -> None:
 def _fragments(between: str, number: int = 6000) -> str:
     """Give a long file of short runs that are the same in two of them, with other code and many lines between."""
     chosen = random.Random(1)
-    runs = ("\n".join(chosen.choices(("x = 1", "del x", "f(x)", "assert x"), k=7)) for _ in range(number))
+    runs = (
+        "\n".join(chosen.choices(("x = 1", "del x", "f(x)", "assert x"), k=7))
+        for _ in range(number)
+    )
     return "".join(f"{run}\n{between}\n\n\n\n\n" for run in runs)
 
 
 def test_thousands_of_places_cost_no_more_than_those_that_are_shown() -> None:
     """Ten who agree on such files would use up the time that the whole class has."""
     pair = [
-        program(n, {"a.py": _fragments(between)}) for n, between in (("ada", "while x: y"), ("bob", "for x in y: z"))
+        program(n, {"a.py": _fragments(between)})
+        for n, between in (("ada", "while x: y"), ("bob", "for x in y: z"))
     ]
     began_s = time.process_time()
     (found,) = pairs_of(pair)

@@ -59,7 +59,9 @@ def test_bars_hold_their_lower_bound_and_the_last_one_the_top() -> None:
 def test_adjustments_count_in_points_but_not_in_criteria() -> None:
     """A late submission has what is left of its points, and its criterion as it was judged."""
     plain = result_of(ONE, [0.8])
-    plain["adjustments"] = [{"kind": "late", "what": "score", "points": -10, "reason": "late", "who": "", "when": ""}]
+    plain["adjustments"] = [
+        {"kind": "late", "what": "score", "points": -10, "reason": "late", "who": "", "when": ""}
+    ]
     row = summarise([entry_of("a", plain)], ONE).rows[0]
     assert row.result is not None
     assert row.result.final == 70
@@ -82,7 +84,12 @@ def test_a_class_without_results_has_no_spread() -> None:
 
 @pytest.mark.parametrize(
     ("credit", "outcome"),
-    [(1.0, Outcome.PASSED), (0.5, Outcome.PARTIAL), (0.0, Outcome.FAILED), (None, Outcome.INCONCLUSIVE)],
+    [
+        (1.0, Outcome.PASSED),
+        (0.5, Outcome.PARTIAL),
+        (0.0, Outcome.FAILED),
+        (None, Outcome.INCONCLUSIVE),
+    ],
 )
 def test_a_cell_has_the_outcome_of_its_points(credit: float | None, outcome: Outcome) -> None:
     """All, some or none of the points, or none decided."""
@@ -103,7 +110,14 @@ def test_a_criterion_that_was_not_judged_has_no_cell() -> None:
 
 def test_means_of_criteria_add_up_to_the_mean_of_the_points() -> None:
     """What is undecided counts nowhere; what people decided of a check is in its criterion, a bonus beside all."""
-    points = {"kind": "points", "what": "a.first", "points": 1, "reason": "", "who": "J. Smith", "when": "2026-11-21"}
+    points = {
+        "kind": "points",
+        "what": "a.first",
+        "points": 1,
+        "reason": "",
+        "who": "J. Smith",
+        "when": "2026-11-21",
+    }
     bonus = points | {"kind": "bonus", "what": "score", "points": 2}
     adjusted = entry_of("d", result_of(TWO, [0.5, 1]) | {"adjustments": [points, bonus]})
     summary = summarise([*entries_of(TWO, [1, 1], [0.5, 1], [None, 1]), adjusted], TWO)
@@ -112,7 +126,9 @@ def test_means_of_criteria_add_up_to_the_mean_of_the_points() -> None:
     beside = adjusted.result.beside_criteria / 4
     assert beside == Decimal("0.5")
     assert summary.spread is not None
-    assert sum((c.mean for c in summary.columns if c.mean is not None), beside) == summary.spread.mean
+    assert (
+        sum((c.mean for c in summary.columns if c.mean is not None), beside) == summary.spread.mean
+    )
 
 
 # -- what each check tells ---------------------------------------------------------------------
@@ -145,7 +161,10 @@ def test_undecided_checks_are_left_out_of_the_rest_too() -> None:
     """The rest is a share of what is decided: an undecided check neither lifts nor lowers it."""
     three = rubric_of(("a.x", 2), ("a.y", 2), ("a.z", 6))
     decided = [entry_of(str(n), result_of(three, [n / 9, n / 9, n / 9])) for n in range(10)]
-    opened = [entry_of(str(n), result_of(three, [n / 9, n / 9, None if n == 9 else n / 9])) for n in range(10)]
+    opened = [
+        entry_of(str(n), result_of(three, [n / 9, n / 9, None if n == 9 else n / 9]))
+        for n in range(10)
+    ]
     for entries in (decided, opened):
         told = summarise(entries, three).checks[0].discrimination
         assert not isinstance(told, Silent)
@@ -173,7 +192,12 @@ def test_what_needs_a_person_stands_in_the_order_of_its_weight() -> None:
     plain = [result_of(TWO, credits) for credits in ([1, 1], [1, None], [1, 1])]
     plain[0]["provenance"] = {"rubric_sha256": "another"}
     plain[2]["violations"] = [
-        {"kind": "spoofs_clock", "session": "s", "text": "It published on /clock.", "certain": True},
+        {
+            "kind": "spoofs_clock",
+            "session": "s",
+            "text": "It published on /clock.",
+            "certain": True,
+        },
         {"kind": "spoofs_clock", "session": "s", "text": "It did so twice.", "certain": False},
     ]
     known = [entry_of(name, each) for name, each in zip("abc", plain, strict=True)]
@@ -187,7 +211,10 @@ def test_what_needs_a_person_stands_in_the_order_of_its_weight() -> None:
     assert todos[0].texts == ("An empty archive.",)
     assert (todos[1].titles, todos[1].texts) == (
         ("spoofs clock",),
-        ("It published on /clock.", "It did so twice. This may have another cause than the submission."),
+        (
+            "It published on /clock.",
+            "It did so twice. This may have another cause than the submission.",
+        ),
     )
     assert todos[2].points == 6
     assert (todos[2].titles, todos[2].check_id) == (("B.SECOND",), "b.second")
@@ -197,7 +224,14 @@ def test_what_needs_a_person_stands_in_the_order_of_its_weight() -> None:
 def test_what_a_person_has_decided_is_not_to_do_again(what: str) -> None:
     """Points given by hand for an undecided check, or for its criterion, settle it."""
     plain = result_of(TWO, [1, None])
-    decided = {"kind": "points", "what": what, "points": 6, "reason": "seen", "who": "JS", "when": "2026-11-21"}
+    decided = {
+        "kind": "points",
+        "what": what,
+        "points": 6,
+        "reason": "seen",
+        "who": "JS",
+        "when": "2026-11-21",
+    }
     entry = entry_of("a", plain | {"adjustments": [decided]})
     assert summarise([entry], TWO).todos == ()
     assert entry.result is not None
@@ -215,5 +249,10 @@ def test_numbers_that_nothing_measured_are_to_do() -> None:
     plain = result_of(TWO, [0, 1])
     plain["criteria"][0]["checks"][0]["unmeasured"] = "All counts are constants of its source."
     (todo,) = summarise([entry_of("a", plain), *entries_of(TWO, [1, 1])], TWO).todos
-    assert (todo.need, todo.row, todo.points, todo.check_id) == (Need.UNMEASURED, 0, Decimal(4), "a.first")
+    assert (todo.need, todo.row, todo.points, todo.check_id) == (
+        Need.UNMEASURED,
+        0,
+        Decimal(4),
+        "a.first",
+    )
     assert todo.texts == ("All counts are constants of its source.",)

@@ -59,7 +59,11 @@ def test_the_evidence_is_a_page_and_nothing_else_changes(alice: Path) -> None:
     assert "<script" not in text
     links = set(re.findall(r'href="#([^"]+)"', text))
     assert links <= set(re.findall(r' id="([^"]+)"', text))
-    after = {path: path.read_bytes() for path in alice.parent.rglob("*") if path.is_file() and path != page}
+    after = {
+        path: path.read_bytes()
+        for path in alice.parent.rglob("*")
+        if path.is_file() and path != page
+    }
     assert after == before
 
 
@@ -67,7 +71,9 @@ def test_a_question_waits_and_is_shown(alice: Path) -> None:
     """It changes no points; the report shows it at its check, and the file that the student asked."""
     printed = run(alice, "--question", "My mean is <b>right</b>: see line 40.")
     assert "Noted in" in printed
-    assert listed(alice) == [(AdjustmentKind.APPEAL, Decimal(0), "My mean is <b>right</b>: see line 40.", "alice", "")]
+    assert listed(alice) == [
+        (AdjustmentKind.APPEAL, Decimal(0), "My mean is <b>right</b>: see line 40.", "alice", "")
+    ]
     report = (alice / REPORT_FILE).read_text(encoding="utf-8")
     assert "My mean is &lt;b&gt;right&lt;/b&gt;: see line 40." in report
 
@@ -76,7 +82,12 @@ def test_a_question_waits_and_is_shown(alice: Path) -> None:
     ("options", "kind", "points", "reason"),
     [
         ((), AdjustmentKind.REVIEWED, "0", ""),
-        (("--set", "1.5", "--reason", "half is right"), AdjustmentKind.POINTS, "1.5", "half is right"),
+        (
+            ("--set", "1.5", "--reason", "half is right"),
+            AdjustmentKind.POINTS,
+            "1.5",
+            "half is right",
+        ),
         (("--excused",), AdjustmentKind.EXCUSED, "2", "appeal"),
     ],
     ids=["stays", "points", "excused"],
@@ -85,10 +96,15 @@ def test_question_and_answer_stand_in_the_next_report(
     alice: Path, options: tuple[str, ...], kind: AdjustmentKind, points: str, reason: str
 ) -> None:
     """At the check, in this order, with who answered; the points follow, and comments in the file stay."""
-    (alice.parent / "overrides.yaml").write_text("# by mail\noverrides: []  # none yet\n", encoding="utf-8")
+    (alice.parent / "overrides.yaml").write_text(
+        "# by mail\noverrides: []  # none yet\n", encoding="utf-8"
+    )
     run(alice, "--question", "Why?", "--answer", "The recording shows it.", *options)
     question = (AdjustmentKind.APPEAL, Decimal(0), "Why?", "alice", "")
-    assert listed(alice) == [question, (kind, Decimal(points), reason, "J. Smith", "The recording shows it.")]
+    assert listed(alice) == [
+        question,
+        (kind, Decimal(points), reason, "J. Smith", "The recording shows it."),
+    ]
     report = (alice / REPORT_FILE).read_text(encoding="utf-8")
     at_check = report[report.index('id="check-subscriber.mean"') :]
     assert 0 < at_check.index("Why?") < at_check.index("The recording shows it.")

@@ -57,7 +57,10 @@ def test_all_forms_go_into_the_results_folder(
     status, out, _ = run(capsys, results, *(f"--to={name}" for name in EXPORTS))
     assert status == 0
     assert out.splitlines() == [str(results / export.file_name) for export in EXPORTS.values()]
-    assert {path.name for path in results.iterdir()} == {RESULT_FILE, *(e.file_name for e in EXPORTS.values())}
+    assert {path.name for path in results.iterdir()} == {
+        RESULT_FILE,
+        *(e.file_name for e in EXPORTS.values()),
+    }
     assert (results / RESULT_FILE).read_bytes() == before
 
 
@@ -72,14 +75,18 @@ def test_a_form_goes_into_a_file_of_ones_choice(
     assert ElementTree.parse(target).getroot().tag == "testsuites"
 
 
-def test_a_form_on_the_standard_output_is_alone_there(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_form_on_the_standard_output_is_alone_there(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """So it can be piped, while others go into files."""
     status, out, _ = run(capsys, results, "--to=gradescope=-", "--to=junit")
     assert (status, json.loads(out)["score"]) == (0, 7.5)
     assert (results / "junit.xml").exists()
 
 
-def test_several_results_have_their_forms_beside_them(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_several_results_have_their_forms_beside_them(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A file of one's choice would be overwritten by the next, so it is refused."""
     other = shutil.copytree(results, results.parent / "bob")
     assert run(capsys, results, other, "--to", "junit")[0] == 0
@@ -111,7 +118,9 @@ def test_what_is_no_result_does_not_keep_others_from_their_forms(
         (["--to", "junit", "--to", "gradescope", "-o", "b"], "-o needs a single"),
     ],
 )
-def test_wrong_usage(results: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_wrong_usage(
+    results: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     """It ends with 2 and says what is wrong."""
     status, _, errors = run(capsys, results, *arguments)
     assert (status, said in errors) == (2, True)
@@ -146,12 +155,17 @@ def test_paths_begin_with_the_prefix(results: Path, capsys: pytest.CaptureFixtur
 
 
 def test_an_absolute_prefix_is_meant_from_the_repository(
-    results: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    results: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
     """A job may name the submission by the variable of its workspace; what lies elsewhere is not pointed at."""
     monkeypatch.chdir(tmp_path)
     for prefix, pointed in ((tmp_path / "labs/ann", True), (tmp_path.parent, False)):
-        _, out, _ = run(capsys, results.resolve(), "--to", "github-annotations=-", "--path-prefix", prefix)
+        _, out, _ = run(
+            capsys, results.resolve(), "--to", "github-annotations=-", "--path-prefix", prefix
+        )
         assert ("file=labs/ann/a.partial.py,line=3" in out, "file=" in out) == (pointed, pointed)
 
 
@@ -180,22 +194,46 @@ def test_a_grading_that_still_runs(tmp_path: Path, capsys: pytest.CaptureFixture
 @pytest.fixture
 def of_class(tmp_path: Path) -> Path:
     """Give the results of a download of Moodle, one student of which has no ID number."""
-    names = [f"{name}_assignsubmission_file_/joint_publisher.py" for name in ("Änne Müller_11", "Bob_12")]
-    sources = taken_in(tmp_path, read_rubric(None), names, "name,student_id,login\nÄnne Müller,0012,am12\n")
+    names = [
+        f"{name}_assignsubmission_file_/joint_publisher.py" for name in ("Änne Müller_11", "Bob_12")
+    ]
+    sources = taken_in(
+        tmp_path, read_rubric(None), names, "name,student_id,login\nÄnne Müller,0012,am12\n"
+    )
     return results_of(tmp_path, sources)
 
 
-def test_a_class_goes_into_files_of_its_own(of_class: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_class_goes_into_files_of_its_own(
+    of_class: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """All forms at once, each with how many it has; who is left out is named with the reason, nothing is changed."""
     before = {path: path.read_bytes() for path in of_class.rglob("*") if path.is_file()}
     status, out, err = run(capsys, of_class, *(f"--to={name}" for name in CLASS_EXPORTS))
-    counts = {"moodle": 2, "canvas": 1, "blackboard": 1, "brightspace": 1, "feedback": 2, "mail": 0, "eml": 0}
+    counts = {
+        "moodle": 2,
+        "canvas": 1,
+        "blackboard": 1,
+        "brightspace": 1,
+        "feedback": 2,
+        "mail": 0,
+        "eml": 0,
+    }
     assert status == 0
-    assert out.splitlines() == [f"{of_class / CLASS_EXPORTS[name].file_name}: {n}" for name, n in counts.items()]
-    assert "canvas: left out, because none of these is known: ID, SIS User ID, SIS Login ID: Bob_12\n" in err
-    assert "mail: left out, because no address is known that mail can be sent to: Bob_12, Änne_Müller_11\n" in err
+    assert out.splitlines() == [
+        f"{of_class / CLASS_EXPORTS[name].file_name}: {n}" for name, n in counts.items()
+    ]
+    assert (
+        "canvas: left out, because none of these is known: ID, SIS User ID, SIS Login ID: Bob_12\n"
+        in err
+    )
+    assert (
+        "mail: left out, because no address is known that mail can be sent to: Bob_12, Änne_Müller_11\n"
+        in err
+    )
     assert {path: path.read_bytes() for path in before} == before
-    assert {path.parent.name for path in of_class.rglob("*") if path.is_file() and path not in before} == {"exports"}
+    assert {
+        path.parent.name for path in of_class.rglob("*") if path.is_file() and path not in before
+    } == {"exports"}
     assert not is_results(of_class.parent, read_rubric(None))
     assert is_results(of_class, read_rubric(None))
 
@@ -206,28 +244,47 @@ def test_a_class_list_adds_whom_the_download_did_not_name(
     """It may come with the export, and who has not handed in is not in it; columns and files are as one says."""
     listed = tmp_path / "list.csv"
     listed.write_text("name,student_id,login\nBob,0013,bob13\nEve,0015,eve15\n", encoding="utf-8")
-    arguments = ("--to", "canvas", "--class-list", listed, "--column", "Lab 9 (4711)", "-o", tmp_path / "my.csv")
+    arguments = (
+        "--to",
+        "canvas",
+        "--class-list",
+        listed,
+        "--column",
+        "Lab 9 (4711)",
+        "-o",
+        tmp_path / "my.csv",
+    )
     assert run(capsys, of_class, *arguments) == (0, f"{tmp_path / 'my.csv'}: 2\n", "")
     users = [User("1", "", "0012"), User("2", "", "0013")]
-    assert canvas((tmp_path / "my.csv").read_bytes(), users, {"4711": "x"}) == {"4711": {"2": "60.4", "1": "60.8"}}
+    assert canvas((tmp_path / "my.csv").read_bytes(), users, {"4711": "x"}) == {
+        "4711": {"2": "60.4", "1": "60.8"}
+    }
 
 
-def test_a_table_on_the_standard_output_is_alone_there(of_class: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_table_on_the_standard_output_is_alone_there(
+    of_class: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """So it can be piped, while others go into files and are named beside it."""
     status, out, err = run(capsys, of_class, "--to=moodle=-", "--to=feedback")
     assert (status, [*csv.DictReader(out.splitlines())][1]["ID number"]) == (0, "0012")
     assert f"{of_class / 'exports/feedback.zip'}: 2" in err
 
 
-def test_one_submission_goes_back_as_a_class_of_one(of_class: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_one_submission_goes_back_as_a_class_of_one(
+    of_class: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its folder alone is enough, under whatever path."""
     status, out, _ = run(capsys, of_class / "Bob_12/../Bob_12", "--to=feedback")
     assert (status, out) == (0, f"{of_class / 'Bob_12/../Bob_12/exports/feedback.zip'}: 1\n")
-    read = moodle_feedback((of_class / "Bob_12/exports/feedback.zip").read_bytes(), [User("12", "")])
+    read = moodle_feedback(
+        (of_class / "Bob_12/exports/feedback.zip").read_bytes(), [User("12", "")]
+    )
     assert read == {"12": {"report.html": b"<p>Report of Bob_12"}}
 
 
-def test_what_is_undecided_or_not_graded_is_said(of_class: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_undecided_or_not_graded_is_said(
+    of_class: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Points that are open count as not earned in a grade book, so whose they are is named."""
     plain = json.loads((of_class / "Bob_12" / RESULT_FILE).read_text())
     check = plain["criteria"][0]["checks"][0]
@@ -240,7 +297,9 @@ def test_what_is_undecided_or_not_graded_is_said(of_class: Path, capsys: pytest.
     assert "Points of these are still undecided, and not in what is exported: Bob_12\n" in err
 
 
-@pytest.mark.parametrize("arguments", [["--to=canvas", "--to=junit"], ["--to=mail", "--from=nobody"], ["--to=cannvas"]])
+@pytest.mark.parametrize(
+    "arguments", [["--to=canvas", "--to=junit"], ["--to=mail", "--from=nobody"], ["--to=cannvas"]]
+)
 def test_options_that_do_not_fit_are_refused(
     arguments: list[str], of_class: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -249,7 +308,9 @@ def test_options_that_do_not_fit_are_refused(
     assert not (of_class / "exports").exists()
 
 
-def test_a_folder_without_results_has_nothing_to_go_back(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_without_results_has_nothing_to_go_back(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """It is named, with what is wanted."""
     status, _, err = run(capsys, tmp_path, "--to=canvas")
     assert status == 6
@@ -268,7 +329,9 @@ def test_nothing_is_written_through_a_link_among_results(
     assert [*(tmp_path / "elsewhere").iterdir()] == []
 
 
-def test_results_of_two_labs_are_no_column(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_results_of_two_labs_are_no_column(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Points of one would stand in the other's column, so nothing is written."""
     other = every_outcome()
     other["provenance"]["lab"] = "another"

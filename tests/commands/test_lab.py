@@ -135,7 +135,12 @@ def test_nothing_is_overwritten(new: Path, capsys: pytest.CaptureFixture[str]) -
 
 #: File and change; what is said of it. The line is that of the change, where a line of the rubric is at fault.
 MISTAKES = [
-    ("rubric.yaml", "solution: solution", "solution: solutoin", "lab.solution: there is no folder 'solutoin'"),
+    (
+        "rubric.yaml",
+        "solution: solution",
+        "solution: solutoin",
+        "lab.solution: there is no folder 'solutoin'",
+    ),
     (
         "rubric.yaml",
         "{reference: robot, with: {rate_hz: 20}}",
@@ -143,11 +148,31 @@ MISTAKES = [
         "at most 1000",
     ),
     ("rubric.yaml", "least: 3}", "least: 300}", "least is at most 100"),
-    ("reference/robot.py", "import sys\n", "import sys, nowhere\n", "reference/robot.py, line 1: ModuleNotFoundError"),
-    ("reference/robot.py", "def play(", "stop = 1 / 0\ndef play(", "reference/robot.py, line 16: ZeroDivisionError"),
-    ("checks/mine.py", "@dataclass\n", "undefined\n@dataclass\n", "checks/mine.py, line 6: NameError"),
+    (
+        "reference/robot.py",
+        "import sys\n",
+        "import sys, nowhere\n",
+        "reference/robot.py, line 1: ModuleNotFoundError",
+    ),
+    (
+        "reference/robot.py",
+        "def play(",
+        "stop = 1 / 0\ndef play(",
+        "reference/robot.py, line 16: ZeroDivisionError",
+    ),
+    (
+        "checks/mine.py",
+        "@dataclass\n",
+        "undefined\n@dataclass\n",
+        "checks/mine.py, line 6: NameError",
+    ),
     ("checks/mine.py", "def always", "API_VERSION = 9\ndef always", "written for version 9"),
-    ("checks/mine.py", "def always", "raise SystemExit\ndef always", "checks/mine.py, line 16: SystemExit"),
+    (
+        "checks/mine.py",
+        "def always",
+        "raise SystemExit\ndef always",
+        "checks/mine.py, line 16: SystemExit",
+    ),
     (
         "fixtures/too_slow/expected.yaml",
         "outcome: failed,",
@@ -160,20 +185,37 @@ MISTAKES = [
         "without: [gone.py]\nabout:",
         "there is no file 'gone.py'",
     ),
-    ("fixtures/too_slow/expected.yaml", "about:", "with_files_of: gone\nabout:", "there is no folder 'gone'"),
+    (
+        "fixtures/too_slow/expected.yaml",
+        "about:",
+        "with_files_of: gone\nabout:",
+        "there is no folder 'gone'",
+    ),
     (
         "fixtures/too_slow/expected.yaml",
         "talker.rate:",
         "talker.rte:",
         "expected.yaml:9: criteria.talker.checks.talker.rte",
     ),
-    ("fixtures/too_slow/expected.yaml", "sessions: [talking]", "sessions: [walking]", "did you mean 'talking'?"),
-    ("fixtures/too_slow/expected.yaml", "outcome: failed", "outcome: fail", "did you mean 'failed'?"),
+    (
+        "fixtures/too_slow/expected.yaml",
+        "sessions: [talking]",
+        "sessions: [walking]",
+        "did you mean 'talking'?",
+    ),
+    (
+        "fixtures/too_slow/expected.yaml",
+        "outcome: failed",
+        "outcome: fail",
+        "did you mean 'failed'?",
+    ),
     ("fixtures/too_slow/expected.yaml", "about:", "abuot:", "unknown key; did you mean 'about'?"),
 ]
 
 
-@pytest.mark.parametrize(("file", "old", "wrong", "words"), MISTAKES, ids=[f"{m[0]} {m[2]:.30}" for m in MISTAKES])
+@pytest.mark.parametrize(
+    ("file", "old", "wrong", "words"), MISTAKES, ids=[f"{m[0]} {m[2]:.30}" for m in MISTAKES]
+)
 def test_what_only_the_files_tell_is_found(
     new: Path, capsys: pytest.CaptureFixture[str], file: str, old: str, wrong: str, words: str
 ) -> None:
@@ -187,21 +229,31 @@ def test_what_only_the_files_tell_is_found(
     found = [each for each in errors.splitlines() if words in each]
     assert (status, len(found)) == (4, 1), errors
     place = (
-        f"rubric.yaml:{line}: " if file == "rubric.yaml" else "expected.yaml:" if "fixtures" in file else "rubric.yaml:"
+        f"rubric.yaml:{line}: "
+        if file == "rubric.yaml"
+        else "expected.yaml:"
+        if "fixtures" in file
+        else "rubric.yaml:"
     )
     assert place in found[0]
 
 
-def test_what_a_check_of_its_own_names_is_for_itself_to_call(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_check_of_its_own_names_is_for_itself_to_call(
+    new: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Another function in its parameters is none that the grader calls."""
     pytest.importorskip("rclpy")
     with_code(new)
-    edit(new, "    least: int = 1\n", "    least: int = 1\n    helper: str = ''\n", "checks/mine.py")
+    edit(
+        new, "    least: int = 1\n", "    least: int = 1\n    helper: str = ''\n", "checks/mine.py"
+    )
     edit(new, "least: 3}", 'least: 3, helper: "checks/mine.py:expected"}')
     assert run(capsys, "check", new)[0] == 0
 
 
-def test_interfaces_of_its_own_are_no_mistake(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_interfaces_of_its_own_are_no_mistake(
+    new: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """They are built for a reference node that imports them, and what it takes from them has to be there."""
     pytest.importorskip("rclpy")
     with_code(new)
@@ -218,7 +270,9 @@ def test_interfaces_of_its_own_are_no_mistake(new: Path, capsys: pytest.CaptureF
     assert run(capsys, "check", new)[0] == 4
 
 
-def test_what_the_grader_brings_is_no_mistake(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_the_grader_brings_is_no_mistake(
+    new: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A reference node may import transforms at its top, as it does where it runs."""
     pytest.importorskip("rclpy")
     with_code(new)
@@ -244,13 +298,20 @@ def arm_lab(tmp_path: Path) -> Path:
     return lab
 
 
-def test_the_solutions_recording_shows_sound_checks(arm_lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_solutions_recording_shows_sound_checks(
+    arm_lab: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Every check passes on it, and none where nothing happens."""
     status, output, _ = run(capsys, "check", arm_lab)
-    assert (status, "every check passes, and where nothing happens none does" in output) == (0, True), output
+    assert (status, "every check passes, and where nothing happens none does" in output) == (
+        0,
+        True,
+    ), output
 
 
-def test_checks_that_nobody_can_fail_or_pass_are_named(arm_lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_checks_that_nobody_can_fail_or_pass_are_named(
+    arm_lab: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """By the recording of the solution; once the sessions have changed it says nothing any more."""
     edit(arm_lab, "rate_hz: 100, full_within", "rate_hz: 200, full_within")
     (arm_lab / "checks").mkdir()
@@ -260,24 +321,40 @@ def test_checks_that_nobody_can_fail_or_pass_are_named(arm_lab: Path, capsys: py
     status, output, _ = run(capsys, "check", arm_lab)
     assert status == 0
     assert "! publisher.rate does not pass on the solution's recording: " in output
-    assert "! free.always earns 2 points also where nothing happens: let it require a check that fails then" in output
+    assert (
+        "! free.always earns 2 points also where nothing happens: let it require a check that fails then"
+        in output
+    )
     assert output.count("!") == 3
-    edit(arm_lab, "return passed(", "context.messages(p.topic).sent_s[0]\n    return passed(", "checks/mine.py")
+    edit(
+        arm_lab,
+        "return passed(",
+        "context.messages(p.topic).sent_s[0]\n    return passed(",
+        "checks/mine.py",
+    )
     output = run(capsys, "check", arm_lab)[1]
-    assert "! free.always fails with an error where nothing happens, so that it costs nobody: The lab's own" in output
+    assert (
+        "! free.always fails with an error where nothing happens, so that it costs nobody: The lab's own"
+        in output
+    )
     edit(arm_lab, "observe: {duration_s: 6", "observe: {duration_s: 7")
     output = run(capsys, "check", arm_lab)[1]
     assert "The sessions have changed since the solution was recorded" in output
 
 
-def test_checks_of_the_bonus_are_examined_too(arm_lab: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_checks_of_the_bonus_are_examined_too(
+    arm_lab: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Where the solution holds what they are about; else that is said."""
     (arm_lab / "checks").mkdir()
     (arm_lab / "checks/mine.py").write_text(CHECKS, encoding="utf-8")
     edit(arm_lab, "bonus:\n", "bonus:\n" + FREE)
     status, output, _ = run(capsys, "check", arm_lab)
     assert (status, output.count("!")) == (0, 2), output
-    assert "The solution holds nothing of the bonus trajectory, controller, lifecycle, composed, so" in output
+    assert (
+        "The solution holds nothing of the bonus trajectory, controller, lifecycle, composed, so"
+        in output
+    )
     assert "! free.always earns 2 points also where nothing happens" in output
 
 
@@ -320,7 +397,11 @@ def with_check(lab: Path, source: str, words: str) -> None:
     ],
 )
 def test_the_check_in_its_readme_works(
-    new: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], numbers: Iterable[object], outcome: str
+    new: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    numbers: Iterable[object],
+    outcome: str,
 ) -> None:
     """As it is written there: right, just enough, wrong, and what no number stands in."""
     text = (new / "README.md").read_text(encoding="utf-8")
@@ -328,19 +409,29 @@ def test_the_check_in_its_readme_works(
     with_check(new, source, "check: checks/mine.py:counts_up, with: {topic: /chatter}")
     assert run(capsys, "check", new)[0] == 0
     greetings = [f"Hello {number}" for number in numbers]
-    made = Session(tmp_path, "talking").process("talker").texts("/chatter", greetings, evenly(10, 10)[: len(greetings)])
+    made = (
+        Session(tmp_path, "talking")
+        .process("talker")
+        .texts("/chatter", greetings, evenly(10, 10)[: len(greetings)])
+    )
     found = judged(new, made)
     assert found.outcome.value == outcome, found.reason
 
 
-@pytest.mark.parametrize(("nearest", "outcome"), [(0.4, "passed"), (0.3, "passed"), (0.2, "failed")])
+@pytest.mark.parametrize(
+    ("nearest", "outcome"), [(0.4, "passed"), (0.3, "passed"), (0.2, "failed")]
+)
 def test_the_check_in_the_documentation_of_own_checks_works(
     new: Path, tmp_path: Path, nearest: float, outcome: str
 ) -> None:
     """As it is written there, on ranges of a laser."""
     text = str(own_checks.__doc__)
-    source = textwrap.dedent(text[text.index("    from dataclasses") : text.index("- The second argument")])
-    with_check(new, source, "check: checks/mine.py:keeps_away, with: {topic: /scan, window: window}")
+    source = textwrap.dedent(
+        text[text.index("    from dataclasses") : text.index("- The second argument")]
+    )
+    with_check(
+        new, source, "check: checks/mine.py:keeps_away, with: {topic: /scan, window: window}"
+    )
     scans = [{"ranges": [1.0, nearest, 2.0]}] * 10
     made = Session(tmp_path, "talking").process("talker").window(0.5, 5.0)
     made.typed("/scan", "sensor_msgs/msg/LaserScan", scans, evenly(10, 0.9))
@@ -357,11 +448,16 @@ def test_the_new_lab_gets_its_verdicts(new: Path, capsys: pytest.CaptureFixture[
         assert (status, "2 of 2 as expected" in output) == (0, True), output + errors
     assert (new / "tried/solution/report.html").is_file()
     output = run(capsys, "check", new)[1]
-    assert "On the solution's recording every check passes, and where nothing happens none does." in output
+    assert (
+        "On the solution's recording every check passes, and where nothing happens none does."
+        in output
+    )
 
 
 @pytest.mark.live
-def test_a_submission_is_graded_by_a_labs_folder(new: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_submission_is_graded_by_a_labs_folder(
+    new: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """`--lab` takes the folder; with a node of the lab's own and its own check beside the student's."""
     pytest.importorskip("rclpy")
     with_code(new)

@@ -30,11 +30,15 @@ def test_everything_is_listed_with_all_its_parameters(command: str) -> None:
     assert found.keys() == KNOWN[command].keys()
     for name, entry in found.items():
         model = KNOWN[command][name] if command != "checks" else REGISTRY[name].parameters
-        assert [p.name for p in entry.parameters] == [f.alias or key for key, f in model.model_fields.items()]
+        assert [p.name for p in entry.parameters] == [
+            f.alias or key for key, f in model.model_fields.items()
+        ]
         assert entry.description
 
 
-@pytest.mark.parametrize(("command", "entry"), CASES, ids=[f"{command} {entry.name}" for command, entry in CASES])
+@pytest.mark.parametrize(
+    ("command", "entry"), CASES, ids=[f"{command} {entry.name}" for command, entry in CASES]
+)
 def test_each_example_can_be_used_as_it_is(command: str, entry: Entry) -> None:
     """It is a list of YAML with one element, whose values are of their types."""
     (plain,) = yaml.safe_load(entry.example)
@@ -48,7 +52,9 @@ def test_each_example_can_be_used_as_it_is(command: str, entry: Entry) -> None:
     models[kind].model_validate(plain["with"])
 
 
-def test_the_example_of_a_rate_fits_the_new_lab(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_example_of_a_rate_fits_the_new_lab(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """What is said of the same names in the examples and in the lab that `grade lab new` makes is the same."""
     assert main(["lab", "new", str(tmp_path / "lab")]) == 0
     (example,) = (entry.example for entry in entries_of("checks") if entry.name == "topic_rate")

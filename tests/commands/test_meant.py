@@ -55,7 +55,9 @@ def test_a_misspelt_command_grades_nothing(
 
 
 @pytest.mark.parametrize("more", [[], ["--one"], ["--each"]])
-def test_results_are_not_graded(more: list[str], results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_results_are_not_graded(
+    more: list[str], results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Of one submission or of a class: the commands for them are named."""
     status, errors = run(capsys, results / "ann", *more, "-o", results.parent / "out")
     assert (status, f"`grade regrade {results / 'ann'}` judges them again" in errors) == (2, True)
@@ -66,7 +68,9 @@ def test_results_are_not_graded(more: list[str], results: Path, capsys: pytest.C
     assert not (results.parent / "out").exists()
 
 
-@pytest.mark.parametrize("place", ["ann/src/joint_publisher.py", "eve/joint_publisher.py", "eve.zip"])
+@pytest.mark.parametrize(
+    "place", ["ann/src/joint_publisher.py", "eve/joint_publisher.py", "eve.zip"]
+)
 def test_submissions_beside_results_are_submissions(results: Path, place: str) -> None:
     """Who hands in recordings with the lab's files, or beside others who do, is graded."""
     assert is_results(results, read_rubric(None))
@@ -78,10 +82,15 @@ def test_submissions_beside_results_are_submissions(results: Path, place: str) -
 def test_results_of_two_labs_are_parted(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Where results of another lab lie nothing is graded, and nothing written."""
     copy = results / "bob" / RECORDINGS / RUBRIC_COPY
-    copy.write_text(copy.read_text(encoding="utf-8").replace('id: "09-01"', 'id: "other"'), encoding="utf-8")
+    copy.write_text(
+        copy.read_text(encoding="utf-8").replace('id: "09-01"', 'id: "other"'), encoding="utf-8"
+    )
     before = sorted(results.rglob("*"))
     status, errors = run(capsys, ROOT / "submissions/alice", "-o", results)
     assert status == 2
-    assert f"{results / 'bob'}: these are results of Lab other, and the rubric is of Lab 09-01" in errors
+    assert (
+        f"{results / 'bob'}: these are results of Lab other, and the rubric is of Lab 09-01"
+        in errors
+    )
     assert "Give another folder for these results by -o." in errors
     assert sorted(results.rglob("*")) == before

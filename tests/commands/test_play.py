@@ -21,7 +21,9 @@ def results(tmp_path: Path) -> Path:
     return tmp_path / "alice"
 
 
-def test_it_asks_for_one_of_several_sessions(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_asks_for_one_of_several_sessions(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Without a name, or with one that is not there, it names those that are."""
     assert main(["play", str(results)]) == 2
     assert "Name one of launch, publisher." in capsys.readouterr().err
@@ -29,13 +31,17 @@ def test_it_asks_for_one_of_several_sessions(results: Path, capsys: pytest.Captu
     assert "there is no session 'lunch'" in capsys.readouterr().err
 
 
-def test_a_folder_without_recordings_is_said_to_have_none(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_without_recordings_is_said_to_have_none(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Results of a class, or any other folder."""
     assert main(["play", str(tmp_path)]) == 6
     assert "there are no recordings in it" in capsys.readouterr().err
 
 
-def test_a_recording_that_cannot_be_read_is_named(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_recording_that_cannot_be_read_is_named(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its bag is missing."""
     (results / RECORDINGS / "launch" / "launch.mcap").unlink()
     assert main(["play", str(results), "launch"]) == 6
@@ -43,7 +49,9 @@ def test_a_recording_that_cannot_be_read_is_named(results: Path, capsys: pytest.
 
 
 @pytest.mark.parametrize("rate", ["0", "-1", "inf", "nan"])
-def test_a_rate_is_above_nothing(rate: str, results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rate_is_above_nothing(
+    rate: str, results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Other rates are a wrong usage."""
     with pytest.raises(SystemExit) as ended:
         main(["play", str(results), "launch", "--rate", rate])

@@ -11,7 +11,14 @@ import pytest
 from grader.cli import main
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
-from grader.result_folder import AUDIT_FILE, CHANGES_FILE, HISTORY, RECORDINGS, RESULT_FILE, RUBRIC_COPY
+from grader.result_folder import (
+    AUDIT_FILE,
+    CHANGES_FILE,
+    HISTORY,
+    RECORDINGS,
+    RESULT_FILE,
+    RUBRIC_COPY,
+)
 from tests.regraded import judge_results
 
 pytestmark = pytest.mark.usefixtures("judged_before")
@@ -49,7 +56,9 @@ def results(judged: Path, tmp_path: Path) -> Path:
 @pytest.fixture
 def stricter(tmp_path: Path) -> Path:
     """Write a rubric that asks for another rate."""
-    text = SHIPPED.read_text(encoding="utf-8").replace("rate_hz: 100, full_within", "rate_hz: 50, full_within")
+    text = SHIPPED.read_text(encoding="utf-8").replace(
+        "rate_hz: 100, full_within", "rate_hz: 50, full_within"
+    )
     (tmp_path / "new.yaml").write_text(text, encoding="utf-8")
     return tmp_path / "new.yaml"
 
@@ -72,9 +81,13 @@ def points(folder: Path) -> float:
 # -- a class ---------------------------------------------------------------------------------------
 
 
-def test_a_class_is_only_looked_at(results: Path, stricter: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_class_is_only_looked_at(
+    results: Path, stricter: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Who would change is printed and written; no result is; and the status tells a script."""
-    before = {p: p.read_bytes() for p in results.rglob("*") if p.is_file() and p.name != CHANGES_FILE}
+    before = {
+        p: p.read_bytes() for p in results.rglob("*") if p.is_file() and p.name != CHANGES_FILE
+    }
     status, output, errors = run(capsys, results, "--rubric", stricter)
     assert (status, errors) == (1, "")
     assert "ann 16 → 11 −5" in output
@@ -93,14 +106,19 @@ def test_a_class_without_changes(results: Path, capsys: pytest.CaptureFixture[st
     assert "--apply" not in output
 
 
-def test_applying_writes_and_notes(results: Path, stricter: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_applying_writes_and_notes(
+    results: Path, stricter: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """With --apply the results are written, the old ones kept, and the trail says when."""
     status, output, _ = run(capsys, results, "--rubric", stricter, "--apply", "-j", "1")
     assert status == 0
     assert "The results are written." in output
     assert [points(results / name) for name in ("ann", "bob")] == [11, 11]
     lines = [json.loads(line) for line in (results / AUDIT_FILE).read_text().splitlines()]
-    assert [(line["submission"], line["final"]) for line in lines] == [("ann", [16, 11]), ("bob", [16, 11])]
+    assert [(line["submission"], line["final"]) for line in lines] == [
+        ("ann", [16, 11]),
+        ("bob", [16, 11]),
+    ]
     assert all(line["at"].endswith("+00:00") for line in lines)
     assert len(list((results / HISTORY).rglob("*.json"))) == 2
 
@@ -118,7 +136,9 @@ def test_a_limit_is_for_final_points(results: Path, capsys: pytest.CaptureFixtur
     """--fail-under compares what counts, decisions included."""
     assert run(capsys, results, "--fail-under", "16")[0] == 0
     assert run(capsys, results, "--fail-under", "16.1")[0] == 1
-    (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: '*', bonus: 0.1, {WHY}}}\n")
+    (results / "overrides.yaml").write_text(
+        f"overrides:\n  - {{submission: '*', bonus: 0.1, {WHY}}}\n"
+    )
     assert run(capsys, results, "--fail-under", "16.1", "--apply")[0] == 0
 
 
@@ -131,11 +151,15 @@ def test_one_that_cannot_be_judged(results: Path, capsys: pytest.CaptureFixture[
     assert "ann" in errors
 
 
-def test_a_class_by_a_rubric_of_an_older_version(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_class_by_a_rubric_of_an_older_version(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """It is said how many could not be judged, the cause once with those that it concerns, and what to do."""
     for folder in ("ann", "bob"):
         kept = results / folder / RECORDINGS / RUBRIC_COPY
-        kept.write_text(kept.read_text(encoding="utf-8").replace("check: topic_rate", "check: topic_speed"))
+        kept.write_text(
+            kept.read_text(encoding="utf-8").replace("check: topic_rate", "check: topic_speed")
+        )
     status, output, errors = run(capsys, results)
     assert (status, output) == (4, "2 of 2 could not be judged, for the causes below.")
     assert errors.count("topic_speed") == 1
@@ -144,9 +168,13 @@ def test_a_class_by_a_rubric_of_an_older_version(results: Path, capsys: pytest.C
     assert not (results / CHANGES_FILE).exists()
 
 
-def test_decisions_that_do_nothing_are_reported(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_decisions_that_do_nothing_are_reported(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A name that nobody has is a note, not a mistake."""
-    (results / "overrides.yaml").write_text(f"overrides:\n  - {{submission: abn, bonus: 1, {WHY}}}\n")
+    (results / "overrides.yaml").write_text(
+        f"overrides:\n  - {{submission: abn, bonus: 1, {WHY}}}\n"
+    )
     status, output, _ = run(capsys, results)
     assert status == 0
     assert "Note: overrides.yaml:2: there is no submission 'abn'; did you mean 'ann'?" in output
@@ -177,7 +205,9 @@ def test_a_single_submission_is_written_at_once(
     assert json.loads((results / line["kept"]).read_text())["score"]["final"] == 16
 
 
-def test_a_single_submission_without_changes_leaves_no_trace(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_single_submission_without_changes_leaves_no_trace(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Judged again to the same, there is nothing to note."""
     status, output, _ = run(capsys, results / "ann")
     assert status == 0
@@ -185,9 +215,13 @@ def test_a_single_submission_without_changes_leaves_no_trace(results: Path, caps
     assert not (results / AUDIT_FILE).exists()
 
 
-def test_decisions_beside_the_class_hold_for_a_single_one(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_decisions_beside_the_class_hold_for_a_single_one(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """overrides.yaml of the class is applied, and the limit is for the final points."""
-    text = f"overrides:\n  - {{submission: ann, check: publisher.publishes, excused: true, {WHY}}}\n"
+    text = (
+        f"overrides:\n  - {{submission: ann, check: publisher.publishes, excused: true, {WHY}}}\n"
+    )
     (results / "overrides.yaml").write_text(text)
     status, output, _ = run(capsys, results / "ann", "--fail-under", "20")
     assert status == 0
@@ -195,7 +229,9 @@ def test_decisions_beside_the_class_hold_for_a_single_one(results: Path, capsys:
     assert points(results / "ann") == 20
 
 
-def test_another_file_of_decisions(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_file_of_decisions(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """--overrides names another file."""
     (tmp_path / "mine.yaml").write_text(f"overrides:\n  - {{submission: ann, bonus: 1, {WHY}}}\n")
     run(capsys, results / "ann", "--overrides", tmp_path / "mine.yaml")
@@ -203,7 +239,9 @@ def test_another_file_of_decisions(results: Path, tmp_path: Path, capsys: pytest
 
 
 @pytest.mark.parametrize("option", [["--apply"], ["-j", "2"]])
-def test_what_is_for_a_class(results: Path, option: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_for_a_class(
+    results: Path, option: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     """--apply and --jobs with a single submission are wrong usage."""
     status, _, errors = run(capsys, results / "ann", *option)
     assert (status, "usage: grade regrade" in errors) == (2, True)
@@ -214,5 +252,12 @@ def test_the_help_shows_what_can_be_decided(capsys: pytest.CaptureFixture[str]) 
     status, output, _ = run(capsys, "--help")
     assert status == 0
     assert all(
-        word in output for word in ("overrides.yaml", "excused: true", "extension: 2 days", "--apply", "audit.jsonl")
+        word in output
+        for word in (
+            "overrides.yaml",
+            "excused: true",
+            "extension: 2 days",
+            "--apply",
+            "audit.jsonl",
+        )
     )

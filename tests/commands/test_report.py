@@ -60,12 +60,19 @@ def grades(results: Path) -> dict[str, dict[str, str]]:
         return {row["submission"]: row for row in csv.DictReader(stream)}
 
 
-def test_page_and_table_are_written_and_reported(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_page_and_table_are_written_and_reported(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """It says how many were graded, and where the files are; the table has the points of each result."""
     status, output, _ = run(capsys, results)
     assert status == 0
-    assert output.splitlines()[0] == "3 submissions, 3 graded, median 21.5 of 100; 0 need attention."
-    assert output.splitlines()[1:] == [f"Class: {results / 'index.html'}", f"Grades: {results / 'grades.csv'}"]
+    assert (
+        output.splitlines()[0] == "3 submissions, 3 graded, median 21.5 of 100; 0 need attention."
+    )
+    assert output.splitlines()[1:] == [
+        f"Class: {results / 'index.html'}",
+        f"Grades: {results / 'grades.csv'}",
+    ]
     assert {name: row["total"] for name, row in grades(results).items()} == {
         "best_effort_publisher": "21.5",
         "solution": "100",
@@ -75,7 +82,9 @@ def test_page_and_table_are_written_and_reported(results: Path, capsys: pytest.C
     assert 'href="wrong_topic/report.html"' in page
 
 
-def test_writing_it_again_gives_the_same_bytes(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_writing_it_again_gives_the_same_bytes(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Its own files are no submissions, and nothing depends on the time."""
     files = [results / name for name in (result_folder.CLASS_PAGE, result_folder.GRADES_FILE)]
     run(capsys, results)
@@ -84,21 +93,29 @@ def test_writing_it_again_gives_the_same_bytes(results: Path, capsys: pytest.Cap
     assert [file.read_bytes() for file in files] == first
 
 
-def test_a_list_adds_ids_and_who_is_missing(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_list_adds_ids_and_who_is_missing(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Who handed in nothing is listed, and needs attention."""
     roster = tmp_path / "class.csv"
     roster.write_text("name,student_id\nsolution,007\nnobody,8\n", encoding="utf-8")
     _, output, _ = run(capsys, results, "--class-list", roster)
     assert output.startswith("4 submissions, 3 graded, median 21.5 of 100; 1 needs attention.")
     table = grades(results)
-    assert (table["solution"]["student_id"], table["nobody"]["total"], table["nobody"]["needs"]) == (
+    assert (
+        table["solution"]["student_id"],
+        table["nobody"]["total"],
+        table["nobody"]["needs"],
+    ) == (
         "007",
         "",
         "not graded",
     )
 
 
-def test_no_name_is_in_an_anonymous_page_or_table(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_name_is_in_an_anonymous_page_or_table(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Both are written under pseudonyms, beside the real page and the grade book, which stay as they are."""
     run(capsys, results)
     main(["export", str(results), "--to=moodle"])
@@ -107,7 +124,11 @@ def test_no_name_is_in_an_anonymous_page_or_table(results: Path, capsys: pytest.
     status, output, _ = run(capsys, results, "--anonymous")
     assert status == 0
     with (results / "grades-anonymous.csv").open(encoding="utf-8-sig", newline="") as stream:
-        assert [row["submission"] for row in csv.DictReader(stream)] == ["Student 01", "Student 02", "Student 03"]
+        assert [row["submission"] for row in csv.DictReader(stream)] == [
+            "Student 01",
+            "Student 02",
+            "Student 03",
+        ]
     for name in ("index-anonymous.html", "grades-anonymous.csv"):
         assert str(results / name) in output
         text = (results / name).read_text(encoding="utf-8")
@@ -121,14 +142,21 @@ def test_results_of_two_labs_are_not_summed_up(
 ) -> None:
     """Which is of another is named, and nothing is written."""
     other = rubric.text.replace('id: "09-01"', 'id: "other"')
-    (results / "wrong_topic" / result_folder.RECORDINGS / result_folder.RUBRIC_COPY).write_text(other, encoding="utf-8")
+    (results / "wrong_topic" / result_folder.RECORDINGS / result_folder.RUBRIC_COPY).write_text(
+        other, encoding="utf-8"
+    )
     status, _, errors = run(capsys, results)
     assert status == 2
-    assert f"{results / 'wrong_topic'}: these are results of Lab other, and the rubric is of Lab 09-01" in errors
+    assert (
+        f"{results / 'wrong_topic'}: these are results of Lab other, and the rubric is of Lab 09-01"
+        in errors
+    )
     assert not (results / result_folder.CLASS_PAGE).exists()
 
 
-def test_results_of_one_submission_are_no_class(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_results_of_one_submission_are_no_class(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """It is said that they have a page already."""
     status, _, errors = run(capsys, results / "solution")
     assert status == 3
@@ -144,9 +172,14 @@ def test_the_rubric_is_that_of_most(
     shutil.copy(other, results / "solution" / result_folder.RECORDINGS / result_folder.RUBRIC_COPY)
     judge_results(results / "solution", rubrics.read_rubric(other))
     run(capsys, results)
-    assert {name: row["needs"] for name, row in grades(results).items() if row["needs"]} == {"solution": "other rubric"}
+    assert {name: row["needs"] for name, row in grades(results).items() if row["needs"]} == {
+        "solution": "other rubric"
+    }
     run(capsys, results, "--rubric", other)
-    assert [name for name, row in grades(results).items() if row["needs"]] == ["best_effort_publisher", "wrong_topic"]
+    assert [name for name, row in grades(results).items() if row["needs"]] == [
+        "best_effort_publisher",
+        "wrong_topic",
+    ]
 
 
 def test_the_rubric_is_the_one_that_was_applied_last(
@@ -154,7 +187,9 @@ def test_the_rubric_is_the_one_that_was_applied_last(
 ) -> None:
     """After a new rubric was applied to the class, the page is made by it without naming it again."""
     new = tmp_path / "new.yaml"
-    new.write_text(rubric.text.replace("title: Commands arrive at 100 Hz", "title: Commands are quick"))
+    new.write_text(
+        rubric.text.replace("title: Commands arrive at 100 Hz", "title: Commands are quick")
+    )
     assert main(["regrade", str(results), "--rubric", str(new), "--apply"]) == 0
     run(capsys, results)
     assert not [name for name, row in grades(results).items() if row["needs"] == "other rubric"]
@@ -164,14 +199,18 @@ def test_the_rubric_is_the_one_that_was_applied_last(
 
 
 @pytest.mark.parametrize("there", [False, True])
-def test_a_folder_without_results_is_refused(there: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_without_results_is_refused(
+    there: bool, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """No page over nobody is written where somebody gave the wrong folder."""
     folder = tmp_path / "empty"
     if there:
         (folder / "notes").mkdir(parents=True)
     status, _, errors = run(capsys, folder)
     assert status == 3
-    assert ("there are no results of submissions in it" if there else "there is no such folder") in errors
+    assert (
+        "there are no results of submissions in it" if there else "there is no such folder"
+    ) in errors
     assert not (folder / "index.html").exists()
 
 
@@ -189,7 +228,9 @@ def test_a_wrong_list_is_refused_before_anything_is_written(
 # -- what changed ------------------------------------------------------------------------------
 
 
-def test_a_resubmission_says_what_was_won_and_lost(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_resubmission_says_what_was_won_and_lost(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The result before is kept with the recordings: the report and the class page compare with it, each time alike."""
     before = (results / "wrong_topic" / result_folder.RESULT_FILE).read_text(encoding="utf-8")
     earlier = results / "solution" / result_folder.RECORDINGS / result_folder.EARLIER_FILE
@@ -201,15 +242,21 @@ def test_a_resubmission_says_what_was_won_and_lost(results: Path, capsys: pytest
     assert re.search(r'Won</b> [^\n]*<a href="#check-publisher\.\w+">[^<]+</a> \+\d', report)
     regraded(results / "solution")
     assert (results / "solution" / result_folder.REPORT_FILE).read_text(encoding="utf-8") == report
-    assert "Since your" not in (results / "wrong_topic" / result_folder.REPORT_FILE).read_text(encoding="utf-8")
+    assert "Since your" not in (results / "wrong_topic" / result_folder.REPORT_FILE).read_text(
+        encoding="utf-8"
+    )
     assert run(capsys, results)[0] == 0
     page = (results / result_folder.CLASS_PAGE).read_text(encoding="utf-8")
     assert "1 submission has a result of before: 1 with more points now" in page
     assert run(capsys, results, "--anonymous")[0] == 0
-    assert "What changed" not in (results / result_folder.ANONYMOUS_PAGE).read_text(encoding="utf-8")
+    assert "What changed" not in (results / result_folder.ANONYMOUS_PAGE).read_text(
+        encoding="utf-8"
+    )
 
 
-def test_two_runs_over_a_class_are_compared(results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_runs_over_a_class_are_compared(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """`--before` names the results of another run, in which students are found by their names."""
     other = tmp_path / "first due date"
     shutil.copytree(results, other)
@@ -217,7 +264,10 @@ def test_two_runs_over_a_class_are_compared(results: Path, tmp_path: Path, capsy
     shutil.rmtree(other / "best_effort_publisher")
     assert run(capsys, results, "--before", other)[0] == 0
     page = (results / result_folder.CLASS_PAGE).read_text(encoding="utf-8")
-    assert "2 submissions have a result of before: 1 with more points now, 0 with fewer, 1 with as many" in page
+    assert (
+        "2 submissions have a result of before: 1 with more points now, 0 with fewer, 1 with as many"
+        in page
+    )
     status, _, said = run(capsys, results, "--before", tmp_path / "nowhere")
     assert status == 3
     assert "no such folder" in said

@@ -29,7 +29,9 @@ def fixtures(tmp_path: Path) -> Path:
     """Write a folder of fixtures that need no session: one as expected, one that expects too much."""
     for name, outcome in (("good", "failed"), ("bad", "passed")):
         (tmp_path / "fixtures" / name / "submission").mkdir(parents=True)
-        (tmp_path / "fixtures" / name / "submission/joint_publisher.py").write_text("import rclpy\n")
+        (tmp_path / "fixtures" / name / "submission/joint_publisher.py").write_text(
+            "import rclpy\n"
+        )
         text = "about: a\nsessions: []\ncriteria:\n  documentation:\n    checks:\n"
         for check in ("readme", "code"):
             text += f"      documentation.{check}: {{outcome: {outcome if check == 'readme' else 'failed'}}}\n"
@@ -38,7 +40,9 @@ def fixtures(tmp_path: Path) -> Path:
 
 
 @pytest.mark.live
-def test_each_fixture_is_compared(fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_each_fixture_is_compared(
+    fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """What is as expected has a tick, what is not says in what it differs, and the status is 1."""
     pytest.importorskip("rclpy")
     status, output, _ = run(capsys, "--fixtures", fixtures, "good", "bad", "-o", tmp_path / "kept")
@@ -58,17 +62,25 @@ def test_all_as_expected(fixtures: Path, capsys: pytest.CaptureFixture[str]) -> 
 
 
 @pytest.mark.live
-def test_a_rubric_that_lost_a_check(fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rubric_that_lost_a_check(
+    fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """What the rubric no longer has is told without running anything."""
     pytest.importorskip("rclpy")
     text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
-    (tmp_path / "new.yaml").write_text(text.replace("id: documentation.readme", "id: documentation.about"))
-    status, output, _ = run(capsys, "--fixtures", fixtures, "--rubric", tmp_path / "new.yaml", "good")
+    (tmp_path / "new.yaml").write_text(
+        text.replace("id: documentation.readme", "id: documentation.about")
+    )
+    status, output, _ = run(
+        capsys, "--fixtures", fixtures, "--rubric", tmp_path / "new.yaml", "good"
+    )
     assert status == 1
     assert "the rubric's criterion 'documentation' has no check 'documentation.readme'" in output
 
 
-def test_fixtures_that_are_not_there(fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_fixtures_that_are_not_there(
+    fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """An unknown name is wrong usage; a folder without fixtures ends with 3; a broken one with 4."""
     status, _, errors = run(capsys, "--fixtures", fixtures, "god")
     assert (status, "there is no fixture 'god'; did you mean 'good'?" in errors) == (2, True)
@@ -90,7 +102,9 @@ def test_what_is_there_is_tried(tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert "Lab lab has no fixtures here" in output
 
 
-def test_two_into_one_folder(fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_two_into_one_folder(
+    fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """The second is refused, and what the first has laid out stays."""
     pytest.importorskip("rclpy")
     laid_out = tmp_path / "kept/submissions/good/joint_publisher.py"
@@ -98,27 +112,44 @@ def test_two_into_one_folder(fixtures: Path, tmp_path: Path, capsys: pytest.Capt
     laid_out.touch()
     with Journal.open(tmp_path / "kept"):
         status, _, errors = run(capsys, "--fixtures", fixtures, "good", "-o", tmp_path / "kept")
-    assert (status, "another run of grade is writing to this results folder" in errors) == (70, True)
+    assert (status, "another run of grade is writing to this results folder" in errors) == (
+        70,
+        True,
+    )
     assert laid_out.exists()
 
 
 @pytest.mark.live
-def test_earlier_submissions_are_replaced(fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_earlier_submissions_are_replaced(
+    fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """What a fixture no longer has is not laid below what it has now."""
     pytest.importorskip("rclpy")
     gone = tmp_path / "kept/submissions/good/robot_launch.py"
     gone.parent.mkdir(parents=True)
     gone.touch()
     status, _, _ = run(capsys, "--fixtures", fixtures, "good", "-o", tmp_path / "kept")
-    assert (status, gone.exists(), (gone.parent / "joint_publisher.py").exists()) == (0, False, True)
+    assert (status, gone.exists(), (gone.parent / "joint_publisher.py").exists()) == (
+        0,
+        False,
+        True,
+    )
 
 
 def test_another_lab_is_tried_with_its_own_fixtures(
     fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Those of the grader's lab say nothing about it; where it has none, that is said."""
-    text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8").replace('id: "09-01"', 'id: "other"')
-    shutil.copytree(lab_folder() / "reference", tmp_path / "reference", ignore=shutil.ignore_patterns("solution"))
+    text = (
+        (lab_folder() / "rubric.yaml")
+        .read_text(encoding="utf-8")
+        .replace('id: "09-01"', 'id: "other"')
+    )
+    shutil.copytree(
+        lab_folder() / "reference",
+        tmp_path / "reference",
+        ignore=shutil.ignore_patterns("solution"),
+    )
     (tmp_path / "rubric.yaml").write_text(text, encoding="utf-8")
     status, _, errors = run(capsys, "--rubric", tmp_path / "rubric.yaml", "goood")
     assert (status, "did you mean 'good'?" in errors) == (2, True)

@@ -17,7 +17,9 @@ from grader.report.class_page import render
 from grader.result_folder import RECORDINGS, SIMILARITY_FILE
 
 ROOT = Path(__file__).resolve().parents[2]
-OWN = (ROOT / "fixtures/correct_single_module/submission/lab0901/lab0901.py").read_text(encoding="utf-8")
+OWN = (ROOT / "fixtures/correct_single_module/submission/lab0901/lab0901.py").read_text(
+    encoding="utf-8"
+)
 EVIL = "<script>alert(1)</script>\x1b[31m{{ 7*7 }}"
 
 
@@ -26,16 +28,25 @@ def hand_in(results: Path, name: str, **texts: str) -> None:
     folder = results / name / RECORDINGS
     folder.mkdir(parents=True)
     lab = str(ROOT)
-    record = SubmissionRecord(name, sha256=name, texts={f"{k}.py": t for k, t in texts.items()}, lab_folder=lab)
+    record = SubmissionRecord(
+        name, sha256=name, texts={f"{k}.py": t for k, t in texts.items()}, lab_folder=lab
+    )
     write_submission(folder, record)
 
 
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
     """Give a class of four, two of whom have the same program under other names."""
-    solution = {path.stem: path.read_text(encoding="utf-8") for path in (ROOT / "reference/solution").glob("*.py")}
+    solution = {
+        path.stem: path.read_text(encoding="utf-8")
+        for path in (ROOT / "reference/solution").glob("*.py")
+    }
     hand_in(tmp_path, "ada", node=OWN)
-    hand_in(tmp_path, "bob", other=f"# {EVIL}\n" + OWN.replace("self.t", "self.zeit").replace("errors", "fehler"))
+    hand_in(
+        tmp_path,
+        "bob",
+        other=f"# {EVIL}\n" + OWN.replace("self.t", "self.zeit").replace("errors", "fehler"),
+    )
     hand_in(tmp_path, "cleo", **solution)
     hand_in(tmp_path, "dan", **solution)
     return tmp_path
@@ -59,7 +70,9 @@ def test_the_pair_is_printed_and_kept(results: Path, capsys: pytest.CaptureFixtu
     assert [Path(folder).name for folder in found.common] == ["handout", "solution"]
 
 
-def test_what_else_was_given_does_not_count(results: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_what_else_was_given_does_not_count(
+    results: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     """`--common` names more code that all were given."""
     given = tmp_path_factory.mktemp("given")
     (given / "template.py").write_text(OWN, encoding="utf-8")
@@ -83,7 +96,9 @@ def test_the_class_page_shows_the_lines_as_text(results: Path) -> None:
     assert "Code in common" not in render(summary)
 
 
-def test_files_that_cannot_be_read_are_named(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_that_cannot_be_read_are_named(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """A damaged record costs nobody else the comparison; a damaged similarity.json is an error with a way on."""
     (results / "cleo" / RECORDINGS / "submission.json").write_text("{", encoding="utf-8")
     assert run(results) == 0

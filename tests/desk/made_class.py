@@ -81,9 +81,14 @@ class Served:
             own |= {"Origin": f"http://{self.host}", "Content-Type": "application/json"}
         sent = {key: value for key, value in {**own, **(headers or {})}.items() if value}
         text = body if isinstance(body, (str, bytes)) or body is None else json.dumps(body)
-        connection.putrequest(method, f"/{self.token if token is None else token}/{path}", skip_host=True)
+        connection.putrequest(
+            method, f"/{self.token if token is None else token}/{path}", skip_host=True
+        )
         data = text.encode() if isinstance(text, str) else text
-        for key, value in {**sent, **({"Content-Length": str(len(data))} if data is not None else {})}.items():
+        for key, value in {
+            **sent,
+            **({"Content-Length": str(len(data))} if data is not None else {}),
+        }.items():
             connection.putheader(key, value)
         connection.endheaders(data)
         answer = connection.getresponse()
@@ -116,8 +121,19 @@ class Served:
 
 def serve(results: Path, *more: str) -> Served:
     """Start the real command."""
-    command = [sys.executable, "-m", "grader.cli", "review", str(results), "--who", "J. Smith", *more]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT)
+    command = [
+        sys.executable,
+        "-m",
+        "grader.cli",
+        "review",
+        str(results),
+        "--who",
+        "J. Smith",
+        *more,
+    ]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, cwd=ROOT
+    )
     assert process.stdout is not None
     seen = []
     for line in process.stdout:

@@ -51,7 +51,11 @@ def test_a_number_is_moved_alone(rubric: Rubric) -> None:
     for limit in limits[::7]:
         value = "17%" if limit.value.endswith("%") else "17"
         text = edited(rubric.text, {limit.id: value})
-        lines = [line for line in difflib.ndiff(rubric.text.splitlines(), text.splitlines()) if line[0] in "+-"]
+        lines = [
+            line
+            for line in difflib.ndiff(rubric.text.splitlines(), text.splitlines())
+            if line[0] in "+-"
+        ]
         most = 3 if limit.key == "points" else 1
         assert 1 <= sum(line.startswith("+") for line in lines) <= most, lines
         c, k, key = limit.id.split("/")
@@ -63,9 +67,19 @@ def test_a_number_that_others_share_moves_for_all(rubric: Rubric) -> None:
     """The anchor stays, and is listed once."""
     text = edited(rubric.text, {place(rubric, "publisher.motion", "reach"): "2.5"})
     assert "reach: &reach 2.5" in text
-    checks = {check["id"]: check for criterion in yaml.safe_load(text)["criteria"] for check in criterion["checks"]}
-    assert checks["publisher.values"]["with"]["reach"] == checks["publisher.motion"]["with"]["reach"] == 2.5
-    assert [limit.check for limit in limits_of(rubric) if limit.key == "reach"] == ["publisher.motion"]
+    checks = {
+        check["id"]: check
+        for criterion in yaml.safe_load(text)["criteria"]
+        for check in criterion["checks"]
+    }
+    assert (
+        checks["publisher.values"]["with"]["reach"]
+        == checks["publisher.motion"]["with"]["reach"]
+        == 2.5
+    )
+    assert [limit.check for limit in limits_of(rubric) if limit.key == "reach"] == [
+        "publisher.motion"
+    ]
 
 
 @pytest.mark.parametrize("value", ["", "five", "1e3", "5; import os", "5\n  x: 1", "nan", "5%"])

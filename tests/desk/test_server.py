@@ -29,7 +29,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     add_alike(folder, ["alice", "bob"], "solution", without="service")
     add_alike(folder, ["carol", "dave"], "signed_mean_statistics")
     (folder / "overrides.yaml").write_text(
-        f"{COMMENTS}  - {{submission: bob, bonus: 1, reason: well done, who: A, when: 2026-11-21}}\n", encoding="utf-8"
+        f"{COMMENTS}  - {{submission: bob, bonus: 1, reason: well done, who: A, when: 2026-11-21}}\n",
+        encoding="utf-8",
     )
     return folder
 
@@ -45,7 +46,14 @@ def desk(made: Path) -> Iterator[Served]:
 def decision(desk: Served, name: str = "alice", check: str = CHECK, **more: Any) -> dict[str, Any]:
     """Give what the page would send for an item."""
     item = next(i for i in desk.queue()["items"] if i["name"] == name and i["part"]["id"] == check)
-    plain = {"names": [name], "level": "check", "id": check, "change": "set", "points": "2", "reason": "it was right"}
+    plain = {
+        "names": [name],
+        "level": "check",
+        "id": check,
+        "change": "set",
+        "points": "2",
+        "reason": "it was right",
+    }
     return {**plain, "seen": {name: item["state"]}, **more}
 
 
@@ -87,7 +95,9 @@ def test_nothing_is_decided_from_elsewhere(
 ) -> None:
     """Not without the token, from another origin, by a form, nor under a name that leads here by a foreign server."""
     before, plain = text(made), decision(desk)
-    headers = {key: value.replace("PORT", desk.host.partition(":")[2]) for key, value in headers.items()}
+    headers = {
+        key: value.replace("PORT", desk.host.partition(":")[2]) for key, value in headers.items()
+    }
     assert desk.ask("POST", "decide", plain, headers, token)[0] in (403, 404)
     assert desk.ask("POST", "undo", {}, headers, token)[0] in (403, 404)
     assert text(made) == before
@@ -102,7 +112,9 @@ def test_a_decision_cannot_be_an_address(desk: Served, made: Path) -> None:
     assert text(made) == before
 
 
-@pytest.mark.parametrize("name", ["../alice", "/etc/passwd", "alice/../bob", "..", "", "alice\x00", "nobody"])
+@pytest.mark.parametrize(
+    "name", ["../alice", "/etc/passwd", "alice/../bob", "..", "", "alice\x00", "nobody"]
+)
 def test_a_path_leads_nowhere(desk: Served, made: Path, name: str) -> None:
     """Names are looked up among those that were graded, in what is asked and in what is decided."""
     from urllib.parse import quote
@@ -122,7 +134,9 @@ def test_a_link_leads_nowhere(desk: Served, made: Path) -> None:
     shutil.copytree(made / "bob", outside, ignore=shutil.ignore_patterns(RECORDINGS))
     (outside / "report.html").write_text("a secret", encoding="utf-8")
     (made / "eve").symlink_to(outside)
-    shutil.copytree(made / "bob", made / "mallory", ignore=shutil.ignore_patterns(RECORDINGS, "report.html"))
+    shutil.copytree(
+        made / "bob", made / "mallory", ignore=shutil.ignore_patterns(RECORDINGS, "report.html")
+    )
     (made / "mallory/report.html").symlink_to(outside / "report.html")
     (made / "mallory" / RECORDINGS).symlink_to(made / "bob" / RECORDINGS)
     try:
@@ -149,7 +163,9 @@ def test_a_link_leads_nowhere(desk: Served, made: Path) -> None:
         {"more": 1},
     ],
 )
-def test_what_cannot_be_decided_is_refused(desk: Served, made: Path, change: dict[str, Any]) -> None:
+def test_what_cannot_be_decided_is_refused(
+    desk: Served, made: Path, change: dict[str, Any]
+) -> None:
     """With what is wrong in words, and without a change of the file."""
     before = text(made)
     status, body, _ = desk.ask("POST", "decide", decision(desk, **change))
@@ -160,7 +176,11 @@ def test_what_cannot_be_decided_is_refused(desk: Served, made: Path, change: dic
 
 def test_students_pages_run_no_script_and_ask_for_nothing(desk: Served) -> None:
     """Reports and evidence have a policy that forbids both, whatever stands in them; no answer is kept or passed on."""
-    for path in ("report?name=alice", f"evidence?name=alice&what={CHECK}", "evidence?name=carol&what=score"):
+    for path in (
+        "report?name=alice",
+        f"evidence?name=alice&what={CHECK}",
+        "evidence?name=carol&what=score",
+    ):
         status, _, headers = desk.ask("GET", path)
         policy = headers["content-security-policy"]
         assert status == 200
@@ -175,7 +195,9 @@ def test_students_pages_run_no_script_and_ask_for_nothing(desk: Served) -> None:
 def test_a_port_that_cannot_be_used_is_told(desk: Served, made: Path, port: str) -> None:
     """In a sentence with a remedy."""
     number = desk.host.partition(":")[2] if port == "taken" else port
-    with pytest.raises(AssertionError, match=rf"grade: port {number} cannot be used(.|\n)*Leave out --port"):
+    with pytest.raises(
+        AssertionError, match=rf"grade: port {number} cannot be used(.|\n)*Leave out --port"
+    ):
         serve(made, "--port", number)
 
 
@@ -202,7 +224,9 @@ def test_a_decision_stands_in_the_file_and_then_in_the_result(desk: Served, made
     assert load_result(made / "alice" / RESULT_FILE).adjustments == ()
 
 
-def test_the_same_decision_for_all_with_the_same_mistake_is_shown_first(desk: Served, made: Path) -> None:
+def test_the_same_decision_for_all_with_the_same_mistake_is_shown_first(
+    desk: Served, made: Path
+) -> None:
     """Who, with the points before and after; one entry names them all."""
     before = text(made)
     item = next(i for i in desk.queue()["items"] if i["name"] == "bob" and i["part"]["id"] == CHECK)
@@ -227,7 +251,10 @@ def test_two_desks_lose_no_decision(desk: Served, made: Path) -> None:
         assert second.ask("POST", "decide", decision(second, points="1"))[0] == 200
         status, body, _ = desk.ask("POST", "decide", seen)
         assert (status, "meanwhile" in json.loads(body)["problem"]) == (409, True)
-        assert desk.ask("POST", "decide", decision(desk, "bob", "service.disables", points="1"))[0] == 200
+        assert (
+            desk.ask("POST", "decide", decision(desk, "bob", "service.disables", points="1"))[0]
+            == 200
+        )
         assert second.ask("POST", "decide", other)[0] == 200
         listed = text(made)
         assert listed.count("who: J. Smith") == 3
@@ -239,11 +266,22 @@ def test_two_desks_lose_no_decision(desk: Served, made: Path) -> None:
 def test_all_that_two_desks_decide_at_once_stands(desk: Served, made: Path) -> None:
     """Many decisions by two desks side by side: each that was accepted is an entry, and the file stays whole."""
     second, before = serve(made), text(made)
-    checks = [i["part"]["id"] for i in desk.queue()["items"] if i["name"] == "alice" and not i["is_decided"]]
+    checks = [
+        i["part"]["id"]
+        for i in desk.queue()["items"]
+        if i["name"] == "alice" and not i["is_decided"]
+    ]
     wanted = [(name, check) for name in ("carol", "dave") for check in checks]
     try:
         decisions = [
-            {"names": [name], "level": "check", "id": check, "change": "set", "points": "1", "reason": f"of {at}"}
+            {
+                "names": [name],
+                "level": "check",
+                "id": check,
+                "change": "set",
+                "points": "1",
+                "reason": f"of {at}",
+            }
             for at, (name, check) in enumerate(wanted)
         ]
         with ThreadPoolExecutor(2) as both:
@@ -263,12 +301,17 @@ def test_a_killed_desk_has_lost_nothing(made: Path, desk: Served) -> None:
     """What was decided stands in the file; the next desk brings the results after."""
     first = serve(made)
     plain = {"names": ["carol"], "id": "subscriber.mean", "points": "1", "seen": {}}
-    assert first.ask("POST", "decide", {**decision(first, "bob", "service.refuses"), **plain})[0] == 200
+    assert (
+        first.ask("POST", "decide", {**decision(first, "bob", "service.refuses"), **plain})[0]
+        == 200
+    )
     first.kill()
     second = serve(made)
     try:
         second.until(lambda plain: not plain["waiting"])
-        assert [a.what for a in load_result(made / "carol" / RESULT_FILE).adjustments] == ["subscriber.mean"]
+        assert [a.what for a in load_result(made / "carol" / RESULT_FILE).adjustments] == [
+            "subscriber.mean"
+        ]
         assert "to decide" not in second.stop()
     finally:
         second.kill()
@@ -287,7 +330,9 @@ def test_a_folder_whose_name_is_no_text_can_be_decided(tmp_path: Path) -> None:
         for path in ("report?name=", f"evidence?what={CHECK}&name="):
             assert served.ask("GET", path + quote(name, safe=""))[0] == 200
         assert served.ask("POST", "decide", decision(served, name))[0] == 200
-        assert served.ask("POST", "decide", decision(served, name, seen={name: "of before"}))[0] == 409
+        assert (
+            served.ask("POST", "decide", decision(served, name, seen={name: "of before"}))[0] == 409
+        )
         served.until(lambda plain: not plain["waiting"])
         assert [a.what for a in load_result(folder / RESULT_FILE).adjustments] == [CHECK]
     finally:

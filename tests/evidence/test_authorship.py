@@ -68,7 +68,9 @@ def test_a_message_recorded_twice_is_nobodys_second(tmp_path: Path) -> None:
 
 def test_the_same_contents_under_another_number_are_anothers(tmp_path: Path) -> None:
     """A digest belongs to its place in the order of publication."""
-    assert len(apart(with_own(tmp_path).messages(TOPIC, [[0.1]], [2.5], sequence=[3])).others_ns) == 1
+    assert (
+        len(apart(with_own(tmp_path).messages(TOPIC, [[0.1]], [2.5], sequence=[3])).others_ns) == 1
+    )
 
 
 def test_a_flood_of_another_type_does_not_take_the_topic(tmp_path: Path) -> None:
@@ -109,13 +111,17 @@ def test_without_anything_reported_all_messages_are_seen(tmp_path: Path) -> None
 def test_where_the_student_is_expected_to_publish_nothing_is_left_out(tmp_path: Path) -> None:
     """A topic for which the steps wait is the student's as well: all of its messages count."""
     session = with_own(tmp_path).messages(TOPIC, [[9.0]], [1.5])
-    session.step("wait_for", "there", parameters={"publisher": "/states"}).called(f"/states={TOPIC}")
+    session.step("wait_for", "there", parameters={"publisher": "/states"}).called(
+        f"/states={TOPIC}"
+    )
     assert values(session.recorded()) == [0.1, 9.0, 0.2, 0.3]
 
 
 def test_a_publisher_of_the_graders_that_reported_nothing_keeps_all(tmp_path: Path) -> None:
     """A reference node that had to be killed reported no digests: its messages must not be lost for that."""
-    session = with_own(tmp_path).messages(TOPIC, [[5.0]], [1.5]).endpoint("publisher", TOPIC, "/plateaus")
+    session = (
+        with_own(tmp_path).messages(TOPIC, [[5.0]], [1.5]).endpoint("publisher", TOPIC, "/plateaus")
+    )
     session.record.trusted.append(Trusted("plateaus", session.graph.endpoints[-1].gid[:24]))
     assert values(session.recorded()) == [0.1, 5.0, 0.2, 0.3]
 

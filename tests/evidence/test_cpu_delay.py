@@ -16,7 +16,9 @@ SPAN = Span(at(0), at(10))
 
 def delay(start_s: float, length_s: float, delay_s: float | None = None) -> Delay:
     """Give a delay; all of its time, unless something else is said."""
-    return Delay(at(start_s), at(start_s + length_s), round((length_s if delay_s is None else delay_s) * 1e9))
+    return Delay(
+        at(start_s), at(start_s + length_s), round((length_s if delay_s is None else delay_s) * 1e9)
+    )
 
 
 def calm_of(times_s: np.ndarray, *delays: Delay, harmless_s: float = 0.001) -> Calm:
@@ -58,9 +60,9 @@ def test_a_queue_overflows_by_what_it_has_no_room_for(
 def test_short_delays_make_nothing_late() -> None:
     """A second in one piece makes what comes in ten seconds a tenth of a second late; in a hundred pieces, 1 ms."""
     assert backlog([delay(1, 1.0)], SPAN, INFINITE, 0.1).late_s == pytest.approx(0.1)
-    assert backlog([delay(n / 10, 0.01) for n in range(100)], SPAN, float("inf"), 0.1).late_s == pytest.approx(
-        0.001, rel=0.1
-    )
+    assert backlog(
+        [delay(n / 10, 0.01) for n in range(100)], SPAN, float("inf"), 0.1
+    ).late_s == pytest.approx(0.001, rel=0.1)
 
 
 # -- what is calm ----------------------------------------------------------------------------------
@@ -92,7 +94,9 @@ def test_the_rate_in_calm_intervals_holds_the_true_one() -> None:
         lengths = random.uniform(0.005, 0.030, 90)
         delays = [delay(start, length) for start, length in zip(stops, lengths, strict=True)]
         ticks = np.cumsum(np.maximum(0.001, random.normal(period_s, jitter_s, 620)))
-        for start, length in zip(stops, lengths, strict=True):  # what falls into a stop comes at its end
+        for start, length in zip(
+            stops, lengths, strict=True
+        ):  # what falls into a stop comes at its end
             ticks = np.where((ticks > start) & (ticks < start + length), start + length, ticks)
         calm = calm_of(np.unique(ticks), *delays)
         least_hz, most_hz = calm.rate_hz()
@@ -130,11 +134,20 @@ def test_a_few_intervals_do_not_stand_for_all() -> None:
 
 def test_the_delays_of_many_spans_are_those_of_each(tmp_path: Path) -> None:
     """Of the student's and the reference processes that one counts which was delayed most; a delay by its part."""
-    session = Session(tmp_path).process("one").process("two", role="reference").process("recorder", role="grader")
-    session.disturbed("one", (2.0, 0.2)).disturbed("two", (2.1, 0.4)).disturbed("recorder", (1.0, 5.0))
+    session = (
+        Session(tmp_path)
+        .process("one")
+        .process("two", role="reference")
+        .process("recorder", role="grader")
+    )
+    session.disturbed("one", (2.0, 0.2)).disturbed("two", (2.1, 0.4)).disturbed(
+        "recorder", (1.0, 5.0)
+    )
     recorded = session.recorded()
     starts, ends = np.array([at(1.0), at(2.2), at(4.0)]), np.array([at(2.05), at(3.0), at(5.0)])
     found = recorded.delays_s(starts, ends)
     assert found == pytest.approx([0.05, 0.3, 0.0], abs=1e-6)
-    each = [recorded.longest_delay_s(Span(int(a), int(b))) for a, b in zip(starts, ends, strict=True)]
+    each = [
+        recorded.longest_delay_s(Span(int(a), int(b))) for a, b in zip(starts, ends, strict=True)
+    ]
     assert found == pytest.approx(each, abs=1e-6)

@@ -48,7 +48,8 @@ def test_what_no_python_reads_is_a_mistake(text: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["x = 1\n", "print(f'{1 + 1:.2f}', f\"{'a'}\")\n", 'print(f"""{"a"}""")\n', "type = 3\n"]
+    "text",
+    ["x = 1\n", "print(f'{1 + 1:.2f}', f\"{'a'}\")\n", 'print(f"""{"a"}""")\n', "type = 3\n"],
 )
 def test_what_was_always_right_is_not_newer(text: str) -> None:
     """A text without newer syntax is none, so that an error at run time is not excused."""
@@ -81,7 +82,9 @@ def missing(subject: str, kind: str = "missing-module", line: int = 1) -> Diagno
         ("matplotlib", "math", False),
     ],
 )
-def test_a_library_that_is_missing_is_for_a_person_to_decide(module: str, imported: str, is_gap: bool) -> None:
+def test_a_library_that_is_missing_is_for_a_person_to_decide(
+    module: str, imported: str, is_gap: bool
+) -> None:
     """A known package that the source imports there is told; a name that nobody knows, or that is not imported, not."""
     record = submission({"it.py": f"import {imported}\n"})
     told = environment_gap(missing(module), record, "it.py")
@@ -104,7 +107,9 @@ def test_a_file_that_the_program_does_not_import_excuses_nothing() -> None:
     """An import that is missing counts in the program's file and in what that imports."""
     decoy = submission({"it.py": "import rclpy\n", "helper.py": "import scipy\n"})
     used = submission({"it.py": "from .helper import wave\n", "helper.py": "import scipy\n"})
-    found = Diagnosis("missing-module", "", "", "helper.py", 1, "ModuleNotFoundError", subject="scipy")
+    found = Diagnosis(
+        "missing-module", "", "", "helper.py", 1, "ModuleNotFoundError", subject="scipy"
+    )
     assert environment_gap(found, decoy, "it.py") is None
     assert environment_gap(found, used, "it.py") is not None
 
@@ -112,8 +117,15 @@ def test_a_file_that_the_program_does_not_import_excuses_nothing() -> None:
 def test_files_that_import_each_other_are_looked_at_once() -> None:
     """As many files as are extracted, which all import all others, take no time to speak of."""
     names = [f"m{n}" for n in range(2000)]
-    every = submission({"it.py": f"import {', '.join(names)}\n", **{f"{name}.py": "import it, m1\n" for name in names}})
-    found = Diagnosis("missing-module", "", "", "m1999.py", 1, "ModuleNotFoundError", subject="scipy")
+    every = submission(
+        {
+            "it.py": f"import {', '.join(names)}\n",
+            **{f"{name}.py": "import it, m1\n" for name in names},
+        }
+    )
+    found = Diagnosis(
+        "missing-module", "", "", "m1999.py", 1, "ModuleNotFoundError", subject="scipy"
+    )
     began_s = time.process_time()
     assert environment_gap(found, every, "it.py") is None
     assert time.process_time() - began_s < 2.0
@@ -131,7 +143,10 @@ def test_interfaces_of_a_package_of_the_submission_are_not_built() -> None:
 
 def test_interfaces_that_were_tried_are_missing_only_through_no_fault_of_theirs() -> None:
     """What could not be built here is told with the reason; what has a mistake in it is not excused."""
-    files = {"it.py": "from lab_interfaces.msg import Pose\n", "lab_interfaces/msg/Pose.msg": "int x\n"}
+    files = {
+        "it.py": "from lab_interfaces.msg import Pose\n",
+        "lab_interfaces/msg/Pose.msg": "int x\n",
+    }
     record = submission(files)
     record.packages.append(PackageFact("lab_interfaces", "lab_interfaces", "ament_cmake"))
     record.absent_modules, record.not_built = ["lab_interfaces"], {}
@@ -157,7 +172,13 @@ def test_a_part_that_lacks_of_a_package_is_missing_where_it_is_used() -> None:
 
 def test_a_submission_is_searched_for_what_may_be_missing() -> None:
     """Known packages that the sources name are looked for, but none that is a file of the submission."""
-    record = submission({"it.py": "import scipy, pandas, unheard_of\n", "pandas.py": "", "README.md": "import torch"})
+    record = submission(
+        {
+            "it.py": "import scipy, pandas, unheard_of\n",
+            "pandas.py": "",
+            "README.md": "import torch",
+        }
+    )
     assert modules_to_look_for(record) == ["scipy"]
 
 

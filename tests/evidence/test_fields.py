@@ -30,14 +30,29 @@ def recorded(folder: Path, kind: str, fields: dict[str, Any]) -> Recorded:
         ("std_msgs/msg/Bool", {"data": True}, "data", [1.0]),
         ("geometry_msgs/msg/Pose", {"position": {"x": 1.0, "z": 3.0}}, "position", [1.0, 0.0, 3.0]),
         ("geometry_msgs/msg/Pose", {"position": {"x": 1.0, "z": 3.0}}, "position.z", [3.0]),
-        ("geometry_msgs/msg/PoseStamped", {"pose": {"orientation": {"w": 1.0}}}, "pose.orientation", [0, 0, 0, 1.0]),
+        (
+            "geometry_msgs/msg/PoseStamped",
+            {"pose": {"orientation": {"w": 1.0}}},
+            "pose.orientation",
+            [0, 0, 0, 1.0],
+        ),
         ("geometry_msgs/msg/Twist", {"angular": {"z": -2.0}}, "angular.z", [-2.0]),
         ("sensor_msgs/msg/LaserScan", {"ranges": [1.0, 2.5]}, "ranges", [1.0, 2.5]),
         ("sensor_msgs/msg/LaserScan", {"ranges": [1.0, 2.5]}, "ranges[1]", [2.5]),
-        ("geometry_msgs/msg/Polygon", {"points": [{"x": 1.0}, {"y": 2.0}]}, "points", [1.0, 0, 0, 0, 2.0, 0]),
+        (
+            "geometry_msgs/msg/Polygon",
+            {"points": [{"x": 1.0}, {"y": 2.0}]},
+            "points",
+            [1.0, 0, 0, 0, 2.0, 0],
+        ),
         ("geometry_msgs/msg/Polygon", {"points": [{"x": 1.0}, {"y": 2.0}]}, "points[1].y", [2.0]),
         ("std_msgs/msg/Header", {"stamp": {"sec": 3, "nanosec": 500_000_000}}, "stamp", [3.5]),
-        ("nav_msgs/msg/Odometry", {"pose": {"covariance": [0.25] * 36}}, "pose.covariance[35]", [0.25]),
+        (
+            "nav_msgs/msg/Odometry",
+            {"pose": {"covariance": [0.25] * 36}},
+            "pose.covariance[35]",
+            [0.25],
+        ),
     ],
 )
 def test_numbers_are_found_in_any_field(
@@ -60,7 +75,9 @@ def test_numbers_are_found_in_any_field(
         ("std_msgs/msg/String", {"data": "1.5"}, "data"),
     ],
 )
-def test_what_holds_no_numbers_gives_none(tmp_path: Path, kind: str, fields: dict[str, Any], path: str) -> None:
+def test_what_holds_no_numbers_gives_none(
+    tmp_path: Path, kind: str, fields: dict[str, Any], path: str
+) -> None:
     """Neither texts, nor what is not there, nor more numbers than a vector has."""
     assert recorded(tmp_path, kind, fields).numeric("/it", path) is None
 
@@ -79,7 +96,10 @@ def test_times_and_rows_keep_together_when_some_are_left_out(tmp_path: Path) -> 
     """What is left of a series has its own times and places."""
     messages = [{"data": float(n)} for n in range(len(TIMES))]
     series = (
-        Session(tmp_path).typed("/it", "std_msgs/msg/Float64", messages, TIMES, 0.01).recorded().numeric("/it", "data")
+        Session(tmp_path)
+        .typed("/it", "std_msgs/msg/Float64", messages, TIMES, 0.01)
+        .recorded()
+        .numeric("/it", "data")
     )
     assert series is not None
     rest = series.only(np.array([True, False, False, True, False, True]))
@@ -93,7 +113,14 @@ RESULT = {"pose": {"x": 1.0, "name": "a"}, "rows": [1, 2.5], "done": True}
 
 @pytest.mark.parametrize(
     ("path", "value"),
-    [("pose.x", 1.0), ("rows[1]", 2.5), ("rows.0", 1), ("rows[2]", None), ("pose.y", None), ("rows.x", None)],
+    [
+        ("pose.x", 1.0),
+        ("rows[1]", 2.5),
+        ("rows.0", 1),
+        ("rows[2]", None),
+        ("pose.y", None),
+        ("rows.x", None),
+    ],
 )
 def test_values_of_what_stands_in_a_result_are_found_by_paths(path: str, value: object) -> None:
     """Where there is no such field or element, there is no value."""
@@ -114,13 +141,17 @@ def test_values_of_what_stands_in_a_result_are_found_by_paths(path: str, value: 
         ({}, 0.0, True),
     ],
 )
-def test_values_are_compared_within_a_tolerance(wanted: dict[str, Any], tolerance: float, equal: bool) -> None:
+def test_values_are_compared_within_a_tolerance(
+    wanted: dict[str, Any], tolerance: float, equal: bool
+) -> None:
     """Numbers may differ, texts and lengths may not, and what is not asked for does not count."""
     assert equal_within(RESULT, wanted, tolerance) is equal
     assert not equal_within({"x": float("nan")}, {"x": 1.0}, 1e9)
 
 
-@pytest.mark.parametrize(("got", "right"), [(math.inf, True), (-math.inf, False), (1.0, False), (math.nan, False)])
+@pytest.mark.parametrize(
+    ("got", "right"), [(math.inf, True), (-math.inf, False), (1.0, False), (math.nan, False)]
+)
 def test_an_infinite_number_equals_itself(got: float, right: bool) -> None:
     """A laser's range is infinite where nothing is, and the difference of two such is no number."""
     assert equal_within(got, math.inf, 0.1) is right
@@ -129,7 +160,9 @@ def test_an_infinite_number_equals_itself(got: float, right: bool) -> None:
 def test_an_element_that_is_true_or_false_is_a_number(tmp_path: Path) -> None:
     """As a field that is true or false."""
     session = (
-        Session(tmp_path).raw("/it", "own/msg/Flags", "bool[] data\n", [b"\0\1\0\0\2\0\0\0\0\1"], [1.0]).recorded()
+        Session(tmp_path)
+        .raw("/it", "own/msg/Flags", "bool[] data\n", [b"\0\1\0\0\2\0\0\0\0\1"], [1.0])
+        .recorded()
     )
     assert [row.tolist() for row in session.rows("/it", "data[1]") if row is not None] == [[1.0]]
 
@@ -137,7 +170,10 @@ def test_an_element_that_is_true_or_false_is_a_number(tmp_path: Path) -> None:
 def test_an_element_that_is_not_there_is_not_another_field(tmp_path: Path) -> None:
     """What stands in for a field of another type does not for the seventh joint of two."""
     assert (
-        recorded(tmp_path, "sensor_msgs/msg/JointState", {"position": [1.0, 2.0]}).numeric("/it", "position[6]") is None
+        recorded(tmp_path, "sensor_msgs/msg/JointState", {"position": [1.0, 2.0]}).numeric(
+            "/it", "position[6]"
+        )
+        is None
     )
 
 

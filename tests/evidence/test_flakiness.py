@@ -26,13 +26,20 @@ def interrupted(file: str, function: str, call: str) -> ProcessRun:
     """Give a process that Ctrl-C ended within a function."""
     text = _TRACEBACK.format(file=file, function=function, call=call)
     lines = [OutputLine(2, "stderr", line) for line in text.splitlines()]
-    return ProcessRun("subscriber", "student", [], output=lines, interrupted_ns=1, ended_by="interrupt")
+    return ProcessRun(
+        "subscriber", "student", [], output=lines, interrupted_ns=1, ended_by="interrupt"
+    )
 
 
 @pytest.mark.parametrize(
     ("run", "is_flaky"),
     [
-        (interrupted("/ws/src/joint_subscriber.py", "print_statistics", "print_statistics(node)"), True),
+        (
+            interrupted(
+                "/ws/src/joint_subscriber.py", "print_statistics", "print_statistics(node)"
+            ),
+            True,
+        ),
         (interrupted("/opt/rclpy/__init__.py", "spin", "rclpy.spin(node)"), False),
         (interrupted("/opt/rclpy/executors.py", "spin_once", "executor.spin_once()"), False),
     ],
@@ -67,7 +74,9 @@ def test_what_was_missing_in_a_calm_time_is_not_waited_for_again(
         session.step("start", "again", **between)
     session.step("call", "second", "timeout", parameters={"service": "/enable"})
     session.record.steps[-1].started_ns, session.record.steps[-1].ended_ns = at(5.0), at(6.0)
-    assert ("Something did not appear" in str(inconclusive_reason(session.recorded(), ()))) == is_open
+    assert (
+        "Something did not appear" in str(inconclusive_reason(session.recorded(), ()))
+    ) == is_open
 
 
 @pytest.mark.parametrize("kind", ["service", "node"])
@@ -95,9 +104,13 @@ def test_what_was_explained_before_a_start_stays_so(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("came", [False, True])
-def test_what_has_not_come_in_a_calm_time_after_either_was_not_kept_by_a_delay(tmp_path: Path, came: bool) -> None:
+def test_what_has_not_come_in_a_calm_time_after_either_was_not_kept_by_a_delay(
+    tmp_path: Path, came: bool
+) -> None:
     """Whatever that time was waited for; but what came then may have been delayed until then."""
-    session = Session(tmp_path).process("it").disturbed("it", (1.05, 0.9)).node("/it").claim("node", "it")
+    session = (
+        Session(tmp_path).process("it").disturbed("it", (1.05, 0.9)).node("/it").claim("node", "it")
+    )
     session.step("wait_for", "first", "timeout", parameters={"publisher": "/late"})
     session.step("wait_for", "second", "timeout", parameters={"publisher": "/other"})
     session.record.steps[-1].started_ns, session.record.steps[-1].ended_ns = at(5.0), at(8.0)
@@ -107,25 +120,38 @@ def test_what_has_not_come_in_a_calm_time_after_either_was_not_kept_by_a_delay(t
 
 
 @pytest.mark.parametrize(("delay_s", "is_open"), [(5.5, False), (7.5, True)])
-def test_who_had_time_enough_was_not_kept_by_a_delay(tmp_path: Path, delay_s: float, is_open: bool) -> None:
+def test_who_had_time_enough_was_not_kept_by_a_delay(
+    tmp_path: Path, delay_s: float, is_open: bool
+) -> None:
     """Of 10 s with a delay in each half second, 3 s without one are ten starts of a node."""
     parts = ((1.0 + n / 2, delay_s / 20) for n in range(20))
-    session = Session(tmp_path).process("it").disturbed("it", *parts).node("/it").claim("node", "it")
+    session = (
+        Session(tmp_path).process("it").disturbed("it", *parts).node("/it").claim("node", "it")
+    )
     session.step("wait_for", "first", "timeout", parameters={"service": "/enable"})
     session.record.steps[-1].ended_ns = at(11.0)
-    assert ("Something did not appear" in str(inconclusive_reason(session.recorded(), ()))) == is_open
+    assert (
+        "Something did not appear" in str(inconclusive_reason(session.recorded(), ()))
+    ) == is_open
 
 
 @pytest.mark.parametrize(
-    ("ended_by", "times", "is_open"), [("interrupt", 1, True), ("interrupt", 2, False), ("itself", 1, False)]
+    ("ended_by", "times", "is_open"),
+    [("interrupt", 1, True), ("interrupt", 2, False), ("itself", 1, False)],
 )
 def test_a_program_that_asked_for_nothing_while_it_was_waited_for_is_seen_again(
     tmp_path: Path, ended_by: str, times: int, is_open: bool
 ) -> None:
     """A node of a correct launch file once stood in Python's own start for 16 s, beside others that came up."""
-    session = Session(tmp_path).process("it", ended_by="interrupt").process("stands", ended_by=ended_by)
-    session.node("/it").claim("node", "it").step("wait_for", "service", "timeout", parameters={"service": "/enable"})
+    session = (
+        Session(tmp_path).process("it", ended_by="interrupt").process("stands", ended_by=ended_by)
+    )
+    session.node("/it").claim("node", "it").step(
+        "wait_for", "service", "timeout", parameters={"service": "/enable"}
+    )
     session.record.attempt = times
-    assert ("its node did not appear" in str(inconclusive_reason(session.recorded(), ()))) == is_open
+    assert (
+        "its node did not appear" in str(inconclusive_reason(session.recorded(), ()))
+    ) == is_open
     session.record.claims.append(Claim("stands", "node", "other"))
     assert inconclusive_reason(session.recorded(), ()) is None

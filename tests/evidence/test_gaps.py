@@ -7,7 +7,15 @@ from pathlib import Path
 import pytest
 
 from grader.evidence.gaps import describe_gap, dropped, gaps_by_student, limits_hit
-from grader.recording.session import Claim, Endpoint, ProcessRun, Published, RecordingGap, Trusted, Usage
+from grader.recording.session import (
+    Claim,
+    Endpoint,
+    ProcessRun,
+    Published,
+    RecordingGap,
+    Trusted,
+    Usage,
+)
 from grader.recording.trusted_channel import digest
 from tests.synthetic import FLOATS, RELIABLE, Session, at, floats
 
@@ -57,11 +65,15 @@ def test_where_a_reference_node_reported_nothing_nobody_is_blamed(tmp_path: Path
     assert gaps_by_student(made.recorded()) == []
 
 
-def test_a_type_that_cannot_be_recorded_is_the_students_unless_the_grader_publishes_it(tmp_path: Path) -> None:
+def test_a_type_that_cannot_be_recorded_is_the_students_unless_the_grader_publishes_it(
+    tmp_path: Path,
+) -> None:
     """What the grader's own nodes publish it must be able to record; no limit was hit, whoever wrote how much."""
     made = session(tmp_path, own=1000, theirs=1)
     kinds = ((STATES, FLOATS), (STATES, "a/msg/B"))
-    strange = [RecordingGap(topic, kind, at(1.0), 0, 0, "unknown", limit=False) for topic, kind in kinds]
+    strange = [
+        RecordingGap(topic, kind, at(1.0), 0, 0, "unknown", limit=False) for topic, kind in kinds
+    ]
     made.record.unrecorded += strange
     recorded = made.recorded()
     assert gaps_by_student(recorded) == strange[1:]
@@ -71,7 +83,9 @@ def test_a_type_that_cannot_be_recorded_is_the_students_unless_the_grader_publis
 def test_a_topic_too_many_is_the_students(tmp_path: Path) -> None:
     """The grader's own topics are few, and each is recorded from its start."""
     made = session(tmp_path, own=1000, theirs=1)
-    made.record.unrecorded.append(RecordingGap("/more", FLOATS, at(1.0), 0, 0, "1000 topics are there", limit=True))
+    made.record.unrecorded.append(
+        RecordingGap("/more", FLOATS, at(1.0), 0, 0, "1000 topics are there", limit=True)
+    )
     recorded = made.recorded()
     assert len(gaps_by_student(recorded)) == 1
     assert list(limits_hit(recorded).values()) == ["recording"]
@@ -93,8 +107,14 @@ def test_the_process_that_asked_for_the_publisher_hit_the_limit(tmp_path: Path) 
 @pytest.mark.parametrize(
     ("left_out", "said"),
     [
-        (cut("/a"), f"Only the first 3 messages on /a (24 MB, 8 MB each) are recorded: {FILLED} (limit: recording)."),
-        (cut("/a", 1, 900), f"Only the first message on /a (0.9 kB, 0.9 kB each) are recorded: {FILLED}"),
+        (
+            cut("/a"),
+            f"Only the first 3 messages on /a (24 MB, 8 MB each) are recorded: {FILLED} (limit: recording).",
+        ),
+        (
+            cut("/a", 1, 900),
+            f"Only the first message on /a (0.9 kB, 0.9 kB each) are recorded: {FILLED}",
+        ),
         (cut("/a", 0, 0), f"Messages on /a are not recorded: {FILLED} (limit: recording)."),
         (
             RecordingGap("/a", "b/msg/C", 0, 0, 0, "unknown", limit=False),
@@ -107,7 +127,9 @@ def test_it_says_what_is_missing(left_out: RecordingGap, said: str) -> None:
     assert describe_gap(left_out).startswith(said)
 
 
-@pytest.mark.parametrize(("ends_s", "first", "honest"), [(20.0, 23, True), (4.0, 301, True), (20.0, 601, False)])
+@pytest.mark.parametrize(
+    ("ends_s", "first", "honest"), [(20.0, 23, True), (4.0, 301, True), (20.0, 601, False)]
+)
 def test_what_came_before_the_recorder_is_excused_where_nobody_waited_for_it(
     tmp_path: Path, ends_s: float, first: int, honest: bool
 ) -> None:
@@ -115,11 +137,15 @@ def test_what_came_before_the_recorder_is_excused_where_nobody_waited_for_it(
     rows = [[float(n)] for n in range(1000)]
     for waited in (False, True):
         made = Session(tmp_path, f"waited_{waited}")
-        made.record.processes.append(ProcessRun("arm", "reference", [], started_ns=at(0.0), exited_ns=at(ends_s)))
+        made.record.processes.append(
+            ProcessRun("arm", "reference", [], started_ns=at(0.0), exited_ns=at(ends_s))
+        )
         made.record.trusted.append(Trusted("arm", "0a" * 12))
         digests = "".join(digest(floats(row)) for row in rows)
         made.record.published.append(Published("arm", STATES, FLOATS, digests, recorded=waited))
-        made.graph.endpoints.append(Endpoint("publisher", STATES, FLOATS, "", "/arm", "0a" * 12 + "01", RELIABLE))
+        made.graph.endpoints.append(
+            Endpoint("publisher", STATES, FLOATS, "", "/arm", "0a" * 12 + "01", RELIABLE)
+        )
         there = range(first, 1001)
         made.messages(STATES, rows[first - 1 :], [1 + n / 100 for n in there], sequence=there)
         lost = first - 1 > 50 if waited else not honest

@@ -38,7 +38,9 @@ LOG = "builtin_interfaces/Time stamp\nuint8 level\nstring name\nstring msg\nstri
 TIME = f"{'=' * 80}\nMSG: builtin_interfaces/Time\nint32 sec\nuint32 nanosec\n"
 
 
-def endpoint(node: str, participant: str, topic: str, kind: str = "publisher", number: int = 1) -> Endpoint:
+def endpoint(
+    node: str, participant: str, topic: str, kind: str = "publisher", number: int = 1
+) -> Endpoint:
     """Give an endpoint of a node in the graph."""
     return Endpoint(kind, topic, FLOATS, "", node, f"{participant}{number:08x}")
 
@@ -48,12 +50,16 @@ def session(folder: Path, *, attempt: int = 1, arm_status: int = 0) -> Session:
     made = Session(folder)
     record = made.record
     record.attempt = attempt
-    arm = ProcessRun("arm", "reference", [], started_ns=at(0.5), exited_ns=at(6.0), exit_status=arm_status)
+    arm = ProcessRun(
+        "arm", "reference", [], started_ns=at(0.5), exited_ns=at(6.0), exit_status=arm_status
+    )
     arm.interrupted_ns = at(5.9) if arm_status == 0 else None
     record.processes += [ProcessRun("director", "grader", []), arm]
     record.trusted += [Trusted("director", PROBE), Trusted("arm", ARM)]
     rows, times = [[0.1 * n] for n in range(5)], [1.0, 2.0, 3.0, 4.0, 4.5]
-    record.published.append(Published("arm", STATES, FLOATS, "".join(digest(floats(row)) for row in rows)))
+    record.published.append(
+        Published("arm", STATES, FLOATS, "".join(digest(floats(row)) for row in rows))
+    )
     made.messages(STATES, rows, times).messages(COMMANDS, rows, times)
     record.graph[:] = [
         GraphSnapshot(at(0.2)),
@@ -76,7 +82,9 @@ def session(folder: Path, *, attempt: int = 1, arm_status: int = 0) -> Session:
     # An endpoint is often seen before the name of its node.
     unknown = [endpoint(f"_NAMESPACE_/{UNKNOWN_NODE}", ARM, STATES)]
     record.graph.append(GraphSnapshot(at(0.9), list(whole.nodes), whole.endpoints + unknown))
-    record.graph.append(GraphSnapshot(at(1.0), [*whole.nodes, "/simulated_arm"], whole.endpoints + arms))
+    record.graph.append(
+        GraphSnapshot(at(1.0), [*whole.nodes, "/simulated_arm"], whole.endpoints + arms)
+    )
     return made.step("wait_for", "commands", parameters={"publisher": COMMANDS})
 
 
@@ -121,21 +129,36 @@ def test_the_students_own_topics_and_services_are_its_own(tmp_path: Path) -> Non
     add(made, endpoint("/joint_command_publisher", "0d" * 12, COMMANDS))
     last = made.record.graph[-1]
     last.nodes.append("/joint_command_publisher")
-    last.services += [ServiceEndpoint("/robot/enable", "std_srvs/srv/SetBool", node) for node in ("/a", "/b")]
-    last.clients.append(ServiceEndpoint("/a/set_parameters", "rcl_interfaces/srv/SetParameters", "/b"))
+    last.services += [
+        ServiceEndpoint("/robot/enable", "std_srvs/srv/SetBool", node) for node in ("/a", "/b")
+    ]
+    last.clients.append(
+        ServiceEndpoint("/a/set_parameters", "rcl_interfaces/srv/SetParameters", "/b")
+    )
     assert taken(made) == ()
 
 
 def test_nodes_that_come_back_touch_nothing(tmp_path: Path) -> None:
     """The endpoints of a process that died stay in the graph beside those of its second start."""
     made = session(tmp_path)
-    add(made, *(endpoint("/joint_state_subscriber", "0e" * 12, STATES, "subscription", n) for n in range(3)))
+    add(
+        made,
+        *(
+            endpoint("/joint_state_subscriber", "0e" * 12, STATES, "subscription", n)
+            for n in range(3)
+        ),
+    )
     assert taken(made) == ()
 
 
 def test_a_silent_publisher_touches_nothing(tmp_path: Path) -> None:
     """A publisher on the arm's topic that never publishes, as a copied line leaves it, changes nothing."""
-    assert taken(add(session(tmp_path), endpoint("/joint_state_subscriber", STUDENT, STATES, number=9))) == ()
+    assert (
+        taken(
+            add(session(tmp_path), endpoint("/joint_state_subscriber", STUDENT, STATES, number=9))
+        )
+        == ()
+    )
 
 
 def test_a_recording_that_was_reported_nothing_holds_nothing(tmp_path: Path) -> None:
@@ -152,7 +175,9 @@ def test_a_recording_that_was_reported_nothing_holds_nothing(tmp_path: Path) -> 
 
 def test_a_second_node_of_a_reference_nodes_name(tmp_path: Path) -> None:
     """It is told by its gids, which are not the arm's, and both are shown."""
-    (tampering,) = taken(add(session(tmp_path), endpoint("/simulated_arm", STUDENT, "/parameter_events", number=9)))
+    (tampering,) = taken(
+        add(session(tmp_path), endpoint("/simulated_arm", STUDENT, "/parameter_events", number=9))
+    )
     violation = tampering.violation
     assert (violation.kind, violation.session) == (ViolationKind.IMPERSONATES_NODE, "experiment")
     assert violation.certain
@@ -165,7 +190,9 @@ def test_a_second_node_of_a_reference_nodes_name(tmp_path: Path) -> None:
 
 def test_the_name_of_a_reference_node_that_does_not_run_here(tmp_path: Path) -> None:
     """Names of reference nodes are the grader's in every session: what has one is not judged as the student's."""
-    (tampering,) = taken(add(session(tmp_path), endpoint("/plateau_stimulus", STUDENT, "/rosout", number=9)))
+    (tampering,) = taken(
+        add(session(tmp_path), endpoint("/plateau_stimulus", STUDENT, "/rosout", number=9))
+    )
     assert tampering.violation.kind is ViolationKind.IMPERSONATES_NODE
     assert len(tampering.violation.evidence) == 1
 
@@ -197,7 +224,9 @@ def test_a_client_that_sets_parameters_of_a_reference_node(tmp_path: Path, offer
 def test_a_client_that_only_reads_parameters_touches_nothing(tmp_path: Path) -> None:
     """To look is free."""
     made = session(tmp_path)
-    client = ServiceEndpoint("/simulated_arm/get_parameters", "rcl_interfaces/srv/GetParameters", "/student")
+    client = ServiceEndpoint(
+        "/simulated_arm/get_parameters", "rcl_interfaces/srv/GetParameters", "/student"
+    )
     made.record.graph[-1].clients.append(client)
     assert taken(made) == ()
 
@@ -206,7 +235,9 @@ def test_a_second_server_of_a_reference_nodes_service(tmp_path: Path) -> None:
     """What that service answers can no longer be measured, for nobody knows who answered."""
     made = session(tmp_path)
     for node in ("/simulated_arm", "/student"):
-        made.record.graph[-1].services.append(ServiceEndpoint("/arm/reset", "std_srvs/srv/Trigger", node))
+        made.record.graph[-1].services.append(
+            ServiceEndpoint("/arm/reset", "std_srvs/srv/Trigger", node)
+        )
     (tampering,) = taken(made)
     assert tampering.violation.kind is ViolationKind.SECOND_SERVER
     assert tampering.violation.evidence == ("server of /arm/reset in node /student",)
@@ -217,7 +248,9 @@ def test_a_service_that_the_steps_expect_is_the_students(tmp_path: Path) -> None
     """A student is asked to offer it, whoever else does."""
     made = session(tmp_path).step("call", "reset", parameters={"service": "/arm/reset"})
     for node in ("/simulated_arm", "/student"):
-        made.record.graph[-1].services.append(ServiceEndpoint("/arm/reset", "std_srvs/srv/Trigger", node))
+        made.record.graph[-1].services.append(
+            ServiceEndpoint("/arm/reset", "std_srvs/srv/Trigger", node)
+        )
     assert taken(made) == ()
 
 
@@ -230,7 +263,9 @@ def rivals(made: Session, programs: Sequence[str], participants: Sequence[str]) 
         add(made, endpoint(node, participant, "/parameter_events", number=9))
         made.record.graph[-1].services.append(ServiceEndpoint(ENABLE, "std_srvs/srv/SetBool", node))
     for program in programs:
-        made.record.processes.append(ProcessRun(program, "student", [program, "--ros-args"], started_ns=at(0.3)))
+        made.record.processes.append(
+            ProcessRun(program, "student", [program, "--ros-args"], started_ns=at(0.3))
+        )
     return made.step("call", "enable", parameters={"service": ENABLE})
 
 
@@ -239,7 +274,10 @@ def test_two_servers_in_two_programs_of_the_student(tmp_path: Path) -> None:
     made = rivals(session(tmp_path), ["service", "publisher"], ["0d" * 12, "0e" * 12])
     (tampering,) = taken(made)
     assert tampering.violation.kind is ViolationKind.SECOND_SERVER
-    assert "/one and /two of the submission both offer the service /robot/enable" in tampering.violation.text
+    assert (
+        "/one and /two of the submission both offer the service /robot/enable"
+        in tampering.violation.text
+    )
     assert not tampering.invalidated
 
 
@@ -255,12 +293,17 @@ def test_a_program_that_runs_twice_touches_nothing(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(("repeated", "certain"), [(False, False), (True, True)])
-def test_a_process_of_the_graders_that_is_brought_down(tmp_path: Path, repeated: bool, certain: bool) -> None:
+def test_a_process_of_the_graders_that_is_brought_down(
+    tmp_path: Path, repeated: bool, certain: bool
+) -> None:
     """Once may be chance; where it happens again it is what the submission's programs sent, and nothing is measured."""
     made = session(tmp_path, attempt=2, arm_status=-11)
     made.record.disturbed_before = repeated
     (tampering,) = taken(made)
-    assert (tampering.violation.kind, tampering.violation.certain) == (ViolationKind.ENDS_REFERENCE, certain)
+    assert (tampering.violation.kind, tampering.violation.certain) == (
+        ViolationKind.ENDS_REFERENCE,
+        certain,
+    )
     assert "/simulated_arm ended by signal 11" in tampering.violation.text
     assert "recording number 2" in tampering.violation.evidence[0]
     assert tampering.whole
@@ -276,10 +319,14 @@ def test_a_process_of_the_graders_that_is_brought_down(tmp_path: Path, repeated:
         ({"exit_status": 1, "output": [OutputLine(at(4.0), "stderr", "KeyError: 'seed'")]}, 0),
     ],
 )
-def test_whose_doing_the_end_of_the_recorder_is(tmp_path: Path, facts: dict[str, Any], found: int) -> None:
+def test_whose_doing_the_end_of_the_recorder_is(
+    tmp_path: Path, facts: dict[str, Any], found: int
+) -> None:
     """Crashes of native code and hangs come by packets; a kill by the system and a mistake of our own do not."""
     made = session(tmp_path)
-    made.record.processes[0] = ProcessRun("director", "grader", [], started_ns=at(0.1), exited_ns=at(4.0), **facts)
+    made.record.processes[0] = ProcessRun(
+        "director", "grader", [], started_ns=at(0.1), exited_ns=at(4.0), **facts
+    )
     assert kinds(made) == [ViolationKind.ENDS_REFERENCE] * found
 
 
@@ -296,7 +343,11 @@ def test_trouble_that_comes_again_is_named(
     tmp_path: Path, problem: str, attempt: int, recorder_s: float, found: int
 ) -> None:
     """Whatever it is, on a machine that is not busy, a person is told of it; it fails nothing by itself."""
-    made = session(tmp_path, attempt=attempt).process("joint_publisher").delayed("director", recorder_s, 20.0)
+    made = (
+        session(tmp_path, attempt=attempt)
+        .process("joint_publisher")
+        .delayed("director", recorder_s, 20.0)
+    )
     made.record.problems.append(problem)
     tampering = taken(made)
     assert [(t.violation.kind, t.violation.certain) for t in tampering] == [
@@ -306,7 +357,9 @@ def test_trouble_that_comes_again_is_named(
 
 
 @pytest.mark.parametrize(("attempt", "found"), [(1, 0), (3, 1)])
-def test_a_recording_that_is_cut_off_again_is_named(tmp_path: Path, attempt: int, found: int) -> None:
+def test_a_recording_that_is_cut_off_again_is_named(
+    tmp_path: Path, attempt: int, found: int
+) -> None:
     """What is left of it does not even tell which programs ran."""
     made = session(tmp_path, attempt=attempt)
     made.record.complete, made.record.ended_ns = False, 0
@@ -318,33 +371,53 @@ def test_a_recording_that_is_cut_off_again_is_named(tmp_path: Path, attempt: int
 # -- what was published and not recorded -----------------------------------------------------------
 
 
-def published(made: Session, count: int, recorded: Iterable[int], durability: str = "transient_local") -> Session:
+def published(
+    made: Session, count: int, recorded: Iterable[int], durability: str = "transient_local"
+) -> Session:
     """Let the plateaus have published so many messages on a topic of their own at 100 Hz, and some be recorded."""
     rows = [[0.25 * n] for n in range(count)]
-    made.record.published.append(Published("arm", "/plan", FLOATS, "".join(digest(floats(row)) for row in rows)))
-    offered = replace(endpoint("/simulated_arm", ARM, "/plan", number=7), qos=Qos("reliable", durability))
+    made.record.published.append(
+        Published("arm", "/plan", FLOATS, "".join(digest(floats(row)) for row in rows))
+    )
+    offered = replace(
+        endpoint("/simulated_arm", ARM, "/plan", number=7), qos=Qos("reliable", durability)
+    )
     add(made, offered)
     kept = sorted(recorded)
-    made.messages("/plan", [rows[n] for n in kept], [1 + n / 100 for n in kept], sequence=[n + 1 for n in kept])
+    made.messages(
+        "/plan",
+        [rows[n] for n in kept],
+        [1 + n / 100 for n in kept],
+        sequence=[n + 1 for n in kept],
+    )
     return made
 
 
 @pytest.mark.parametrize("repeated", [False, True])
-@pytest.mark.parametrize("recorded", [range(150), range(950, 1100), [*range(400), *range(800, 1100)], []])
-def test_messages_that_never_reached_the_recorder(tmp_path: Path, recorded: Sequence[int], repeated: bool) -> None:
+@pytest.mark.parametrize(
+    "recorded", [range(150), range(950, 1100), [*range(400), *range(800, 1100)], []]
+)
+def test_messages_that_never_reached_the_recorder(
+    tmp_path: Path, recorded: Sequence[int], repeated: bool
+) -> None:
     """By whatever part is missing: the first, the last, some between, or all."""
     made = published(session(tmp_path), 1100, recorded)
     made.record.disturbed_before = repeated
     (tampering,) = taken(made)
     assert tampering.violation.kind is ViolationKind.DISTURBS_RECORDING
-    assert f"Of the 1100 messages that the grader published on /plan {len(recorded)} are" in tampering.violation.text
+    assert (
+        f"Of the 1100 messages that the grader published on /plan {len(recorded)} are"
+        in tampering.violation.text
+    )
     assert (tampering.violation.certain, tampering.invalidated) == (repeated, frozenset({"/plan"}))
 
 
 def test_messages_in_the_place_of_the_graders(tmp_path: Path) -> None:
     """Others of the same numbers, for which the recorder took the grader's own to be repeats, are none of them."""
     made = published(session(tmp_path), 300, range(100))
-    made.messages("/plan", [[7.0]] * 200, [2 + n / 100 for n in range(200)], sequence=range(101, 301))
+    made.messages(
+        "/plan", [[7.0]] * 200, [2 + n / 100 for n in range(200)], sequence=range(101, 301)
+    )
     assert kinds(made) == [ViolationKind.DISTURBS_RECORDING]
 
 
@@ -370,7 +443,9 @@ def test_who_is_gone_at_once_may_not_have_been_heard(tmp_path: Path) -> None:
 
 def test_what_a_late_machine_loses_is_nobodys_doing(tmp_path: Path) -> None:
     """The recorder had no core for seconds: that is tried again, and nobody is named."""
-    made = published(session(tmp_path), 1100, range(150)).delayed("director", delay_s=9.0, until_s=20.0)
+    made = published(session(tmp_path), 1100, range(150)).delayed(
+        "director", delay_s=9.0, until_s=20.0
+    )
     made.record.disturbed_before = True
     assert taken(made) == ()
 
@@ -387,7 +462,9 @@ def test_messages_on_a_reference_nodes_topic(tmp_path: Path) -> None:
     assert violation.kind is ViolationKind.PUBLISHES_ON_REFERENCE_TOPIC
     assert violation.certain
     assert "(/joint_state_subscriber) published on /joint_states" in violation.text
-    assert violation.evidence[0].startswith("2 messages recorded on /joint_states from 1.5 to 2.5 s are none of the")
+    assert violation.evidence[0].startswith(
+        "2 messages recorded on /joint_states from 1.5 to 2.5 s are none of the"
+    )
     assert f"{STUDENT}00000009" in violation.evidence[1]
     assert violation.where == Location(session="experiment", topic=STATES, start_s=1.5, end_s=2.5)
     assert not tampering.invalidated
@@ -411,13 +488,18 @@ def test_messages_that_cannot_be_distinguished_invalidate_the_topic(tmp_path: Pa
     assert tampering.invalidated == {STATES}
 
 
-def test_a_flood_that_leaves_none_of_the_reference_nodes_messages_invalidates_the_topic(tmp_path: Path) -> None:
+def test_a_flood_that_leaves_none_of_the_reference_nodes_messages_invalidates_the_topic(
+    tmp_path: Path,
+) -> None:
     """Where not one message of the arm was recorded, and others were, nothing of the topic can be measured."""
     made = session(tmp_path)
     made.record.published[0].digests = digest(floats([7.0]))
     tampering, disturbed = taken(add(made, endpoint("/student", STUDENT, STATES, number=9)))
     assert disturbed.violation.kind is ViolationKind.DISTURBS_RECORDING
-    assert tampering.violation.evidence[0] == "none of 5 messages recorded there is one of the grader's"
+    assert (
+        tampering.violation.evidence[0]
+        == "none of 5 messages recorded there is one of the grader's"
+    )
     assert tampering.invalidated == {STATES}
 
 
@@ -433,9 +515,15 @@ def test_a_second_clock_invalidates_what_is_paced_by_it(tmp_path: Path) -> None:
     ticks = [struct.pack("<BBHiI", 0, 1, 0, n, 0) for n in range(4)]
     definition = f"builtin_interfaces/Time clock\n{TIME}"
     made = session(tmp_path).raw(CLOCK, CLOCK_TYPE, definition, ticks[:3], [1.0, 2.0, 3.0])
-    made.record.published.append(Published("arm", CLOCK, CLOCK_TYPE, "".join(map(digest, ticks[:3]))))
+    made.record.published.append(
+        Published("arm", CLOCK, CLOCK_TYPE, "".join(map(digest, ticks[:3])))
+    )
     made.raw(CLOCK, CLOCK_TYPE, definition, ticks[3:], [1.5])
-    add(made, endpoint("/student", STUDENT, CLOCK, number=9), endpoint("/simulated_arm", ARM, CLOCK, number=9))
+    add(
+        made,
+        endpoint("/student", STUDENT, CLOCK, number=9),
+        endpoint("/simulated_arm", ARM, CLOCK, number=9),
+    )
     (tampering,) = taken(made)
     assert tampering.violation.kind is ViolationKind.SPOOFS_CLOCK
     assert "(/student) published time on /clock" in tampering.violation.text
@@ -492,7 +580,9 @@ EVENT = (
 )
 
 
-@pytest.mark.parametrize(("changed", "found"), [(0, []), (1, [ViolationKind.FORGES_PARAMETER_EVENTS])])
+@pytest.mark.parametrize(
+    ("changed", "found"), [(0, []), (1, [ViolationKind.FORGES_PARAMETER_EVENTS])]
+)
 def test_events_of_changed_parameters_of_a_reference_node(
     tmp_path: Path, changed: int, found: list[ViolationKind]
 ) -> None:
@@ -505,4 +595,11 @@ def test_events_of_changed_parameters_of_a_reference_node(
     data += bytes(-len(data) % 4) + struct.pack("<I", 0)
     made = session(tmp_path)
     event = b"\x00\x01\x00\x00" + bytes(data)
-    assert kinds(made.raw("/parameter_events", "rcl_interfaces/msg/ParameterEvent", EVENT, [event], [2.0])) == found
+    assert (
+        kinds(
+            made.raw(
+                "/parameter_events", "rcl_interfaces/msg/ParameterEvent", EVENT, [event], [2.0]
+            )
+        )
+        == found
+    )

@@ -26,7 +26,8 @@ def test_likeness_is_a_share(one: str, other: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["/joint_command", "/JointCommands", "/arm/joint_commands", "/joint_comands", "/joint_cmds"]
+    "name",
+    ["/joint_command", "/JointCommands", "/arm/joint_commands", "/joint_comands", "/joint_cmds"],
 )
 def test_a_misspelt_name_is_nearer_than_another(name: str) -> None:
     """A typo, another spelling, a namespace more: the name meant is chosen among others of its type."""
@@ -46,7 +47,9 @@ def test_a_name_of_another_type_is_taken_if_it_is_alike() -> None:
 
 def test_without_a_type_only_likeness_counts() -> None:
     """A node's name has no type."""
-    assert meant("/joint_publisher", ("/joint_pub", ""), ("/service", ""), kind=None) == "/joint_pub"
+    assert (
+        meant("/joint_publisher", ("/joint_pub", ""), ("/service", ""), kind=None) == "/joint_pub"
+    )
 
 
 def test_nothing_is_meant_where_there_is_nothing() -> None:
@@ -56,14 +59,18 @@ def test_nothing_is_meant_where_there_is_nothing() -> None:
 
 
 @given(st.lists(st.tuples(NAMES, st.sampled_from([FLOATS, TEXT])), max_size=6), st.randoms())
-def test_the_order_of_candidates_does_not_matter(candidates: list[tuple[str, str]], random: object) -> None:
+def test_the_order_of_candidates_does_not_matter(
+    candidates: list[tuple[str, str]], random: object
+) -> None:
     """The choice depends on the names alone."""
     other = list(candidates)
     random.shuffle(other)  # type: ignore[attr-defined]
     assert meant("/joint_commands", *candidates) == meant("/joint_commands", *other)
 
 
-@pytest.mark.parametrize("name", ["/a", "/a/b_1", "/a__b", "/_", "/", "a", "/a/", "//a", "/1", "/a-b", "/é", "/a\n"])
+@pytest.mark.parametrize(
+    "name", ["/a", "/a/b_1", "/a__b", "/_", "/", "a", "/a/", "//a", "/1", "/a-b", "/é", "/a\n"]
+)
 def test_a_topic_of_the_graph_is_one_that_a_reference_node_can_be_given(name: str) -> None:
     """Others than rcl takes are none: a reference node that is given one ends, and the session with it."""
     pytest.importorskip("rclpy")

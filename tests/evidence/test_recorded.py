@@ -10,7 +10,15 @@ import pytest
 
 from grader.evidence.cpu_delay import Span
 from grader.evidence.recorded import Recorded
-from grader.recording.session import UNKNOWN_NODE, Endpoint, GraphSnapshot, MachineSample, ProcessRun, Trusted, Usage
+from grader.recording.session import (
+    UNKNOWN_NODE,
+    Endpoint,
+    GraphSnapshot,
+    MachineSample,
+    ProcessRun,
+    Trusted,
+    Usage,
+)
 from tests.synthetic import FLOATS, START_NS, Session, at
 
 
@@ -27,7 +35,9 @@ def test_a_folder_without_a_recording_is_no_recording(tmp_path: Path) -> None:
 
 def test_the_students_names_are_followed(tmp_path: Path) -> None:
     """A topic of the rubric is read under the name that the student used."""
-    session = Session(tmp_path).messages("/command", [[1.0]], [1.0]).endpoint("publisher", "/command")
+    session = (
+        Session(tmp_path).messages("/command", [[1.0]], [1.0]).endpoint("publisher", "/command")
+    )
     recorded = session.called("/commands=/command").recorded()
     assert recorded.used("/commands") == "/command"
     assert len(recorded.stream("/commands")) == 1
@@ -69,7 +79,11 @@ def test_a_topic_without_numbers_has_no_series(tmp_path: Path) -> None:
     """Text, empty messages and a topic that is not there have none."""
     session = Session(tmp_path).texts("/text", ["hello"], [1.0]).messages("/empty", [[]], [1.0])
     recorded = session.recorded()
-    assert [recorded.numeric(name, "data") for name in ("/text", "/empty", "/none")] == [None, None, None]
+    assert [recorded.numeric(name, "data") for name in ("/text", "/empty", "/none")] == [
+        None,
+        None,
+        None,
+    ]
     assert recorded.rows("/text", "data") == (None,)
 
 
@@ -94,14 +108,27 @@ def test_an_endpoint_whose_node_was_unknown_belongs_to_its_participant(tmp_path:
     session = Session(tmp_path)
     session.record.graph = [
         GraphSnapshot(
-            at(1.0), endpoints=[endpoint("a" * 24 + "01", UNKNOWN_NODE), endpoint("b" * 24 + "01", UNKNOWN_NODE)]
+            at(1.0),
+            endpoints=[
+                endpoint("a" * 24 + "01", UNKNOWN_NODE),
+                endpoint("b" * 24 + "01", UNKNOWN_NODE),
+            ],
         ),
-        GraphSnapshot(at(2.0), endpoints=[endpoint("a" * 24 + "01", "/late"), endpoint("c" * 24 + "01", UNKNOWN_NODE)]),
+        GraphSnapshot(
+            at(2.0),
+            endpoints=[endpoint("a" * 24 + "01", "/late"), endpoint("c" * 24 + "01", UNKNOWN_NODE)],
+        ),
         GraphSnapshot(at(3.0), endpoints=[endpoint("c" * 24 + "02", "/same", "/b")]),
     ]
     recorded = session.recorded()
-    assert sorted((e.gid[0], e.node) for e in recorded.endpoints) == [("a", "/late"), ("c", "/same"), ("c", "/same")]
-    assert [e.node for e in recorded.endpoints_on("/a", "publisher", without=["/late"])] == ["/same"]
+    assert sorted((e.gid[0], e.node) for e in recorded.endpoints) == [
+        ("a", "/late"),
+        ("c", "/same"),
+        ("c", "/same"),
+    ]
+    assert [e.node for e in recorded.endpoints_on("/a", "publisher", without=["/late"])] == [
+        "/same"
+    ]
 
 
 def test_an_endpoint_of_the_graders_is_no_students_under_any_name(tmp_path: Path) -> None:
@@ -147,17 +174,24 @@ def run(*samples: tuple[float, float, float]) -> ProcessRun:
     return ProcessRun("it", "student", [], usage=usage)
 
 
-def machine_delay_s_of(folder: Path, process: ProcessRun, span: Span, stolen_s: float = 0.0) -> float:
+def machine_delay_s_of(
+    folder: Path, process: ProcessRun, span: Span, stolen_s: float = 0.0
+) -> float:
     """Return the delay of a process on a machine from which its host took some time, evenly over 10 s."""
     recorded = Session(folder / "session").recorded()
-    recorded.record.machine = [MachineSample(at(0), 0, 0), MachineSample(at(10), 0, round(stolen_s * 1e9))]
+    recorded.record.machine = [
+        MachineSample(at(0), 0, 0),
+        MachineSample(at(10), 0, round(stolen_s * 1e9)),
+    ]
     return recorded.machine_delay_s(process, span)
 
 
 def test_time_that_the_host_took_counts_as_the_machines(tmp_path: Path) -> None:
     """Half of the span in which a virtual machine's host took 4 s had 2 s of them."""
     process = run((0, 0, 0), (5, 1, 1), (10, 1, 1))
-    assert machine_delay_s_of(tmp_path, process, Span(at(0), at(5)), stolen_s=4.0) == pytest.approx(3.0)
+    assert machine_delay_s_of(tmp_path, process, Span(at(0), at(5)), stolen_s=4.0) == pytest.approx(
+        3.0
+    )
 
 
 def test_delay_between_two_samples_may_all_lie_in_a_part(tmp_path: Path) -> None:
@@ -198,18 +232,26 @@ def test_a_machine_that_stalled_delayed_all_its_processes(tmp_path: Path) -> Non
 
 def test_delay_is_never_more_than_the_time_in_which_the_process_did_not_run(tmp_path: Path) -> None:
     """A process that is busy all the time was kept from nothing by the machine."""
-    assert machine_delay_s_of(tmp_path, run((0, 0, 0), (10, 10, 8)), Span(at(0), at(10))) == pytest.approx(0.0)
-    assert machine_delay_s_of(tmp_path, run((0, 0, 0), (10, 7, 8)), Span(at(0), at(10))) == pytest.approx(3.0)
+    assert machine_delay_s_of(
+        tmp_path, run((0, 0, 0), (10, 10, 8)), Span(at(0), at(10))
+    ) == pytest.approx(0.0)
+    assert machine_delay_s_of(
+        tmp_path, run((0, 0, 0), (10, 7, 8)), Span(at(0), at(10))
+    ) == pytest.approx(3.0)
 
 
 def test_without_samples_the_machine_is_not_blamed(tmp_path: Path) -> None:
     """One sample says nothing, and beyond the last there is no delay."""
     assert machine_delay_s_of(tmp_path, run((0, 0, 5)), Span(START_NS, at(10))) == 0.0
-    assert machine_delay_s_of(tmp_path, run((0, 0, 0), (1, 0, 1)), Span(at(5), at(10))) == pytest.approx(0.0)
+    assert machine_delay_s_of(
+        tmp_path, run((0, 0, 0), (1, 0, 1)), Span(at(5), at(10))
+    ) == pytest.approx(0.0)
     assert np.isfinite(machine_delay_s_of(tmp_path, run(), Span(at(5), at(5))))
 
 
-def test_of_a_process_that_was_not_watched_samples_tell_what_may_have_waited_for_it(tmp_path: Path) -> None:
+def test_of_a_process_that_was_not_watched_samples_tell_what_may_have_waited_for_it(
+    tmp_path: Path,
+) -> None:
     """Between samples only sums are known: two delays may have followed each other without a pause."""
     process = run((0, 0, 0), (1, 0, 0.05), (2, 0, 0.10), (3, 0, 0.10), (4, 0, 0.14), (5, 0, 0.14))
     recorded = Session(tmp_path).recorded()
@@ -221,13 +263,17 @@ def test_of_a_process_that_was_not_watched_samples_tell_what_may_have_waited_for
 
 
 @pytest.mark.parametrize(("cpu_s", "lost_s"), [(7.0, 3.0), (3.0, 0.0)])
-def test_who_had_no_time_left_would_have_done_more(tmp_path: Path, cpu_s: float, lost_s: float) -> None:
+def test_who_had_no_time_left_would_have_done_more(
+    tmp_path: Path, cpu_s: float, lost_s: float
+) -> None:
     """Of a process that computes or waits all the time, the machine takes as much as it waited; of another, nothing."""
     session = Session(tmp_path).process("it").delayed("it", 0.0, 10.0, cpu_s)
     session.disturbed("it", *((n / 10, 0.03) for n in range(100)))
     recorded = session.recorded()
     (process,) = recorded.processes_of("it")
-    assert recorded.backlog(process, Span(at(0), at(10)), 0.2).lost_s == pytest.approx(lost_s, abs=0.1)
+    assert recorded.backlog(process, Span(at(0), at(10)), 0.2).lost_s == pytest.approx(
+        lost_s, abs=0.1
+    )
 
 
 def test_the_delays_of_a_process_that_was_watched_count_where_they_are(tmp_path: Path) -> None:
@@ -243,16 +289,22 @@ def test_the_delays_of_a_process_that_was_watched_count_where_they_are(tmp_path:
 def test_what_the_students_unseen_processes_used_was_not_with_others(tmp_path: Path) -> None:
     """A program that keeps itself from its core by processes that come and go has itself to blame."""
     recorded = Session(tmp_path).recorded()
-    recorded.record.machine = [MachineSample(at(t), 0, students_ns=round(0.3 * t * 1e9)) for t in (0, 10)]
+    recorded.record.machine = [
+        MachineSample(at(t), 0, students_ns=round(0.3 * t * 1e9)) for t in (0, 10)
+    ]
     process = run((0, 0, 0), (10, 1, 9))
     process.disturbed = [[at(1), 5_000_000_000, 3_000_000_000]]
     recorded.record.processes = [process]
-    assert recorded.machine_delay_s(process, Span(at(0), at(10))) == pytest.approx(3.0 - (3.0 - 1.0))
+    assert recorded.machine_delay_s(process, Span(at(0), at(10))) == pytest.approx(
+        3.0 - (3.0 - 1.0)
+    )
 
 
 def test_the_longest_delay_is_of_a_process_that_is_not_the_recorder(tmp_path: Path) -> None:
     """Students' and reference processes count; the grader's own may be late."""
-    session = Session(tmp_path).process("a").process("b").delayed("a", 1.0, 10.0).delayed("b", 3.0, 10.0)
+    session = (
+        Session(tmp_path).process("a").process("b").delayed("a", 1.0, 10.0).delayed("b", 3.0, 10.0)
+    )
     span = Span(at(0), at(10))
     assert session.recorded().longest_delay_s(span) == pytest.approx(3.0)
     session.record.processes[1].role = "grader"
@@ -270,17 +322,26 @@ def test_the_longest_delay_is_of_a_process_that_is_not_the_recorder(tmp_path: Pa
     ],
 )
 def test_a_wait_for_ones_own_is_not_the_machines(
-    tmp_path: Path, idle_share: float, own_s: float, fellow_s: float, waited_s: float, delay_s: float
+    tmp_path: Path,
+    idle_share: float,
+    own_s: float,
+    fellow_s: float,
+    waited_s: float,
+    delay_s: float,
 ) -> None:
     """Of a delay counts at most the time for which others had the core, and of waits at once their share of it."""
     recorded = Session(tmp_path).recorded()
-    samples = [MachineSample(at(t), 0, idle_ns={"0": 0, "1": round(idle_share * t * 1e9)}) for t in (0, 10)]
+    samples = [
+        MachineSample(at(t), 0, idle_ns={"0": 0, "1": round(idle_share * t * 1e9)}) for t in (0, 10)
+    ]
     recorded.record.machine = samples
     process, fellow = run((0, 0, 0), (10, own_s, waited_s)), run((0, 0, 0), (10, fellow_s, 0))
     for each in (process, fellow):
         each.core, each.held_ns = 1, at(0)
     recorded.record.processes = [process, fellow]
-    assert recorded.machine_delay_s(process, Span(at(0), at(10))) == pytest.approx(delay_s, abs=0.03)
+    assert recorded.machine_delay_s(process, Span(at(0), at(10))) == pytest.approx(
+        delay_s, abs=0.03
+    )
 
 
 @pytest.mark.parametrize(("together_s", "delay_s"), [(None, 7.5), (2.0, 7.5), (9.0, 1.0)])
@@ -290,9 +351,14 @@ def test_processes_that_nobody_saw_or_waited_for_are_the_students(
     """What the kernel counts of all processes together, and none of them is known to have used, nobody else had."""
     recorded = Session(tmp_path).recorded()
     used = [None if together_s is None else round(together_s * share * 1e9) for share in (0, 1)]
-    samples = [MachineSample(at(t), 0, idle_ns={"1": 0}, students_ns=ns) for t, ns in zip((0, 10), used, strict=True)]
+    samples = [
+        MachineSample(at(t), 0, idle_ns={"1": 0}, students_ns=ns)
+        for t, ns in zip((0, 10), used, strict=True)
+    ]
     recorded.record.machine = samples
     process = run((0, 0, 0), (10, 2.0, 7.5))
     process.core, process.held_ns = 1, at(0)
     recorded.record.processes = [process]
-    assert recorded.machine_delay_s(process, Span(at(0), at(10))) == pytest.approx(delay_s, abs=0.03)
+    assert recorded.machine_delay_s(process, Span(at(0), at(10))) == pytest.approx(
+        delay_s, abs=0.03
+    )

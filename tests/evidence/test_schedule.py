@@ -66,7 +66,9 @@ def sleeps(rate_hz: float) -> Program:
     def run(chance: np.random.Generator, stopped: list[tuple[float, float]]) -> Floats:
         times = [0.0]
         while times[-1] < LENGTH_S:
-            times.append(until_it_runs(times[-1] + 1 / rate_hz + chance.uniform(0, 0.0002), stopped))
+            times.append(
+                until_it_runs(times[-1] + 1 / rate_hz + chance.uniform(0, 0.0002), stopped)
+            )
         return np.array(times)
 
     return run
@@ -78,7 +80,9 @@ def observed(program: Program, seed: int) -> tuple[Timing, Schedule | None]:
     stopped = stops(chance)
     times_ns = np.array([at(t) for t in program(chance, stopped)], dtype=np.int64)
     numbers = np.arange(1, len(times_ns) + 1)
-    timing = timing_of(Stream("/a", "", times_ns + 1000, times_ns, numbers, tuple(b"" for _ in times_ns)), None)
+    timing = timing_of(
+        Stream("/a", "", times_ns + 1000, times_ns, numbers, tuple(b"" for _ in times_ns)), None
+    )
     assert timing is not None
     delays = [Delay(at(start), at(end), round((end - start) * 1e9)) for start, end in stopped]
     calm = calm_intervals(delays, timing.times_ns, timing.intervals_s, 0.2 * timing.median_s)
@@ -88,17 +92,27 @@ def observed(program: Program, seed: int) -> tuple[Timing, Schedule | None]:
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize(
     ("program", "rate_hz"),
-    [(timer(100), 100), (timer(98.2), 98.2), (timer(90), 90), (timer(100, late_s=0.003), 100), (makes_up(97.8), 97.8)],
+    [
+        (timer(100), 100),
+        (timer(98.2), 98.2),
+        (timer(90), 90),
+        (timer(100, late_s=0.003), 100),
+        (makes_up(97.8), 97.8),
+    ],
     ids=["100 Hz", "98.2 Hz", "90 Hz", "late by chance", "makes up"],
 )
-def test_the_rate_of_a_schedule_is_known_to_a_thousandth(program: Program, rate_hz: float, seed: int) -> None:
+def test_the_rate_of_a_schedule_is_known_to_a_thousandth(
+    program: Program, rate_hz: float, seed: int
+) -> None:
     """Although messages are missing, so that neither their number nor their usual interval could tell it."""
     timing, schedule = observed(program, seed)
     assert schedule is not None
     least_hz, most_hz = schedule.bounds_hz()
     assert least_hz <= rate_hz <= most_hz
     assert most_hz - least_hz < 0.004 * rate_hz
-    assert least_hz > timing.rate_hz or timing.rate_hz == pytest.approx(rate_hz, rel=0.01), "the machine took a part"
+    assert least_hz > timing.rate_hz or timing.rate_hz == pytest.approx(rate_hz, rel=0.01), (
+        "the machine took a part"
+    )
 
 
 @pytest.mark.parametrize("seed", range(5))

@@ -15,15 +15,21 @@ from grader.evidence.sinusoid import Sinusoid, fit_sinusoid
 TIMES = np.arange(600) / 100
 
 
-def wave(amplitude: float, frequency_hz: float, phase: float = 0.0, offset: float = 0.0) -> np.ndarray[Any, Any]:
+def wave(
+    amplitude: float, frequency_hz: float, phase: float = 0.0, offset: float = 0.0
+) -> np.ndarray[Any, Any]:
     """Give a sampled sinusoid of 6 s."""
-    values: np.ndarray[Any, Any] = offset + amplitude * np.sin(2 * np.pi * frequency_hz * TIMES + phase)
+    values: np.ndarray[Any, Any] = offset + amplitude * np.sin(
+        2 * np.pi * frequency_hz * TIMES + phase
+    )
     return values
 
 
 @settings(max_examples=12, deadline=None)
 @given(st.floats(0.05, 2), st.floats(0.2, 0.9), st.floats(-3, 3), st.floats(-1, 1))
-def test_a_clean_sinusoid_is_found(amplitude: float, frequency_hz: float, phase: float, offset: float) -> None:
+def test_a_clean_sinusoid_is_found(
+    amplitude: float, frequency_hz: float, phase: float, offset: float
+) -> None:
     """Amplitude, frequency and offset come back whatever the phase, if a whole period is there."""
     fit = fit_sinusoid(TIMES, wave(amplitude, frequency_hz, phase, offset), 0.02, 1.0)
     assert fit.amplitude == pytest.approx(amplitude, rel=0.01)

@@ -58,7 +58,9 @@ def test_equal_numbers_are_told_apart_by_the_comparison() -> None:
 def test_the_moment_that_decides_is_found() -> None:
     """Of an `always` that is the worst step, through whatever is around it."""
     x = np.array([0.0, 0.3, 0.9, 0.2])
-    found = Property.parse("always(x < 0.5) and eventually(x > 0.1)", ["x"]).robustness({"x": x}, 0.1)
+    found = Property.parse("always(x < 0.5) and eventually(x > 0.1)", ["x"]).robustness(
+        {"x": x}, 0.1
+    )
     assert found.worst == 2
     assert found.value == pytest.approx(-0.4)
 
@@ -66,7 +68,9 @@ def test_the_moment_that_decides_is_found() -> None:
 def test_a_condition_that_never_held_is_named() -> None:
     """Then the implication says nothing."""
     signals = {"x": np.array([0.0, 1.0]), "y": np.array([9.0, 9.0])}
-    read = Property.parse("always(implies(x > 2, y < 1)) and always(implies(x > 0.5, y > 1))", SIGNALS)
+    read = Property.parse(
+        "always(implies(x > 2, y < 1)) and always(implies(x > 0.5, y > 1))", SIGNALS
+    )
     assert read.robustness(signals, 1.0).never == ("x > 2",)
 
 
@@ -138,7 +142,11 @@ def defined(node: Any, x: Floats, y: Floats, t: int) -> float:
             eval(compile(ast.Expression(side), "", "eval"), {"x": x[t], "y": y[t], "abs": abs})
             for side in (node.left, *node.comparators)
         ]
-        return sides[1] - sides[0] if isinstance(node.ops[0], (ast.Lt, ast.LtE)) else sides[0] - sides[1]  # type: ignore[no-any-return]
+        return (
+            sides[1] - sides[0]
+            if isinstance(node.ops[0], (ast.Lt, ast.LtE))
+            else sides[0] - sides[1]
+        )  # type: ignore[no-any-return]
     if isinstance(node, ast.UnaryOp):
         return -of(node.operand, t)
     if isinstance(node, ast.BoolOp):
@@ -146,10 +154,16 @@ def defined(node: Any, x: Floats, y: Floats, t: int) -> float:
     called: Any = node.func.value if isinstance(node.func, ast.Subscript) else node.func
     if called.id == "implies":
         return max(-of(node.args[0], t), of(node.args[1], t))
-    low, high = ast.literal_eval(node.func.slice) if isinstance(node.func, ast.Subscript) else (0, _AT_REST - t)
+    low, high = (
+        ast.literal_eval(node.func.slice)
+        if isinstance(node.func, ast.Subscript)
+        else (0, _AT_REST - t)
+    )
     steps = range(t + low, max(t + low, t + high) + 1)
     if called.id == "until":
-        return max(min([of(node.args[1], d), *(of(node.args[0], e) for e in range(t, d))]) for d in steps)
+        return max(
+            min([of(node.args[1], d), *(of(node.args[0], e) for e in range(t, d))]) for d in steps
+        )
     return (min if called.id == "always" else max)(of(node.args[0], d) for d in steps)
 
 
@@ -157,7 +171,9 @@ def defined(node: Any, x: Floats, y: Floats, t: int) -> float:
 _AT_REST = 4
 
 
-@given(st.recursive(_LEAVES, _grown, max_leaves=4), st.lists(st.floats(-2, 2), min_size=8, max_size=8))
+@given(
+    st.recursive(_LEAVES, _grown, max_leaves=4), st.lists(st.floats(-2, 2), min_size=8, max_size=8)
+)
 def test_the_robustness_is_that_of_the_definition(text: str, drawn: list[float]) -> None:
     """Whatever is nested, windows and rewriting give what the definition does."""
     x, y = np.zeros(40), np.zeros(40)

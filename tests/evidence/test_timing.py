@@ -20,11 +20,15 @@ from tests.synthetic import START_NS, at
 def stream(times_s: Sequence[float], sequence: Sequence[int] | None = None) -> Stream:
     """Give a stream of messages without contents."""
     source = np.array([at(t) for t in times_s], dtype=np.int64)
-    numbers = np.array(sequence if sequence is not None else range(1, len(source) + 1), dtype=np.int64)
+    numbers = np.array(
+        sequence if sequence is not None else range(1, len(source) + 1), dtype=np.int64
+    )
     return Stream("/a", "", source + 1000, source, numbers, tuple(b"" for _ in source))
 
 
-def measured(times_s: Sequence[float], sequence: Sequence[int] | None = None, span: Span | None = None) -> Timing:
+def measured(
+    times_s: Sequence[float], sequence: Sequence[int] | None = None, span: Span | None = None
+) -> Timing:
     """Give the timing of a stream that has one."""
     timing = timing_of(stream(times_s, sequence), span)
     assert timing is not None
@@ -76,14 +80,26 @@ def test_of_a_node_that_started_again_the_longer_run_is_measured() -> None:
     assert timing.rate_hz == pytest.approx(20)
 
 
-@given(st.floats(0, 0.01), st.integers(1, 3000), st.integers(1, 3000), st.integers(20, 300), st.integers(0, 999))
-def test_of_two_publishers_one_is_measured(phase_s: float, first: int, other: int, rate_hz: int, seed: int) -> None:
+@given(
+    st.floats(0, 0.01),
+    st.integers(1, 3000),
+    st.integers(1, 3000),
+    st.integers(20, 300),
+    st.integers(0, 999),
+)
+def test_of_two_publishers_one_is_measured(
+    phase_s: float, first: int, other: int, rate_hz: int, seed: int
+) -> None:
     """Their samples interleave, and some are lost: the rate is of the one that sent more, or of one of two alike."""
-    other = other if rate_hz == 100 else first + 5000 + other  # so that neither overtakes the other's numbers
+    other = (
+        other if rate_hz == 100 else first + 5000 + other
+    )  # so that neither overtakes the other's numbers
     sent = [(1 + n / 100, first + n) for n in range(400)]
     sent += [(1 + phase_s + n / rate_hz, other + n) for n in range(4 * rate_hz)]
     kept = np.random.default_rng(seed).random(len(sent)) > 0.02
-    times_s, numbers = zip(*sorted(sample for sample, is_kept in zip(sent, kept, strict=True) if is_kept), strict=True)
+    times_s, numbers = zip(
+        *sorted(sample for sample, is_kept in zip(sent, kept, strict=True) if is_kept), strict=True
+    )
     timing = measured(times_s, numbers)
     rates = {100, rate_hz} if 90 < rate_hz < 110 else {max(100, rate_hz)}
     assert any(timing.rate_hz == pytest.approx(rate, rel=0.01) for rate in rates)
@@ -134,8 +150,12 @@ def arriving(times_s: Sequence[float], arrivals_s: Sequence[float]) -> Timing:
 def test_stamps_that_arrive_as_they_say_are_believed() -> None:
     """Delays on the way, and a recorder that was delayed now and then, contradict no stamp."""
     times = [1 + n / 100 for n in range(600)]
-    assert not arriving(times, [t + 0.0001 * (n % 7) for n, t in enumerate(times)]).contradicted_by_arrival(0.0)
-    assert not arriving(times, [t + 0.030 * (n % 40 == 0) for n, t in enumerate(times)]).contradicted_by_arrival(0.0)
+    assert not arriving(
+        times, [t + 0.0001 * (n % 7) for n, t in enumerate(times)]
+    ).contradicted_by_arrival(0.0)
+    assert not arriving(
+        times, [t + 0.030 * (n % 40 == 0) for n, t in enumerate(times)]
+    ).contradicted_by_arrival(0.0)
 
 
 def test_stamps_of_another_evenness_than_the_arrival_are_not_believed() -> None:

@@ -39,7 +39,11 @@ def is_rotation(pose: Floats) -> bool:
     return bool(np.linalg.norm(pose[3:]) > 0.01)
 
 
-poses = arrays(np.float64, 7, elements=numbers).filter(is_rotation).map(lambda pose: unit(pose[np.newaxis]))
+poses = (
+    arrays(np.float64, 7, elements=numbers)
+    .filter(is_rotation)
+    .map(lambda pose: unit(pose[np.newaxis]))
+)
 
 
 def matrix(pose: Floats) -> Floats:
@@ -74,7 +78,10 @@ def test_the_distance_of_poses_is_that_of_matrices(one: Floats, other: Floats) -
 @given(st.lists(st.floats(-3, 3), min_size=3, max_size=3))
 def test_roll_pitch_and_yaw_turn_about_fixed_axes(rpy: list[float]) -> None:
     """Roll first, then pitch, then yaw, each about the axes of the parent."""
-    axes = [pose_of((0, 0, 0), [angle if n == k else 0.0 for k in range(3)]) for n, angle in enumerate(rpy)]
+    axes = [
+        pose_of((0, 0, 0), [angle if n == k else 0.0 for k in range(3)])
+        for n, angle in enumerate(rpy)
+    ]
     roll, pitch, yaw = map(matrix, axes)
     assert np.allclose(matrix(pose_of((0, 0, 0), rpy)), yaw @ pitch @ roll, atol=1e-9)
 
@@ -82,22 +89,29 @@ def test_roll_pitch_and_yaw_turn_about_fixed_axes(rpy: list[float]) -> None:
 def edge(parent: str, child: str, *stamped: tuple[int, Floats], static: bool = False) -> Broadcast:
     """Give what was broadcast of a frame, published when it is stamped."""
     stamps_ns = np.array([stamp_ns for stamp_ns, _ in stamped], dtype=np.int64)
-    return Broadcast(parent, child, static, False, stamps_ns, stamps_ns, np.vstack([pose for _, pose in stamped]))
+    return Broadcast(
+        parent, child, static, False, stamps_ns, stamps_ns, np.vstack([pose for _, pose in stamped])
+    )
 
 
 @given(st.lists(poses, min_size=4, max_size=4), st.integers(0, 3), st.integers(0, 3))
-def test_any_two_frames_of_a_tree_are_connected_by_what_lies_between(chain: list[Floats], one: int, other: int) -> None:
+def test_any_two_frames_of_a_tree_are_connected_by_what_lies_between(
+    chain: list[Floats], one: int, other: int
+) -> None:
     """In a tree with two branches, a pose is that of the product of matrices up to the root and down again."""
     parents, frames = ["root", "a", "root", "c"], ["a", "b", "c", "d"]
     tree = FrameTree(
-        edge(parent, frame, (0, pose), static=True) for parent, frame, pose in zip(parents, frames, chain, strict=True)
+        edge(parent, frame, (0, pose), static=True)
+        for parent, frame, pose in zip(parents, frames, chain, strict=True)
     )
     in_root = {"root": np.eye(4)}
     for parent, frame, pose in zip(parents, frames, chain, strict=True):
         in_root[frame] = in_root[parent] @ matrix(pose)
     found = tree.pose(frames[one], frames[other], tree.times_ns(frames[one], frames[other]))
     assert found is not None
-    assert np.allclose(matrix(found), np.linalg.inv(in_root[frames[other]]) @ in_root[frames[one]], atol=1e-8)
+    assert np.allclose(
+        matrix(found), np.linalg.inv(in_root[frames[other]]) @ in_root[frames[one]], atol=1e-8
+    )
 
 
 @given(poses, poses, st.floats(0, 1))
@@ -119,7 +133,10 @@ def test_nothing_is_known_outside_of_what_was_sent_unless_it_is_static() -> None
     moving = edge("a", "b", (10, here), (10, here), (20, there)).at(times_ns)
     assert np.isnan(moving[[0, 3], 0]).all()
     assert moving[1:3, 0].tolist() == [1.0, 2.0]
-    assert edge("a", "b", (10, here), (20, there), static=True).at(times_ns)[:, 0].tolist() == [2.0] * 4
+    assert (
+        edge("a", "b", (10, here), (20, there), static=True).at(times_ns)[:, 0].tolist()
+        == [2.0] * 4
+    )
     assert edge("a", "b", (10, here)).at(times_ns)[1, 0] == 1.0
 
 
@@ -139,14 +156,23 @@ def transform(parent: str, child: str, time_s: float, x: float = 0.0) -> dict[st
     """Give a transform of a message."""
     stamp = {"sec": at(time_s) // 10**9, "nanosec": at(time_s) % 10**9}
     pose = {"translation": {"x": x}, "rotation": {"w": 1.0}}
-    return {"header": {"frame_id": parent, "stamp": stamp}, "child_frame_id": child, "transform": pose}
+    return {
+        "header": {"frame_id": parent, "stamp": stamp},
+        "child_frame_id": child,
+        "transform": pose,
+    }
 
 
 def test_messages_are_read_by_frame(tmp_path: Path) -> None:
     """Several transforms in a message, names with slashes, stamps out of order, and a window."""
-    sent = [[transform("/odom", "base", 1.2), transform("base", "laser", 1.1)], [transform("odom", "base", 1.1, 2.0)]]
+    sent = [
+        [transform("/odom", "base", 1.2), transform("base", "laser", 1.1)],
+        [transform("odom", "base", 1.1, 2.0)],
+    ]
     recorded = (
-        Session(tmp_path).typed("/tf", TF_MESSAGE, [{"transforms": each} for each in sent], [1.2, 1.4]).recorded()
+        Session(tmp_path)
+        .typed("/tf", TF_MESSAGE, [{"transforms": each} for each in sent], [1.2, 1.4])
+        .recorded()
     )
     base, laser = broadcasts(recorded.stream("/tf"), static=False)
     assert (base.parent, base.child, base.slashed, laser.slashed) == ("odom", "base", True, False)
@@ -155,7 +181,9 @@ def test_messages_are_read_by_frame(tmp_path: Path) -> None:
     assert len(base.within(Span(at(1.3), at(2.0))).stamps_ns) == 1
 
 
-def test_other_types_and_floods_give_nothing_and_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_types_and_floods_give_nothing_and_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A topic of another type has no transforms, and of a flood of frames only the first are kept."""
     monkeypatch.setattr("grader.evidence.transforms._MOST_EDGES", 3)
     many = [{"transforms": [transform("map", f"frame{n}", 1.0) for n in range(5)]}]
@@ -185,7 +213,11 @@ float64 nanosec
 
 @pytest.mark.parametrize(
     ("name", "value", "sec", "nanosec"),
-    [("string", "base", 2**62, 0.0), ("string", "base", 1, np.inf), ("uint8[]", np.zeros(3, np.uint8), 1, np.nan)],
+    [
+        ("string", "base", 2**62, 0.0),
+        ("string", "base", 1, np.inf),
+        ("uint8[]", np.zeros(3, np.uint8), 1, np.nan),
+    ],
 )
 def test_a_type_that_is_defined_anew_breaks_nothing(
     tmp_path: Path, name: str, value: Any, sec: int, nanosec: float
@@ -197,7 +229,9 @@ def test_a_type_that_is_defined_anew_breaks_nothing(
     of = {kind: store.types[f"tf2_msgs/msg/{kind}"] for kind in ("Sent", "Head", "When")}
     sent = of["Sent"](of["Head"](value, of["When"](sec, nanosec)), value, np.ones(7))
     data = bytes(store.serialize_cdr(store.types[TF_MESSAGE]([sent]), TF_MESSAGE))
-    stream = Session(tmp_path).raw("/tf", TF_MESSAGE, definition, [data], [1.0]).recorded().stream("/tf")
+    stream = (
+        Session(tmp_path).raw("/tf", TF_MESSAGE, definition, [data], [1.0]).recorded().stream("/tf")
+    )
     assert stream.field("transforms")[0]
     assert broadcasts(stream, static=False) == ()
 
@@ -205,6 +239,11 @@ def test_a_type_that_is_defined_anew_breaks_nothing(
 def test_transforms_that_are_no_list_are_none(tmp_path: Path) -> None:
     """As in such a type."""
     data = b"\0\1\0\0" + b"\2\0\0\0" + b"\1\1"
-    stream = Session(tmp_path).raw("/tf", TF_MESSAGE, "uint8[] transforms", [data], [1.0]).recorded().stream("/tf")
+    stream = (
+        Session(tmp_path)
+        .raw("/tf", TF_MESSAGE, "uint8[] transforms", [data], [1.0])
+        .recorded()
+        .stream("/tf")
+    )
     assert len(stream.field("transforms")[0]) == 2
     assert broadcasts(stream, static=False) == ()

@@ -16,7 +16,9 @@ from grader.lab.policy import LatePolicy
 from grader.result import AdjustmentKind, CheckResult, CriterionResult, Outcome, Result, Score
 
 DUE = datetime.fromisoformat("2026-11-20T23:59:00+01:00")
-LATE = LatePolicy.model_validate({"due": DUE, "per_day": "10 %", "grace": "10 min", "never_after": "7 days"})
+LATE = LatePolicy.model_validate(
+    {"due": DUE, "per_day": "10 %", "grace": "10 min", "never_after": "7 days"}
+)
 
 
 def result(*criteria: list[tuple[str, str]], undecided: bool = False) -> Result:
@@ -31,9 +33,17 @@ def result(*criteria: list[tuple[str, str]], undecided: bool = False) -> Result:
             missing = Decimal(possible) if is_open else Decimal(0)
             identity = f"{'abcdefgh'[number]}.{place}"
             checks.append(CheckResult(identity, "", outcome, points, Decimal(possible), missing))
-        sums = [sum((getattr(c, key) for c in checks), Decimal(0)) for key in ("earned", "possible", "undecided")]
-        built.append(CriterionResult("abcdefgh"[number], "", sums[0], sums[1], sums[2], tuple(checks)))
-    whole = [sum((getattr(c, key) for c in built), Decimal(0)) for key in ("earned", "possible", "undecided")]
+        sums = [
+            sum((getattr(c, key) for c in checks), Decimal(0))
+            for key in ("earned", "possible", "undecided")
+        ]
+        built.append(
+            CriterionResult("abcdefgh"[number], "", sums[0], sums[1], sums[2], tuple(checks))
+        )
+    whole = [
+        sum((getattr(c, key) for c in built), Decimal(0))
+        for key in ("earned", "possible", "undecided")
+    ]
     return Result("alice", "Lab", Score(*whole), tuple(built))
 
 
@@ -152,7 +162,11 @@ def test_lateness_says_what_it_costs(hours: float, taken: str, words: str) -> No
 @pytest.mark.parametrize(
     ("parts", "hours", "words"),
     [
-        ({"per_day": "2 points", "at_most": "50 %"}, 25, "2 started days at 2 points, at most 50 %."),
+        (
+            {"per_day": "2 points", "at_most": "50 %"},
+            25,
+            "2 started days at 2 points, at most 50 %.",
+        ),
         ({"per_day": "10 %", "counts": "exact time"}, 36, "1.50 days at 10 % of the points."),
         ({"per_day": "10 %", "counts": "full days"}, 25, "1 full day at 10 % of the points."),
         ({"never_after": "0 min"}, 1, "Nothing is accepted after it is due."),
@@ -204,13 +218,23 @@ def test_lateness_comes_last() -> None:
 # -- whatever is decided ---------------------------------------------------------------------------
 
 tenths = st.decimals(0, 20, places=1)
-rows = st.lists(st.tuples(tenths, tenths).map(lambda pair: (str(min(pair)), str(max(pair)))), min_size=1, max_size=4)
+rows = st.lists(
+    st.tuples(tenths, tenths).map(lambda pair: (str(min(pair)), str(max(pair)))),
+    min_size=1,
+    max_size=4,
+)
 results = st.builds(
-    lambda table, flag: result(*table, undecided=flag), st.lists(rows, min_size=1, max_size=4), st.booleans()
+    lambda table, flag: result(*table, undecided=flag),
+    st.lists(rows, min_size=1, max_size=4),
+    st.booleans(),
 )
 parts = st.sampled_from(["check", "criterion"]).flatmap(
     lambda kind: st.fixed_dictionaries(
-        {kind: st.sampled_from(["a.0", "a.1", "b.0", "c.3", "x"] if kind == "check" else list("abcx"))}
+        {
+            kind: st.sampled_from(
+                ["a.0", "a.1", "b.0", "c.3", "x"] if kind == "check" else list("abcx")
+            )
+        }
     )
 )
 of_parts = st.builds(
@@ -228,7 +252,9 @@ MOVES: list[dict[str, object]] = [
     {"submitted": DUE + timedelta(days=3)},
 ]
 bonuses = st.decimals("0.1", 10, places=1).map(lambda points: entry(bonus=points))
-decisions = st.lists(st.one_of(of_parts, st.sampled_from(MOVES).map(lambda change: entry(**change))), max_size=6)
+decisions = st.lists(
+    st.one_of(of_parts, st.sampled_from(MOVES).map(lambda change: entry(**change))), max_size=6
+)
 moments = st.none() | st.integers(-300, 900).map(lambda hours: DUE + timedelta(hours=hours))
 policies = st.none() | st.just(LATE)
 
@@ -275,7 +301,9 @@ def test_adjusting_again_changes_nothing(
 def test_adjustments_add_up(judged: Result, entries: list[Override]) -> None:
     """The final points are those earned and what each adjustment says."""
     adjusted = adjust(judged, entries)
-    assert adjusted.final == judged.score.earned + sum((a.points for a in adjusted.adjustments), Decimal(0))
+    assert adjusted.final == judged.score.earned + sum(
+        (a.points for a in adjusted.adjustments), Decimal(0)
+    )
 
 
 @given(results, st.lists(of_parts, max_size=4))

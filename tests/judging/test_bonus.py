@@ -61,7 +61,9 @@ def judged(folder: Path, beyond: float | None, *, handed_in: bool = True) -> Res
             sessions[name] = session.recorded()
     of = submission()
     of.artifacts = [ArtifactFact("it", "it.py", "it.py", "name")]
-    of.artifacts += [ArtifactFact("more", "more_or.py", "more_or.py", "name", bonus=True)] if handed_in else []
+    of.artifacts += (
+        [ArtifactFact("more", "more_or.py", "more_or.py", "name", bonus=True)] if handed_in else []
+    )
     return judge(Recordings(of, sessions), rubric(folder))
 
 
@@ -102,7 +104,10 @@ def test_a_file_of_another_name_is_found_by_what_it_holds(tmp_path: Path) -> Non
     assert [fact.name for fact in read_submission_folder(folder, lab).artifacts] == ["it"]
     (folder / "own.py").write_text("class Beyond:\n    LAB = 1\n")
     facts = read_submission_folder(folder, lab).artifacts
-    assert [(fact.name, fact.path, fact.bonus) for fact in facts] == [("it", "it.py", False), ("more", "own.py", True)]
+    assert [(fact.name, fact.path, fact.bonus) for fact in facts] == [
+        ("it", "it.py", False),
+        ("more", "own.py", True),
+    ]
 
 
 def test_each_extension_is_found_and_nothing_else_is_taken_for_one(tmp_path: Path) -> None:
@@ -111,7 +116,11 @@ def test_each_extension_is_found_and_nothing_else_is_taken_for_one(tmp_path: Pat
     wrong, without = {}, 0
     for fixture in fixtures_in(ROOT / "fixtures"):
         named = lab.bonus_artifacts & {*(fixture.expectation.sessions or ())}
-        found = {a.name for a in read_submission_folder(fixture.lay_out(tmp_path), lab).artifacts if a.bonus}
+        found = {
+            a.name
+            for a in read_submission_folder(fixture.lay_out(tmp_path), lab).artifacts
+            if a.bonus
+        }
         without += not named
         if found != named:
             wrong[fixture.name] = found
@@ -125,7 +134,11 @@ def test_each_extension_is_found_and_nothing_else_is_taken_for_one(tmp_path: Pat
         ("points: 3, session", "points: 2, session", "the checks' points add up to 2, not to 3"),
         ("id: beyond\n", "id: all\n", "stands here twice"),
         ("session: beyond, check", "session: beyon, check", "beyon"),
-        ("[{start: {student: more}}]", "[{observe: {duration_s: 1}}]", "needs a session that starts an artifact"),
+        (
+            "[{start: {student: more}}]",
+            "[{observe: {duration_s: 1}}]",
+            "needs a session that starts an artifact",
+        ),
     ],
 )
 def test_its_mistakes_are_told_by_line(tmp_path: Path, old: str, new: str, words: str) -> None:

@@ -76,12 +76,16 @@ def test_one_mistake_costs_what_its_consequence_does(name: str, rubric: Rubric) 
 
 
 @pytest.mark.parametrize("name", COMPOSED)
-def test_a_mistake_costs_no_more_where_nodes_share_a_process(name: str, tmp_path: Path, rubric: Rubric) -> None:
+def test_a_mistake_costs_no_more_where_nodes_share_a_process(
+    name: str, tmp_path: Path, rubric: Rubric
+) -> None:
     """Though the others end or wait with the node at fault, it costs what it does alone, in its own criterion."""
     with tarfile.open(KEPT.with_name("composed_recordings") / f"{name}.tar.xz") as archive:
         archive.extractall(tmp_path, filter="data")
     result = judge(open_recordings(tmp_path, rubric), rubric)
     criterion, cost = COMPOSED[name]
-    losing = {each.id for each in result.criteria for check in each.checks if check.session and check.lost}
+    losing = {
+        each.id for each in result.criteria for check in each.checks if check.session and check.lost
+    }
     assert losing == ({criterion} if criterion else set())
     assert lost_in_sessions(result) == cost

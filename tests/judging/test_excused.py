@@ -38,17 +38,25 @@ criteria:
 """
 
 
-def judged(folder: Path, values: list[float], low: float = 0.0, high: float = 1.0) -> dict[str, Finding]:
+def judged(
+    folder: Path, values: list[float], low: float = 0.0, high: float = 1.0
+) -> dict[str, Finding]:
     """Judge values by both checks."""
-    (folder / "lab.yaml").write_text(RUBRIC.replace("LOW", str(low)).replace("HIGH", str(high)), encoding="utf-8")
+    (folder / "lab.yaml").write_text(
+        RUBRIC.replace("LOW", str(low)).replace("HIGH", str(high)), encoding="utf-8"
+    )
     session = Session(folder).process()
-    session.typed("/x", "std_msgs/msg/Float64", [{"data": v} for v in values], evenly(1, len(values) - 1))
+    session.typed(
+        "/x", "std_msgs/msg/Float64", [{"data": v} for v in values], evenly(1, len(values) - 1)
+    )
     recordings = Recordings(submission(), {"experiment": session.recorded()})
     return judge_checks(recordings, load_rubric(folder / "lab.yaml", rubric_kinds()), [])
 
 
 @pytest.mark.parametrize("values", [[100.0, 50.0], [0.5, 50.0]])
-def test_where_the_earlier_check_took_points_this_one_takes_none(tmp_path: Path, values: list[float]) -> None:
+def test_where_the_earlier_check_took_points_this_one_takes_none(
+    tmp_path: Path, values: list[float]
+) -> None:
     """All of its points or a part; what is wrong is said all the same."""
     findings = judged(tmp_path, values)
     assert findings["scale"].outcome in (Outcome.FAILED, Outcome.PARTIAL)
@@ -122,4 +130,7 @@ def test_reliable_of_a_best_effort_sensor_is_charged_where_it_is(
     for name in ("answers", "once"):
         found = findings[name]
         assert (found.outcome, found.blocked_by) == (Outcome.NOT_REACHED, "hears")
-        assert found.reason == "Not tested, because nothing arrives at your node, as 'Hears the sensor' says."
+        assert (
+            found.reason
+            == "Not tested, because nothing arrives at your node, as 'Hears the sensor' says."
+        )

@@ -92,9 +92,9 @@ def test_the_solution_has_all_points() -> None:
 @pytest.mark.parametrize("name", FIXTURES)
 def test_a_kept_fixture_gets_its_verdict(name: str, rubric: Rubric) -> None:
     """A fixture loses points where its expected.yaml says, and nowhere else."""
-    assert compare(load_fixture(ROOT / "fixtures" / name).expectation, judged(name), rubric) == Verdict(
-        (), undecided=False
-    )
+    assert compare(
+        load_fixture(ROOT / "fixtures" / name).expectation, judged(name), rubric
+    ) == Verdict((), undecided=False)
 
 
 @pytest.mark.parametrize("name", FIXTURES)
@@ -128,7 +128,10 @@ def test_a_missing_file_is_charged_at_its_first_check() -> None:
 
 def test_only_sessions_that_were_asked_for_are_judged() -> None:
     """Checks of other sessions are left out, and do not count as possible points."""
-    assert {check.session for check in checks_of(judged("wrong_topic")).values()} == {"publisher", None}
+    assert {check.session for check in checks_of(judged("wrong_topic")).values()} == {
+        "publisher",
+        None,
+    }
 
 
 # -- the same bytes --------------------------------------------------------------------------------
@@ -162,9 +165,17 @@ def test_another_process_gives_equal_bytes(rubric: Rubric) -> None:
     names = ["solution", "qos_invented_numbers", "signed_mean_statistics"]
     here = "".join(rendered(KEPT / name, rubric) for name in names)
     for seed, zone in (("1", "Asia/Tokyo"), ("4242", "America/Lima")):
-        environment = {"PYTHONHASHSEED": seed, "TZ": zone, "PATH": "", "PYTHONPATH": str(ROOT), "LC_ALL": "C"}
+        environment = {
+            "PYTHONHASHSEED": seed,
+            "TZ": zone,
+            "PATH": "",
+            "PYTHONPATH": str(ROOT),
+            "LC_ALL": "C",
+        }
         command = [sys.executable, "-c", JUDGE, str(KEPT), *names]
-        run = subprocess.run(command, env=environment, cwd="/", capture_output=True, text=True, check=True)
+        run = subprocess.run(
+            command, env=environment, cwd="/", capture_output=True, text=True, check=True
+        )
         assert run.stdout == here
 
 
@@ -176,7 +187,9 @@ def test_where_the_recording_lies_makes_no_difference(copy: Path, rubric: Rubric
 # -- nobody pays for the grader's faults -----------------------------------------------------------
 
 
-@pytest.mark.parametrize("check", sorted({spec.check for c in read_rubric(None).criteria for spec in c.checks}))
+@pytest.mark.parametrize(
+    "check", sorted({spec.check for c in read_rubric(None).criteria for spec in c.checks})
+)
 def test_a_check_that_breaks_costs_nothing(
     check: str, solution: Recordings, rubric: Rubric, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,7 +200,9 @@ def test_a_check_that_breaks_costs_nothing(
 
     monkeypatch.setitem(REGISTRY, check, Check(broken))
     result = judge(solution, rubric)
-    mine = [spec for criterion in rubric.criteria for spec in criterion.checks if spec.check == check]
+    mine = [
+        spec for criterion in rubric.criteria for spec in criterion.checks if spec.check == check
+    ]
     assert lost(result) == 0
     assert result.score.undecided >= sum(spec.points for spec in mine)
     reasons = [checks_of(result)[spec.id] for spec in mine]
@@ -198,7 +213,10 @@ def test_a_check_that_breaks_costs_nothing(
 @pytest.mark.parametrize(
     ("how", "session"),
     [
-        *(("cut off", session) for session in ("publisher", "subscriber", "service", "launch", "qos")),
+        *(
+            ("cut off", session)
+            for session in ("publisher", "subscriber", "service", "launch", "qos")
+        ),
         ("with a problem", "launch"),
         ("with a problem", "service"),
         ("without its bag", "publisher"),
@@ -211,7 +229,9 @@ def test_a_check_that_breaks_costs_nothing(
         ("without its folder", "qos"),
     ],
 )
-def test_a_broken_recording_costs_nothing(copy: Path, rubric: Rubric, session: str, how: str) -> None:
+def test_a_broken_recording_costs_nothing(
+    copy: Path, rubric: Rubric, session: str, how: str
+) -> None:
     """A session that was cut off, disturbed or lost leaves its points undecided, and only those."""
     record = read_session(copy / session)
     if how == "without its folder":
@@ -222,9 +242,15 @@ def test_a_broken_recording_costs_nothing(copy: Path, rubric: Rubric, session: s
         path = next((copy / session).glob("*.mcap"))
         data = path.read_bytes()
         # No record's length is so large: what follows cannot be found.
-        path.write_bytes(data[: len(data) // 2] if how == "half of its bag" else data[:9] + b"\xff" * 8 + data[17:])
+        path.write_bytes(
+            data[: len(data) // 2]
+            if how == "half of its bag"
+            else data[:9] + b"\xff" * 8 + data[17:]
+        )
     else:
-        change = {"complete": False} if how == "cut off" else {"problems": ["a reference node died"]}
+        change = (
+            {"complete": False} if how == "cut off" else {"problems": ["a reference node died"]}
+        )
         write_session(copy / session, dataclasses.replace(record, **change))
     recordings = open_recordings(copy, rubric)
     result = judge(recordings, rubric)
@@ -249,18 +275,25 @@ def unseen(record: SessionRecord) -> SessionRecord:
     return dataclasses.replace(record, graph=[], claims=[])
 
 
-def test_a_program_that_was_refused_a_thread_is_looked_at_twice_again(copy: Path, rubric: Rubric) -> None:
+def test_a_program_that_was_refused_a_thread_is_looked_at_twice_again(
+    copy: Path, rubric: Rubric
+) -> None:
     """Others on the machine may have used up what the kernel allows; one that had too many itself is to blame."""
     record = killed(read_session(copy / "subscriber"))
     student = next(run for run in record.processes if run.role == "student")
-    student.exit_status, student.output = 1, [OutputLine(0, "stderr", "RuntimeError: Resource temporarily unavailable")]
+    student.exit_status, student.output = (
+        1,
+        [OutputLine(0, "stderr", "RuntimeError: Resource temporarily unavailable")],
+    )
     for attempt, limit, points in ((1, None, 0), (2, None, 0), (3, None, 20), (1, "processes", 20)):
         student.limit = limit
         write_session(copy / "subscriber", dataclasses.replace(record, attempt=attempt, claims=[]))
         assert lost(judge(open_recordings(copy, rubric), rubric)) == points
 
 
-def test_what_a_program_can_bring_about_is_not_undecided_for_ever(copy: Path, rubric: Rubric) -> None:
+def test_what_a_program_can_bring_about_is_not_undecided_for_ever(
+    copy: Path, rubric: Rubric
+) -> None:
     """A subscriber whose node is asked for and never seen has failed in the third recording, whichever is kept."""
     record = unseen(read_session(copy / "subscriber"))
     record.claims = read_session(copy / "subscriber").claims
@@ -276,11 +309,16 @@ def late(record: SessionRecord) -> SessionRecord:
     """Give the session as it were if the service had come into the graph after the first call."""
     call = next(step for step in record.steps if step.kind == "call")
     call.outcome, call.result = "timeout", {"calls": [], "problem": "the service is not up"}
-    graph = [dataclasses.replace(taken, t_ns=call.ended_ns + number) for number, taken in enumerate(record.graph, 1)]
+    graph = [
+        dataclasses.replace(taken, t_ns=call.ended_ns + number)
+        for number, taken in enumerate(record.graph, 1)
+    ]
     return dataclasses.replace(record, graph=graph)
 
 
-@pytest.mark.parametrize(("how", "session"), [(killed, "subscriber"), (unseen, "subscriber"), (late, "service")])
+@pytest.mark.parametrize(
+    ("how", "session"), [(killed, "subscriber"), (unseen, "subscriber"), (late, "service")]
+)
 def test_what_may_be_flaky_costs_nothing_until_it_is_seen_again(
     copy: Path, rubric: Rubric, how: Callable[[SessionRecord], SessionRecord], session: str
 ) -> None:
@@ -294,7 +332,9 @@ def test_what_may_be_flaky_costs_nothing_until_it_is_seen_again(
         assert (lost(result) == 0) == (attempt == 1)
 
 
-def test_a_node_that_a_limit_kept_from_the_graph_is_not_waited_for_again(copy: Path, rubric: Rubric) -> None:
+def test_a_node_that_a_limit_kept_from_the_graph_is_not_waited_for_again(
+    copy: Path, rubric: Rubric
+) -> None:
     """It had as many processes as it may have, or took too much: that is no chance, and the reason says so."""
     record = unseen(read_session(copy / "subscriber"))
     next(run for run in record.processes if run.role == "student").limit = "processes"
@@ -325,10 +365,14 @@ def test_a_check_that_fails_lets_those_that_require_it_rest(rubric: Rubric) -> N
     findings = findings_of(KEPT / "missing_service_file", rubric)
     for spec in rubric.checks():
         if spec.id in findings and findings[spec.id].outcome is Outcome.NOT_REACHED:
-            assert any(findings[r].outcome in (Outcome.FAILED, Outcome.NOT_REACHED) for r in spec.requires)
+            assert any(
+                findings[r].outcome in (Outcome.FAILED, Outcome.NOT_REACHED) for r in spec.requires
+            )
 
 
-def test_a_missing_artifact_is_the_students_even_without_a_recording(copy: Path, rubric: Rubric) -> None:
+def test_a_missing_artifact_is_the_students_even_without_a_recording(
+    copy: Path, rubric: Rubric
+) -> None:
     """A session that was not run because its file is missing fails at its first check, and says what was left out."""
     shutil.rmtree(copy / "service")
     record = read_submission(copy)
@@ -347,19 +391,30 @@ def waited(record: SessionRecord, delay_s: float, cpu_s: float = 0.2) -> Session
     student = next(run for run in record.processes if run.role == "student")
     begin_ns = student.started_ns
     student.usage = [
-        Usage(begin_ns + n * 500_000_000, round(cpu_s * n * 5e7), round(delay_s * n * 5e7)) for n in range(21)
+        Usage(begin_ns + n * 500_000_000, round(cpu_s * n * 5e7), round(delay_s * n * 5e7))
+        for n in range(21)
     ]
     steps = [
-        dataclasses.replace(step, outcome="timeout", started_ns=begin_ns, ended_ns=begin_ns + 10_000_000_000, result={})
+        dataclasses.replace(
+            step,
+            outcome="timeout",
+            started_ns=begin_ns,
+            ended_ns=begin_ns + 10_000_000_000,
+            result={},
+        )
         for step in record.steps
         if step.kind == "wait_for"
     ]
     graph = [dataclasses.replace(graph, services=[]) for graph in record.graph]
     processes = [run for run in record.processes if run.role != "student" or run is student]
-    return dataclasses.replace(record, steps=steps, graph=graph, processes=processes, claims=[], attempt=3)
+    return dataclasses.replace(
+        record, steps=steps, graph=graph, processes=processes, claims=[], attempt=3
+    )
 
 
-@pytest.mark.parametrize(("delay_s", "cpu_s", "lost_points"), [(7.0, 0.2, 0), (4.0, 0.2, 20), (7.0, 9.0, 20)])
+@pytest.mark.parametrize(
+    ("delay_s", "cpu_s", "lost_points"), [(7.0, 0.2, 0), (4.0, 0.2, 20), (7.0, 9.0, 20)]
+)
 def test_what_a_busy_machine_kept_from_coming_costs_nothing(
     copy: Path, rubric: Rubric, delay_s: float, cpu_s: float, lost_points: int
 ) -> None:
@@ -431,8 +486,18 @@ def test_judging_and_reporting_load_neither_ros_nor_processes() -> None:
     command = [sys.executable, "-c", code, str(SOLUTION)]
     run = subprocess.run(command, capture_output=True, text=True, check=True, cwd=ROOT)
     loaded = set(run.stdout.split())
-    forbidden = {"rclpy", "subprocess", "asyncio", "multiprocessing", "grader.live", "launch", "rpyutils"}
-    assert not {name for name in loaded if name in forbidden or name.startswith(("rclpy.", "grader.live."))}
+    forbidden = {
+        "rclpy",
+        "subprocess",
+        "asyncio",
+        "multiprocessing",
+        "grader.live",
+        "launch",
+        "rpyutils",
+    }
+    assert not {
+        name for name in loaded if name in forbidden or name.startswith(("rclpy.", "grader.live."))
+    }
 
 
 def test_kept_recordings_tell_nothing_of_the_machine() -> None:
@@ -461,7 +526,9 @@ def test_what_a_fault_costs_stands_in_the_rubric(tmp_path: Path) -> None:
         assert str(checks["publisher.publishes"].earned) == earned
 
 
-def test_the_check_that_the_developers_page_shows_can_be_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_check_that_the_developers_page_shows_can_be_used(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The example of a new check works as it stands there, with a line in the registry and one in a rubric."""
     page = (ROOT / "docs" / "developers.md").read_text(encoding="utf-8")
     code = re.search(r"```python\n(class TopicSilent.*?)```", page, re.DOTALL)
@@ -470,7 +537,11 @@ def test_the_check_that_the_developers_page_shows_can_be_used(tmp_path: Path, mo
     exec(code[1], names)
     monkeypatch.setitem(REGISTRY, "topic_silent", Check(names["topic_silent"]))
     text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
-    used = re.sub(r"check: topic_jitter\n( +)with: .*", r"check: topic_silent\n\1with: {topic: /joint_commands}", text)
+    used = re.sub(
+        r"check: topic_jitter\n( +)with: .*",
+        r"check: topic_silent\n\1with: {topic: /joint_commands}",
+        text,
+    )
     assert used != text
     (tmp_path / "rubric.yaml").write_text(used, encoding="utf-8")
     rubric = read_rubric(tmp_path / "rubric.yaml")
@@ -495,12 +566,21 @@ criteria:
 """
 
 
-@pytest.mark.parametrize(("name", "publishes"), [("/speed", Outcome.PARTIAL), ("/speeds", Outcome.PASSED)])
-def test_a_misspelt_topic_is_found_though_no_step_waited_for_it(tmp_path: Path, name: str, publishes: Outcome) -> None:
+@pytest.mark.parametrize(
+    ("name", "publishes"), [("/speed", Outcome.PARTIAL), ("/speeds", Outcome.PASSED)]
+)
+def test_a_misspelt_topic_is_found_though_no_step_waited_for_it(
+    tmp_path: Path, name: str, publishes: Outcome
+) -> None:
     """The name costs a part, and the rest is judged on it; what a reference node publishes is meant by none."""
     (tmp_path / "robot.py").write_text("", encoding="utf-8")
     (tmp_path / "lab.yaml").write_text(NOT_AWAITED, encoding="utf-8")
-    session = Session(tmp_path).process().endpoint("publisher", name).messages(name, [[0.5]] * 9, evenly(1, 8))
+    session = (
+        Session(tmp_path)
+        .process()
+        .endpoint("publisher", name)
+        .messages(name, [[0.5]] * 9, evenly(1, 8))
+    )
     session.endpoint("publisher", "/speed_limits", "/robot")
     write_submission(tmp_path, submission())
     session.recorded()
@@ -530,8 +610,13 @@ criteria:
 """
 #: The same of an action.
 NOT_SENT_BY_ITS_NAME = (
-    NOT_CALLED_BY_ITS_NAME.replace("call: {service: /robot/enable", "send_goal: {action: /robot/enable")
-    .replace("type: std_srvs/srv/SetBool, request: {data: true}", "type: test_msgs/action/Fibonacci, goal: {order: 3}")
+    NOT_CALLED_BY_ITS_NAME.replace(
+        "call: {service: /robot/enable", "send_goal: {action: /robot/enable"
+    )
+    .replace(
+        "type: std_srvs/srv/SetBool, request: {data: true}",
+        "type: test_msgs/action/Fibonacci, goal: {order: 3}",
+    )
     .replace("check: service_offered", "check: action_server")
     .replace("service: /robot/enable, type: std_srvs/srv/SetBool", "WHAT, offered: {}")
     .replace("check: call_answered", "check: action_server")
@@ -569,7 +654,10 @@ def test_a_misspelt_server_is_found_though_no_step_waited_for_it(
     checks = checks_of(judge(open_recordings(tmp_path, rubric), rubric))
     assert (checks["offers"].outcome, checks["offers"].earned) == (Outcome.PARTIAL, Decimal("0.4"))
     assert checks["enables"].outcome is Outcome.NOT_REACHED
-    assert "it was called as /robot/enable, and yours is named /robot/enabel." in checks["enables"].reason
+    assert (
+        "it was called as /robot/enable, and yours is named /robot/enabel."
+        in checks["enables"].reason
+    )
 
 
 def test_nothing_that_was_published_is_meant_where_no_name_is_like_it(tmp_path: Path) -> None:
@@ -582,4 +670,7 @@ def test_nothing_that_was_published_is_meant_where_no_name_is_like_it(tmp_path: 
     session.recorded()
     rubric = read_rubric(tmp_path / "lab.yaml")
     checks = checks_of(judge(open_recordings(tmp_path, rubric), rubric))
-    assert (checks["publishes"].outcome, checks["holds"].outcome) == (Outcome.FAILED, Outcome.NOT_REACHED)
+    assert (checks["publishes"].outcome, checks["holds"].outcome) == (
+        Outcome.FAILED,
+        Outcome.NOT_REACHED,
+    )

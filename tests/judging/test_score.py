@@ -65,36 +65,56 @@ def test_what_is_undecided_is_neither_earned_nor_lost(points: Decimal, finding: 
         assert result.undecided == 0
 
 
-@given(st.lists(st.lists(st.tuples(POINTS, FINDINGS), min_size=1, max_size=6), min_size=1, max_size=6))
+@given(
+    st.lists(st.lists(st.tuples(POINTS, FINDINGS), min_size=1, max_size=6), min_size=1, max_size=6)
+)
 def test_points_add_up(table: list[list[tuple[Decimal, Finding]]]) -> None:
     """Checks add up to criteria and criteria to the score, to the last tenth."""
     whole = rubric([[points for points, _ in row] for row in table])
-    findings = {f"{n}.{m}": finding for n, row in enumerate(table) for m, (_, finding) in enumerate(row)}
+    findings = {
+        f"{n}.{m}": finding for n, row in enumerate(table) for m, (_, finding) in enumerate(row)
+    }
     criteria = score_criteria(whole.criteria, findings, {})
     score = total(criteria)
     checks = [check for criterion in criteria for check in criterion.checks]
     assert len(checks) == len(findings)
     assert score.possible == whole.lab.points == sum(check.possible for check in checks)
-    assert score.earned == sum(criterion.earned for criterion in criteria) == sum(check.earned for check in checks)
+    assert (
+        score.earned
+        == sum(criterion.earned for criterion in criteria)
+        == sum(check.earned for check in checks)
+    )
     assert score.undecided == sum(check.undecided for check in checks)
     assert score.earned + score.undecided <= score.possible
 
 
 @given(st.decimals(0, 1, places=3), st.decimals(0, 1, places=3), POINTS)
-def test_more_credit_never_gives_fewer_points(one: Decimal, other: Decimal, points: Decimal) -> None:
+def test_more_credit_never_gives_fewer_points(
+    one: Decimal, other: Decimal, points: Decimal
+) -> None:
     """Points rise with credit."""
     low, high = sorted((one, other))
-    first, second = (score_check(spec(points), Finding(Outcome.PARTIAL, credit)) for credit in (low, high))
+    first, second = (
+        score_check(spec(points), Finding(Outcome.PARTIAL, credit)) for credit in (low, high)
+    )
     assert first.earned <= second.earned
 
 
 @pytest.mark.parametrize(
     ("points", "credit", "earned"),
-    [("6", "0.972", "5.8"), ("1", "0.05", "0.1"), ("1", "0.049", "0.0"), ("5", "0.25", "1.3"), ("3", "0.15", "0.5")],
+    [
+        ("6", "0.972", "5.8"),
+        ("1", "0.05", "0.1"),
+        ("1", "0.049", "0.0"),
+        ("5", "0.25", "1.3"),
+        ("3", "0.15", "0.5"),
+    ],
 )
 def test_halves_of_a_tenth_round_up(points: str, credit: str, earned: str) -> None:
     """Rounding is to tenths, in the student's favour at the half."""
-    assert score_check(spec(Decimal(points)), Finding(Outcome.PARTIAL, Decimal(credit))).earned == Decimal(earned)
+    assert score_check(
+        spec(Decimal(points)), Finding(Outcome.PARTIAL, Decimal(credit))
+    ).earned == Decimal(earned)
 
 
 def test_criteria_without_a_judged_check_are_left_out() -> None:

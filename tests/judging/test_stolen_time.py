@@ -27,7 +27,11 @@ def judged(name: str, folder: Path) -> dict[str, CheckResult]:
 
 @pytest.mark.parametrize(
     ("name", "rate_hz", "earned"),
-    [("rate_98_5_hz", "98.50 Hz", 5), ("rate_97_5_hz", "97.50 Hz", 4.5), ("rate_90_hz", "90.00 Hz", 2.5)],
+    [
+        ("rate_98_5_hz", "98.50 Hz", 5),
+        ("rate_97_5_hz", "97.50 Hz", 4.5),
+        ("rate_90_hz", "90.00 Hz", 2.5),
+    ],
 )
 def test_a_timers_rate_is_known_although_a_sixth_of_its_messages_are_missing(
     name: str, rate_hz: str, earned: float, tmp_path: Path

@@ -14,7 +14,11 @@ from grader.judging.rubrics import read_rubric
 from grader.lab.rubric import Rubric
 
 ROOT = Path(__file__).parents[2]
-KEPT = [path for of in ("teacher", "extension") for path in sorted((ROOT / f"tests/{of}_recordings").glob("*.tar.xz"))]
+KEPT = [
+    path
+    for of in ("teacher", "extension")
+    for path in sorted((ROOT / f"tests/{of}_recordings").glob("*.tar.xz"))
+]
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +28,9 @@ def rubric() -> Rubric:
 
 
 @pytest.mark.parametrize("kept", KEPT, ids=lambda path: path.name.removesuffix(".tar.xz"))
-def test_each_criterion_earns_what_a_teacher_would_give(kept: Path, tmp_path: Path, rubric: Rubric) -> None:
+def test_each_criterion_earns_what_a_teacher_would_give(
+    kept: Path, tmp_path: Path, rubric: Rubric
+) -> None:
     """Of what the kept sessions and the files decide; where it does not, or nobody was asked, the fixture says why."""
     with tarfile.open(kept) as archive:
         archive.extractall(tmp_path, filter="data")
@@ -41,5 +47,7 @@ def test_the_kept_recordings_tell_nothing_of_the_machine() -> None:
     for kept in KEPT:
         with tarfile.open(kept) as archive:
             contents = [archive.extractfile(member).read() for member in archive if member.isfile()]  # type: ignore[union-attr]
-        assert not [name for name in own if any(name.encode() in content for content in contents)], kept
+        assert not [
+            name for name in own if any(name.encode() in content for content in contents)
+        ], kept
     assert sum(kept.stat().st_size for kept in KEPT) < 4_000_000

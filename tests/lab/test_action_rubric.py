@@ -17,19 +17,51 @@ KIND = "test_msgs/action/Fibonacci"
 
 #: What is mistyped, what it becomes, and what the message says.
 MISTYPED = [
-    ("goal: {order: 5}", "goal: {oder: 5}", "Fibonacci_Goal has no field 'oder'; did you mean 'order'?"),
+    (
+        "goal: {order: 5}",
+        "goal: {oder: 5}",
+        "Fibonacci_Goal has no field 'oder'; did you mean 'order'?",
+    ),
     ("newer_goal: {order: 3}", "newer_goal: {odrer: 3}", "Fibonacci_Goal has no field 'odrer'"),
-    ("type: test_msgs/action/Fibonacci, goal", "type: test_msgs/action/Fibonaci, goal", "did you mean"),
-    ("type: test_msgs/action/Fibonacci, goal", "type: test_msgs/msg/Fibonacci, goal", "is not a type such as"),
-    ("type: test_msgs/action/Fibonacci, timeout_s", "type: test_msgs/srv/Empty, timeout_s", "is not a type such as"),
+    (
+        "type: test_msgs/action/Fibonacci, goal",
+        "type: test_msgs/action/Fibonaci, goal",
+        "did you mean",
+    ),
+    (
+        "type: test_msgs/action/Fibonacci, goal",
+        "type: test_msgs/msg/Fibonacci, goal",
+        "is not a type such as",
+    ),
+    (
+        "type: test_msgs/action/Fibonacci, timeout_s",
+        "type: test_msgs/srv/Empty, timeout_s",
+        "is not a type such as",
+    ),
     ("cancel_after_s: 0.5", "cancel_after: 0.5", "unknown key; did you mean 'cancel_after_s'?"),
     ("cancel_after_s: 0.5", "cancel_after_s: soon", "a number is expected"),
-    ("values: {sequence:", "values: {sequense:", "Fibonacci_Result has no field 'sequense'; did you mean 'sequence'?"),
+    (
+        "values: {sequence:",
+        "values: {sequense:",
+        "Fibonacci_Result has no field 'sequense'; did you mean 'sequence'?",
+    ),
     ("values: {sequence: [0, 1, 1, 2, 3, 5]}", "values: {}", "it is empty"),
-    ("rising: sequence", "rising: sequenc", "Fibonacci_Feedback has no field 'sequenc'; did you mean 'sequence'?"),
+    (
+        "rising: sequence",
+        "rising: sequenc",
+        "Fibonacci_Feedback has no field 'sequenc'; did you mean 'sequence'?",
+    ),
     ("rising: sequence", "rising: 'sequence[0].x'", "int32 has no field 'x'"),
-    ("accepted: {step: five}", "accepted: {step: fife}", "no step labelled 'fife' in session 'server'"),
-    ("status: succeeded", "status: suceeded", "'suceeded' is not possible here; did you mean 'succeeded'?"),
+    (
+        "accepted: {step: five}",
+        "accepted: {step: fife}",
+        "no step labelled 'fife' in session 'server'",
+    ),
+    (
+        "status: succeeded",
+        "status: suceeded",
+        "'suceeded' is not possible here; did you mean 'succeeded'?",
+    ),
     ("cancelled: {step:", "canceled: {step:", "unknown key; did you mean 'cancelled'?"),
     ("hz_tolerance: 10%", "hz_tolerance: 10", "a share from 0 to 1 is expected"),
     ("weight: 2}\n          result", "weight: 0}\n          result", "greater than 0"),
@@ -46,8 +78,12 @@ def lab() -> str:
     return LAB.read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("old", "new", "words"), MISTYPED, ids=[f"{n} {m[1]:.30}" for n, m in enumerate(MISTYPED)])
-def test_what_is_mistyped_is_reported_with_its_line(tmp_path: Path, lab: str, old: str, new: str, words: str) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "words"), MISTYPED, ids=[f"{n} {m[1]:.30}" for n, m in enumerate(MISTYPED)]
+)
+def test_what_is_mistyped_is_reported_with_its_line(
+    tmp_path: Path, lab: str, old: str, new: str, words: str
+) -> None:
     """A goal, a result, feedback, a type, a step or a status that is none: the line, and what may be meant."""
     assert old in lab
     (tmp_path / "lab.yaml").write_text(lab.replace(old, new, 1), encoding="utf-8")
@@ -60,9 +96,14 @@ def test_what_is_mistyped_is_reported_with_its_line(tmp_path: Path, lab: str, ol
 def test_fields_of_the_feedbacks_topic_are_looked_up(tmp_path: Path, lab: str) -> None:
     """It is known as soon as the action's type is, for any check that looks into messages."""
     head, _, _ = lab.rpartition("        check: action_server\n")
-    for field, words in (("feedback.sequence", ""), ("feedback.sequenc", "did you mean 'sequence'?")):
+    for field, words in (
+        ("feedback.sequence", ""),
+        ("feedback.sequenc", "did you mean 'sequence'?"),
+    ):
         values = f"with: {{topic: /fibonacci/_action/feedback, field: {field}, length: 1}}\n"
-        (tmp_path / "lab.yaml").write_text(f"{head}        check: message_values\n        {values}", encoding="utf-8")
+        (tmp_path / "lab.yaml").write_text(
+            f"{head}        check: message_values\n        {values}", encoding="utf-8"
+        )
         found: list[str] = []
         try:
             load_rubric(tmp_path / "lab.yaml", rubric_kinds())

@@ -16,10 +16,18 @@ LABS = Path(__file__).parents[1] / "labs"
 @pytest.mark.parametrize(
     ("right", "wrong", "words"),
     [
-        ("{plan.header.frame_id: map}", "{plan.header.frame: map}", "has no field 'frame'; did you mean 'frame_id'?"),
+        (
+            "{plan.header.frame_id: map}",
+            "{plan.header.frame: map}",
+            "has no field 'frame'; did you mean 'frame_id'?",
+        ),
         ("{plan.header.frame_id: map}", "{plan.poses.header: map}", "has no field 'header'"),
         ("step: configure, state", "step: configur, state", "no step labelled 'configur'"),
-        ("step: configure, state", "step: faster, state", "of kind set_parameters; change_state is needed"),
+        (
+            "step: configure, state",
+            "step: faster, state",
+            "of kind set_parameters; change_state is needed",
+        ),
         ("state: finalized", "state: finalised", "'finalized'"),
         ("transition: cleanup", "transition: clean_up", "'cleanup'"),
         (

@@ -99,7 +99,9 @@ criteria:
 
 def load(folder: Path, text: str) -> Rubric:
     """Load a rubric from its text, with its oracles beside it."""
-    (folder / "oracles.py").write_text("def speed(streams, parameters, seed):\n    return []\n", encoding="utf-8")
+    (folder / "oracles.py").write_text(
+        "def speed(streams, parameters, seed):\n    return []\n", encoding="utf-8"
+    )
     (folder / "lab.yaml").write_text(text, encoding="utf-8")
     return load_rubric(folder / "lab.yaml", rubric_kinds())
 
@@ -121,7 +123,11 @@ def test_a_rubric_of_fields_loads(tmp_path: Path) -> None:
         ("excused_by: [limits]", "excused_by: [arrives]", "is not an earlier check"),
         ("field: pose.pose.position\n", "field: child_frame_id\n", "it must hold numbers"),
         ("field: pose.position}}", "field: pose.positon}}", "did you mean 'position'?"),
-        ("{field: {topic: /goal, field: pose.position}}", "{value: [1.0, 2.0]}", "holds 3 numbers, not 2"),
+        (
+            "{field: {topic: /goal, field: pose.position}}",
+            "{value: [1.0, 2.0]}",
+            "holds 3 numbers, not 2",
+        ),
         ("target: {field:", "target: {value: 1.0, field:", "exactly one of value, field, oracle"),
         ("          after: go", "          after: gone", "there is no step labelled 'gone'"),
         ("within_s: 5\n", "within_s: 5\n          none_from_s: 4\n", "must be more than within_s"),
@@ -138,7 +144,11 @@ def test_a_rubric_of_fields_loads(tmp_path: Path) -> None:
         ("abs(v) < 0.1)))", "abs(v) < 0.1))", "not a property at character"),
         (", pattern: ',([0-9.]+)', field: data}", ", field: data}", "it must hold numbers"),
         ("',([0-9.]+)'", "',[0-9.]+'", "a group of the pattern has to hold"),
-        ("condition: {topic", "step: go, condition: {topic", "exactly one of step, message_on, condition"),
+        (
+            "condition: {topic",
+            "step: go, condition: {topic",
+            "exactly one of step, message_on, condition",
+        ),
         ("step: go, within_s: 1", "step: window_, within_s: 1", "did you mean 'window'?"),
         ("field: pose.pose.position.x}", "field: pose.pose.position.w}", "has no field 'w'"),
     ],

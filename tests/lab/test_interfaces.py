@@ -39,7 +39,11 @@ READING = "std_msgs/Header header\nfloat64 value 1.5\n"
 
 def load(folder: Path, text: str = RUBRIC, **files: str) -> Rubric:
     """Load a rubric beside the lab's interfaces, of which some may be other ones."""
-    texts = {"msg/Reading.msg": READING, "srv/Add.srv": "int64 a\nint64 b\n---\nint64 sum\n", **files}
+    texts = {
+        "msg/Reading.msg": READING,
+        "srv/Add.srv": "int64 a\nint64 b\n---\nint64 sum\n",
+        **files,
+    }
     for name, definition in texts.items():
         path = folder / "interfaces/lab_msgs" / name
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -65,7 +69,9 @@ def test_types_and_fields_of_the_labs_own_are_known(tmp_path: Path) -> None:
         (("interfaces: interfaces", "interfaces: ../.."), "no folder"),
     ],
 )
-def test_mistakes_are_found_before_anything_runs(wrong: tuple[str, str], words: str, tmp_path: Path) -> None:
+def test_mistakes_are_found_before_anything_runs(
+    wrong: tuple[str, str], words: str, tmp_path: Path
+) -> None:
     """With what may be meant."""
     with pytest.raises(RubricError) as raised:
         load(tmp_path, RUBRIC.replace(*wrong))

@@ -41,8 +41,14 @@ def tracking_plateaus(streams, parameters, seed):
 def lab(tmp_path: Path) -> Path:
     """Write another lab, whose files are called as those of the grader's own and whose oracle differs."""
     folder = tmp_path / "lab"
-    shutil.copytree(lab_folder() / "reference", folder / "reference", ignore=shutil.ignore_patterns("solution"))
-    text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8").replace('id: "09-01"', 'id: "other"')
+    shutil.copytree(
+        lab_folder() / "reference", folder / "reference", ignore=shutil.ignore_patterns("solution")
+    )
+    text = (
+        (lab_folder() / "rubric.yaml")
+        .read_text(encoding="utf-8")
+        .replace('id: "09-01"', 'id: "other"')
+    )
     assert 'id: "other"' in text
     (folder / "rubric.yaml").write_text(text, encoding="utf-8")
     with (folder / "reference/oracles.py").open("a", encoding="utf-8") as oracles:
@@ -61,7 +67,9 @@ def record(lab: Path, results: Path) -> Path:
         (recordings / KEPT / name).write_text(text, encoding="utf-8")
     path = recordings / "submission.json"
     plain = json.loads(path.read_text(encoding="utf-8"))
-    path.write_text(json.dumps({**plain, "lab_folder": str(lab), "lab_files": sha256s(files)}), encoding="utf-8")
+    path.write_text(
+        json.dumps({**plain, "lab_folder": str(lab), "lab_files": sha256s(files)}), encoding="utf-8"
+    )
     return results
 
 
@@ -104,7 +112,11 @@ def test_a_recording_is_judged_by_its_own_labs_oracles(
     assert [run(capsys, "regrade", folder)[::2] for folder in (results, own)] == [(0, ""), (0, "")]
     other = checks(results)
     assert any(other[name] != measured for name, measured in checks(own).items())
-    assert sorted(path.name for path in results.iterdir()) == [RECORDINGS, "report.html", RESULT_FILE]
+    assert sorted(path.name for path in results.iterdir()) == [
+        RECORDINGS,
+        "report.html",
+        RESULT_FILE,
+    ]
     status, output, _ = run(capsys, "regrade", results.parent)
     assert (status, "No points change; 2 submissions judged." in output) == (0, True)
 
@@ -122,7 +134,10 @@ def test_code_that_came_with_recordings_is_not_executed(
     commands.append(["export", results, "--so-far", "--to", "junit"])
     for command in commands:
         status, _, errors = run(capsys, *command)
-        assert (status, "reference/oracles.py came with the recordings and is not known on this" in errors) == (6, True)
+        assert (
+            status,
+            "reference/oracles.py came with the recordings and is not known on this" in errors,
+        ) == (6, True)
     assert not mark.exists()
     assert run(capsys, "regrade", results, "--trust-lab")[0] == 0
     assert mark.exists()
@@ -194,7 +209,9 @@ def test_a_rubric_that_is_named_brings_its_own_oracles(
     before = checks(results)
     new = Path(shutil.copytree(lab, tmp_path / "new"))
     oracles = new / "reference/oracles.py"
-    oracles.write_text(oracles.read_text(encoding="utf-8").replace("FACTOR = 2", "FACTOR = 1"), encoding="utf-8")
+    oracles.write_text(
+        oracles.read_text(encoding="utf-8").replace("FACTOR = 2", "FACTOR = 1"), encoding="utf-8"
+    )
     said = "judged by another reference/oracles.py than it was recorded with"
     output = run(capsys, "regrade", results.parent, "--rubric", new / "rubric.yaml")[1]
     assert f"Note: ann: {said}" in output
@@ -218,10 +235,15 @@ def test_a_result_names_the_lab_with_all_files_that_it_names(
     """The same rubric with another oracle is another lab: results by the two in one class are not compared."""
     other = Path(shutil.copytree(lab, tmp_path / "new"))
     oracles = other / "reference/oracles.py"
-    oracles.write_text(oracles.read_text(encoding="utf-8").replace("FACTOR = 2", "FACTOR = 1"), encoding="utf-8")
+    oracles.write_text(
+        oracles.read_text(encoding="utf-8").replace("FACTOR = 2", "FACTOR = 1"), encoding="utf-8"
+    )
     record(other, results.with_name("bob"))
     stated = []
-    for folder, rubric in ((results, read_rubric(lab / "rubric.yaml")), (results.with_name("bob"), None)):
+    for folder, rubric in (
+        (results, read_rubric(lab / "rubric.yaml")),
+        (results.with_name("bob"), None),
+    ):
         run(capsys, "regrade", folder)
         stated.append(result(folder)["provenance"])
         assert rubric is None or stated[0]["lab_sha256"] == identity_of(rubric)
@@ -259,7 +281,9 @@ def test_an_edited_copy_of_a_rubric_finds_the_oracles_of_the_recording(
     assert checks(results) == before
 
 
-def test_a_rubric_of_another_lab_is_refused(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_rubric_of_another_lab_is_refused(
+    results: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     """For one and for a class: points of another lab say nothing."""
     for folder in (results, results.parent):
         status, _, errors = run(capsys, "regrade", folder, "--rubric", lab_folder() / "rubric.yaml")
@@ -274,11 +298,17 @@ def test_recordings_of_before_are_judged_as_before(
     """Without files kept beside them, the grader's own lab judges its own recordings, and no others."""
     recordings = results / RECORDINGS
     shutil.rmtree(recordings / KEPT)
-    text = (recordings / RUBRIC_COPY).read_text(encoding="utf-8").replace('id: "other"', f'id: "{lab_id}"')
+    text = (
+        (recordings / RUBRIC_COPY)
+        .read_text(encoding="utf-8")
+        .replace('id: "other"', f'id: "{lab_id}"')
+    )
     (recordings / RUBRIC_COPY).write_text(text, encoding="utf-8")
     path = recordings / "submission.json"
     plain = json.loads(path.read_text(encoding="utf-8"))
-    path.write_text(json.dumps({k: v for k, v in plain.items() if not k.startswith("lab_")}), encoding="utf-8")
+    path.write_text(
+        json.dumps({k: v for k, v in plain.items() if not k.startswith("lab_")}), encoding="utf-8"
+    )
     status, _, errors = run(capsys, "regrade", results)
     if lab_id == "09-01":
         assert (status, errors) == (0, "")

@@ -54,7 +54,11 @@ def test_reports_as_the_lab_words_them_come_before_others(tmp_path: Path, rubric
     """Other errors that a node prints are no reports where it prints those that were asked for."""
     patterns = wanted(rubric, "subscriber.rms")["pattern"]
     assert isinstance(patterns, tuple)
-    lines = ["error of joint 1: 0.5 rad", "RMS tracking error: 0.1234 rad", "no RMS of the 7 joints yet"]
+    lines = [
+        "error of joint 1: 0.5 rad",
+        "RMS tracking error: 0.1234 rad",
+        "no RMS of the 7 joints yet",
+    ]
     recorded = Session(tmp_path).process("it", lines).recorded()
     assert [r.value for r in reports(recorded, "it", patterns)] == [0.1234]
 
@@ -67,7 +71,9 @@ def vectors(*labels: str) -> str:
 
 def listed(form: str) -> str:
     """Give a line for each of three joints."""
-    return "\n".join(form.format(j=j, a=0.1 + j / 100, b=0.2 + j / 100, c=0.3 + j / 100) for j in range(3))
+    return "\n".join(
+        form.format(j=j, a=0.1 + j / 100, b=0.2 + j / 100, c=0.3 + j / 100) for j in range(3)
+    )
 
 
 @pytest.mark.parametrize(
@@ -97,7 +103,11 @@ def listed(form: str) -> str:
 def test_statistics_are_read_however_they_are_labelled(rubric: Rubric, text: str) -> None:
     """Each label finds its own numbers, in another language, spelt out, below its label, or one joint after another."""
     output = [OutputLine(at(1.0), "stdout", line) for line in text.split("\n")]
-    for check, first in (("subscriber.mean", 0.1), ("subscriber.max", 0.2), ("subscriber.statistics_rms", 0.3)):
+    for check, first in (
+        ("subscriber.mean", 0.1),
+        ("subscriber.max", 0.2),
+        ("subscriber.statistics_rms", 0.3),
+    ):
         p = wanted(rubric, check)
         labels, unless = (p["label"], *p["synonyms"]), p["unless"]  # type: ignore[misc]
         assert unless is None or isinstance(unless, str)

@@ -64,7 +64,9 @@ def test_each_kind_of_entry(tmp_path: Path, rubric: Rubric) -> None:
     assert [e.bonus for e in found if e.bonus is not None] == [Decimal(3)]
     assert [e.extension for e in found if e.extension is not None] == [timedelta(hours=36)]
     assert [e.due.isoformat() for e in found if e.due is not None] == ["2026-11-22T23:59:00+01:00"]
-    assert [e.submitted.isoformat() for e in found if e.submitted is not None] == ["2026-11-22T23:59:00+00:00"]
+    assert [e.submitted.isoformat() for e in found if e.submitted is not None] == [
+        "2026-11-22T23:59:00+00:00"
+    ]
     assert {(e.reason, e.who, e.when) for e in found} == {("it was so", "J. Smith", "2026-11-21")}
 
 
@@ -105,7 +107,9 @@ def test_a_number_is_a_name_as_it_is_written(tmp_path: Path, rubric: Rubric) -> 
 
 def test_a_name_may_be_composed_in_either_way(tmp_path: Path, rubric: Rubric) -> None:
     """A name that was copied from a file manager of macOS is that of the submission."""
-    found = load(tmp_path, f"overrides:\n  - {{submission: Mu\u0308ller, bonus: 1, {WHY}}}\n", rubric)
+    found = load(
+        tmp_path, f"overrides:\n  - {{submission: Mu\u0308ller, bonus: 1, {WHY}}}\n", rubric
+    )
     assert found.of("M\u00fcller")
     assert found.remarks(["M\u00fcller"], times_matter=True) == []
 
@@ -159,15 +163,27 @@ extra: 1
 MISTAKES = {
     "an unknown check": ("check: publisher.rat, set: 6", "did you mean 'publisher.rate'?"),
     "an unknown criterion": ("criterion: sevrice, set: 6", "did you mean 'service'?"),
-    "more than a check has": ("check: publisher.rate, set: 5.5", "from 0 to 5 points; bonus gives more"),
-    "part of another check": ("check: subscriber.reports, set: 1", "it is part of 'subscriber.rms' now"),
+    "more than a check has": (
+        "check: publisher.rate, set: 5.5",
+        "from 0 to 5 points; bonus gives more",
+    ),
+    "part of another check": (
+        "check: subscriber.reports, set: 1",
+        "it is part of 'subscriber.rms' now",
+    ),
     "less than nothing": ("criterion: service, set: -1", "from 0 to 20 points"),
     "two changes": ("check: publisher.rate, set: 1, add: 1", "exactly one of set, add, excused"),
     "no change": ("check: publisher.rate", "exactly one of set, add, excused"),
-    "a part of both kinds": ("check: publisher.rate, criterion: service, set: 1", "either a check or a criterion"),
+    "a part of both kinds": (
+        "check: publisher.rate, criterion: service, set: 1",
+        "either a check or a criterion",
+    ),
     "points of nothing": ("add: 1", "either a check or a criterion"),
     "a bonus of a check": ("check: publisher.rate, bonus: 1", "bonus is of the whole submission"),
-    "an extension of a check": ("check: publisher.rate, extension: 1 day", "extension is of the whole submission"),
+    "an extension of a check": (
+        "check: publisher.rate, extension: 1 day",
+        "extension is of the whole submission",
+    ),
     "no bonus at all": ("bonus: 0", "it should be greater than 0"),
     "points in words": ("bonus: many", "a number of points is expected"),
     "points that are true": ("bonus: true", "a number of points is expected"),
@@ -192,20 +208,30 @@ def test_a_mistake_in_an_entry(tmp_path: Path, rubric: Rubric, name: str) -> Non
 
 
 @pytest.mark.parametrize("missing", ["reason", "who", "when"])
-def test_nothing_is_decided_without_reason_name_and_date(tmp_path: Path, rubric: Rubric, missing: str) -> None:
+def test_nothing_is_decided_without_reason_name_and_date(
+    tmp_path: Path, rubric: Rubric, missing: str
+) -> None:
     """An entry that does not say why, by whom or when is a mistake, and so is one that says so with nothing."""
     parts = {"reason": "r", "who": "w", "when": "2026-11-21"}
     absent = ", ".join(f"{key}: {value}" for key, value in parts.items() if key != missing)
-    assert [missing in line for line in mistakes(tmp_path, entry(f"bonus: 1, {absent}"), rubric)] == [True]
-    blank = ", ".join(f"{key}: {value if key != missing else repr(' ')}" for key, value in parts.items())
-    assert [missing in line for line in mistakes(tmp_path, entry(f"bonus: 1, {blank}"), rubric)] == [True]
+    assert [
+        missing in line for line in mistakes(tmp_path, entry(f"bonus: 1, {absent}"), rubric)
+    ] == [True]
+    blank = ", ".join(
+        f"{key}: {value if key != missing else repr(' ')}" for key, value in parts.items()
+    )
+    assert [
+        missing in line for line in mistakes(tmp_path, entry(f"bonus: 1, {blank}"), rubric)
+    ] == [True]
 
 
 @pytest.mark.parametrize("name", ["[]", "[[a]]", "true", "{a: b}", "1.5"])
 def test_an_entry_needs_a_submission(tmp_path: Path, rubric: Rubric, name: str) -> None:
     """Whom it is about is a name or a list of names."""
     text = f"overrides:\n  - {{submission: {name}, bonus: 1, {WHY}}}\n"
-    assert ["the name of a submission" in line for line in mistakes(tmp_path, text, rubric)] == [True]
+    assert ["the name of a submission" in line for line in mistakes(tmp_path, text, rubric)] == [
+        True
+    ]
 
 
 def test_the_same_entry_twice_is_a_mistake(tmp_path: Path, rubric: Rubric) -> None:
@@ -216,7 +242,9 @@ def test_the_same_entry_twice_is_a_mistake(tmp_path: Path, rubric: Rubric) -> No
     ]
 
 
-@pytest.mark.parametrize("text", ["overrides: {a: 1}", "- a", "overrides: [1", "overrides: [hello]", "'"])
+@pytest.mark.parametrize(
+    "text", ["overrides: {a: 1}", "- a", "overrides: [1", "overrides: [hello]", "'"]
+)
 def test_what_is_no_list_of_entries(tmp_path: Path, rubric: Rubric, text: str) -> None:
     """A file of another shape is refused with a line."""
     assert all(line.startswith("overrides.yaml:") for line in mistakes(tmp_path, text, rubric))

@@ -55,7 +55,10 @@ def test_an_entry_is_added_at_the_end_and_taken_out(text: str) -> None:
 def test_the_comments_of_others_survive() -> None:
     """Also those right before and after an entry that is taken out."""
     text = WRITTEN["a list with indent"]
-    assert without_entry(text, 1) == "overrides:\n    - {submission: a, set: 1}\n    # before b\n    # after\n"
+    assert (
+        without_entry(text, 1)
+        == "overrides:\n    - {submission: a, set: 1}\n    # before b\n    # after\n"
+    )
     assert without_entry(text, 0).startswith("overrides:\n    # before b\n    - submission: b\n")
 
 
@@ -65,7 +68,9 @@ def test_a_list_in_one_line_is_left_as_it_is() -> None:
         with_entry("overrides: [{submission: a}]\n", ENTRY)
 
 
-@given(st.text(st.characters(blacklist_categories=["Cs", "Cc", "Zl", "Zp"]), min_size=1, max_size=80))
+@given(
+    st.text(st.characters(blacklist_categories=["Cs", "Cc", "Zl", "Zp"]), min_size=1, max_size=80)
+)
 def test_any_text_is_read_back(text: str) -> None:
     """Whatever a person writes."""
     line = " ".join(text.split())

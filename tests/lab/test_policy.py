@@ -47,7 +47,9 @@ def test_times_with_their_units(text: str, span: timedelta) -> None:
     assert policy(per_day="10 %", grace=text).grace == span
 
 
-@pytest.mark.parametrize("value", ["10", 10, "10 s", "two days", "", None, "-1 h", "1 h,", True, ["1 h"]])
+@pytest.mark.parametrize(
+    "value", ["10", 10, "10 s", "two days", "", None, "-1 h", "1 h,", True, ["1 h"]]
+)
 def test_times_without_a_unit_are_mistakes(value: object) -> None:
     """What could be minutes as well as days is refused."""
     with pytest.raises(ValidationError, match="a time with its unit is expected"):
@@ -61,7 +63,9 @@ def test_amounts_without_a_unit_are_mistakes(value: object) -> None:
         policy(per_day=value)
 
 
-@pytest.mark.parametrize("value", ["2026-11-20", "2026-11-20T23:59:00", "tomorrow", 5, datetime(2026, 11, 20)])
+@pytest.mark.parametrize(
+    "value", ["2026-11-20", "2026-11-20T23:59:00", "tomorrow", 5, datetime(2026, 11, 20)]
+)
 def test_a_due_date_needs_its_time_and_offset(value: object) -> None:
     """A date alone, or one that means another moment in each country, is refused."""
     with pytest.raises(ValidationError, match=r"expected|offset"):
@@ -71,7 +75,9 @@ def test_a_due_date_needs_its_time_and_offset(value: object) -> None:
 def test_a_time_may_end_in_z() -> None:
     """Z stands for UTC, on every version of Python, and so does UTC itself."""
     assert parse_time("2026-11-20T22:59:00Z") == datetime(2026, 11, 20, 22, 59, tzinfo=timezone.utc)
-    assert parse_time("2026-11-20 22:59:00 UTC") == datetime(2026, 11, 20, 22, 59, tzinfo=timezone.utc)
+    assert parse_time("2026-11-20 22:59:00 UTC") == datetime(
+        2026, 11, 20, 22, 59, tzinfo=timezone.utc
+    )
     assert parse_time("nonsense") is None
 
 
@@ -112,7 +118,9 @@ def test_a_policy_that_costs_nothing_is_a_mistake() -> None:
         ({"per_day": "10 %"}, 1, "0.5", "0.0"),
     ],
 )
-def test_the_price_of_lateness(parts: dict[str, str], late_h: float, points: str, taken: str) -> None:
+def test_the_price_of_lateness(
+    parts: dict[str, str], late_h: float, points: str, taken: str
+) -> None:
     """Grace, started days, limits and an end count as the lab says; halves of a tenth go to the student."""
     assert policy(**parts).deduction(Decimal(points), hours(late_h)) == Decimal(taken)
 
@@ -131,7 +139,9 @@ policies = st.builds(
 
 
 @given(policies, POINTS, LATENESS)
-def test_a_deduction_never_takes_more_than_there_is(late: LatePolicy, points: Decimal, lateness: timedelta) -> None:
+def test_a_deduction_never_takes_more_than_there_is(
+    late: LatePolicy, points: Decimal, lateness: timedelta
+) -> None:
     """It lies between nothing and all, in tenths, and is nothing in time."""
     taken = late.deduction(points, lateness)
     assert 0 <= taken <= points
@@ -140,13 +150,17 @@ def test_a_deduction_never_takes_more_than_there_is(late: LatePolicy, points: De
 
 
 @given(policies, POINTS, LATENESS, LATENESS)
-def test_later_is_never_cheaper(late: LatePolicy, points: Decimal, one: timedelta, other: timedelta) -> None:
+def test_later_is_never_cheaper(
+    late: LatePolicy, points: Decimal, one: timedelta, other: timedelta
+) -> None:
     """The deduction rises with the lateness."""
     assert late.deduction(points, min(one, other)) <= late.deduction(points, max(one, other))
 
 
 @given(policies, POINTS, POINTS, LATENESS)
-def test_who_earned_more_keeps_more(late: LatePolicy, one: Decimal, other: Decimal, lateness: timedelta) -> None:
+def test_who_earned_more_keeps_more(
+    late: LatePolicy, one: Decimal, other: Decimal, lateness: timedelta
+) -> None:
     """Of two that are equally late, the better one stays the better one, to a tenth of rounding."""
     low, high = sorted((one, other))
     kept = [points - late.deduction(points, lateness) for points in (low, high)]

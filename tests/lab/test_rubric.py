@@ -92,11 +92,21 @@ WRONG: list[tuple[str, str, str, str]] = [
     ("  - id: talk\n", "  - id: talk\n    colour: red\n", "colour: red", "unknown key"),
     ("        title: At 10 Hz", "        titel: At 10 Hz", "titel:", "unknown key"),
     ("criteria:", "extra: 1\ncriteria:", "extra: 1", "unknown key"),
-    ("        points: 2", "        points: 1", "    points: 5\n    checks", "add up to 4, not to 5"),
+    (
+        "        points: 2",
+        "        points: 1",
+        "    points: 5\n    checks",
+        "add up to 4, not to 5",
+    ),
     ("title: One, points: 5", "title: One, points: 6", "lab:", "add up to 5, not to 6"),
     ("        points: 2", "        points: two", "points: two", "a number of points is expected"),
     ("        points: 2", "        points: -2", "points: -2", "a number of points is expected"),
-    ("check: topic_rate", "check: topic_speed", "check: topic_speed", "no check 'topic_speed'; did you mean"),
+    (
+        "check: topic_rate",
+        "check: topic_speed",
+        "check: topic_speed",
+        "no check 'topic_speed'; did you mean",
+    ),
     (
         "session: alone\n        check: topic_rate",
         "session: all\n        check: topic_rate",
@@ -105,17 +115,47 @@ WRONG: list[tuple[str, str, str, str]] = [
     ),
     ("id: talk.rate", "id: talk.publishes", "id: talk.publishes\n        title: At", "used twice"),
     ("id: talk.rate\n        ", "", "title: At 10 Hz", "this key is missing"),
-    ("requires: [talk.publishes]", "requires: [talk.other]", "requires: [talk", "there is no check 'talk.other'"),
-    ("requires: [talk.publishes]", "requires: [talk.rate]", "requires: [talk", "'talk.rate' is not an earlier check"),
+    (
+        "requires: [talk.publishes]",
+        "requires: [talk.other]",
+        "requires: [talk",
+        "there is no check 'talk.other'",
+    ),
+    (
+        "requires: [talk.publishes]",
+        "requires: [talk.rate]",
+        "requires: [talk",
+        "'talk.rate' is not an earlier check",
+    ),
     ("rate_hz: 10", "rate_hz: ten", "with: {topic: /chat, process", "a number is expected"),
     ("rate_hz: 10", "rate_hz: 0", "with: {topic: /chat, process", "greater than 0"),
     (", rate_hz: 10", "", "with: {topic: /chat, process", "this key is missing"),
-    ("process: talk, rate_hz", "proces: talk, rate_hz", "with: {topic: /chat, proces", "unknown key"),
+    (
+        "process: talk, rate_hz",
+        "proces: talk, rate_hz",
+        "with: {topic: /chat, proces",
+        "unknown key",
+    ),
     ("full_within: 2%", "full_within: some", "with: {topic: /chat, process", "a share from 0 to 1"),
-    ("- start: {student: talk}", "- begin: {student: talk}", "- begin", "a step has one key of start"),
+    (
+        "- start: {student: talk}",
+        "- begin: {student: talk}",
+        "- begin",
+        "a step has one key of start",
+    ),
     ("- start: {student: talk}", "- wait", "- wait", "a step has one key of start"),
-    ("- start: {student: talk}", "- start: {student: tlak}", "- start", "no artifact 'tlak'; did you mean 'talk'?"),
-    ("- start: {student: talk}", "- start: {}", "- start", "exactly one of student, launch, reference"),
+    (
+        "- start: {student: talk}",
+        "- start: {student: tlak}",
+        "- start",
+        "no artifact 'tlak'; did you mean 'talk'?",
+    ),
+    (
+        "- start: {student: talk}",
+        "- start: {}",
+        "- start",
+        "exactly one of student, launch, reference",
+    ),
     ("- start: {student: talk}", "- wait_for: {node: /a, topic: /b}", "- wait_for", "unknown key"),
     ("- start: {student: talk}", "- wait_for: {timeout_s: 1}", "- wait_for", "exactly one of node"),
     ("duration_s: 2", "duration_s: long", "- observe", "a number is expected"),
@@ -123,7 +163,12 @@ WRONG: list[tuple[str, str, str, str]] = [
     ("    typical_s: 3", "    typical_s: soon", "typical_s: soon", "a number is expected"),
     ("    typical_s: 3", "    typical_s: 3\n    typical_s: 4", "typical_s: 4", "stands here twice"),
     ("        label: window", "        label: [window]", "label: [", "a text is expected"),
-    ("    title: Talker", "    description: Talker", "- id: talk\n", "criteria.0.title: this key is missing"),
+    (
+        "    title: Talker",
+        "    description: Talker",
+        "- id: talk\n",
+        "criteria.0.title: this key is missing",
+    ),
     ("file: arm.py", "file: leg.py", "arm: {", "no file 'leg.py' beside the rubric"),
     (
         "id: talk\n",
@@ -134,8 +179,12 @@ WRONG: list[tuple[str, str, str, str]] = [
 ]
 
 
-@pytest.mark.parametrize(("old", "new", "at", "words"), WRONG, ids=[new.strip()[:40] for _, new, _, _ in WRONG])
-def test_each_mistake_is_reported_with_its_line(tmp_path: Path, old: str, new: str, at: str, words: str) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "at", "words"), WRONG, ids=[new.strip()[:40] for _, new, _, _ in WRONG]
+)
+def test_each_mistake_is_reported_with_its_line(
+    tmp_path: Path, old: str, new: str, at: str, words: str
+) -> None:
     """One mistake gives one message, with file, line and what is wrong."""
     assert GOOD.count(old) >= 1
     text = GOOD.replace(old, new, 1)
@@ -148,7 +197,9 @@ def test_each_mistake_is_reported_with_its_line(tmp_path: Path, old: str, new: s
 def test_all_mistakes_are_reported_at_once(tmp_path: Path) -> None:
     """Mistakes in every part are listed together, in the order of their lines."""
     text = (
-        GOOD.replace("typical_s", "typical").replace("check: topic_rate", "check: x").replace("points: 2", "points: 1")
+        GOOD.replace("typical_s", "typical")
+        .replace("check: topic_rate", "check: x")
+        .replace("points: 2", "points: 1")
     )
     text = text.replace("duration_s: 2", "duration_s: long").replace("file: arm.py", "file: leg.py")
     found = mistakes(tmp_path, text)
@@ -192,7 +243,21 @@ def test_a_merged_key_that_is_set_anew_stands_there_once(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("value", ["{a: 1}", "[[1]]", "5", "text", "null", "[{}]", "true"])
 @pytest.mark.parametrize(
-    "key", ["requires", "with", "id", "check", "session", "points", "title", "hint", "steps", "checks", "find", "label"]
+    "key",
+    [
+        "requires",
+        "with",
+        "id",
+        "check",
+        "session",
+        "points",
+        "title",
+        "hint",
+        "steps",
+        "checks",
+        "find",
+        "label",
+    ],
 )
 def test_values_of_another_kind_never_break_it(tmp_path: Path, key: str, value: str) -> None:
     """Whatever stands behind a key, the rubric either loads or says what is wrong."""
@@ -355,38 +420,114 @@ class Settings:
 
 #: What is mistyped, what it becomes, and what the message says; the mistake lies on the line of the new text.
 MISTYPED: list[tuple[str, str, str]] = [
-    ("start: {student: talk}", "start: {student: tlak}", "no artifact 'tlak'; did you mean 'talk'?"),
-    ("artifact: launch, step", "artifact: lanch, step", "no artifact 'lanch'; did you mean 'launch'?"),
-    ("plan: {launch: launch}", "plan: {launch: launsh}", "no artifact 'launsh'; did you mean 'launch'?"),
-    ("{reference: arm, with", "{reference: arn, with", "no reference node 'arn'; did you mean 'arm'?"),
+    (
+        "start: {student: talk}",
+        "start: {student: tlak}",
+        "no artifact 'tlak'; did you mean 'talk'?",
+    ),
+    (
+        "artifact: launch, step",
+        "artifact: lanch, step",
+        "no artifact 'lanch'; did you mean 'launch'?",
+    ),
+    (
+        "plan: {launch: launch}",
+        "plan: {launch: launsh}",
+        "no artifact 'launsh'; did you mean 'launch'?",
+    ),
+    (
+        "{reference: arm, with",
+        "{reference: arn, with",
+        "no reference node 'arn'; did you mean 'arm'?",
+    ),
     ("with: {rate_hz: 50}", "with: {rate_hzz: 50}", "unknown key; did you mean 'rate_hz'?"),
     ("with: {rate_hz: 50}", "with: {enabled: 1}", "true or false is expected"),
     ("file: arm.py", "file: amr.py", "no file 'amr.py' beside the rubric; did you mean 'arm.py'?"),
-    ("arm.py:Settings", "arm.py:Setings", "no function or class 'Setings' in arm.py; did you mean 'Settings'?"),
-    ("output_of: arm", "output_of: army", "no process 'army' in session 'alone'; did you mean 'arm'?"),
+    (
+        "arm.py:Settings",
+        "arm.py:Setings",
+        "no function or class 'Setings' in arm.py; did you mean 'Settings'?",
+    ),
+    (
+        "output_of: arm",
+        "output_of: army",
+        "no process 'army' in session 'alone'; did you mean 'arm'?",
+    ),
     ("interrupt: {process: talk}", "interrupt: {process: tolk}", "no process 'tolk'"),
     ("process: talk\n          window", "process: talker\n          window", "no process 'talker'"),
     ("first_message_on: /chat", "first_message_on: /cat", "'/cat' is not known"),
     ("topic: /chat\n          field", "topic: /chatt\n          field", "did you mean '/chat'?"),
     ("streams: {command: /chat}", "streams: {command: /shat}", "'/shat' is not known"),
-    ("title: Rate, session: alone, with: {topic: /chat,", "title: Rate, session: alone, with: {topic: /hat,", "'/hat'"),
-    ("/orders, type: std_msgs/msg/String", "/orders, type: std_msgs/msg/Strin", "did you mean 'std_msgs/msg/String'?"),
-    ("/orders, type: std_msgs/msg/String", "/orders, type: std_msg/msg/String", "did you mean 'std_msgs'?"),
-    ("/orders, type: std_msgs/msg/String", "/orders, type: std_msgs/String", "not a type such as std_msgs/msg/String"),
-    ("type: std_srvs/srv/SetBool", "type: std_srvs/srv/Setbool", "did you mean 'std_srvs/srv/SetBool'?"),
-    ("message: {data: go}", "message: {dat: go}", "String has no field 'dat'; did you mean 'data'?"),
-    ("request: {data: true}", "request: {date: true}", "SetBool_Request has no field 'date'; did you mean 'data'?"),
-    ("response: {success: true}", "response: {sucess: true}", "no field 'sucess'; did you mean 'success'?"),
-    ("field: data\n          length", "field: dta\n          length", "no field 'dta'; did you mean 'data'?"),
+    (
+        "title: Rate, session: alone, with: {topic: /chat,",
+        "title: Rate, session: alone, with: {topic: /hat,",
+        "'/hat'",
+    ),
+    (
+        "/orders, type: std_msgs/msg/String",
+        "/orders, type: std_msgs/msg/Strin",
+        "did you mean 'std_msgs/msg/String'?",
+    ),
+    (
+        "/orders, type: std_msgs/msg/String",
+        "/orders, type: std_msg/msg/String",
+        "did you mean 'std_msgs'?",
+    ),
+    (
+        "/orders, type: std_msgs/msg/String",
+        "/orders, type: std_msgs/String",
+        "not a type such as std_msgs/msg/String",
+    ),
+    (
+        "type: std_srvs/srv/SetBool",
+        "type: std_srvs/srv/Setbool",
+        "did you mean 'std_srvs/srv/SetBool'?",
+    ),
+    (
+        "message: {data: go}",
+        "message: {dat: go}",
+        "String has no field 'dat'; did you mean 'data'?",
+    ),
+    (
+        "request: {data: true}",
+        "request: {date: true}",
+        "SetBool_Request has no field 'date'; did you mean 'data'?",
+    ),
+    (
+        "response: {success: true}",
+        "response: {sucess: true}",
+        "no field 'sucess'; did you mean 'success'?",
+    ),
+    (
+        "field: data\n          length",
+        "field: dta\n          length",
+        "no field 'dta'; did you mean 'data'?",
+    ),
     (
         "field: data\n          length",
         "field: layout.dim[0].label\n          length",
         "is a string; it must hold numbers",
     ),
-    ("field: data\n          oracle", "field: layout.dim\n          oracle", "it must hold numbers"),
-    ("window: window", "window: widow", "no step labelled 'widow' in session 'alone'; did you mean 'window'?"),
-    ("window: window", "window: heard", "'heard' labels a step of kind wait_for; observe is needed"),
-    ("step: enable", "step: enabel", "no step labelled 'enabel' in session 'alone'; did you mean 'enable'?"),
+    (
+        "field: data\n          oracle",
+        "field: layout.dim\n          oracle",
+        "it must hold numbers",
+    ),
+    (
+        "window: window",
+        "window: widow",
+        "no step labelled 'widow' in session 'alone'; did you mean 'window'?",
+    ),
+    (
+        "window: window",
+        "window: heard",
+        "'heard' labels a step of kind wait_for; observe is needed",
+    ),
+    (
+        "step: enable",
+        "step: enabel",
+        "no step labelled 'enabel' in session 'alone'; did you mean 'enable'?",
+    ),
     (
         "step: asked\n          p",
         "step: enable\n          p",
@@ -394,7 +535,11 @@ MISTYPED: list[tuple[str, str, str]] = [
     ),
     ("step: ended", "step: endet", "did you mean 'ended'?"),
     ("label: order\n      - c", "label: heard\n      - c", "'heard' labels an earlier step"),
-    ("oracles.py:numbers", "oracles.py:number", "no function or class 'number' in oracles.py; did you mean 'numbers'?"),
+    (
+        "oracles.py:numbers",
+        "oracles.py:number",
+        "no function or class 'number' in oracles.py; did you mean 'numbers'?",
+    ),
     (
         "oracles.py:numbers",
         "oracle.py:numbers",
@@ -402,29 +547,73 @@ MISTYPED: list[tuple[str, str, str]] = [
     ),
     ("oracles.py:numbers", "oracles.py:LIMIT", "no function or class 'LIMIT' in oracles.py"),
     ("kind: rate, title", "kind: rte, title", "no kind 'rte'; did you mean 'rate'?"),
-    ("topic: /chat, rate_hz: 10}", "topic: /chat, rate: 10}", "unknown key; did you mean 'rate_hz'?"),
-    ("full_within: 2%", "full_within: 2 percent", "a share from 0 to 1 is expected, such as 2% or 0.02"),
+    (
+        "topic: /chat, rate_hz: 10}",
+        "topic: /chat, rate: 10}",
+        "unknown key; did you mean 'rate_hz'?",
+    ),
+    (
+        "full_within: 2%",
+        "full_within: 2 percent",
+        "a share from 0 to 1 is expected, such as 2% or 0.02",
+    ),
     ("full_within: 2%", "full_within: 2", "a share from 0 to 1 is expected"),
     ("rate_hz: 10\n", "rate_hz: '10'\n", "a number is expected"),
     ("rate_hz: 10\n", "rate_hz: true\n", "a number is expected"),
     ("length: 7", "length: 7.5", "a whole number is expected"),
-    ("reliability: reliable", "reliability: relable", "'relable' is not possible here; did you mean 'reliable'?"),
+    (
+        "reliability: reliable",
+        "reliability: relable",
+        "'relable' is not possible here; did you mean 'reliable'?",
+    ),
     ("type: double", "type: duble", "'duble' is not possible here; did you mean 'double'?"),
     ("session: together", "session: togther", "no session 'togther'; did you mean 'together'?"),
-    ("title: Rate, session: alone", "title: Rate, session: aline", "no session 'aline'; did you mean 'alone'?"),
-    ("requires: [publishes]", "requires: [publish]", "no check 'publish'; did you mean 'publishes'?"),
+    (
+        "title: Rate, session: alone",
+        "title: Rate, session: aline",
+        "no session 'aline'; did you mean 'alone'?",
+    ),
+    (
+        "requires: [publishes]",
+        "requires: [publish]",
+        "no check 'publish'; did you mean 'publishes'?",
+    ),
     ("charged_by: [rate]", "charged_by: [rat]", "no check 'rat'; did you mean 'rate'?"),
     ("charged_by: [rate]", "charged_by: [ends]", "'ends' is not an earlier check"),
-    ("check: ends_by_itself", "check: end_by_itself", "no check 'end_by_itself'; did you mean 'ends_by_itself'?"),
-    ("          tolerance: 0.1", "          tolerence: 0.1", "unknown key; did you mean 'tolerance'?"),
+    (
+        "check: ends_by_itself",
+        "check: end_by_itself",
+        "no check 'end_by_itself'; did you mean 'ends_by_itself'?",
+    ),
+    (
+        "          tolerance: 0.1",
+        "          tolerence: 0.1",
+        "unknown key; did you mean 'tolerance'?",
+    ),
     ("- observe: {", "- obseve: {", "did you mean 'observe'?"),
     ("pattern: '([0-9.]+)'", "pattern: '([0-9.]+'", "not a valid regular expression"),
-    ("- start: {student: talk}", "- start: {student: talk, with: {a: 1}}", "only a reference takes it"),
-    ("field: data\n          length", "field: data[0][1]\n          length", "a float64 has no elements, so that [1]"),
-    ("field: data\n          length", "field: data[x]\n          length", "'data[x]' is no path of a field such as"),
+    (
+        "- start: {student: talk}",
+        "- start: {student: talk, with: {a: 1}}",
+        "only a reference takes it",
+    ),
+    (
+        "field: data\n          length",
+        "field: data[0][1]\n          length",
+        "a float64 has no elements, so that [1]",
+    ),
+    (
+        "field: data\n          length",
+        "field: data[x]\n          length",
+        "'data[x]' is no path of a field such as",
+    ),
     ("interfaces: interfaces", "interfaces: interface", "no folder 'interface' beside the rubric"),
     ("lab_msgs/msg/Sight", "lab_msgs/msg/Sigth", "did you mean 'lab_msgs/msg/Sight'?"),
-    ("message: {range_m: 1.0}", "message: {range: 1.0}", "Sight has no field 'range'; did you mean 'range_m'?"),
+    (
+        "message: {range_m: 1.0}",
+        "message: {range: 1.0}",
+        "Sight has no field 'range'; did you mean 'range_m'?",
+    ),
     (
         "checks/mine.py:calm",
         "checks/mine.py:clam",
@@ -432,7 +621,11 @@ MISTYPED: list[tuple[str, str, str]] = [
     ),
     ("checks/mine.py:calm", "checks/mien.py:calm", "did you mean 'checks/mine.py'?"),
     ("heard: /chat, span", "heard: /chta, span", "'/chta' is not known"),
-    ("heard: /chat, span: window", "heard: /chat, span: widow", "no step labelled 'widow' in session 'alone'"),
+    (
+        "heard: /chat, span: window",
+        "heard: /chat, span: widow",
+        "no step labelled 'widow' in session 'alone'",
+    ),
     ("most_m: 0.3", "most_mm: 0.3", "unknown key; did you mean 'most_m'?"),
     ("excused_by: [values]", "excused_by: [valeus]", "no check 'valeus'; did you mean 'values'?"),
     (
@@ -461,10 +654,15 @@ def calm(context: Context, p: Parameters) -> Finding:
 def lab_folder_of(folder: Path) -> Path:
     """Lay the files beside `LAB` that it names."""
     (folder / "arm.py").write_text(ARM, encoding="utf-8")
-    for name, text in {"checks/mine.py": MINE, "interfaces/lab_msgs/msg/Sight.msg": "float64 range_m\n"}.items():
+    for name, text in {
+        "checks/mine.py": MINE,
+        "interfaces/lab_msgs/msg/Sight.msg": "float64 range_m\n",
+    }.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text, encoding="utf-8")
-    (folder / "oracles.py").write_text("LIMIT = 1\n\ndef numbers(streams, parameters, seed):\n    return []\n")
+    (folder / "oracles.py").write_text(
+        "LIMIT = 1\n\ndef numbers(streams, parameters, seed):\n    return []\n"
+    )
     return folder
 
 
@@ -474,8 +672,12 @@ def test_the_lab_without_a_mistake_loads(tmp_path: Path) -> None:
     assert len(list(load_rubric(tmp_path / "lab.yaml", rubric_kinds()).checks())) == 11
 
 
-@pytest.mark.parametrize(("old", "new", "words"), MISTYPED, ids=[f"{n} {m[1]:.30}" for n, m in enumerate(MISTYPED)])
-def test_what_is_mistyped_is_reported_before_anything_runs(tmp_path: Path, old: str, new: str, words: str) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "words"), MISTYPED, ids=[f"{n} {m[1]:.30}" for n, m in enumerate(MISTYPED)]
+)
+def test_what_is_mistyped_is_reported_before_anything_runs(
+    tmp_path: Path, old: str, new: str, words: str
+) -> None:
     """A reference to nothing, a wrong type or unit: file and line, what is wrong, and what may be meant."""
     assert LAB.count(old) >= 1
     text = LAB.replace(old, new, 1)
@@ -502,8 +704,12 @@ MISSPELT = [
 ]
 
 
-@pytest.mark.parametrize(("line", "old", "new"), MISSPELT, ids=[f"{new} {line:.30}" for line, _, new in MISSPELT])
-def test_a_name_that_is_misspelt_once_is_reported(tmp_path: Path, line: str, old: str, new: str) -> None:
+@pytest.mark.parametrize(
+    ("line", "old", "new"), MISSPELT, ids=[f"{new} {line:.30}" for line, _, new in MISSPELT]
+)
+def test_a_name_that_is_misspelt_once_is_reported(
+    tmp_path: Path, line: str, old: str, new: str
+) -> None:
     """Students would be charged for it: no program has such a topic, service, node or parameter."""
     shutil.copytree(lab_folder() / "reference", tmp_path / "reference")
     text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
@@ -512,8 +718,13 @@ def test_a_name_that_is_misspelt_once_is_reported(tmp_path: Path, line: str, old
     (tmp_path / "lab.yaml").write_text(text, encoding="utf-8")
     with pytest.raises(RubricError) as caught:
         load_rubric(tmp_path / "lab.yaml", rubric_kinds())
-    place, words = f"lab.yaml:{line_of(text, line.replace(old, new, 1))}: ", "stands here alone; did you mean '"
-    assert any(m.startswith(place) and words in m for m in caught.value.mistakes), caught.value.mistakes
+    place, words = (
+        f"lab.yaml:{line_of(text, line.replace(old, new, 1))}: ",
+        "stands here alone; did you mean '",
+    )
+    assert any(m.startswith(place) and words in m for m in caught.value.mistakes), (
+        caught.value.mistakes
+    )
 
 
 @pytest.mark.parametrize(
@@ -534,11 +745,15 @@ def test_a_name_that_is_misspelt_once_is_reported(tmp_path: Path, line: str, old
         ),
     ],
 )
-def test_names_that_are_meant_to_be_alike_are_let_be(tmp_path: Path, alike: tuple[str, str]) -> None:
+def test_names_that_are_meant_to_be_alike_are_let_be(
+    tmp_path: Path, alike: tuple[str, str]
+) -> None:
     """Numbers, a plural, a part of one letter, and short names; whichever of the two stands alone."""
     for one, other in (alike, alike[::-1]):
         names = f"names: [{one}, {one}, {other}]"
-        (lab_folder_of(tmp_path) / "lab.yaml").write_text(LAB.replace("names: [rate]", names, 1), encoding="utf-8")
+        (lab_folder_of(tmp_path) / "lab.yaml").write_text(
+            LAB.replace("names: [rate]", names, 1), encoding="utf-8"
+        )
         load_rubric(tmp_path / "lab.yaml", rubric_kinds())
 
 
@@ -559,7 +774,10 @@ def test_many_mistypings_are_reported_at_once(tmp_path: Path) -> None:
     ("old", "new"),
     [
         ("std_msgs/msg/String, message: {data: go}", "our_msgs/msg/Order, message: {a: 1}"),
-        ("- wait_for: {output_of: arm, text: done}", "- start: {launch: launch}\n      - wait_for: {output_of: it-1}"),
+        (
+            "- wait_for: {output_of: arm, text: done}",
+            "- start: {launch: launch}\n      - wait_for: {output_of: it-1}",
+        ),
         (
             "rate_hz: 10}",
             "rate_hz: 10}}\n      - {kind: latency, title: A, session: alone, with: {topics: [/rosout]}",
@@ -572,7 +790,9 @@ def test_what_cannot_be_known_is_let_be(tmp_path: Path, old: str, new: str) -> N
     load_rubric(tmp_path / "lab.yaml", rubric_kinds())
 
 
-def test_fields_are_known_where_ros_is_not_installed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_fields_are_known_where_ros_is_not_installed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Where one only regrades, a mistyped field or type of a message of ROS itself is reported all the same."""
     monkeypatch.setattr("sys.prefix", str(tmp_path / "nowhere"))
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
@@ -614,7 +834,11 @@ def test_the_shipped_rubric_is_valid() -> None:
 
 def test_each_check_of_the_shipped_rubric_says_how_to_mend() -> None:
     """Every check has a title and a hint."""
-    assert [check.id for check in read_rubric(None).checks() if not check.hint or check.title == check.id] == []
+    assert [
+        check.id
+        for check in read_rubric(None).checks()
+        if not check.hint or check.title == check.id
+    ] == []
 
 
 def lab_words() -> set[str]:
@@ -629,7 +853,9 @@ def lab_words() -> set[str]:
         elif isinstance(value, list):
             for inner in value:
                 collect(inner)
-        elif isinstance(value, str) and re.fullmatch(r"/[a-z_/]{4,}|[a-z_]+\.py|reference/\w+\.py:\w+", value):
+        elif isinstance(value, str) and re.fullmatch(
+            r"/[a-z_/]{4,}|[a-z_]+\.py|reference/\w+\.py:\w+", value
+        ):
             words.add(value.strip("/").removesuffix(".py"))
 
     for key in ("artifacts", "reference", "sessions", "criteria"):
@@ -642,7 +868,9 @@ def test_the_grader_knows_nothing_of_the_lab(suffix: str) -> None:
     """No topic, node, service, file or executable of the lab stands in the grader's sources."""
     words = lab_words()
     assert {"joint_commands", "robot/enable", "robot_mode_service", "qos_comparison"} <= words
-    expression = re.compile(r"(?<![A-Za-z0-9_])(?:" + "|".join(map(re.escape, sorted(words))) + r")(?![A-Za-z0-9_])")
+    expression = re.compile(
+        r"(?<![A-Za-z0-9_])(?:" + "|".join(map(re.escape, sorted(words))) + r")(?![A-Za-z0-9_])"
+    )
     inside = GRADER / "shipped_lab"
     hits = [
         f"{path.relative_to(GRADER)}:{number}: {line.strip()}"
@@ -668,14 +896,19 @@ def test_a_rubric_may_say_what_lateness_costs(tmp_path: Path) -> None:
     """A policy comes back as typed values; without one, lateness costs nothing."""
     late = load(tmp_path, GOOD + POLICY).policy.late
     assert late is not None
-    assert (late.due.isoformat(), late.grace) == ("2026-11-20T23:59:00+01:00", timedelta(minutes=10))
+    assert (late.due.isoformat(), late.grace) == (
+        "2026-11-20T23:59:00+01:00",
+        timedelta(minutes=10),
+    )
     assert load(tmp_path, GOOD).policy.late is None
 
 
 def test_an_editor_takes_a_policy_as_it_is_written() -> None:
     """The JSON Schema knows times and amounts by their text, not by what they are read into."""
     validator = jsonschema.Draft202012Validator(json_schema(rubric_kinds()))
-    policy = yaml.safe_load(POLICY.replace("2026-11-20T23:59:00+01:00", "'2026-11-20T23:59:00+01:00'"))
+    policy = yaml.safe_load(
+        POLICY.replace("2026-11-20T23:59:00+01:00", "'2026-11-20T23:59:00+01:00'")
+    )
     assert list(validator.iter_errors({**yaml.safe_load(GOOD), **policy})) == []
     policy["policy"]["late"]["grace"] = 10
     assert list(validator.iter_errors({**yaml.safe_load(GOOD), **policy})) != []
@@ -694,11 +927,15 @@ def test_an_editor_takes_a_policy_as_it_is_written() -> None:
         ("  late:", "  later:", "unknown key"),
     ],
 )
-def test_mistakes_in_a_policy_have_their_lines(tmp_path: Path, old: str, new: str, message: str) -> None:
+def test_mistakes_in_a_policy_have_their_lines(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
     """Each is told with the line of the policy."""
     text = GOOD + POLICY.replace(old, new)
     line = line_of(text, "  late")
-    assert any(f"lab.yaml:{line}: " in found and message in found for found in mistakes(tmp_path, text))
+    assert any(
+        f"lab.yaml:{line}: " in found and message in found for found in mistakes(tmp_path, text)
+    )
 
 
 def test_the_example_in_the_labs_rubric_is_a_policy(tmp_path: Path) -> None:

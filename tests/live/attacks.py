@@ -78,8 +78,14 @@ class Attack:
         checks = [c for c in rubric.checks() if c.session is None or c.session in self.sessions]
         if self.twin == SOLUTION:
             return sum((c.points for c in checks), Decimal(0))
-        expected = yaml.safe_load((ROOT / "fixtures" / self.twin / "expected.yaml").read_text(encoding="utf-8"))
-        told = {name: wanted for c in expected["criteria"].values() for name, wanted in (c.get("checks") or {}).items()}
+        expected = yaml.safe_load(
+            (ROOT / "fixtures" / self.twin / "expected.yaml").read_text(encoding="utf-8")
+        )
+        told = {
+            name: wanted
+            for c in expected["criteria"].values()
+            for name, wanted in (c.get("checks") or {}).items()
+        }
         return sum((_most_of(told.get(c.id), c.points) for c in checks), Decimal(0))
 
 
@@ -94,7 +100,18 @@ def _most_of(wanted: dict[str, Any] | None, points: Decimal) -> Decimal:
 def read_attack(folder: Path) -> Attack:
     """Read an attack's `attack.yaml`; a key that does not exist is a mistake."""
     plain = yaml.load((folder / "attack.yaml").read_text(encoding="utf-8"), Loader)
-    known = {"about", "part", "sessions", "with_files_of", "without", "twin", "archive", "named", "expect", "gaps"}
+    known = {
+        "about",
+        "part",
+        "sessions",
+        "with_files_of",
+        "without",
+        "twin",
+        "archive",
+        "named",
+        "expect",
+        "gaps",
+    }
     assert set(plain) <= known, f"{folder.name}: {set(plain) - known}"
     expect = dict(plain.get("expect") or {})
     expect["either"] = tuple(expect.get("either", ()))
@@ -126,7 +143,9 @@ def lay_out(attack: Attack, parent: Path) -> Path:
     folder = parent / attack.name / (attack.named or attack.name)
     own = {path.name for path in (attack.folder / "submission").glob("*")}
     for base in attack.files_of:
-        shutil.copytree(ROOT / base, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            ROOT / base, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("__pycache__")
+        )
     for name in attack.without:
         (folder / name).unlink()
     for name in own & {path.name for path in folder.iterdir() if path.suffix == ".py"}:

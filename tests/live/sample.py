@@ -18,7 +18,12 @@ ALICE = ROOT / "submissions" / "alice"
 def grade(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run the command."""
     return subprocess.run(
-        [str(GRADE), *map(str, arguments)], cwd=cwd, capture_output=True, text=True, timeout=280, check=False
+        [str(GRADE), *map(str, arguments)],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
     )
 
 

@@ -29,7 +29,11 @@ FREE: dict[str, Any] = {
     "check": "code_explained",
     "with": {"artifacts": [], "full_from": 0},
 }
-FLOATS, TEXT, SET_BOOL = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String", "std_srvs/srv/SetBool"
+FLOATS, TEXT, SET_BOOL = (
+    "std_msgs/msg/Float64MultiArray",
+    "std_msgs/msg/String",
+    "std_srvs/srv/SetBool",
+)
 
 #: A correct node that publishes a text of its own process at 50 Hz.
 TALKER = """
@@ -73,7 +77,9 @@ class Lab:
         """Load the rubric."""
         return rubrics.read_rubric(self.rubric_file)
 
-    def record(self, on_progress: Callable[[Progress], None] = lambda progress: None) -> dict[str, Recorded]:
+    def record(
+        self, on_progress: Callable[[Progress], None] = lambda progress: None
+    ) -> dict[str, Recorded]:
         """Record all sessions as `grade` does, and open them."""
         rubric = self.rubric()
         submission = read_submission_folder(self.submission, rubric)
@@ -85,7 +91,13 @@ class Lab:
 def published(topic: str) -> dict[str, Any]:
     """Make the check that something is published on a topic, worth 1 point."""
     parameters = {"artifact": "talker", "topic": topic, "type": TEXT}
-    return {"id": "publishes", "points": 1, "session": "only", "check": "topic_published", "with": parameters}
+    return {
+        "id": "publishes",
+        "points": 1,
+        "session": "only",
+        "check": "topic_published",
+        "with": parameters,
+    }
 
 
 def make_lab(
@@ -110,18 +122,27 @@ def make_lab(
         "lab": {"id": "T", "title": "A test", "points": points},
         "artifacts": {name: {"file": f"{name}.py"} for name in sources},
         "sessions": {
-            name: {"steps": [dict(step) for step in steps], "timeout_s": timeout_s} for name, steps in sessions.items()
+            name: {"steps": [dict(step) for step in steps], "timeout_s": timeout_s}
+            for name, steps in sessions.items()
         },
-        "criteria": [{"id": "all", "title": "All", "points": points, "checks": [dict(c) for c in checks]}],
+        "criteria": [
+            {"id": "all", "title": "All", "points": points, "checks": [dict(c) for c in checks]}
+        ],
     }
     rubric = folder / "rubric.yaml"
     rubric.write_text(yaml.safe_dump(plain, sort_keys=False), encoding="utf-8")
     return Lab(rubric, submission, folder / "results")
 
 
-def record_one(folder: Path, source: str, steps: Sequence[Mapping[str, Any]], *, timeout_s: float = 60.0) -> Recorded:
+def record_one(
+    folder: Path, source: str, steps: Sequence[Mapping[str, Any]], *, timeout_s: float = 60.0
+) -> Recorded:
     """Record one session of one artifact, `node`, that is started first and interrupted at the end."""
-    whole = [{"start": {"student": "node"}}, *steps, {"interrupt": {"process": "node", "timeout_s": 30}}]
+    whole = [
+        {"start": {"student": "node"}},
+        *steps,
+        {"interrupt": {"process": "node", "timeout_s": 30}},
+    ]
     return make_lab(folder, {"node": source}, {"only": whole}, timeout_s=timeout_s).record()["only"]
 
 
@@ -164,7 +185,12 @@ def pids() -> list[int]:
 def command_of(pid: int) -> str:
     """Return a process's command line, empty if it is gone."""
     try:
-        return Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode("utf-8", "replace")
+        return (
+            Path(f"/proc/{pid}/cmdline")
+            .read_bytes()
+            .replace(b"\0", b" ")
+            .decode("utf-8", "replace")
+        )
     except OSError:
         return ""
 
@@ -257,7 +283,9 @@ class Watch:
 
     def left(self) -> list[str]:
         """Return the command lines of processes that still live in one of the cells."""
-        return [command_of(pid) or f"pid {pid}" for pid in pids() if network_of(pid) in self.networks]
+        return [
+            command_of(pid) or f"pid {pid}" for pid in pids() if network_of(pid) in self.networks
+        ]
 
     def until_all_ended(self) -> None:
         """Wait until nothing lives in the sandboxes any more; fails with what still does after a while."""

@@ -130,7 +130,13 @@ def _text_of(file: IO[bytes]) -> str:
 
 def _as(surroundings: Surroundings) -> list[str]:
     if surroundings.user is not None:
-        return ["setpriv", f"--reuid={surroundings.user}", f"--regid={surroundings.group}", "--clear-groups", "--"]
+        return [
+            "setpriv",
+            f"--reuid={surroundings.user}",
+            f"--regid={surroundings.group}",
+            "--clear-groups",
+            "--",
+        ]
     if surroundings.container and os.geteuid() == 0:
         allowed = ",".join(f"+{name}" for name in CONTAINER_CAPABILITIES)
         return ["setpriv", f"--bounding-set=-all,{allowed}", "--inh-caps=-all", "--"]
@@ -234,7 +240,12 @@ def _descendants() -> list[int]:
 
 def _command_of(pid: int) -> str:
     try:
-        words = Path(f"/proc/{pid}/cmdline").read_bytes().replace(b"\0", b" ").decode("utf-8", "replace")
+        words = (
+            Path(f"/proc/{pid}/cmdline")
+            .read_bytes()
+            .replace(b"\0", b" ")
+            .decode("utf-8", "replace")
+        )
         owner = Path(f"/proc/{pid}").stat().st_uid
     except OSError:
         return f"{pid}"
@@ -244,7 +255,9 @@ def _command_of(pid: int) -> str:
 def main() -> None:
     """Run the command line."""
     surroundings = Surroundings(**json.loads(sys.argv[1]))
-    Path(surroundings.told).write_text(json.dumps(asdict(run(surroundings, sys.argv[2:]))), encoding="utf-8")
+    Path(surroundings.told).write_text(
+        json.dumps(asdict(run(surroundings, sys.argv[2:]))), encoding="utf-8"
+    )
 
 
 if __name__ == "__main__":

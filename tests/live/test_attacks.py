@@ -110,7 +110,9 @@ def batches() -> list[Batch]:
         for _, group in groupby(ordered, key=lambda attack: attack.sessions):
             attacks = list(group)
             for start in range(0, len(attacks), MOST_IN_BATCH):
-                found.append(Batch(environment, len(found), tuple(attacks[start : start + MOST_IN_BATCH])))
+                found.append(
+                    Batch(environment, len(found), tuple(attacks[start : start + MOST_IN_BATCH]))
+                )
     return found
 
 
@@ -136,7 +138,9 @@ class Graded:
 
     def result_of(self, name: str) -> dict[str, Any]:
         """Read a submission's result."""
-        found: dict[str, Any] = json.loads((self.results[name] / "result.json").read_text(encoding="utf-8"))
+        found: dict[str, Any] = json.loads(
+            (self.results[name] / "result.json").read_text(encoding="utf-8")
+        )
         return found
 
 
@@ -145,7 +149,10 @@ class Graded:
 
 def result_names(batch: Batch, source: dict[str, Path], results: Path) -> dict[str, str]:
     """Return the name of each submission's folder of results; a name unfit for a folder was made fit."""
-    names = {HONEST: HONEST, **{name: SubmissionSource.of(path).name for name, path in source.items()}}
+    names = {
+        HONEST: HONEST,
+        **{name: SubmissionSource.of(path).name for name, path in source.items()},
+    }
     others = sorted({p.name for p in results.iterdir() if p.is_dir()} - set(names.values()))
     unfit = [attack.name for attack in batch.attacks if attack.named is not None]
     return {**names, **dict(zip(unfit, others, strict=False))}
@@ -158,7 +165,15 @@ def account() -> Iterator[tuple[int, int]]:
         yield os.getuid(), os.getgid()
         return
     name = f"grade-attacks-{os.getpid()}"
-    command = ["useradd", "--no-create-home", "--home-dir", "/nonexistent", "--shell", "/usr/sbin/nologin", name]
+    command = [
+        "useradd",
+        "--no-create-home",
+        "--home-dir",
+        "/nonexistent",
+        "--shell",
+        "/usr/sbin/nologin",
+        name,
+    ]
     subprocess.run(command, check=True, capture_output=True)
     try:
         entry = pwd.getpwnam(name)
@@ -185,12 +200,20 @@ def run_batch(batch: Batch, folder: Path) -> Graded:
     for name in ("home", "tmp", "results"):
         (folder / name).mkdir()
     (folder / "rubric.yaml").write_text(short_rubric(), encoding="utf-8")
-    arguments = [*map(str, paths), "-o", str(folder / "results"), "--rubric", str(folder / "rubric.yaml")]
+    arguments = [
+        *map(str, paths),
+        "-o",
+        str(folder / "results"),
+        "--rubric",
+        str(folder / "rubric.yaml"),
+    ]
     arguments += ["--sessions", ",".join(batch.sessions), "--seed", "7"]
     if batch.environment is Environment.CONTAINER:
         arguments += ["--require-isolation", "reduced"]
     before = entries_of_shared_folders()
-    remains, user = run_in(batch.environment, folder, [str(GRADE), *arguments], LONGEST_S * len(paths))
+    remains, user = run_in(
+        batch.environment, folder, [str(GRADE), *arguments], LONGEST_S * len(paths)
+    )
     # Some of what was handed in is too deep for Python to remove.
     subprocess.run(["rm", "-rf", str(folder / "handed")], check=False)
     names = result_names(batch, source, folder / "results")
@@ -202,9 +225,16 @@ def run_batch(batch: Batch, folder: Path) -> Graded:
     )
 
 
-def run_in(environment: Environment, folder: Path, command: list[str], limit_s: float) -> tuple[Remains, int]:
+def run_in(
+    environment: Environment, folder: Path, command: list[str], limit_s: float
+) -> tuple[Remains, int]:
     """Run a command in an environment; returns what it left, and the user that it ran as."""
-    settings = {"HOME": str(folder / "home"), "TMPDIR": str(folder / "tmp"), "LANG": "C.UTF-8", "COLUMNS": "200"}
+    settings = {
+        "HOME": str(folder / "home"),
+        "TMPDIR": str(folder / "tmp"),
+        "LANG": "C.UTF-8",
+        "COLUMNS": "200",
+    }
     caller = {"PATH": os.environ["PATH"], **settings}
     with account() if environment is Environment.USER else caller_account() as (user, group):
         for name in ("home", "tmp", "results"):
@@ -214,14 +244,24 @@ def run_in(environment: Environment, folder: Path, command: list[str], limit_s: 
             place=str(folder),
             user=user if user != os.geteuid() else None,
             group=group,
-            readable=[str(p) for p in (folder, ROOT, Path(sys.prefix), Path(sys.executable).resolve().parents[1])],
+            readable=[
+                str(p)
+                for p in (folder, ROOT, Path(sys.prefix), Path(sys.executable).resolve().parents[1])
+            ],
             container=environment is Environment.CONTAINER,
             limit_s=limit_s,
         )
         program = Path(__file__).with_name("surroundings.py")
         apart = OWN_SPACES if environment is Environment.CONTAINER and os.geteuid() == 0 else []
         subprocess.run(
-            [*apart, sys.executable, "-I", str(program), json.dumps(asdict(surroundings)), *command],
+            [
+                *apart,
+                sys.executable,
+                "-I",
+                str(program),
+                json.dumps(asdict(surroundings)),
+                *command,
+            ],
             env=caller,
             cwd="/",
             check=True,
@@ -247,7 +287,11 @@ def is_litter(path: Path, user: int) -> bool:
         owner = path.lstat().st_uid
     except OSError:
         return False
-    return "attack_" in path.name or any(owner in uids for uids in STUDENT_UIDS) or (owner == user != os.geteuid())
+    return (
+        "attack_" in path.name
+        or any(owner in uids for uids in STUDENT_UIDS)
+        or (owner == user != os.geteuid())
+    )
 
 
 @pytest.fixture
@@ -263,11 +307,16 @@ def graded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     told = folder / "graded.json"
     # Without root, sandboxes of a plain container share one network with all other such sandboxes of the machine.
     together = batch.environment is Environment.CONTAINER and os.geteuid() != 0
-    with (shared / f"{'container' if together else batch.number % BATCHES_AT_A_TIME}.lock").open("w") as lock:
+    with (shared / f"{'container' if together else batch.number % BATCHES_AT_A_TIME}.lock").open(
+        "w"
+    ) as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not told.exists():
             found = run_batch(batch, folder)
-            plain = {**asdict(found), "results": {name: str(path) for name, path in found.results.items()}}
+            plain = {
+                **asdict(found),
+                "results": {name: str(path) for name, path in found.results.items()},
+            }
             told.write_text(json.dumps(plain), encoding="utf-8")
     plain = json.loads(told.read_text(encoding="utf-8"))
     return Graded(
@@ -289,17 +338,34 @@ def faults_of_page(path: Path) -> list[str]:
     except AssertionError as problem:
         return [f"the elements of {path.name} do not close in order: {problem}"]
     faults = [f"{c!r} in {path.name}" for c in sorted(set(text)) if is_control(c)]
-    faults += [f"{path.name} has an element {tag} {a}" for tag, a in page.elements if a.get("id") == "injected"]
-    faults += [f"{path.name} has a handler {name}" for _, a in page.elements for name in a if name.startswith("on")]
+    faults += [
+        f"{path.name} has an element {tag} {a}"
+        for tag, a in page.elements
+        if a.get("id") == "injected"
+    ]
+    faults += [
+        f"{path.name} has a handler {name}"
+        for _, a in page.elements
+        for name in a
+        if name.startswith("on")
+    ]
     links = [urllib.parse.urlsplit(link) for link in [*page.values("href"), *page.values("src")]]
-    return faults + [f"{path.name} leads to {link}" for link in links if link.netloc or link.scheme not in ("", "data")]
+    return faults + [
+        f"{path.name} leads to {link}"
+        for link in links
+        if link.netloc or link.scheme not in ("", "data")
+    ]
 
 
 def faults_of_table(path: Path) -> list[str]:
     """Say where a spreadsheet would compute what a student wrote."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         cells = [cell for row in csv.reader(file) for cell in row]
-    return [f"{cell!r} in {path.name}" for cell in cells if FORMULA.match(cell) or any(map(is_control, cell))]
+    return [
+        f"{cell!r} in {path.name}"
+        for cell in cells
+        if FORMULA.match(cell) or any(map(is_control, cell))
+    ]
 
 
 def scripts_of(page: Page) -> list[dict[str, str]]:
@@ -313,13 +379,22 @@ def scripts_of(page: Page) -> list[dict[str, str]]:
 
 def is_control(character: str) -> bool:
     """Whether a character steers what shows it."""
-    return character not in "\n\t" and (unicodedata.category(character) in ("Cc", "Cs") or character in "\u202e\u2066")
+    return character not in "\n\t" and (
+        unicodedata.category(character) in ("Cc", "Cs") or character in "\u202e\u2066"
+    )
 
 
 def faults_of_result(result: dict[str, Any], most: float) -> list[str]:
     """Say in what a result breaks its contract, or gives more points than the honest twin's."""
-    faults = [error.message[:300] for error in jsonschema.Draft202012Validator(SCHEMA).iter_errors(result)]
-    broken = [c for criterion in result["criteria"] for c in criterion["checks"] if c["outcome"] == "error"]
+    faults = [
+        error.message[:300] for error in jsonschema.Draft202012Validator(SCHEMA).iter_errors(result)
+    ]
+    broken = [
+        c
+        for criterion in result["criteria"]
+        for c in criterion["checks"]
+        if c["outcome"] == "error"
+    ]
     faults += [f"{check['id']} broke: {check['reason']}" for check in broken]
     if result["score"]["earned"] > most:
         faults.append(f"it earns {result['score']['earned']}, its honest twin {most} at most")
@@ -332,7 +407,9 @@ def outcomes(result: dict[str, Any], sessions: tuple[str, ...]) -> dict[str, str
     chosen = {c.id for c in rubric.checks() if c.session in sessions}
     checks = [check for criterion in result["criteria"] for check in criterion["checks"]]
     return {
-        check["id"]: "passed" if is_excused(check) else check["outcome"] for check in checks if check["id"] in chosen
+        check["id"]: "passed" if is_excused(check) else check["outcome"]
+        for check in checks
+        if check["id"] in chosen
     }
 
 
@@ -347,7 +424,9 @@ def faults_of_verdict(attack: Attack, result: dict[str, Any]) -> list[str]:
     wanted = dict(expect.checks)
     if expect.all == "passed":
         wanted = dict.fromkeys(found, "passed")
-    excused = {c["id"] for criterion in result["criteria"] for c in criterion["checks"] if is_excused(c)}
+    excused = {
+        c["id"] for criterion in result["criteria"] for c in criterion["checks"] if is_excused(c)
+    }
     faults = [
         f"{name} is {found.get(name)}, not {outcome}"
         for name, outcome in wanted.items()
@@ -355,14 +434,28 @@ def faults_of_verdict(attack: Attack, result: dict[str, Any]) -> list[str]:
     ]
     if expect.all == "failed":
         faults += [
-            f"{name} is {outcome}" for name, outcome in found.items() if outcome not in ("failed", "not_reached")
+            f"{name} is {outcome}"
+            for name, outcome in found.items()
+            if outcome not in ("failed", "not_reached")
         ]
     if expect.limit is not None:
-        limits = {limit for s in result["provenance"]["sessions"].values() for limit in s["limits"].values()}
-        faults += [] if expect.limit in limits else [f"the limits named are {limits or 'none'}, not {expect.limit}"]
+        limits = {
+            limit
+            for s in result["provenance"]["sessions"].values()
+            for limit in s["limits"].values()
+        }
+        faults += (
+            []
+            if expect.limit in limits
+            else [f"the limits named are {limits or 'none'}, not {expect.limit}"]
+        )
     if expect.violation is not None:
         kinds = {violation["kind"] for violation in result.get("violations", [])}
-        faults += [] if expect.violation in kinds else [f"the violations are {kinds or 'none'}, not {expect.violation}"]
+        faults += (
+            []
+            if expect.violation in kinds
+            else [f"the violations are {kinds or 'none'}, not {expect.violation}"]
+        )
     return faults
 
 
@@ -382,17 +475,23 @@ def faults_of_recording(attack: Attack, folder: Path, result: dict[str, Any]) ->
     known = {word for level in levels for word in attack.gaps.get(level, {})}
     escapes = [line for line in lines if line.startswith(ESCAPED)]
     faults = [
-        line for line in dict.fromkeys(escapes) if line.removeprefix(ESCAPED).split(":")[0].split()[0] not in known
+        line
+        for line in dict.fromkeys(escapes)
+        if line.removeprefix(ESCAPED).split(":")[0].split()[0] not in known
     ]
     if expect.no_output is not None:
         faults += [line for line in lines if expect.no_output in line]
     if expect.no_text is not None:
         files = [p for p in folder.rglob("*") if p.suffix in (".json", ".html")]
         faults += [
-            f"{expect.no_text!r} is in {p.name}" for p in files if expect.no_text in p.read_text(encoding="utf-8")
+            f"{expect.no_text!r} is in {p.name}"
+            for p in files
+            if expect.no_text in p.read_text(encoding="utf-8")
         ]
     if expect.left_out is not None:
-        told = json.loads((folder / "recordings/submission.json").read_text(encoding="utf-8"))["left_out"]
+        told = json.loads((folder / "recordings/submission.json").read_text(encoding="utf-8"))[
+            "left_out"
+        ]
         if not told or not any(expect.left_out in reason for reason in told):
             faults.append(f"nothing is said to be left out for {expect.left_out!r}: {told}")
     return faults
@@ -421,7 +520,11 @@ def test_an_attack_gains_nothing_and_breaks_nothing(graded: Graded, attack: Atta
     faults = faults_of_result(result, float(most)) + faults_of_page(folder / "report.html")
     honest = Page((graded.results[HONEST] / "report.html").read_text(encoding="utf-8"))
     scripts = scripts_of(Page((folder / "report.html").read_text(encoding="utf-8")))
-    faults += [] if scripts == scripts_of(honest) else ["the report has other scripts than the honest one's"]
+    faults += (
+        []
+        if scripts == scripts_of(honest)
+        else ["the report has other scripts than the honest one's"]
+    )
     faults += faults_of_verdict(attack, result) + faults_of_recording(attack, folder, result)
     assert not faults, "\n".join([*faults, *result["problems"]])
 
@@ -443,7 +546,9 @@ def test_attacks_leave_the_machine_and_their_neighbour_as_they_were(
     result = graded.result_of(HONEST)
     # What a busy machine leaves undecided costs nothing.
     checks = [c for criterion in result["criteria"] for c in criterion["checks"]]
-    lost = [f"{c['id']}: {c['reason']}" for c in checks if c["earned"] + c["undecided"] < c["possible"]]
+    lost = [
+        f"{c['id']}: {c['reason']}" for c in checks if c["earned"] + c["undecided"] < c["possible"]
+    ]
     assert not lost, "\n".join(lost)
     assert result["score"]["earned"] > 0
     assert result.get("violations", []) == []

@@ -32,7 +32,9 @@ by_root = pytest.mark.skipif(os.geteuid() != 0, reason="others ask sudo for a pa
 def checkout(tmp_path: Path) -> Path:
     """Give a student's checkout, with links where the scripts write, and a module that must not be imported."""
     folder = tmp_path / "ann"
-    shutil.copytree(ROOT / "submissions/alice", folder, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        ROOT / "submissions/alice", folder, ignore=shutil.ignore_patterns("__pycache__")
+    )
     service = folder / "robot_service.py"
     text = service.read_text(encoding="utf-8")
     assert "Robot enabled" in text
@@ -42,15 +44,29 @@ def checkout(tmp_path: Path) -> Path:
     (folder / "grade").symlink_to(tmp_path / "victim")
     for name in ("result.json", "report.html", "release-body.md"):
         (folder / name).symlink_to(tmp_path / "victim/file")
-    (folder / "json.py").write_text("raise SystemExit('imported from the submission')\n", encoding="utf-8")
+    (folder / "json.py").write_text(
+        "raise SystemExit('imported from the submission')\n", encoding="utf-8"
+    )
     return folder
 
 
-def run(checkout: Path, command: list[str | Path], **variables: str | Path) -> subprocess.CompletedProcess[str]:
+def run(
+    checkout: Path, command: list[str | Path], **variables: str | Path
+) -> subprocess.CompletedProcess[str]:
     """Run a script in the checkout; the victim must be as it was."""
-    environment = {**os.environ, "GRADE": str(GRADE), **{name: str(value) for name, value in variables.items()}}
+    environment = {
+        **os.environ,
+        "GRADE": str(GRADE),
+        **{name: str(value) for name, value in variables.items()},
+    }
     done = subprocess.run(
-        command, cwd=checkout, env=environment, capture_output=True, text=True, timeout=LIMIT_S, check=False
+        command,
+        cwd=checkout,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=LIMIT_S,
+        check=False,
     )
     victim = checkout.parent / "victim"
     assert [path.name for path in victim.iterdir()] == ["file"]
@@ -106,7 +122,10 @@ def test_github(checkout: Path, tmp_path: Path, least: str, status: int) -> None
     stop, resume, *ours = commands
     assert (stop.name, stop.data) == ("stop-commands", resume.name)
     assert {command.name for command in ours} <= {"warning", "error", "notice"}
-    assert any(command.properties.get("title", "").startswith("Refuses while safety is off") for command in ours)
+    assert any(
+        command.properties.get("title", "").startswith("Refuses while safety is off")
+        for command in ours
+    )
     assert (ours[-1].data == "The score is below 50 points.") == (status == 1)
     assert not [line for line in done.stdout.splitlines() if bracket_command(line)]
 
@@ -175,5 +194,7 @@ def test_classroom50(checkout: Path) -> None:
     data = json.loads((checkout / "result.json").read_text(encoding="utf-8"))
     assert data["schema"] == "classroom50/result/v1"
     assert (len(data["tests"]), data["max-score"]) == (len(CHECKS), POSSIBLE)
-    assert not any((checkout / name).is_symlink() for name in ("result.json", "report.html", "release-body.md"))
+    assert not any(
+        (checkout / name).is_symlink() for name in ("result.json", "report.html", "release-body.md")
+    )
     assert "# Lab 09-01" in (checkout / "release-body.md").read_text(encoding="utf-8")

@@ -29,10 +29,19 @@ def test_the_sample_is_graded(alice: Graded) -> None:
 
 def test_all_files_are_written(alice: Graded) -> None:
     """Report, result and a recording for each session lie in the results folder, and nothing else."""
-    assert sorted(p.name for p in alice.folder.iterdir()) == ["recordings", "report.html", "result.json"]
+    assert sorted(p.name for p in alice.folder.iterdir()) == [
+        "recordings",
+        "report.html",
+        "result.json",
+    ]
     recordings = alice.folder / "recordings"
     sessions = {"publisher", "subscriber", "service", "launch", "qos"}
-    assert {p.name for p in recordings.iterdir()} == {*sessions, "submission.json", "rubric.yaml", "rubric.files"}
+    assert {p.name for p in recordings.iterdir()} == {
+        *sessions,
+        "submission.json",
+        "rubric.yaml",
+        "rubric.files",
+    }
     for session in sessions:
         names = {p.name for p in (recordings / session).iterdir()}
         assert names == {"metadata.yaml", f"{session}.mcap", "session.json", "foxglove.json"}
@@ -41,18 +50,39 @@ def test_all_files_are_written(alice: Graded) -> None:
 def test_the_result_keeps_its_contract(alice: Graded) -> None:
     """`result.json` has the keys that scripts rely on, and its points add up."""
     result = json.loads((alice.folder / "result.json").read_text(encoding="utf-8"))
-    assert {"schema", "submission", "lab", "score", "criteria", "advisories", "problems", "provenance"} <= set(result)
+    assert {
+        "schema",
+        "submission",
+        "lab",
+        "score",
+        "criteria",
+        "advisories",
+        "problems",
+        "provenance",
+    } <= set(result)
     assert result["submission"] == "alice"
     points = ("earned", "possible", "undecided")
     assert set(result["score"]) == {*points, "final"}
     for criterion in result["criteria"]:
         assert {"id", "title", *points, "checks"} <= set(criterion)
         for check in criterion["checks"]:
-            assert {"id", "title", "outcome", *points, "expected", "measured", "reason", "hint", "where"} <= set(check)
+            assert {
+                "id",
+                "title",
+                "outcome",
+                *points,
+                "expected",
+                "measured",
+                "reason",
+                "hint",
+                "where",
+            } <= set(check)
         for key in points:
             assert sum(check[key] for check in criterion["checks"]) == pytest.approx(criterion[key])
     for key in points:
-        assert sum(criterion[key] for criterion in result["criteria"]) == pytest.approx(result["score"][key])
+        assert sum(criterion[key] for criterion in result["criteria"]) == pytest.approx(
+            result["score"][key]
+        )
     checks = [check for criterion in result["criteria"] for check in criterion["checks"]]
     lost = [check for check in checks if check["earned"] + check["undecided"] < check["possible"]]
     assert lost
@@ -67,7 +97,10 @@ def test_regrading_gives_the_same_bytes(alice: Graded, tmp_path: Path) -> None:
     run = grade("regrade", alice.folder, "--fail-under", f"{earned}", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert [path.read_bytes() for path in files] == before
-    assert grade("regrade", alice.folder, "--fail-under", f"{earned + 0.1}", cwd=tmp_path).returncode == 1
+    assert (
+        grade("regrade", alice.folder, "--fail-under", f"{earned + 0.1}", cwd=tmp_path).returncode
+        == 1
+    )
 
 
 def test_one_session_can_be_chosen(tmp_path: Path) -> None:

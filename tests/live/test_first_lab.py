@@ -32,9 +32,18 @@ def test_what_is_not_shown_is_noticed() -> None:
 
 def run(block: Block, folder: Path) -> str:
     """Run a block as a reader would, and give what it prints. Only `grade` may find something wrong."""
-    there = {**os.environ, "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}", "COLUMNS": "100"}
+    there = {
+        **os.environ,
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        "COLUMNS": "100",
+    }
     done = subprocess.run(
-        ["bash", "-c", block.text], cwd=folder, env=there, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        ["bash", "-c", block.text],
+        cwd=folder,
+        env=there,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
     )
     assert done.returncode == 0 or block.text.splitlines()[-1].startswith("grade "), done.stdout
     return done.stdout

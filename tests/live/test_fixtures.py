@@ -26,10 +26,15 @@ MOST_GRADINGS = 3
 BUSY = 0.1
 EVERY = sorted(path.parent for path in (ROOT / "fixtures").glob("*/expected.yaml"))
 #: Those that a teacher judged too; their recordings are judged in every run, by tests/judging/test_teacher.py.
-RECORDED = [path for path in EVERY if (ROOT / f"tests/teacher_recordings/{path.name}.tar.xz").is_file()]
+RECORDED = [
+    path for path in EVERY if (ROOT / f"tests/teacher_recordings/{path.name}.tar.xz").is_file()
+]
 #: All of them would take too long for every run: each commit has a part of them, as its name has it.
 ALL = os.environ.get("FIXTURES", "") == "all"
-FIXTURES = [*part([path for path in EVERY if path not in RECORDED], 6, ALL), *part(RECORDED, 20, ALL)]
+FIXTURES = [
+    *part([path for path in EVERY if path not in RECORDED], 6, ALL),
+    *part(RECORDED, 20, ALL),
+]
 
 
 @pytest.fixture(scope="module")
@@ -72,4 +77,8 @@ def test_fixture_gets_its_verdict(folder: Path, tmp_path: Path, rubric: Rubric) 
         for check in criterion.checks
         if not check.outcome.decided and check.reason.startswith(MACHINE) and others.share > BUSY
     ]
-    assert [text for text in verdict.differences if not text.startswith(tuple(f"{name} " for name in excused))] == []
+    assert [
+        text
+        for text in verdict.differences
+        if not text.startswith(tuple(f"{name} " for name in excused))
+    ] == []

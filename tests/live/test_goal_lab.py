@@ -41,7 +41,14 @@ def graded(folder: Path, text: str) -> Result:
     rubric = rubrics.read_rubric(lab / "rubric.yaml")
     record = read_submission_folder(submission, rubric)
     for _ in range(MOST_GRADINGS):
-        pipeline.record(submission, record, rubric, results, pipeline.Options(Path(sys.executable)), lambda _: None)
+        pipeline.record(
+            submission,
+            record,
+            rubric,
+            results,
+            pipeline.Options(Path(sys.executable)),
+            lambda _: None,
+        )
         result = judge(open_recordings(results / result_folder.RECORDINGS, rubric), rubric)
         if not result.score.undecided:
             break
@@ -63,9 +70,9 @@ def test_each_defect_costs_points_where_it_is_and_nowhere_else(tmp_path: Path, n
         text = text.replace(old, new)
     result = graded(tmp_path, text)
     checks = checks_of(result)
-    assert {id_ for id_, check in checks.items() if check.outcome is not Outcome.PASSED} == set(lost), {
-        id_: (check.outcome.value, check.measured, check.reason) for id_, check in checks.items()
-    }
+    assert {id_ for id_, check in checks.items() if check.outcome is not Outcome.PASSED} == set(
+        lost
+    ), {id_: (check.outcome.value, check.measured, check.reason) for id_, check in checks.items()}
     assert result.problems == ()
     for id_ in lost:
         assert checks[id_].reason

@@ -107,11 +107,20 @@ def sessions(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Recorded]:
             {"start": {"reference": "beacon", "with": {"leaves": name == "talker"}}},
             {"start": {"student": name}},
             {"wait_for": {"node": f"/{node}", "timeout_s": 20}},
-            *([{"wait_for": {"output_of": name, "text": "service: ", "timeout_s": 20}}] if node == "toucher" else []),
+            *(
+                [{"wait_for": {"output_of": name, "text": "service: ", "timeout_s": 20}}]
+                if node == "toucher"
+                else []
+            ),
             {"observe": {"duration_s": 1.2, "first_message_on": "/count"}},
             {"interrupt": {"process": name}},
         ]
-        for name, node in (("twin", "toucher"), ("probe", "toucher"), ("honest", "honest"), ("talker", "talker"))
+        for name, node in (
+            ("twin", "toucher"),
+            ("probe", "toucher"),
+            ("honest", "honest"),
+            ("talker", "talker"),
+        )
     }
     lab = make_lab(folder, sources, {})
     (folder / "beacon.py").write_text(BEACON, encoding="utf-8")
@@ -148,7 +157,9 @@ def test_a_twin_of_a_reference_node_is_found(sessions: dict[str, Recorded]) -> N
     assert all(tampering.violation.certain for tampering in tampering_in(recorded, NODES))
 
 
-def test_what_is_said_in_the_name_of_a_reference_node_is_found(sessions: dict[str, Recorded]) -> None:
+def test_what_is_said_in_the_name_of_a_reference_node_is_found(
+    sessions: dict[str, Recorded],
+) -> None:
     """A node in the grader's namespace, log messages and parameter events that name the beacon."""
     assert kinds(sessions["probe"]) == [
         ViolationKind.IMPERSONATES_NODE,
@@ -180,8 +191,12 @@ def test_a_reference_node_that_leaves_decides_nothing(sessions: dict[str, Record
     assert "beacon ended" in problem
 
 
-@pytest.mark.skipif(all(name == "lo" for _, name in socket.if_nameindex()), reason="not a network of our own")
-def test_other_nodes_in_the_network_are_a_problem(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.skipif(
+    all(name == "lo" for _, name in socket.if_nameindex()), reason="not a network of our own"
+)
+def test_other_nodes_in_the_network_are_a_problem(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Where sandboxes share a network, nodes that were there before are told, and not taken for the student's."""
     import rclpy
 
@@ -203,7 +218,13 @@ director.Director(Path({str(tmp_path)!r}), "bag", {domain_id}, set(), set()).ser
     command = [sys.executable, "-I", "-c", program]
     try:
         run = subprocess.run(
-            command, input='{"op": "stop"}\n', env=environment, cwd="/", capture_output=True, text=True, timeout=60
+            command,
+            input='{"op": "stop"}\n',
+            env=environment,
+            cwd="/",
+            capture_output=True,
+            text=True,
+            timeout=60,
         )
     finally:
         stranger.destroy_node()

@@ -41,7 +41,12 @@ def with_figure(rubric: Path, oracle: str) -> None:
     (rubric.parent / "oracle.py").write_text(oracle, encoding="utf-8")
     plain = yaml.safe_load(rubric.read_text(encoding="utf-8"))
     settings = {"artifact": "talker", "pattern": r"it is ([0-9.]+)", "streams": {}, "field": "data"}
-    figure = {"kind": "reports", "title": "A", "session": "only", "with": settings | {"oracle": "oracle.py:spans"}}
+    figure = {
+        "kind": "reports",
+        "title": "A",
+        "session": "only",
+        "with": settings | {"oracle": "oracle.py:spans"},
+    }
     plain["criteria"][0]["figures"] = [figure]
     rubric.write_text(yaml.safe_dump(plain, sort_keys=False), encoding="utf-8")
 
@@ -51,7 +56,14 @@ def test_what_breaks_after_the_sessions_leaves_the_recordings(
 ) -> None:
     """A figure that breaks, or Ctrl-C while judging: no old result stays beside new recordings, and regrading works."""
     lab = make_lab(tmp_path, {"talker": TALKER}, {"only": STEPS}, checks=[published("/chatter")])
-    command = ["--one", str(lab.submission), "--rubric", str(lab.rubric_file), "-o", str(lab.results)]
+    command = [
+        "--one",
+        str(lab.submission),
+        "--rubric",
+        str(lab.rubric_file),
+        "-o",
+        str(lab.results),
+    ]
     assert main(command) == 0
     results = lab.results / lab.submission.name
     seen = {read_session(results / "recordings/only").started_ns}
@@ -59,15 +71,25 @@ def test_what_breaks_after_the_sessions_leaves_the_recordings(
         with_figure(lab.rubric_file, oracle)
         capsys.readouterr()
         assert main(command) in (status, 70)
-        assert f"The recordings are kept; `grade regrade {results}` continues from there." in capsys.readouterr().err
+        assert (
+            f"The recordings are kept; `grade regrade {results}` continues from there."
+            in capsys.readouterr().err
+        )
         assert sorted(path.name for path in results.iterdir()) == ["recordings"]
         recorded = read_session(results / "recordings/only")
         assert recorded.started_ns not in seen
         seen.add(recorded.started_ns)
-        mended = shutil.copytree(tmp_path, tmp_path / f"mended-{status}", ignore=lambda *_: {"results", "mended-70"})
+        mended = shutil.copytree(
+            tmp_path, tmp_path / f"mended-{status}", ignore=lambda *_: {"results", "mended-70"}
+        )
         with_figure(Path(mended) / "rubric.yaml", SOUND)
         assert main(["regrade", str(results), "--rubric", str(Path(mended) / "rubric.yaml")]) == 0
-        assert json.loads((results / result_folder.RESULT_FILE).read_text(encoding="utf-8"))["score"]["earned"] == 1
+        assert (
+            json.loads((results / result_folder.RESULT_FILE).read_text(encoding="utf-8"))["score"][
+                "earned"
+            ]
+            == 1
+        )
         assert read_session(results / "recordings/only").started_ns == recorded.started_ns
 
 
@@ -79,7 +101,11 @@ def test_a_class_goes_on_from_recordings_that_were_not_judged(tmp_path: Path) ->
     assert status == 70
     assert "0 graded, 2 not graded" in output
     recordings = small.results / "ann/recordings"
-    (session,) = (path.name for path in recordings.iterdir() if path.is_dir() and (path / "session.json").exists())
+    (session,) = (
+        path.name
+        for path in recordings.iterdir()
+        if path.is_dir() and (path / "session.json").exists()
+    )
     before = read_session(recordings / session).started_ns
     assert f"grade regrade {small.results / 'ann'}" in " ".join(output.split())
     with_figure(small.rubric, SOUND)
@@ -88,10 +114,19 @@ def test_a_class_goes_on_from_recordings_that_were_not_judged(tmp_path: Path) ->
     assert small.result("ann")["score"]["earned"] == 1
 
 
-def test_a_request_to_end_before_the_sessions_have_ended_leaves_the_earlier_result(tmp_path: Path) -> None:
+def test_a_request_to_end_before_the_sessions_have_ended_leaves_the_earlier_result(
+    tmp_path: Path,
+) -> None:
     """Half of a recording never takes the place of a whole one."""
     lab = make_lab(tmp_path, {"talker": TALKER}, {"only": STEPS}, checks=[published("/chatter")])
-    command = ["--one", str(lab.submission), "--rubric", str(lab.rubric_file), "-o", str(lab.results)]
+    command = [
+        "--one",
+        str(lab.submission),
+        "--rubric",
+        str(lab.rubric_file),
+        "-o",
+        str(lab.results),
+    ]
     assert main(command) == 0
     results = lab.results / lab.submission.name
     before = {p: p.read_bytes() for p in results.rglob("*") if p.is_file()}

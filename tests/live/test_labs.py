@@ -20,7 +20,11 @@ LABS = sorted(path.parent for path in (Path(__file__).parents[1] / "labs").glob(
 #: Those that were written from the documentation, complete in their folders, each with its solution and fixtures; all
 #: would take eight minutes, so that each commit has a part of them, as its name has it.
 WRITTEN = sorted(path.parent for path in (ROOT / "labs").glob("*/rubric.yaml"))
-SUBMISSIONS = [(lab, name) for lab in WRITTEN for name in ("solution", *sorted(p.name for p in lab.glob("fixtures/*")))]
+SUBMISSIONS = [
+    (lab, name)
+    for lab in WRITTEN
+    for name in ("solution", *sorted(p.name for p in lab.glob("fixtures/*")))
+]
 CHOSEN = part(SUBMISSIONS, 15, os.environ.get("FIXTURES", "") == "all")
 #: So often one is graded at most, each time with the repetitions of a grading.
 MOST_GRADINGS = 2
@@ -30,7 +34,9 @@ BUILT = "tf2_msgs/"
 
 def skip_unless_built(lab: Path) -> None:
     """Skip a lab whose interfaces cannot be built here."""
-    built = (lab / "interfaces").is_dir() or BUILT in (lab / "rubric.yaml").read_text(encoding="utf-8")
+    built = (lab / "interfaces").is_dir() or BUILT in (lab / "rubric.yaml").read_text(
+        encoding="utf-8"
+    )
     if built and (lacking := lacking_toolchain()):
         pytest.skip(f"not here: {lacking}")
 
@@ -43,7 +49,9 @@ def test_a_lab_is_complete_in_its_folder(lab: Path, tmp_path: Path) -> None:
     assert run.returncode == 0, run.stdout + run.stderr
 
 
-@pytest.mark.parametrize(("lab", "name"), CHOSEN, ids=[f"{lab.name} {name}" for lab, name in CHOSEN])
+@pytest.mark.parametrize(
+    ("lab", "name"), CHOSEN, ids=[f"{lab.name} {name}" for lab, name in CHOSEN]
+)
 def test_a_written_lab_gets_its_verdicts(lab: Path, name: str, tmp_path: Path) -> None:
     """The solution has all points, a fixture loses what it should; what other work left undecided is graded again."""
     skip_unless_built(lab)

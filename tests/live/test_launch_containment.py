@@ -50,7 +50,11 @@ class Misdeed:
 
 MISDEEDS = [
     Misdeed("loops", "while True:\n    pass", reason_has="still busy after 10 s"),
-    Misdeed("prints_without_end", "while True:\n    print('x' * 1000)", reason_has="at the limit of output"),
+    Misdeed(
+        "prints_without_end",
+        "while True:\n    print('x' * 1000)",
+        reason_has="at the limit of output",
+    ),
     Misdeed(
         "forks_without_end",
         "import os, time\nfor _ in range(400):\n    try:\n        os.fork()\n    except OSError:\n        pass\n"
@@ -88,7 +92,9 @@ MISDEEDS = [
         "    except OSError:\n        pass",
         Outcome.PASSED,
     ),
-    Misdeed("kills_itself", "import os\nos.kill(os.getpid(), 9)", reason_has="ended by it (by signal 9)"),
+    Misdeed(
+        "kills_itself", "import os\nos.kill(os.getpid(), 9)", reason_has="ended by it (by signal 9)"
+    ),
     Misdeed(
         "deletes_everything",
         "import shutil\nfor folder in ('/ws/src', '/ws/install', '/tmp', '/home/student', '/etc'):\n"
@@ -110,7 +116,9 @@ MISDEEDS = [
 def submission_of(misdeed: Misdeed, folder: Path) -> Path:
     """Lay out the solution with a launch file that misbehaves before it describes what it should."""
     submission = folder / misdeed.name
-    shutil.copytree(ROOT / "reference/solution", submission, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        ROOT / "reference/solution", submission, ignore=shutil.ignore_patterns("__pycache__")
+    )
     launch = submission / "robot_launch.py"
     docstring, rest = launch.read_text().split('"""\n', 1)
     launch.write_text(f'{docstring}"""\n\n{misdeed.code}\n\n{rest}')
@@ -150,7 +158,12 @@ def record_and_judge(
 
 def checks_of(result: Result) -> dict[str, CheckResult]:
     """Return the checks of the launch criterion by their ids."""
-    return {c.id: c for criterion in result.criteria if criterion.id == CRITERION for c in criterion.checks}
+    return {
+        c.id: c
+        for criterion in result.criteria
+        if criterion.id == CRITERION
+        for c in criterion.checks
+    }
 
 
 @pytest.mark.parametrize("misdeed", MISDEEDS, ids=lambda misdeed: misdeed.name)
@@ -176,7 +189,10 @@ def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: 
         assert result.score.undecided == 0, said
     else:
         # What a busy machine leaves undecided costs nothing.
-        assert {c.outcome for c in checks_of(result).values()} <= {Outcome.PASSED, Outcome.INCONCLUSIVE}, said
+        assert {c.outcome for c in checks_of(result).values()} <= {
+            Outcome.PASSED,
+            Outcome.INCONCLUSIVE,
+        }, said
     watch.until_all_ended()
     until(lambda: not processes_with(MARK))
     assert [state_of(folder) for folder in watched] == before
@@ -188,7 +204,9 @@ def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: 
 def test_a_node_in_a_container_is_left_undecided(tmp_path: Path) -> None:
     """A container of components is not run here: its node is neither there nor missing, and nothing runs twice."""
     submission = tmp_path / "contained"
-    shutil.copytree(ROOT / "reference/solution", submission, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        ROOT / "reference/solution", submission, ignore=shutil.ignore_patterns("__pycache__")
+    )
     (submission / "robot_launch.py").write_text(
         "from launch import LaunchDescription\n"
         "from launch_ros.actions import ComposableNodeContainer, Node\n"
@@ -201,7 +219,9 @@ def test_a_node_in_a_container_is_left_undecided(tmp_path: Path) -> None:
         "                                namespace='', composable_node_descriptions=[inside]),\n"
         "    ])\n"
     )
-    judged = checks_of(record_and_judge(submission, tmp_path / "results", scope=pipeline.Scope.ONCE))
+    judged = checks_of(
+        record_and_judge(submission, tmp_path / "results", scope=pipeline.Scope.ONCE)
+    )
     nodes = judged["launch.nodes"]
     assert judged["launch.loads"].outcome is Outcome.PASSED
     assert nodes.outcome is Outcome.INCONCLUSIVE

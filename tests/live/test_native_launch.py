@@ -21,7 +21,11 @@ pytestmark = [pytest.mark.live, needs_the_original]
 
 def grade(submission: Path, out: Path, launch: str) -> tuple[dict[str, Any], dict[str, Any]]:
     """The result and the record of the launch session."""
-    found = {"PYTHONPATH": str(ORIGINAL), "AMENT_PREFIX_PATH": str(ORIGINAL / "prefix")} if launch == "native" else {}
+    found = (
+        {"PYTHONPATH": str(ORIGINAL), "AMENT_PREFIX_PATH": str(ORIGINAL / "prefix")}
+        if launch == "native"
+        else {}
+    )
     command = [sys.executable, "-m", "grader.cli", str(submission), "-o", str(out)]
     done = subprocess.run(
         [*command, "--sessions", "launch", "--launch", launch],
@@ -40,12 +44,16 @@ def grade(submission: Path, out: Path, launch: str) -> tuple[dict[str, Any], dic
 
 def plans(record: dict[str, Any]) -> list[dict[str, Any]]:
     """The plans of the session."""
-    found = [step["result"]["plan"] for step in record["steps"] if "plan" in (step.get("result") or {})]
+    found = [
+        step["result"]["plan"] for step in record["steps"] if "plan" in (step.get("result") or {})
+    ]
     assert found
     return found
 
 
-@pytest.mark.parametrize("submission", ["reference/solution", "fixtures/launch_wrong_executable/submission"])
+@pytest.mark.parametrize(
+    "submission", ["reference/solution", "fixtures/launch_wrong_executable/submission"]
+)
 def test_the_real_launch_gives_the_same_plan_and_outcome(submission: str, tmp_path: Path) -> None:
     """Processes, parameters, problems and points are those of the stand-in, with a mistake in the file too."""
     (ours, our_record), (theirs, their_record) = (
@@ -55,7 +63,9 @@ def test_the_real_launch_gives_the_same_plan_and_outcome(submission: str, tmp_pa
     for plan, other in zip(plans(our_record), plans(their_record), strict=True):
         assert (plan["outcome"], plan["problem"]) == (other["outcome"], other["problem"])
         assert plan["processes"] == other["processes"]
-    findings = [{(c["id"], c["outcome"], c["earned"]) for c in _checks(result)} for result in (ours, theirs)]
+    findings = [
+        {(c["id"], c["outcome"], c["earned"]) for c in _checks(result)} for result in (ours, theirs)
+    ]
     assert findings[0] == findings[1]
 
 

@@ -78,7 +78,13 @@ add_custom_target(x ALL COMMAND touch {marker})
 def check(name: str, topic: str, kind: str) -> dict[str, Any]:
     """Make a check that something is published, worth 1 point."""
     parameters = {"artifact": "worker", "topic": topic, "type": kind}
-    return {"id": name, "points": 1, "session": "only", "check": "topic_published", "with": parameters}
+    return {
+        "id": name,
+        "points": 1,
+        "session": "only",
+        "check": "topic_published",
+        "with": parameters,
+    }
 
 
 CHECKS = [
@@ -94,8 +100,18 @@ RUBRIC = {
         "only": {
             "steps": [
                 {"start": {"student": "worker"}},
-                *({"wait_for": {"publisher": c["with"]["topic"], "type": c["with"]["type"]}} for c in CHECKS),
-                {"call": {"service": "/add", "type": "team_msgs/srv/Add", "request": {"a": 3, "b": 4}}, "label": "add"},
+                *(
+                    {"wait_for": {"publisher": c["with"]["topic"], "type": c["with"]["type"]}}
+                    for c in CHECKS
+                ),
+                {
+                    "call": {
+                        "service": "/add",
+                        "type": "team_msgs/srv/Add",
+                        "request": {"a": 3, "b": 4},
+                    },
+                    "label": "add",
+                },
                 {"observe": {"duration_s": 0.5, "first_message_on": "/reading"}},
                 {"interrupt": {"process": "worker"}},
             ]
@@ -124,7 +140,10 @@ def write(folder: Path, files: dict[str, str]) -> None:
 def grade(folder: Path, **other: str) -> tuple[Result, Path]:
     """Grade the submission, in which some files may be other ones; returns the result and the recording's folder."""
     write(folder / "lab", {"rubric.yaml": yaml.safe_dump(RUBRIC, sort_keys=False)})
-    write(folder / "lab/interfaces/lab_msgs", {"msg/Reading.msg": "std_msgs/Header header\nfloat64 value\n"})
+    write(
+        folder / "lab/interfaces/lab_msgs",
+        {"msg/Reading.msg": "std_msgs/Header header\nfloat64 value\n"},
+    )
     files = {
         "worker.py": NODE,
         "team_msgs/package.xml": "<package><name>team_msgs</name></package>",
@@ -136,7 +155,9 @@ def grade(folder: Path, **other: str) -> tuple[Result, Path]:
     write(folder / "submission", {**files, **other})
     rubric = read_rubric(folder / "lab/rubric.yaml")
     options = pipeline.Options(Path(sys.executable))
-    result = pipeline.grade(folder / "submission", rubric, folder / "results", options, lambda progress: None)
+    result = pipeline.grade(
+        folder / "submission", rubric, folder / "results", options, lambda progress: None
+    )
     return result, folder / "results"
 
 
@@ -150,16 +171,25 @@ def test_a_students_node_with_its_own_interfaces_is_graded(tmp_path: Path) -> No
     from grader.evidence.recorded import Recorded
 
     result, results = grade(tmp_path)
-    assert outcomes(result) == {"reading": Outcome.PASSED, "pair": Outcome.PASSED, "static": Outcome.PASSED}
+    assert outcomes(result) == {
+        "reading": Outcome.PASSED,
+        "pair": Outcome.PASSED,
+        "static": Outcome.PASSED,
+    }
     assert not (tmp_path / "ran").exists()
     recorded = Recorded.open(results / "recordings/only")
     called = recorded.step("add")
     assert called is not None
     assert called.result["calls"][0]["response"] == {"sum": 7}, called.result
-    assert {t.topic_type for t in recorded.bag.topics} >= {"team_msgs/msg/Pair", "tf2_msgs/msg/TFMessage"}
+    assert {t.topic_type for t in recorded.bag.topics} >= {
+        "team_msgs/msg/Pair",
+        "tf2_msgs/msg/TFMessage",
+    }
 
 
-def test_without_a_compiler_it_is_not_assessable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler_it_is_not_assessable(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """No check is decided, none is lost, and the reason is told."""
     tools = tmp_path / "bin"
     tools.mkdir()
@@ -175,10 +205,15 @@ def test_without_a_compiler_it_is_not_assessable(tmp_path: Path, monkeypatch: py
 
 @pytest.mark.parametrize(
     ("definition", "outcome", "word"),
-    [("int num\n", Outcome.FAILED, "colcon build"), ("string x 'a\\\\b'\n", Outcome.INCONCLUSIVE, "not built")],
+    [
+        ("int num\n", Outcome.FAILED, "colcon build"),
+        ("string x 'a\\\\b'\n", Outcome.INCONCLUSIVE, "not built"),
+    ],
     ids=["a mistake", "what the grader does not take"],
 )
-def test_a_students_own_mistake_costs_its_points(definition: str, outcome: Outcome, word: str, tmp_path: Path) -> None:
+def test_a_students_own_mistake_costs_its_points(
+    definition: str, outcome: Outcome, word: str, tmp_path: Path
+) -> None:
     """What colcon would refuse is the student's fault; what the grader alone refuses is for a person to decide."""
     result, _ = grade(tmp_path, **{"team_msgs/msg/Pair.msg": definition})
     assert outcomes(result)["pair"] is outcome

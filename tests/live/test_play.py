@@ -57,7 +57,11 @@ def played(tmp_path: Path, domain_id: int, *options: str) -> dict[str, Any]:
     command = [sys.executable, "-c", LISTENER, str(results), *options]
     if may:
         command = [*own, "sh", "-c", 'ip link set lo up; exec "$@"', "sh", *command]
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain_id), "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    environment = {
+        **os.environ,
+        "ROS_DOMAIN_ID": str(domain_id),
+        "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4",
+    }
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
     answer: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
     assert answer["status"] == 0, answer["said"]
@@ -84,17 +88,26 @@ def test_all_is_published_again_at_its_pace(tmp_path: Path) -> None:
 
 def test_a_part_is_played_faster_with_a_clock_of_its_own(tmp_path: Path) -> None:
     """What came before is left out; where no clock was recorded, it is the recording's time, and goes on evenly."""
-    answer = played(tmp_path, 62, "publisher", "--from", "3", "--rate", "2", "--topics", "/joint_commands")
+    answer = played(
+        tmp_path, 62, "publisher", "--from", "3", "--rate", "2", "--topics", "/joint_commands"
+    )
     start_ns = read_session(KEPT / "publisher").started_ns + 3 * 10**9
     stream = Bag.open(KEPT / "publisher").stream("/joint_commands")
-    later = [data for data, t_ns in zip(stream.data, stream.received_ns, strict=True) if t_ns >= start_ns]
+    later = [
+        data for data, t_ns in zip(stream.data, stream.received_ns, strict=True) if t_ns >= start_ns
+    ]
     heard = bytes_of(answer["heard"]["/joint_commands"])
     # What is published before a subscription is known reaches it as little as it did then.
     assert len(later) // 2 < len(heard) <= len(later)
     assert heard == later[-len(heard) :]
     clock = answer["heard"]["/clock"]
-    told_ns = [int.from_bytes(d[4:8], "little") * 10**9 + int.from_bytes(d[8:12], "little") for d in bytes_of(clock)]
+    told_ns = [
+        int.from_bytes(d[4:8], "little") * 10**9 + int.from_bytes(d[8:12], "little")
+        for d in bytes_of(clock)
+    ]
     assert len(told_ns) > 20
     assert start_ns <= told_ns[0] < told_ns[-1] < start_ns + 5 * 10**9
-    slope = np.polyfit([(t_ns - clock[0][0]) / 1e9 for t_ns, _ in clock], (np.array(told_ns) - start_ns) / 1e9, 1)[0]
+    slope = np.polyfit(
+        [(t_ns - clock[0][0]) / 1e9 for t_ns, _ in clock], (np.array(told_ns) - start_ns) / 1e9, 1
+    )[0]
     assert slope == pytest.approx(2, rel=0.05)

@@ -55,7 +55,9 @@ def test_other_readers_agree_with_ours(session: str, alice: Graded) -> None:
     recorded = Recorded.open(folder)
     assert recorded.record.complete
     assert not recorded.record.problems
-    metadata = yaml.safe_load((folder / "metadata.yaml").read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
+    metadata = yaml.safe_load((folder / "metadata.yaml").read_text(encoding="utf-8"))[
+        "rosbag2_bagfile_information"
+    ]
     assert metadata["version"] == 9
     with (folder / metadata["relative_file_paths"][0]).open("rb") as stream:
         reader = make_reader(stream)
@@ -72,9 +74,15 @@ def test_other_readers_agree_with_ours(session: str, alice: Graded) -> None:
     assert sorted(theirs) == sorted((channel.topic, m.log_time, m.data) for _, channel, m in raw)
     for topic in {channel.topic for _, channel, _ in raw}:
         ours = recorded.bag.stream(topic)
-        wanted = {(m.publish_time, m.sequence, m.log_time, m.data) for _, c, m in raw if c.topic == topic}
+        wanted = {
+            (m.publish_time, m.sequence, m.log_time, m.data) for _, c, m in raw if c.topic == topic
+        }
         columns = zip(
-            ours.source_ns.tolist(), ours.sequence.tolist(), ours.received_ns.tolist(), ours.data, strict=True
+            ours.source_ns.tolist(),
+            ours.sequence.tolist(),
+            ours.received_ns.tolist(),
+            ours.data,
+            strict=True,
         )
         assert {(a, b, c, bytes(d)) for a, b, c, d in columns} == wanted
         assert all(message is not None for message in ours.messages)
@@ -84,8 +92,12 @@ def test_values_are_those_that_were_published(alice: Graded) -> None:
     """The first joint's command in the bag is the sample's sinusoid, as read by `rosbags`."""
     with AnyReader([alice.folder / result_folder.RECORDINGS / "publisher"]) as bag:
         connections = [c for c in bag.connections if c.topic == "/joint_commands"]
-        messages: list[Any] = [bag.deserialize(data, c.msgtype) for c, _, data in bag.messages(connections)]
-    ours = Recorded.open(alice.folder / result_folder.RECORDINGS / "publisher").numeric("/joint_commands", "data")
+        messages: list[Any] = [
+            bag.deserialize(data, c.msgtype) for c, _, data in bag.messages(connections)
+        ]
+    ours = Recorded.open(alice.folder / result_folder.RECORDINGS / "publisher").numeric(
+        "/joint_commands", "data"
+    )
     assert ours is not None
     values = np.array([message.data for message in messages])
     assert len(values) > 100
@@ -98,14 +110,24 @@ def test_values_are_those_that_were_published(alice: Graded) -> None:
 def test_all_traffic_is_recorded(alice: Graded) -> None:
     """Logs, the clock, the grader's own publications and its service calls are in the bags too."""
     topics = {
-        s: {t.topic for t in Recorded.open(alice.folder / result_folder.RECORDINGS / s).bag.topics} for s in SESSIONS
+        s: {t.topic for t in Recorded.open(alice.folder / result_folder.RECORDINGS / s).bag.topics}
+        for s in SESSIONS
     }
     assert {"/joint_commands", "/rosout", "/parameter_events"} <= topics["publisher"]
     assert {"/joint_commands", "/joint_states", "/rosout"} <= topics["subscriber"]
     assert {"/robot/enable/_service_event", "/parameter_events"} <= topics["service"]
     assert {"/clock", "/joint_states", "/joint_commands"} <= topics["launch"]
-    assert {"/test_best_effort", "/test_reliable", "/test_sensor_data", "/test_control_command"} <= topics["qos"]
-    early = Recorded.open(alice.folder / result_folder.RECORDINGS / "subscriber").stream("/joint_states").field("data")
+    assert {
+        "/test_best_effort",
+        "/test_reliable",
+        "/test_sensor_data",
+        "/test_control_command",
+    } <= topics["qos"]
+    early = (
+        Recorded.open(alice.folder / result_folder.RECORDINGS / "subscriber")
+        .stream("/joint_states")
+        .field("data")
+    )
     assert [list(data) for data in early[:20]] == [[0.1, 0.2, 0.3, 0.1, 0.2, 0.3, 0.1]] * 20
 
 
@@ -140,7 +162,9 @@ def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:
     assert any("the recorder died" in problem for problem in cut.record.problems)
     assert killed_ns[0] - int(cut.bag.stream("/chatter").received_ns[-1]) < 1.5e9
     with AnyReader([broken / "only"]) as bag:
-        assert sum(c.msgcount for c in bag.connections if c.topic == "/chatter") == len(cut.bag.stream("/chatter"))
+        assert sum(c.msgcount for c in bag.connections if c.topic == "/chatter") == len(
+            cut.bag.stream("/chatter")
+        )
     result = judge(first, lab.rubric())
     assert [check.outcome for c in result.criteria for check in c.checks] == [Outcome.INCONCLUSIVE]
     assert result.score.earned == 0
@@ -149,7 +173,9 @@ def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:
     assert judge(open_recordings(lab.recordings, lab.rubric()), lab.rubric()).score.earned == 1
 
 
-def test_a_grading_whose_judging_fails_keeps_its_recordings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_grading_whose_judging_fails_keeps_its_recordings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Without memory for judging there is an error with a remedy, no older result, and recordings to judge again."""
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},
@@ -161,9 +187,15 @@ def test_a_grading_whose_judging_fails_keeps_its_recordings(tmp_path: Path, monk
     (lab.results / result_folder.RESULT_FILE).write_text("of an earlier grading")
     options = pipeline.Options(Path(sys.executable))
     with monkeypatch.context() as small:
-        small.setattr(judgement, "JUDGING_BOUND", dataclasses.replace(judgement.JUDGING_BOUND, memory_bytes=4096))
+        small.setattr(
+            judgement,
+            "JUDGING_BOUND",
+            dataclasses.replace(judgement.JUDGING_BOUND, memory_bytes=4096),
+        )
         with pytest.raises(BoundError, match="judging the submission took more than") as caught:
-            pipeline.grade(lab.submission, lab.rubric(), lab.results, options, lambda progress: None)
+            pipeline.grade(
+                lab.submission, lab.rubric(), lab.results, options, lambda progress: None
+            )
     assert f"grade regrade {lab.results}" in caught.value.remedy
     assert [path.name for path in lab.results.iterdir()] == [result_folder.RECORDINGS]
     assert regraded(lab.results).score.earned == 1

@@ -24,7 +24,12 @@ pytestmark = pytest.mark.live
 def grade(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run the command."""
     return subprocess.run(
-        [str(GRADE), *map(str, arguments), *QUICK], cwd=cwd, capture_output=True, text=True, timeout=280, check=False
+        [str(GRADE), *map(str, arguments), *QUICK],
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=280,
+        check=False,
     )
 
 
@@ -39,7 +44,9 @@ def lay_out(folder: Path, *, readme: bool = True) -> Path:
 
 def score(results: Path, name: str) -> float:
     """Return the final points of a result."""
-    found: float = json.loads((results / name / "result.json").read_text(encoding="utf-8"))["score"]["final"]
+    found: float = json.loads((results / name / "result.json").read_text(encoding="utf-8"))[
+        "score"
+    ]["final"]
     return found
 
 
@@ -52,10 +59,16 @@ def test_a_repository_is_graded_in_its_own_folder(tmp_path: Path) -> None:
     (repository / "results/overrides.yaml").write_text(OVERRIDES, encoding="utf-8")
     second = grade(".", "--one", "--export", "junit", cwd=repository)
     assert (second.returncode, second.stderr) == (0, "")
-    assert "results/overrides.yaml lies in the submission itself and does not count" in second.stdout
+    assert (
+        "results/overrides.yaml lies in the submission itself and does not count" in second.stdout
+    )
     assert score(repository / "results", "alice") == plain
     again = subprocess.run(
-        [str(GRADE), "regrade", "results/alice"], cwd=repository, capture_output=True, text=True, check=False
+        [str(GRADE), "regrade", "results/alice"],
+        cwd=repository,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert (again.returncode, "does not count" in again.stdout) == (0, True)
     assert score(repository / "results", "alice") == plain

@@ -19,7 +19,11 @@ from grader.recording.bag import METADATA_FILE, Bag, BagWriter, recover
 from grader.recording.definitions import definition_of, type_hash_of
 from grader.recording.session import Qos
 
-FLOATS, TEXT, EVENT = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String", "std_srvs/srv/SetBool_Event"
+FLOATS, TEXT, EVENT = (
+    "std_msgs/msg/Float64MultiArray",
+    "std_msgs/msg/String",
+    "std_srvs/srv/SetBool_Event",
+)
 START_NS = 1_800_000_000_000_000_000
 RELIABLE = Qos(reliability="reliable", durability="volatile", liveliness="automatic")
 
@@ -38,13 +42,17 @@ def text(value: str) -> bytes:
 
 def add_topic(writer: BagWriter, topic: str, topic_type: str, *offered: Qos) -> int:
     """Add a channel of an installed type."""
-    return writer.add_channel(topic, topic_type, type_hash_of(topic_type), definition_of(topic_type), offered)
+    return writer.add_channel(
+        topic, topic_type, type_hash_of(topic_type), definition_of(topic_type), offered
+    )
 
 
 def put(writer: BagWriter, channel: int, number: int, data: bytes) -> None:
     """Write message `number` (from 1), received 0.1 ms after it was published, 10 ms after the one before."""
     source_ns = START_NS + number * 10_000_000
-    writer.write(channel, data, received_ns=source_ns + 100_000, source_ns=source_ns, sequence=number)
+    writer.write(
+        channel, data, received_ns=source_ns + 100_000, source_ns=source_ns, sequence=number
+    )
 
 
 def write_floats(folder: Path, count: int = 20) -> bytes:
@@ -83,13 +91,23 @@ def test_other_readers_agree(tmp_path: Path) -> None:
     write_floats(tmp_path)
     ours = Bag.open(tmp_path).stream("/commands")
     with AnyReader([tmp_path]) as reader:
-        theirs = [(t, reader.deserialize(d, c.msgtype).data.tolist()) for c, t, d in reader.messages()]  # type: ignore[attr-defined]
+        theirs = [
+            (t, reader.deserialize(d, c.msgtype).data.tolist()) for c, t, d in reader.messages()
+        ]  # type: ignore[attr-defined]
     with (tmp_path / "session.mcap").open("rb") as stream:
-        raw = [(m.log_time, m.publish_time, m.sequence, m.data) for *_, m in make_reader(stream).iter_messages()]
+        raw = [
+            (m.log_time, m.publish_time, m.sequence, m.data)
+            for *_, m in make_reader(stream).iter_messages()
+        ]
 
     values = [array.tolist() for array in ours.field("data")]
     assert theirs == list(zip(ours.received_ns.tolist(), values, strict=True))
-    columns = (ours.received_ns.tolist(), ours.source_ns.tolist(), ours.sequence.tolist(), ours.data)
+    columns = (
+        ours.received_ns.tolist(),
+        ours.source_ns.tolist(),
+        ours.sequence.tolist(),
+        ours.data,
+    )
     assert raw == list(zip(*columns, strict=True))
 
 
@@ -113,12 +131,17 @@ def test_metadata_says_the_same_as_the_channel(tmp_path: Path) -> None:
     """`metadata.yaml` is version 9 and lists the QoS profiles that the channel holds as text."""
     writer = BagWriter(tmp_path, "session")
     add_topic(writer, "/none", TEXT)
-    late = Qos("best_effort", "transient_local", "unknown", 0, 1_500_000_000, None, "automatic", None)
+    late = Qos(
+        "best_effort", "transient_local", "unknown", 0, 1_500_000_000, None, "automatic", None
+    )
     put(writer, add_topic(writer, "/two", TEXT, RELIABLE, late), 1, text("x"))
     writer.close()
 
     metadata = yaml.safe_load((tmp_path / METADATA_FILE).read_text())["rosbag2_bagfile_information"]
-    listed = {t["topic_metadata"]["name"]: t["topic_metadata"] for t in metadata["topics_with_message_count"]}
+    listed = {
+        t["topic_metadata"]["name"]: t["topic_metadata"]
+        for t in metadata["topics_with_message_count"]
+    }
     with (tmp_path / "session.mcap").open("rb") as stream:
         summary = make_reader(stream).get_summary()
     assert summary is not None
@@ -219,8 +242,16 @@ def test_malformed_messages_are_counted(tmp_path: Path) -> None:
     """Bytes that do not fit the type give None and are counted; the messages around them decode."""
     writer = BagWriter(tmp_path, "session")
     channel = add_topic(writer, "/a", FLOATS)
-    hostile = [b"", b"\0", floats(1.0)[:-3], struct.pack("<BBHIII", 0, 1, 0, 0, 0, 2**32 - 1), b"\xff" * 64]
-    for number, data in enumerate([floats(1.0), *hostile, floats(float("nan"), float("inf")), floats()], 1):
+    hostile = [
+        b"",
+        b"\0",
+        floats(1.0)[:-3],
+        struct.pack("<BBHIII", 0, 1, 0, 0, 0, 2**32 - 1),
+        b"\xff" * 64,
+    ]
+    for number, data in enumerate(
+        [floats(1.0), *hostile, floats(float("nan"), float("inf")), floats()], 1
+    ):
         put(writer, channel, number, data)
     writer.close()
 
@@ -247,7 +278,12 @@ def test_random_bytes_never_raise(tmp_path: Path) -> None:
         channel = add_topic(writer, "/a", topic_type)
         for number in range(300):
             filling = source.choice([b"\0", b"\xff", b"\1\0\0\0", source.randbytes(8)])
-            put(writer, channel, number, b"\0\1\0\0" + source.randbytes(source.randrange(40)) + filling * 20)
+            put(
+                writer,
+                channel,
+                number,
+                b"\0\1\0\0" + source.randbytes(source.randrange(40)) + filling * 20,
+            )
     writer.close()
 
     bag = Bag.open(tmp_path)
@@ -309,7 +345,9 @@ def test_compressed_bags_of_others_open(tmp_path: Path, compression: str) -> Non
         for number in range(10):
             writer.add_message(channel, START_NS + number, floats(number), START_NS, number)
         writer.finish()  # type: ignore[no-untyped-call]
-    assert [values[0] for values in Bag.open(tmp_path).stream("/a").field("data")] == list(range(10))
+    assert [values[0] for values in Bag.open(tmp_path).stream("/a").field("data")] == list(
+        range(10)
+    )
 
 
 def test_opening_is_fast(tmp_path: Path) -> None:
@@ -324,7 +362,9 @@ def test_opening_is_fast(tmp_path: Path) -> None:
         "n = len(Bag.open(pathlib.Path(sys.argv[1])).stream('/a').field('data'));"
         "print(n, time.process_time() - t)"
     )
-    done = subprocess.run([sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True
+    )
     count, seconds = done.stdout.split()
     assert int(count) == 5000
     assert float(seconds) < 0.2
@@ -332,8 +372,8 @@ def test_opening_is_fast(tmp_path: Path) -> None:
 
 def test_reading_needs_no_ros() -> None:
     """Neither ROS nor processes are imported for reading a bag."""
-    program = (
-        "import sys, grader.recording.bag;print([m for m in ('rclpy', 'subprocess', 'rosbags') if m in sys.modules])"
+    program = "import sys, grader.recording.bag;print([m for m in ('rclpy', 'subprocess', 'rosbags') if m in sys.modules])"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
     )
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"

@@ -27,7 +27,11 @@ def installed_types() -> list[str]:
     services = [f"{path.parts[-3]}/srv/{path.stem}" for path in share.glob("*/srv/*.srv")]
     actions = [f"{path.parts[-3]}/action/{path.stem}" for path in share.glob("*/action/*.action")]
     implied = [f"{name}_{part}" for name in services for part in ("Request", "Response", "Event")]
-    implied += [f"{name}_{part}" for name in actions for part in ("Goal", "Result", "Feedback", "FeedbackMessage")]
+    implied += [
+        f"{name}_{part}"
+        for name in actions
+        for part in ("Goal", "Result", "Feedback", "FeedbackMessage")
+    ]
     return messages + implied
 
 
@@ -44,7 +48,9 @@ def test_every_installed_definition_gives_the_types_hash() -> None:
     types = [name for name in installed_types() if "wstring" not in definition_of(name).text]
     if not types:
         pytest.skip("no ROS packages are installed")
-    wrong = [name for name in types if hash_by_rosbags(name, definition_of(name)) != type_hash_of(name)]
+    wrong = [
+        name for name in types if hash_by_rosbags(name, definition_of(name)) != type_hash_of(name)
+    ]
     assert wrong == []
 
 
@@ -53,7 +59,8 @@ def test_text_format() -> None:
     floats = definition_of("std_msgs/msg/Float64MultiArray").text
     headings = [line for line in floats.splitlines() if line.startswith("IDL: ")]
     assert headings == [
-        f"IDL: std_msgs/msg/{n}" for n in ("Float64MultiArray", "MultiArrayLayout", "MultiArrayDimension")
+        f"IDL: std_msgs/msg/{n}"
+        for n in ("Float64MultiArray", "MultiArrayLayout", "MultiArrayDimension")
     ]
     event = definition_of("std_srvs/srv/SetBool_Event")
     assert event.encoding == "ros2idl"
@@ -72,7 +79,9 @@ def test_unknown_types_are_named(name: str) -> None:
     assert type_hash_of(name) == ""
 
 
-def test_packages_on_the_prefix_path_come_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_packages_on_the_prefix_path_come_first(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Packages below AMENT_PREFIX_PATH are found, with the bounds of their strings and sequences."""
     folder = tmp_path / "share" / "own" / "msg"
     folder.mkdir(parents=True)

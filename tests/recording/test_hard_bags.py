@@ -41,13 +41,20 @@ def _described(channels: int) -> bytes:
     schema += _string(DEFINITIONS[FLOATS].text)
     made = [_record(Opcode.SCHEMA, schema)]
     for number in range(channels):
-        body = struct.pack("<HH", number, 1) + _string(f"/t{number}") + _string("cdr") + struct.pack("<I", 0)
+        body = (
+            struct.pack("<HH", number, 1)
+            + _string(f"/t{number}")
+            + _string("cdr")
+            + struct.pack("<I", 0)
+        )
         made.append(_record(Opcode.CHANNEL, body))
     return b"".join(made)
 
 
 def _message(channel: int, sequence: int, log_ns: int, publish_ns: int, data: bytes) -> bytes:
-    return _record(Opcode.MESSAGE, struct.pack("<HIQQ", channel, sequence, log_ns, publish_ns) + data)
+    return _record(
+        Opcode.MESSAGE, struct.pack("<HIQQ", channel, sequence, log_ns, publish_ns) + data
+    )
 
 
 def _nested(depth: int) -> bytes:
@@ -65,14 +72,20 @@ FLOODS: dict[str, Callable[[], bytes]] = {
     ),
     "times that are none": lambda: (
         _described(1)
-        + b"".join(_message(0, 2**32 - 1, t, 2**64 - 1 - t, floats([1.0])) for t in (0, 2**63 - 1, 2**63, 2**64 - 1))
+        + b"".join(
+            _message(0, 2**32 - 1, t, 2**64 - 1 - t, floats([1.0]))
+            for t in (0, 2**63 - 1, 2**63, 2**64 - 1)
+        )
     ),
     "chunks within each other": lambda: _described(1) + _nested(3_000),
     "chunks that claim more than there is": lambda: (
-        _described(1) + b"".join(_record(Opcode.CHUNK, _chunk(b"", size=2**63), length=2**62) for _ in range(3))
+        _described(1)
+        + b"".join(_record(Opcode.CHUNK, _chunk(b"", size=2**63), length=2**62) for _ in range(3))
     ),
     "records of no length": lambda: _described(1) + _record(Opcode.HEADER, b"") * 30_000,
-    "compression that none knows": lambda: _described(1) + _record(Opcode.CHUNK, _chunk(b"abc", "x" * 1000)) * 1000,
+    "compression that none knows": lambda: (
+        _described(1) + _record(Opcode.CHUNK, _chunk(b"abc", "x" * 1000)) * 1000
+    ),
     "messages of no channel": lambda: _described(1) + _message(65535, 1, 1, 1, b"") * 10_000,
 }
 
@@ -111,7 +124,9 @@ def _small_bag() -> bytes:
         for topic in ("/a", "/b"):
             channel = writer.add_channel(topic, FLOATS, "", DEFINITIONS[FLOATS], [RELIABLE])
             for number in range(20):
-                writer.write(channel, floats([number]), received_ns=number, source_ns=number, sequence=number)
+                writer.write(
+                    channel, floats([number]), received_ns=number, source_ns=number, sequence=number
+                )
         writer.close()
         return (Path(name) / "x.mcap").read_bytes()
 
@@ -121,7 +136,10 @@ SMALL = _small_bag()
 
 @settings(max_examples=examples(100), deadline=None)
 @given(
-    st.lists(st.tuples(st.integers(0, len(SMALL) - 1), st.binary(min_size=1, max_size=9), st.booleans()), max_size=8),
+    st.lists(
+        st.tuples(st.integers(0, len(SMALL) - 1), st.binary(min_size=1, max_size=9), st.booleans()),
+        max_size=8,
+    ),
     st.integers(0, len(SMALL)),
 )
 def test_no_bytes_are_too_much(changes: list[tuple[int, bytes, bool]], cut: int) -> None:

@@ -76,7 +76,10 @@ def test_what_is_no_definition_names_its_file(files: dict[str, str]) -> None:
 def test_packages_stand_after_those_that_they_use() -> None:
     """Also where the names say the contrary, and in a circle, which ends."""
     a = InterfacePackage("a", {"msg/A.msg": "b/B b\n# c/C\n"})
-    b, c = InterfacePackage("b", {"msg/B.msg": "c/C[3] c\n"}), InterfacePackage("c", {"msg/C.msg": "int8 x\n"})
+    b, c = (
+        InterfacePackage("b", {"msg/B.msg": "c/C[3] c\n"}),
+        InterfacePackage("c", {"msg/C.msg": "int8 x\n"}),
+    )
     assert [p.name for p in in_order([a, b, c])] == ["c", "b", "a"]
     circle = InterfacePackage("c", {"msg/C.msg": "a/A a\n"})
     assert {p.name for p in in_order([a, b, circle])} == {"a", "b", "c"}
@@ -86,4 +89,6 @@ def test_packages_stand_after_those_that_they_use() -> None:
 def test_what_is_used_stands_in_lines_as_rosidl_has_them() -> None:
     """What is not seen to be used does not tell kept builds apart: they would be taken with other definitions of it."""
     for end in ("\n", "\r", "\x0b", "\x0c", "\x1c", "\u2028"):
-        assert InterfacePackage("a", {"msg/A.msg": f"int8 x{end}\tb/B b\n"}).used == {"b"}, repr(end)
+        assert InterfacePackage("a", {"msg/A.msg": f"int8 x{end}\tb/B b\n"}).used == {"b"}, repr(
+            end
+        )

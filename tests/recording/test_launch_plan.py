@@ -14,7 +14,19 @@ from hypothesis import strategies as st
 from grader.recording.launch_plan import PLAN_SCHEMA, MalformedPlanError, Parameter, Plan, Process
 from tests.counted import calls_of
 
-WORDS = ["id", "path", "name", "value", "type", "file", "content", "after_s", "on_exit_of", "package", "parameters"]
+WORDS = [
+    "id",
+    "path",
+    "name",
+    "value",
+    "type",
+    "file",
+    "content",
+    "after_s",
+    "on_exit_of",
+    "package",
+    "parameters",
+]
 
 
 def plain(**more: Any) -> dict[str, Any]:
@@ -45,7 +57,10 @@ def test_a_plan_is_ready_for_json() -> None:
 
 def test_keys_of_a_later_version_are_ignored() -> None:
     """A key that is not known does no harm."""
-    assert Plan.from_plain(plain(later=1, problem={"kind": "k", "message": "m", "later": 2})).problem is not None
+    assert (
+        Plan.from_plain(plain(later=1, problem={"kind": "k", "message": "m", "later": 2})).problem
+        is not None
+    )
 
 
 @pytest.mark.parametrize(
@@ -77,7 +92,9 @@ def test_the_command_has_its_parameter_files_where_the_runner_put_them() -> None
     assert process.command("/run") == ["nice", "/a", "--params-file", "/run/x.yaml"]
 
 
-@pytest.mark.parametrize(("namespace", "expected"), [(None, "/t"), ("/", "/t"), ("/n", "/n/t"), ("/n/m", "/n/m/t")])
+@pytest.mark.parametrize(
+    ("namespace", "expected"), [(None, "/t"), ("/", "/t"), ("/n", "/n/t"), ("/n/m", "/n/m/t")]
+)
 def test_the_full_name_has_the_namespace(namespace: str | None, expected: str) -> None:
     """A node's full name is its namespace and its name, parted by one slash."""
     assert Process("a-1", "/a", name="t", namespace=namespace).full_name == expected
@@ -85,7 +102,18 @@ def test_the_full_name_has_the_namespace(namespace: str | None, expected: str) -
 
 def test_the_first_rule_for_a_name_counts() -> None:
     """A rule among the launch file's own arguments comes before those that `launch` adds, and wins as in `rcl`."""
-    words = ("--ros-args", "-r", "__node:=first", "-r", "__ns:=/x", "--ros-args", "-r", "__node:=t", "-r", "__ns:=/a")
+    words = (
+        "--ros-args",
+        "-r",
+        "__node:=first",
+        "-r",
+        "__ns:=/x",
+        "--ros-args",
+        "-r",
+        "__node:=t",
+        "-r",
+        "__ns:=/a",
+    )
     process = Process("a-1", "/a", name="t", namespace="/a", argv=words)
     assert process.called == "first"
     assert process.full_name == "/x/first"
@@ -125,7 +153,13 @@ def test_the_last_value_counts() -> None:
 def process_with_parameters(section: str, namespace: str) -> Process:
     """A process of a node in a namespace, with a parameter file that has one section."""
     content = {section: {"ros__parameters": {"x": 1}}}
-    return Process("a-1", "/a", name="n", namespace=namespace, parameters=(Parameter(file="f", content=content),))
+    return Process(
+        "a-1",
+        "/a",
+        name="n",
+        namespace=namespace,
+        parameters=(Parameter(file="f", content=content),),
+    )
 
 
 @pytest.mark.parametrize(
@@ -142,7 +176,9 @@ def process_with_parameters(section: str, namespace: str) -> Process:
 )
 def test_wildcards_stand_for_names(section: str, namespace: str, fits: bool) -> None:
     """One star stands for a name, two for any number of them, also for none."""
-    assert process_with_parameters(section, namespace).effective_parameters() == ({"x": 1} if fits else {})
+    assert process_with_parameters(section, namespace).effective_parameters() == (
+        {"x": 1} if fits else {}
+    )
 
 
 def test_wildcards_are_tried_in_few_steps() -> None:
@@ -154,18 +190,31 @@ def test_wildcards_are_tried_in_few_steps() -> None:
 
 def test_patterns_apply_in_the_order_of_their_first_appearance() -> None:
     """A pattern that a second file repeats keeps its place, as `rcl` was measured to keep it."""
-    files = [{"/t": {"a": 1, "b": 1}, "/**": {"a": 2}}, {"/*": {"c": 4}, "t": {"b": 9, "c": 5}}, {"/**": {"b": 7}}]
+    files = [
+        {"/t": {"a": 1, "b": 1}, "/**": {"a": 2}},
+        {"/*": {"c": 4}, "t": {"b": 9, "c": 5}},
+        {"/**": {"b": 7}},
+    ]
     given = tuple(
-        Parameter(file=str(n), content={pattern: {"ros__parameters": values} for pattern, values in file.items()})
+        Parameter(
+            file=str(n),
+            content={pattern: {"ros__parameters": values} for pattern, values in file.items()},
+        )
         for n, file in enumerate(files)
     )
-    assert Process("a-1", "/a", name="t", parameters=given).effective_parameters() == {"a": 2, "b": 7, "c": 4}
+    assert Process("a-1", "/a", name="t", parameters=given).effective_parameters() == {
+        "a": 2,
+        "b": 7,
+        "c": 4,
+    }
 
 
 @pytest.mark.parametrize("value", [10**18, -(10**12), math.inf, [1.0, -math.inf]])
 def test_a_parameter_may_have_any_number(value: Any) -> None:
     """Large integers and infinite doubles survive JSON, which is written without words of its own."""
-    plan = Plan("ok", processes=(Process("a-1", "/a", parameters=(Parameter("x", value, "double"),)),))
+    plan = Plan(
+        "ok", processes=(Process("a-1", "/a", parameters=(Parameter("x", value, "double"),)),)
+    )
     read = Plan.from_plain(json.loads(json.dumps(plan.to_plain(), allow_nan=False)))
     assert read.processes[0].effective_parameters() == {"x": value}
 
@@ -243,7 +292,9 @@ def test_what_could_not_be_started_is_no_plan(what: str) -> None:
 @pytest.mark.parametrize("cwd", [None, "/", "/ws/src", "/ws/a..b/..c", "/tmp/x y"])
 def test_an_honest_working_folder_is_kept(cwd: str | None) -> None:
     """Any whole path without steps upwards may be one; so may large parameters be."""
-    plan = Plan.from_plain(process(cwd=cwd, parameters=[{"name": "stamp", "value": 1_700_000_000_000_000_000}]))
+    plan = Plan.from_plain(
+        process(cwd=cwd, parameters=[{"name": "stamp", "value": 1_700_000_000_000_000_000}])
+    )
     assert plan.processes[0].cwd == cwd
 
 
@@ -254,12 +305,17 @@ json_values = st.recursive(
     | st.floats()
     | st.text(max_size=12)
     | st.just("../../etc"),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.sampled_from(WORDS) | st.text(max_size=4), inner),
+    lambda inner: (
+        st.lists(inner, max_size=3)
+        | st.dictionaries(st.sampled_from(WORDS) | st.text(max_size=4), inner)
+    ),
     max_leaves=12,
 )
 
 
-@given(st.dictionaries(st.sampled_from([f.name for f in fields(Process)]), json_values), json_values)
+@given(
+    st.dictionaries(st.sampled_from([f.name for f in fields(Process)]), json_values), json_values
+)
 def test_what_is_read_can_be_kept_and_read_again(some: dict[str, Any], when: Any) -> None:
     """Whatever stands in a plan, it is refused in one way, or is the same plan after it was kept as JSON."""
     try:

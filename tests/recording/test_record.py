@@ -20,7 +20,21 @@ from grader.recording.submission import SUBMISSION_SCHEMA, SubmissionRecord
 from tests.thorough import examples
 
 RECORDINGS = Path(__file__).parents[1] / "recordings/solution"
-VALUES: list[Any] = [None, True, 0, 10**400, 1e308, "", "a", [], {}, [[]], [None], {"a": {}}, float("nan")]
+VALUES: list[Any] = [
+    None,
+    True,
+    0,
+    10**400,
+    1e308,
+    "",
+    "a",
+    [],
+    {},
+    [[]],
+    [None],
+    {"a": {}},
+    float("nan"),
+]
 KINDS: dict[str, tuple[type[Any], str]] = {
     "submission.json": (SubmissionRecord, SUBMISSION_SCHEMA),
     "publisher/session.json": (SessionRecord, SESSION_SCHEMA),
@@ -35,11 +49,19 @@ def _shortened(value: Any) -> Any:
     return [_shortened(part) for part in value[:2]] if isinstance(value, list) else value
 
 
-PLAIN = {name: _shortened(json.loads((RECORDINGS / name).read_text(encoding="utf-8"))) for name in KINDS}
+PLAIN = {
+    name: _shortened(json.loads((RECORDINGS / name).read_text(encoding="utf-8"))) for name in KINDS
+}
 
 
 def _places(value: Any, above: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    parts = value.items() if isinstance(value, dict) else enumerate(value) if isinstance(value, list) else ()
+    parts = (
+        value.items()
+        if isinstance(value, dict)
+        else enumerate(value)
+        if isinstance(value, list)
+        else ()
+    )
     for key, part in parts:
         yield (*above, key)
         yield from _places(part, (*above, key))
@@ -50,7 +72,9 @@ PLACES = {name: list(_places(plain)) for name, plain in PLAIN.items()}
 
 def _are_typed(value: Any) -> bool:
     """Whether the fields of a record that are texts, numbers and lists are such."""
-    for hint, part in ((typing.get_type_hints(type(value))[f.name], getattr(value, f.name)) for f in fields(value)):
+    for hint, part in (
+        (typing.get_type_hints(type(value))[f.name], getattr(value, f.name)) for f in fields(value)
+    ):
         kind = typing.get_origin(hint) or hint
         if kind in (str, bool, list, dict) and not isinstance(part, kind):
             return False
@@ -63,7 +87,9 @@ def _are_typed(value: Any) -> bool:
 @pytest.mark.parametrize("name", KINDS)
 @settings(max_examples=examples(100))
 @given(data=st.data())
-def test_a_record_with_other_values_is_refused_or_sound(name: str, data: st.DataObject, tmp_path_factory: Any) -> None:
+def test_a_record_with_other_values_is_refused_or_sound(
+    name: str, data: st.DataObject, tmp_path_factory: Any
+) -> None:
     """Whatever stands in a place of a record, it is a ValueError, or a record of which each field has its type."""
     plain = copy.deepcopy(PLAIN[name])
     place = data.draw(st.sampled_from(PLACES[name]))
@@ -80,7 +106,9 @@ def test_a_record_with_other_values_is_refused_or_sound(name: str, data: st.Data
     assert _are_typed(record)
 
 
-@pytest.mark.parametrize("text", ["[" * 100_000, '{"schema": ' * 50_000, "\0", '"\\ud800"', "1" * 5000])
+@pytest.mark.parametrize(
+    "text", ["[" * 100_000, '{"schema": ' * 50_000, "\0", '"\\ud800"', "1" * 5000]
+)
 def test_what_is_no_record_is_refused(text: str, tmp_path: Path) -> None:
     """Text that is no record, however deep or long, raises the one error that is documented."""
     (tmp_path / "session.json").write_text(text, encoding="utf-8")

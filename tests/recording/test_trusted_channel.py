@@ -41,7 +41,9 @@ def test_what_a_reference_node_tells_moves_to_the_record() -> None:
     assert left(taken) == ["ready"]
 
 
-@pytest.mark.parametrize(("role", "stream"), [("student", "stdout"), ("grader", "stdout"), ("reference", "stderr")])
+@pytest.mark.parametrize(
+    ("role", "stream"), [("student", "stdout"), ("grader", "stdout"), ("reference", "stderr")]
+)
 def test_nobody_else_can_tell_anything(role: str, stream: str) -> None:
     """Lines of a student's process, and those on standard error, are output like any other."""
     lines = (f"participant {ARM}", f"published /a b/msg/C {ONE}")
@@ -50,7 +52,13 @@ def test_nobody_else_can_tell_anything(role: str, stream: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "line", ["participant", f"participant {ARM}00", "published /a b/msg/C", f"published /a b/msg/C {ONE[:-1]}"]
+    "line",
+    [
+        "participant",
+        f"participant {ARM}00",
+        "published /a b/msg/C",
+        f"published /a b/msg/C {ONE[:-1]}",
+    ],
 )
 def test_a_line_that_is_cut_tells_nothing(line: str) -> None:
     """A line that does not hold what it should is output like any other."""

@@ -72,7 +72,9 @@ def listener(domain_id: int) -> Iterator[Listener]:
 
 
 @contextmanager
-def started(script: str, configuration: dict[str, Any], domain_id: int) -> Iterator[subprocess.Popen[str]]:
+def started(
+    script: str, configuration: dict[str, Any], domain_id: int
+) -> Iterator[subprocess.Popen[str]]:
     """Start a reference node as the grader does, and give it once it is ready; no node outlives its test.
 
     Before it is ready it says by which gids it is known.

@@ -32,7 +32,10 @@ def student(domain_id: int) -> Iterator[Listener]:
     """A node that listens to the arm, as a student's would."""
     with listener(domain_id) as beside:
         for topic in LOOKS:
-            beside.listen(topic, pytest.importorskip("visualization_msgs.msg", reason="needs the ROS wheels").Marker)
+            beside.listen(
+                topic,
+                pytest.importorskip("visualization_msgs.msg", reason="needs the ROS wheels").Marker,
+            )
         yield beside
 
 
@@ -40,7 +43,11 @@ def test_a_step_is_one_clock_message_or_one_state() -> None:
     """With simulation time there is a step for each clock message, otherwise for each state."""
     real, simulated = ArmSettings(rate_hz=50), ArmSettings(rate_hz=50, simulation_time=True)
     assert (real.step_rate_hz, real.steps_per_state, real.steps_per_posture) == (50, 1, 2)
-    assert (simulated.step_rate_hz, simulated.steps_per_state, simulated.steps_per_posture) == (200, 4, 8)
+    assert (simulated.step_rate_hz, simulated.steps_per_state, simulated.steps_per_posture) == (
+        200,
+        4,
+        8,
+    )
 
 
 def test_malformed_commands_are_ignored_and_counted() -> None:
@@ -61,7 +68,9 @@ def positions(student: Listener, topic: str = "/joint_states") -> list[float]:
 
 def posture(student: Listener, topic: str) -> Any:
     """Give the points of a posture that the arm published last."""
-    return np.array([(point.x, point.y, point.z) for point in student.received[topic][-1][1].points])
+    return np.array(
+        [(point.x, point.y, point.z) for point in student.received[topic][-1][1].points]
+    )
 
 
 def near(student: Listener, targets: list[float]) -> bool:
@@ -87,7 +96,11 @@ def test_arm_follows_commands_and_keeps_its_rates(student: Listener, domain_id: 
     from rosgraph_msgs.msg import Clock
     from std_msgs.msg import Float64MultiArray
 
-    configuration = {"seed": 3, "names": {"/joint_commands": "/cmds"}, "with": {"simulation_time": True}}
+    configuration = {
+        "seed": 3,
+        "names": {"/joint_commands": "/cmds"},
+        "with": {"simulation_time": True},
+    }
     publisher = student.node.create_publisher(Float64MultiArray, "/cmds", qos_profile_sensor_data)
     student.listen("/joint_states", Float64MultiArray)
     student.listen("/clock", Clock)
@@ -101,11 +114,17 @@ def test_arm_follows_commands_and_keeps_its_rates(student: Listener, domain_id: 
         assert student.spin_until(lambda: near(student, TARGETS), 30)
         student.node.create_timer(0.1, lambda: publisher.publish(Float64MultiArray(data=[1.0])))
         student.spin_for(1.0)
-        assert student.spin_until(lambda: keeps(states, 100) and keeps(student.received["/clock"], 200), 30)
+        assert student.spin_until(
+            lambda: keeps(states, 100) and keeps(student.received["/clock"], 200), 30
+        )
         status, rest, error = stop(arm)
     assert near(student, TARGETS)
-    assert posture(student, COMMANDED_TOPIC) == pytest.approx(np.array(ArmModel(0.01).posture(TARGETS)), abs=1e-6)
-    assert posture(student, MEASURED_TOPIC) == pytest.approx(posture(student, COMMANDED_TOPIC), abs=5e-3)
+    assert posture(student, COMMANDED_TOPIC) == pytest.approx(
+        np.array(ArmModel(0.01).posture(TARGETS)), abs=1e-6
+    )
+    assert posture(student, MEASURED_TOPIC) == pytest.approx(
+        posture(student, COMMANDED_TOPIC), abs=5e-3
+    )
     assert rate_hz(student.received[MEASURED_TOPIC]) == pytest.approx(25, rel=0.1)
     ticks = [m.clock.sec * 10**9 + m.clock.nanosec for _, m in student.received["/clock"]]
     assert ticks[0] > 0
@@ -169,7 +188,9 @@ class Enabling:
         atomic_replacement.node.create_service(SetBool, name, self._answer)
         self.client = atomic_replacement.node.create_client(SetBool, name)
         self.client.configure_introspection(
-            atomic_replacement.node.get_clock(), qos_profile_system_default, ServiceIntrospectionState.CONTENTS
+            atomic_replacement.node.get_clock(),
+            qos_profile_system_default,
+            ServiceIntrospectionState.CONTENTS,
         )
 
     def _answer(self, request: Any, response: Any) -> Any:

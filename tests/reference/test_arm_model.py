@@ -70,7 +70,10 @@ def numbers(element: ElementTree.Element, key: str, default: str = "0 0 0") -> F
 
 def volume(geom: ElementTree.Element) -> Floats:
     """Give points that fill a sphere, or a capsule with round ends, evenly."""
-    radius, ends = float(numbers(geom, "size")[0]), numbers(geom, "fromto", "0 0 0 0 0 0").reshape(2, 3)
+    radius, ends = (
+        float(numbers(geom, "size")[0]),
+        numbers(geom, "fromto", "0 0 0 0 0 0").reshape(2, 3),
+    )
     low, high = ends.min(axis=0) - radius, ends.max(axis=0) + radius
     axes = [np.linspace(a, b, 61)[:-1] + (b - a) / 120 for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 3)
@@ -110,7 +113,9 @@ def test_the_points_are_where_the_dimensions_put_them() -> None:
     arm = resting()
     assert arm.posture(STILL) == pytest.approx(np.array([known[name] for name in CHAIN]), abs=1e-9)
     turned_around = np.array(arm.posture([math.pi, *STILL[1:]]))
-    assert turned_around == pytest.approx(np.array([known[name] for name in CHAIN]) * [-1, -1, 1], abs=1e-9)
+    assert turned_around == pytest.approx(
+        np.array([known[name] for name in CHAIN]) * [-1, -1, 1], abs=1e-9
+    )
 
 
 def test_servos_give_way_to_the_weight_as_the_closed_form_says() -> None:
@@ -120,7 +125,9 @@ def test_servos_give_way_to_the_weight_as_the_closed_form_says() -> None:
     known = {part.name: part.points[0] for part in parts() if part.name}
     for joint, pivot, stiffness in ((1, "shoulder", 6000.0), (3, "elbow", 2500.0)):
         beyond = [part for part in parts() if part.joint > joint]
-        torque = sum(GRAVITY * part.mass * (part.points.mean(axis=0) - known[pivot])[0] for part in beyond)
+        torque = sum(
+            GRAVITY * part.mass * (part.points.mean(axis=0) - known[pivot])[0] for part in beyond
+        )
         assert -sag[joint] == pytest.approx(torque / stiffness, rel=0.02)
 
 
@@ -135,7 +142,9 @@ def test_a_small_turn_of_the_base_is_that_of_a_damped_spring() -> None:
     swing = np.emath.sqrt(complex(decay**2 - omega**2))
     # Within its first step the servo's target gets where it is to be, evenly: on average half a step late.
     t = (np.arange(60) + 0.5) * STEP_S
-    expected = 1 - (np.exp(-decay * t) * (np.cosh(swing * t) + decay * np.sinh(swing * t) / swing)).real
+    expected = (
+        1 - (np.exp(-decay * t) * (np.cosh(swing * t) + decay * np.sinh(swing * t) / swing)).real
+    )
     got = moved(arm, [0.008, *STILL[1:]], 60)[:, 0] / 0.008
     assert np.abs(got - expected).max() < 0.02
 

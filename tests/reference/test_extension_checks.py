@@ -17,7 +17,11 @@ from tests.synthetic import ROOT, Session, at, evenly, submission
 
 COMMANDS = "/joint_commands"
 POINTS = [([1.0, -0.5], {"sec": 1}), ([0.0, 0.5], {"sec": 2, "nanosec": 500_000_000})]
-GOAL = {"trajectory": {"points": [{"positions": place, "time_from_start": time} for place, time in POINTS]}}
+GOAL = {
+    "trajectory": {
+        "points": [{"positions": place, "time_from_start": time} for place, time in POINTS]
+    }
+}
 #: When the goal is sent, and how long the step takes.
 SENT_S, TAKES_S = 5.0, 3.0
 
@@ -30,18 +34,26 @@ def judged(name: str, session: Session, **parameters: Any) -> Finding:
     return check_named(f"reference/extension_checks.py:{name}").judge(context, given)
 
 
-def stepped(session: Session, kind: str, start_s: float, end_s: float, outcome: str = "done", **given: Any) -> Session:
+def stepped(
+    session: Session, kind: str, start_s: float, end_s: float, outcome: str = "done", **given: Any
+) -> Session:
     """Add a step called "step"."""
     session.record.steps.append(StepRun(kind, given, "step", at(start_s), at(end_s), outcome, {}))
     return session
 
 
-def moved(folder: Path, rate_hz: float, ends_s: tuple[float, float] = (1.0, 2.5), *, late_s: float = 0.0) -> Session:
+def moved(
+    folder: Path, rate_hz: float, ends_s: tuple[float, float] = (1.0, 2.5), *, late_s: float = 0.0
+) -> Session:
     """Give a node that follows the lines at a rate, with its points at some times, from a moment after the goal on."""
     times_s = np.arange(0.0, ends_s[1] + 1e-9, 1 / rate_hz)
     columns = zip((0.0, 0.0), *(place for place, _ in POINTS), strict=True)
     rows = np.stack([np.interp(times_s, (0.0, *ends_s), column) for column in columns], axis=1)
-    session = Session(folder).process().messages(COMMANDS, rows.tolist(), (times_s + SENT_S + late_s).tolist())
+    session = (
+        Session(folder)
+        .process()
+        .messages(COMMANDS, rows.tolist(), (times_s + SENT_S + late_s).tolist())
+    )
     return stepped(session, "send_goal", SENT_S, SENT_S + TAKES_S, goal=GOAL)
 
 
@@ -52,7 +64,9 @@ def line(session: Session) -> Finding:
 
 @pytest.mark.parametrize("rate_hz", [48.0, 100.0, 333.0])
 @pytest.mark.parametrize("late_s", [0.0, 0.2])
-def test_a_node_that_keeps_to_the_lines_is_right_at_any_rate(tmp_path: Path, rate_hz: float, late_s: float) -> None:
+def test_a_node_that_keeps_to_the_lines_is_right_at_any_rate(
+    tmp_path: Path, rate_hz: float, late_s: float
+) -> None:
     """The time begins with the first command, as a thread may take a moment to begin."""
     assert line(moved(tmp_path, rate_hz, late_s=late_s)).outcome is Outcome.PASSED
 
@@ -66,7 +80,11 @@ def test_times_that_are_added_up_are_named(tmp_path: Path) -> None:
 
 def test_the_bare_points_earn_nothing_although_each_comes_at_its_time(tmp_path: Path) -> None:
     """Between them the arm is where it must not be."""
-    session = Session(tmp_path).process().messages(COMMANDS, [[0.0, 0.0], *(p for p, _ in POINTS)], [5.0, 6.0, 7.5])
+    session = (
+        Session(tmp_path)
+        .process()
+        .messages(COMMANDS, [[0.0, 0.0], *(p for p, _ in POINTS)], [5.0, 6.0, 7.5])
+    )
     found = line(stepped(session, "send_goal", SENT_S, SENT_S + TAKES_S, goal=GOAL))
     assert found.outcome is Outcome.FAILED
     assert "added up" not in found.reason
@@ -80,8 +98,14 @@ def test_a_motion_that_ends_early_earns_a_part(tmp_path: Path) -> None:
     kept = Session(tmp_path / "short").process()
     stream = session.recorded().stream(COMMANDS)
     before = stream.source_ns <= at(SENT_S + 2.0)
-    moving = [list(row) for row, is_before in zip(stream.field("data"), before, strict=True) if is_before]
-    kept.messages(COMMANDS, moving + rows, [(t - at(0)) / 1e9 for t in stream.source_ns[before].tolist()] + times_s)
+    moving = [
+        list(row) for row, is_before in zip(stream.field("data"), before, strict=True) if is_before
+    ]
+    kept.messages(
+        COMMANDS,
+        moving + rows,
+        [(t - at(0)) / 1e9 for t in stream.source_ns[before].tolist()] + times_s,
+    )
     found = line(stepped(kept, "send_goal", SENT_S, SENT_S + TAKES_S, goal=GOAL))
     assert found.outcome is Outcome.PARTIAL
 
@@ -90,7 +114,10 @@ def test_a_motion_that_ends_early_earns_a_part(tmp_path: Path) -> None:
 def test_messages_of_anything_are_judged(tmp_path: Path, rows: list[list[float]]) -> None:
     """What holds other numbers is off the line."""
     session = Session(tmp_path).process().messages(COMMANDS, rows * 300, evenly(100, 2.99, SENT_S))
-    assert line(stepped(session, "send_goal", SENT_S, SENT_S + TAKES_S, goal=GOAL)).outcome is Outcome.FAILED
+    assert (
+        line(stepped(session, "send_goal", SENT_S, SENT_S + TAKES_S, goal=GOAL)).outcome
+        is Outcome.FAILED
+    )
 
 
 def test_a_line_that_the_machine_delayed_is_undecided(tmp_path: Path) -> None:
@@ -100,7 +127,9 @@ def test_a_line_that_the_machine_delayed_is_undecided(tmp_path: Path) -> None:
     assert line(moved(tmp_path / "idle", 100.0, (1.2, 2.9))).outcome is not Outcome.INCONCLUSIVE
 
 
-@pytest.mark.parametrize(("rate_hz", "credit"), [(100.0, 1.0), (46.0, 1.0), (33.0, 0.5), (20.0, 0.0)])
+@pytest.mark.parametrize(
+    ("rate_hz", "credit"), [(100.0, 1.0), (46.0, 1.0), (33.0, 0.5), (20.0, 0.0)]
+)
 def test_the_rate_of_commands(tmp_path: Path, rate_hz: float, credit: float) -> None:
     """A loop that sleeps for its whole period of 0.02 s is right; one of 33 Hz earns a part."""
     found = judged("often_enough", moved(tmp_path, rate_hz), step="step", topic=COMMANDS)
@@ -118,9 +147,13 @@ def test_the_rate_of_commands(tmp_path: Path, rate_hz: float, credit: float) -> 
     ],
     ids=["the share", "percent", "of another time", "no number", "behind, as it had no core"],
 )
-def test_progress_is_the_share_of_the_time(tmp_path: Path, scale: float, kept_s: float, outcome: Outcome) -> None:
+def test_progress_is_the_share_of_the_time(
+    tmp_path: Path, scale: float, kept_s: float, outcome: Outcome
+) -> None:
     """It is compared with the time since the goal was accepted."""
-    told = [{"t_ns": at(SENT_S + n / 10), "values": {"progress": scale * n / 25}} for n in range(26)]
+    told = [
+        {"t_ns": at(SENT_S + n / 10), "values": {"progress": scale * n / 25}} for n in range(26)
+    ]
     session = moved(tmp_path, 100.0).disturbed("it", (SENT_S + 0.5, kept_s))
     session.record.steps[-1].result["goals"] = [{"answered_ns": at(SENT_S), "feedback": told}]
     assert judged("progress_by_time", session, step="step").outcome is outcome
@@ -139,7 +172,11 @@ def test_what_was_not_recorded_is_no_pause(tmp_path: Path) -> None:
 def answering(folder: Path, pauses: list[tuple[float, float]], ended_s: float) -> Session:
     """Give a publisher at 100 Hz with pauses, and a call at 5 s that is answered at some time."""
     times_s = [t for t in evenly(100, 9.0) if not any(a < t < b for a, b in pauses)]
-    session = Session(folder).process(exited_ns=at(10.1)).messages(COMMANDS, [[0.0]] * len(times_s), times_s)
+    session = (
+        Session(folder)
+        .process(exited_ns=at(10.1))
+        .messages(COMMANDS, [[0.0]] * len(times_s), times_s)
+    )
     return stepped(session, "call", SENT_S, ended_s)
 
 
@@ -153,7 +190,14 @@ def answering(folder: Path, pauses: list[tuple[float, float]], ended_s: float) -
         ([(4.99, 5.4)], 5.4, Outcome.PARTIAL),
         ([(5.2, 99.0)], 5.4, Outcome.FAILED),
     ],
-    ids=["at once", "a pause before", "slow and beside", "sleeps", "sleeps a little", "never again"],
+    ids=[
+        "at once",
+        "a pause before",
+        "slow and beside",
+        "sleeps",
+        "sleeps a little",
+        "never again",
+    ],
 )
 def test_commands_go_on_while_a_call_is_answered(
     tmp_path: Path, pauses: list[tuple[float, float]], ended_s: float, outcome: Outcome
@@ -169,10 +213,14 @@ def test_a_pause_of_the_machines_is_undecided(tmp_path: Path) -> None:
     assert judged("goes_on", session, topic=COMMANDS, step="step").outcome is Outcome.INCONCLUSIVE
 
 
-@pytest.mark.parametrize(("outcome", "wanted"), [("done", Outcome.PASSED), ("timeout", Outcome.FAILED)])
+@pytest.mark.parametrize(
+    ("outcome", "wanted"), [("done", Outcome.PASSED), ("timeout", Outcome.FAILED)]
+)
 def test_a_publisher_that_a_step_waited_for(tmp_path: Path, outcome: str, wanted: Outcome) -> None:
     """It was there in time, or it was not."""
-    session = stepped(Session(tmp_path).process(), "wait_for", 1.0, 3.0, outcome, publisher=COMMANDS)
+    session = stepped(
+        Session(tmp_path).process(), "wait_for", 1.0, 3.0, outcome, publisher=COMMANDS
+    )
     assert judged("came", session, step="step").outcome is wanted
 
 

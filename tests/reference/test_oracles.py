@@ -85,7 +85,9 @@ def border_trouble(events: Sequence[Event], rng: np.random.Generator, most: int)
     heard: list[Event] = []
     for k, event in enumerate(events):
         new_command = (
-            event.role == COMMAND and events[k - 1].role == STATE and any(earlier.role == COMMAND for earlier in heard)
+            event.role == COMMAND
+            and events[k - 1].role == STATE
+            and any(earlier.role == COMMAND for earlier in heard)
         )
         if new_command:
             amount = int(rng.integers(0, most + 1))
@@ -209,18 +211,29 @@ def reported_by(
 @pytest.mark.parametrize(
     ("parameters", "report", "first"),
     [
-        ({"over": "history"}, lambda _, history: float(np.sqrt(np.mean(np.array(history) ** 2))), False),
+        (
+            {"over": "history"},
+            lambda _, history: float(np.sqrt(np.mean(np.array(history) ** 2))),
+            False,
+        ),
         ({"command": "first"}, lambda error, _: float(np.sqrt(np.mean(error**2))), True),
         ({"formula": "mean"}, lambda error, _: float(np.mean(np.abs(error))), False),
         ({"formula": "square"}, lambda error, _: float(np.mean(error**2)), False),
         ({"formula": "deviation"}, lambda error, _: float(np.std(error)), False),
         ({"formula": "signed"}, lambda error, _: float(np.mean(error)), False),
-        ({"scale": float(np.degrees(1))}, lambda error, _: float(np.degrees(np.sqrt(np.mean(error**2)))), False),
+        (
+            {"scale": float(np.degrees(1))},
+            lambda error, _: float(np.degrees(np.sqrt(np.mean(error**2)))),
+            False,
+        ),
     ],
 )
 @pytest.mark.parametrize("seed", [0, 1, 2])
 def test_known_mistakes_in_the_series_are_recognised(
-    seed: int, parameters: dict[str, Any], report: Callable[[Floats, list[Floats]], float], first: bool
+    seed: int,
+    parameters: dict[str, Any],
+    report: Callable[[Floats, list[Floats]], float],
+    first: bool,
 ) -> None:
     """The median on each plateau is that of a subscriber with the mistake, and not the right one on half of them."""
     events = schedule(seed)
@@ -229,10 +242,15 @@ def test_known_mistakes_in_the_series_are_recognised(
     wrong = tracking_plateaus(recorded(events), parameters, seed)
     sent_ns = recorded(events)[STATE].source_ns[-len(reports) :]
     for span in wrong:
-        inside = [r for t, r in zip(sent_ns, reports, strict=True) if span["start_ns"] <= t <= span["end_ns"]]
+        inside = [
+            r
+            for t, r in zip(sent_ns, reports, strict=True)
+            if span["start_ns"] <= t <= span["end_ns"]
+        ]
         assert np.median(inside) == pytest.approx(span["value"], abs=1e-9)
     differing = [
-        abs(a["value"] - b["value"]) > max(0.002, 0.01 * b["value"]) for a, b in zip(wrong, right, strict=True)
+        abs(a["value"] - b["value"]) > max(0.002, 0.01 * b["value"])
+        for a, b in zip(wrong, right, strict=True)
     ]
     assert sum(differing) >= 3
 
@@ -246,7 +264,9 @@ def test_a_history_that_stops_when_full_is_recognised(seed: int) -> None:
     right = tracking_statistics(recorded(events), {}, seed)
     assert found["mean"]["value"] == pytest.approx(np.abs(errors).mean(axis=0))
     mean = np.array(found["mean"]["value"])
-    assert ((mean > np.array(right["mean"]["high"])) | (mean < np.array(right["mean"]["low"]))).any()
+    assert (
+        (mean > np.array(right["mean"]["high"])) | (mean < np.array(right["mean"]["low"]))
+    ).any()
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -276,16 +296,25 @@ def test_a_forgotten_root_is_recognised(seed: int) -> None:
 def test_statistics_in_another_unit_are_recognised() -> None:
     """A factor goes into the value and its bounds alike."""
     streams = recorded(schedule(0))
-    plain, scaled = (tracking_statistics(streams, {"scale": scale}, 0)["rms"] for scale in (1.0, 10.0))
-    assert all(np.allclose(10 * np.array(plain[kind]), scaled[kind]) for kind in ("low", "value", "high"))
+    plain, scaled = (
+        tracking_statistics(streams, {"scale": scale}, 0)["rms"] for scale in (1.0, 10.0)
+    )
+    assert all(
+        np.allclose(10 * np.array(plain[kind]), scaled[kind]) for kind in ("low", "value", "high")
+    )
 
 
 @pytest.mark.parametrize(
     ("mistake", "wrong"),
-    [("summed", lambda e: np.sqrt((e**2).sum(axis=0))), ("magnitude", lambda e: np.abs(e).mean(axis=0))],
+    [
+        ("summed", lambda e: np.sqrt((e**2).sum(axis=0))),
+        ("magnitude", lambda e: np.abs(e).mean(axis=0)),
+    ],
 )
 @pytest.mark.parametrize("seed", SEEDS)
-def test_another_formula_for_the_rms_is_recognised(seed: int, mistake: str, wrong: Callable[[Floats], Floats]) -> None:
+def test_another_formula_for_the_rms_is_recognised(
+    seed: int, mistake: str, wrong: Callable[[Floats], Floats]
+) -> None:
     """The root of the sum, and the mean of |error|, lie within their bounds, and are no right RMS."""
     events = schedule(seed)
     value = wrong(np.array(hear_all(events).errors))

@@ -11,7 +11,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "reference"))
 from plateau_schedule import COMMAND, STATE, PlateauSettings, schedule
 
 from grader.recording.trusted_channel import DIGEST_DIGITS, digest
-from tests.reference.live_graph import Listener, lines, listener, started, stop, stop_and_hear, use_private_graph
+from tests.reference.live_graph import (
+    Listener,
+    lines,
+    listener,
+    started,
+    stop,
+    stop_and_hear,
+    use_private_graph,
+)
 
 # Short, so that the test is: the node knows nothing of the numbers.
 SHORT = {"rate_hz": 500, "early_s": 0.5, "subscriptions": 1}
@@ -47,9 +55,13 @@ def test_stimulus_plays_the_schedule_of_its_seed(domain_id: int) -> None:
         received = heard.received["/joint_states"]
         sent: list[bytes] = []
         heard.node.create_subscription(Float64MultiArray, "/cmds", sent.append, 100, raw=True)
-        with started("plateaus.py", {"seed": 8, "names": names, "with": SHORT}, domain_id) as stimulus:
+        with started(
+            "plateaus.py", {"seed": 8, "names": names, "with": SHORT}, domain_id
+        ) as stimulus:
             last = states[-1].values
-            assert heard.spin_until(lambda: values(heard, "/joint_states")[-208:] == [last] * 208, 60)
+            assert heard.spin_until(
+                lambda: values(heard, "/joint_states")[-208:] == [last] * 208, 60
+            )
             assert lines(stimulus).readline() == "done\n"
             heard.spin_for(0.2)
             told = stop_and_hear(stimulus)
@@ -63,8 +75,15 @@ def test_stimulus_plays_the_schedule_of_its_seed(domain_id: int) -> None:
     missing = len(states) - len(received)
     assert 0 <= missing < len(states) - 1100
     assert values(heard, "/joint_states") == [event.values for event in states[missing:]]
-    late_s = np.array([t_ns / 1e9 - state.t_s for (t_ns, _), state in zip(received, states[missing:], strict=True)])
-    assert np.median(np.abs(late_s - np.median(late_s))) < 0.02  # Some may be late, where the machine is.
+    late_s = np.array(
+        [
+            t_ns / 1e9 - state.t_s
+            for (t_ns, _), state in zip(received, states[missing:], strict=True)
+        ]
+    )
+    assert (
+        np.median(np.abs(late_s - np.median(late_s))) < 0.02
+    )  # Some may be late, where the machine is.
 
 
 @pytest.mark.live

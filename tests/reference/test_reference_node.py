@@ -21,8 +21,14 @@ from grader.reference_node import (
 
 def test_configuration_is_read_and_names_are_mapped() -> None:
     """A topic that the student named otherwise is found under that name, all others under their own."""
-    configuration = parse_configuration('{"seed": 4, "names": {"/a": "/b"}, "with": {"rate_hz": 50}}')
-    assert (configuration.seed, configuration.name("/a"), configuration.name("/c")) == (4, "/b", "/c")
+    configuration = parse_configuration(
+        '{"seed": 4, "names": {"/a": "/b"}, "with": {"rate_hz": 50}}'
+    )
+    assert (configuration.seed, configuration.name("/a"), configuration.name("/c")) == (
+        4,
+        "/b",
+        "/c",
+    )
     assert build_settings(ArmSettings, configuration.settings).rate_hz == 50
 
 

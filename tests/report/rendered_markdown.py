@@ -10,7 +10,8 @@ from cmarkgfm.cmark import Options
 
 #: What GitHub makes links or pictures of in text that is not code, after Markdown is done with.
 MADE_ACTIVE = re.compile(
-    r"@[A-Za-z0-9]|#\d|\bGH-\d|:[a-z0-9+-]+:|https?://|ftp://|www\.|mailto:|\b[0-9a-f]{7,40}\b", re.IGNORECASE
+    r"@[A-Za-z0-9]|#\d|\bGH-\d|:[a-z0-9+-]+:|https?://|ftp://|www\.|mailto:|\b[0-9a-f]{7,40}\b",
+    re.IGNORECASE,
 )
 
 
@@ -24,7 +25,9 @@ class Page(HTMLParser):
         self.prose = ""
         self._codes = 0
         self.feed(
-            cmarkgfm.github_flavored_markdown_to_html(markdown, Options.CMARK_OPT_UNSAFE | Options.CMARK_OPT_FOOTNOTES)
+            cmarkgfm.github_flavored_markdown_to_html(
+                markdown, Options.CMARK_OPT_UNSAFE | Options.CMARK_OPT_FOOTNOTES
+            )
         )
         self.close()
 

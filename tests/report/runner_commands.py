@@ -40,7 +40,11 @@ def colon_command(line: str) -> Command | None:
     if not name or ":" in name:
         return None
     pairs = [pair.split("=", 1) for pair in rest.strip().split(",") if "=" in pair] if blank else []
-    return Command(name, {k: _decoded(v, _PROPERTY) for k, v in pairs if k and v}, _decoded(line[end + 2 :], _DATA))
+    return Command(
+        name,
+        {k: _decoded(v, _PROPERTY) for k, v in pairs if k and v},
+        _decoded(line[end + 2 :], _DATA),
+    )
 
 
 def bracket_command(line: str) -> str | None:

@@ -20,7 +20,15 @@ from grader.recording.submission import SubmissionRecord
 from grader.report import submission_page
 from grader.report.terminal import print_result
 from grader.report.views import adjustments_of, final_share
-from grader.result import Adjustment, AdjustmentKind, Result, number, result_schema, to_json, to_plain
+from grader.result import (
+    Adjustment,
+    AdjustmentKind,
+    Result,
+    number,
+    result_schema,
+    to_json,
+    to_plain,
+)
 from tests.report.untrusted_texts import FRAGMENTS
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
@@ -48,7 +56,9 @@ def adjusted(judged: Result) -> Result:
         adjustment(AdjustmentKind.POINTS, "publisher.rate", "-1.5"),
         adjustment(AdjustmentKind.EXCUSED, "documentation", "7.6"),
         adjustment(AdjustmentKind.REVIEWED, "score", "0"),
-        adjustment(AdjustmentKind.APPEAL, "publisher.rate", "0", "My timer is <b>right</b>.", "ann"),
+        adjustment(
+            AdjustmentKind.APPEAL, "publisher.rate", "0", "My timer is <b>right</b>.", "ann"
+        ),
         adjustment(AdjustmentKind.BONUS, "score", "3"),
         adjustment(AdjustmentKind.SUBMITTED, "2026-11-22 10:00 +01:00", "0"),
         adjustment(AdjustmentKind.EXTENSION, "due 2026-11-21 23:59 +01:00", "0"),
@@ -65,7 +75,9 @@ def page_of(result: Result) -> str:
 def words_of(page: str) -> str:
     """Give a page's words, without its elements."""
     return " ".join(
-        unescape(re.sub(r"<style>.*?</style>|<script>.*?</script>|<[^>]*>", " ", page, flags=re.DOTALL)).split()
+        unescape(
+            re.sub(r"<style>.*?</style>|<script>.*?</script>|<[^>]*>", " ", page, flags=re.DOTALL)
+        ).split()
     )
 
 
@@ -145,7 +157,10 @@ def test_the_terminal_shows_them_below_the_sum(judged: Result, adjusted: Result)
     before = f"{number(judged.score.earned)} / {judged.score.possible}"
     after = f"With all adjustments {adjusted.final} / {adjusted.score.possible}"
     assert (
-        text.index(before) < text.index("Commands arrive at 100 Hz −1.5") < text.index("Late −2.4") < text.index(after)
+        text.index(before)
+        < text.index("Commands arrive at 100 Hz −1.5")
+        < text.index("Late −2.4")
+        < text.index(after)
     )
     assert "so it was (J. Smith, 2026-11-21)" in text
     assert "With all adjustments" not in printed(judged)
@@ -161,7 +176,9 @@ def test_the_schema_describes_results(judged: Result, adjusted: Result) -> None:
         jsonschema.Draft202012Validator(SCHEMA).validate(plain)
         assert plain["score"]["final"] == float(result.final)
     assert to_plain(judged)["adjustments"] == []
-    assert [a["kind"] for a in to_plain(adjusted)["adjustments"]] == [kind.value for kind in AdjustmentKind]
+    assert [a["kind"] for a in to_plain(adjusted)["adjustments"]] == [
+        kind.value for kind in AdjustmentKind
+    ]
     assert to_plain(adjusted)["adjustments"][0] == {
         "kind": "points",
         "what": "publisher.rate",
@@ -175,13 +192,23 @@ def test_the_schema_describes_results(judged: Result, adjusted: Result) -> None:
 
 def test_question_and_answer_stand_at_their_check(judged: Result) -> None:
     """In the order in which they were written, with who said it; also at what was passed, and at a criterion."""
-    answer = replace(adjustment(AdjustmentKind.POINTS, "publisher.rate", "-1", "", "J. Smith"), comment="It is 94 Hz.")
-    told = replace(adjustment(AdjustmentKind.REVIEWED, "publisher", "0", "", "J. Smith"), comment="Well structured.")
-    asked = adjustment(AdjustmentKind.APPEAL, "publisher.rate", "0", "My timer is <b>right</b>.", "ann")
+    answer = replace(
+        adjustment(AdjustmentKind.POINTS, "publisher.rate", "-1", "", "J. Smith"),
+        comment="It is 94 Hz.",
+    )
+    told = replace(
+        adjustment(AdjustmentKind.REVIEWED, "publisher", "0", "", "J. Smith"),
+        comment="Well structured.",
+    )
+    asked = adjustment(
+        AdjustmentKind.APPEAL, "publisher.rate", "0", "My timer is <b>right</b>.", "ann"
+    )
     page = page_of(replace(judged, adjustments=(asked, answer, told)))
     section = page[page.index('id="check-publisher.rate"') :]
     words = words_of(section[:6000])
-    assert words.index("Appeal ann, 2026-11-21 My timer is <b>right</b>.") < words.index("It is 94 Hz.")
+    assert words.index("Appeal ann, 2026-11-21 My timer is <b>right</b>.") < words.index(
+        "It is 94 Hz."
+    )
     assert "Well structured." in words_of(page[page.index('id="criterion-publisher"') :])[:600]
     assert "Appeal: Lab 09-01" in words
 

@@ -18,15 +18,29 @@ from tests.report.untrusted_texts import hostile
 
 
 def change(
-    name: str, before: str | None, after: str, *, outcome: Outcome = Outcome.FAILED, words: bool = False
+    name: str,
+    before: str | None,
+    after: str,
+    *,
+    outcome: Outcome = Outcome.FAILED,
+    words: bool = False,
 ) -> Changes:
     """Give what changes for a submission, all of it in one check; nothing where the points are equal."""
     if before is None or before == after:
-        return Changes(name, None if before is None else Decimal(before), Decimal(after), _NONE, _NONE, words=words)
+        return Changes(
+            name,
+            None if before is None else Decimal(before),
+            Decimal(after),
+            _NONE,
+            _NONE,
+            words=words,
+        )
     difference = Decimal(after) - Decimal(before)
     check = Change("check", "p.rate", "Rate", Decimal(6), 6 + difference, (Outcome.PASSED, outcome))
     criterion = Change("criterion", "p", "Publisher", Decimal(20), 20 + difference)
-    return Changes(name, Decimal(before), Decimal(after), _NONE, _NONE, (criterion, check), words=True)
+    return Changes(
+        name, Decimal(before), Decimal(after), _NONE, _NONE, (criterion, check), words=True
+    )
 
 
 _NONE = (Decimal(0), Decimal(0))
@@ -35,7 +49,10 @@ _NONE = (Decimal(0), Decimal(0))
 def printed(*changes: Changes, width: int = 120) -> str:
     """Give what is printed, with single spaces."""
     file = io.StringIO()
-    print_changes(Console(file=file, width=width, highlight=False), {each.submission: each for each in changes})
+    print_changes(
+        Console(file=file, width=width, highlight=False),
+        {each.submission: each for each in changes},
+    )
     return "\n".join(" ".join(line.split()) for line in file.getvalue().splitlines())
 
 
@@ -54,7 +71,11 @@ def test_who_changes_by_how_much_and_where() -> None:
 def test_the_greatest_change_comes_first() -> None:
     """Up or down, by size; equal ones by name."""
     text = printed(change("ann", "90", "89"), change("eve", "50", "56"), change("bob", "40", "39"))
-    assert [line.split()[0] for line in text.splitlines() if "→" in line and line[0] in "abe"] == ["eve", "ann", "bob"]
+    assert [line.split()[0] for line in text.splitlines() if "→" in line and line[0] in "abe"] == [
+        "eve",
+        "ann",
+        "bob",
+    ]
 
 
 def test_a_class_is_summed_up_by_check() -> None:
@@ -66,15 +87,27 @@ def test_a_class_is_summed_up_by_check() -> None:
         change("fay", "7", "7", words=True),
     )
     assert "Rate 1 1 −1" in text
-    assert "Points or outcomes change for 2 of 4 submissions, 1 only in words; 2 keep theirs." in text
+    assert (
+        "Points or outcomes change for 2 of 4 submissions, 1 only in words; 2 keep theirs." in text
+    )
 
 
 def test_another_total_is_reported() -> None:
     """Where a rubric has fewer points in all, that is said once for all whom it concerns; renamed checks have ids."""
-    checks = [Change("check", f"p.{n}", "Rate", None, Decimal(6), (None, Outcome.PASSED)) for n in "ab"]
+    checks = [
+        Change("check", f"p.{n}", "Rate", None, Decimal(6), (None, Outcome.PASSED)) for n in "ab"
+    ]
     criterion = Change("criterion", "p", "Publisher", Decimal(20), Decimal(20))
     each = [
-        Changes(name, Decimal(100), Decimal(90), _NONE, (Decimal(100), Decimal(90)), (criterion, *checks), True)
+        Changes(
+            name,
+            Decimal(100),
+            Decimal(90),
+            _NONE,
+            (Decimal(100), Decimal(90)),
+            (criterion, *checks),
+            True,
+        )
         for name in ("ann", "bob")
     ]
     text = printed(*each, change("eve", "90", "88"))
@@ -103,7 +136,14 @@ def test_outcomes_adjustments_and_undecided_points_are_reported() -> None:
     check = Change("check", "p.rate", "Rate", None, Decimal(0), (None, Outcome.NOT_REACHED))
     criterion = Change("criterion", "p", "Publisher", Decimal(4), Decimal(4))
     text = printed(
-        Changes("ann", Decimal(1), Decimal(4), (Decimal(6), Decimal(0)), _NONE, (criterion, check, adjusted))
+        Changes(
+            "ann",
+            Decimal(1),
+            Decimal(4),
+            (Decimal(6), Decimal(0)),
+            _NONE,
+            (criterion, check, adjusted),
+        )
     )
     assert "bonus: score 0 → 3 +3" in text
     assert "undecided 6 → 0" in text
@@ -131,7 +171,10 @@ def rows(*changes: Changes) -> list[dict[str, str]]:
 def test_a_row_for_each_part() -> None:
     """Total, criterion, check and adjustment have a row each, with numbers as numbers."""
     adjusted = Change("adjustment", "score", "late", Decimal(0), Decimal("-2.5"))
-    found = rows(change("ann", "90", "84.5"), Changes("bob", Decimal(9), Decimal("6.5"), _NONE, _NONE, (adjusted,)))
+    found = rows(
+        change("ann", "90", "84.5"),
+        Changes("bob", Decimal(9), Decimal("6.5"), _NONE, _NONE, (adjusted,)),
+    )
     assert [(row["submission"], row["level"], row["id"], row["difference"]) for row in found] == [
         ("ann", "total", "", "-5.5"),
         ("ann", "criterion", "p", "-5.5"),

@@ -43,9 +43,15 @@ def summary(rubric: Rubric, entries: list[ClassEntry]) -> ClassSummary:
     return summarise(entries, rubric)
 
 
-def entry(name: str, credits: list[float | None], reasons: dict[str, str] | None = None, **more: Any) -> ClassEntry:
+def entry(
+    name: str, credits: list[float | None], reasons: dict[str, str] | None = None, **more: Any
+) -> ClassEntry:
     """Give a student with a report."""
-    return entry_of(name, result_of(LAB, credits, reasons) | more, report=report_link(name.replace("\ud800", "")))
+    return entry_of(
+        name,
+        result_of(LAB, credits, reasons) | more,
+        report=report_link(name.replace("\ud800", "")),
+    )
 
 
 def page_of(*entries: ClassEntry) -> Page:
@@ -55,7 +61,11 @@ def page_of(*entries: ClassEntry) -> Page:
 
 def rows_of(page: Page) -> list[dict[str, str]]:
     """Give the attributes of the students' rows."""
-    return [attributes for tag, attributes in page.elements if tag == "tr" and "data-codes" in attributes]
+    return [
+        attributes
+        for tag, attributes in page.elements
+        if tag == "tr" and "data-codes" in attributes
+    ]
 
 
 # -- the page as a file ------------------------------------------------------------------------
@@ -64,18 +74,27 @@ def rows_of(page: Page) -> list[dict[str, str]]:
 def test_the_page_needs_nothing_else(summary: ClassSummary) -> None:
     """Its policy allows its own style and script by their hashes; nothing is loaded, nothing is styled in place."""
     page = Page(render(summary))
-    hashes = [base64.b64encode(hashlib.sha256(part.encode()).digest()).decode() for part in page.scripts]
-    policy = next(a["content"] for t, a in page.elements if a.get("http-equiv") == "Content-Security-Policy")
+    hashes = [
+        base64.b64encode(hashlib.sha256(part.encode()).digest()).decode() for part in page.scripts
+    ]
+    policy = next(
+        a["content"] for t, a in page.elements if a.get("http-equiv") == "Content-Security-Policy"
+    )
     style, script = (f"'sha256-{digest}'" for digest in hashes)
     assert policy == (
         f"default-src 'none'; style-src {style}; script-src {script}; base-uri 'none'; form-action 'none'"
     )
     assert page.tags().isdisjoint({"link", "img", "iframe", "object", "base"})
     assert not page.values("style")
-    assert not [name for _, attributes in page.elements for name in attributes if name.startswith("on")]
+    assert not [
+        name for _, attributes in page.elements for name in attributes if name.startswith("on")
+    ]
     assert not re.search(r"url\(|@import|https?:", "".join(page.scripts))
     outside = [href for href in page.values("href") if not href.startswith("#")]
-    assert {re.sub(r"^[a-z%A-Z0-9_]+/report\.html(#check-[a-z._]+|#tampering)?$", "", href) for href in outside} == {""}
+    assert {
+        re.sub(r"^[a-z%A-Z0-9_]+/report\.html(#check-[a-z._]+|#tampering)?$", "", href)
+        for href in outside
+    } == {""}
 
 
 def test_the_same_class_gives_the_same_bytes(summary: ClassSummary) -> None:
@@ -90,7 +109,10 @@ def test_all_that_is_pointed_at_is_there(summary: ClassSummary) -> None:
     assert len(ids) == len(set(ids))
     pointed = [href[1:] for href in page.values("href") if href.startswith("#")]
     pointed += [
-        name for key in ("aria-labelledby", "aria-describedby", "for") for v in page.values(key) for name in v.split()
+        name
+        for key in ("aria-labelledby", "aria-describedby", "for")
+        for v in page.values(key)
+        for name in v.split()
     ]
     assert set(pointed) - set(ids) == set()
     assert any(name.startswith("adjusted-") for name in pointed)
@@ -132,7 +154,9 @@ def test_a_mistake_names_its_students_and_what_to_say() -> None:
     words = " ".join(page.words.split())
     assert "−8 PUB.RATE Pub Messages come at 80 to 90 Hz, too slow." in words
     assert f"What students were told: {hint} 2 of 3 students" in words
-    assert {"alice/report.html#check-pub.rate", "bob/report.html#check-pub.rate"} <= set(page.values("href"))
+    assert {"alice/report.html#check-pub.rate", "bob/report.html#check-pub.rate"} <= set(
+        page.values("href")
+    )
     assert [row["data-mistakes"] for row in rows_of(page)] == ["0", "0", ""]
 
 
@@ -141,7 +165,13 @@ def test_what_is_to_do_stands_before_all_else(summary: ClassSummary) -> None:
     words = " ".join(Page(render(summary)).words.split())
     places = [
         words.index(text)
-        for text in ("Not graded 1", "Interfered with the grader 1", "Undecided 2", "Points", "Students")
+        for text in (
+            "Not graded 1",
+            "Interfered with the grader 1",
+            "Undecided 2",
+            "Points",
+            "Students",
+        )
     ]
     assert places == sorted(places)
     assert "published 40 messages on /joint_states" in words
@@ -151,18 +181,28 @@ def test_what_is_to_do_stands_before_all_else(summary: ClassSummary) -> None:
 def test_the_picture_says_how_many_have_how_many_points() -> None:
     """A bar with its number for each range that someone is in, the median, and all of it in words."""
     page = page_of(*(entry(str(n), [1, 1, share]) for n, share in enumerate((0, 0, 0.5, 1))))
-    bars = [attributes for tag, attributes in page.elements if tag == "rect" and attributes.get("class") == "bar"]
+    bars = [
+        attributes
+        for tag, attributes in page.elements
+        if tag == "rect" and attributes.get("class") == "bar"
+    ]
     heights = [float(bar["height"]) for bar in bars]
     assert len(bars) == 3
     assert heights[0] == pytest.approx(2 * heights[1])
     words = " ".join(page.words.split())
     assert "2 1 1 median 22.5" in words
-    assert "4 graded. Bars are 1.5 points wide. The middle half, shaded, has 20 to 26.3 points." in words
+    assert (
+        "4 graded. Bars are 1.5 points wide. The middle half, shaded, has 20 to 26.3 points."
+        in words
+    )
 
 
 def test_nothing_to_do_is_said() -> None:
     """An empty list is not left to be guessed."""
-    assert "Nothing: all submissions are graded, and all points decided." in page_of(entry("alice", [1, 1, 1])).words
+    assert (
+        "Nothing: all submissions are graded, and all points decided."
+        in page_of(entry("alice", [1, 1, 1])).words
+    )
 
 
 def test_a_class_without_any_result_has_a_page() -> None:
@@ -175,7 +215,14 @@ def test_a_class_without_any_result_has_a_page() -> None:
 
 def test_adjustments_are_explained() -> None:
     """The points say that they were adjusted, and by whom and why."""
-    change = {"kind": "points", "what": "pub.rate", "points": 4, "reason": "Seen.", "who": "JS", "when": "2026-11-21"}
+    change = {
+        "kind": "points",
+        "what": "pub.rate",
+        "points": 4,
+        "reason": "Seen.",
+        "who": "JS",
+        "when": "2026-11-21",
+    }
     student = entry("alice", [1, 0.5, 1], adjustments=[change])
     words = " ".join(page_of(student).words.split())
     assert "30 +4 by adjustments" in words
@@ -194,13 +241,19 @@ def test_a_check_that_tells_nothing_says_why() -> None:
 
 @pytest.mark.parametrize(
     ("offsets", "heading", "shown"),
-    [((1, 1), "Handed in, UTC+01:00", "2026-11-20 22:00"), ((1, 2), "Handed in, UTC", "2026-11-20 21:00")],
+    [
+        ((1, 1), "Handed in, UTC+01:00", "2026-11-20 22:00"),
+        ((1, 2), "Handed in, UTC", "2026-11-20 21:00"),
+    ],
 )
-def test_times_of_submission_can_be_compared(offsets: tuple[int, int], heading: str, shown: str) -> None:
+def test_times_of_submission_can_be_compared(
+    offsets: tuple[int, int], heading: str, shown: str
+) -> None:
     """They stand in the zone that all were given in, or else in UTC, and the heading says which."""
     students = [
         dataclasses.replace(
-            entry(str(n), [1, 1, 1]), submitted_at=datetime(2026, 11, 20, 22, tzinfo=timezone(timedelta(hours=hours)))
+            entry(str(n), [1, 1, 1]),
+            submitted_at=datetime(2026, 11, 20, 22, tzinfo=timezone(timedelta(hours=hours))),
         )
         for n, hours in enumerate(offsets)
     ]
@@ -224,7 +277,9 @@ def test_student_text_is_only_ever_text() -> None:
     harmless = page_of(*hostile("x"))
     page = page_of(*hostile(EVIL))
     # A name may be broken behind some of its marks.
-    assert [tag for tag, _ in page.elements if tag != "wbr"] == [tag for tag, _ in harmless.elements if tag != "wbr"]
+    assert [tag for tag, _ in page.elements if tag != "wbr"] == [
+        tag for tag, _ in harmless.elements if tag != "wbr"
+    ]
     assert len(page.scripts) == 2
     assert "{{ 7*7 }}" in page.words
     assert not re.search("[\x00\x1b\u202e\ud800]", page.words)
@@ -233,7 +288,14 @@ def test_student_text_is_only_ever_text() -> None:
 def hostile(text: str) -> list[ClassEntry]:
     """Give a class with a text wherever students' text can come to stand."""
     reasons = {"pub.topic": text, "pub.rate": text, "doc.readme": text}
-    change = {"kind": "points", "what": text, "points": 1, "reason": text, "who": text, "when": text}
+    change = {
+        "kind": "points",
+        "what": text,
+        "points": 1,
+        "reason": text,
+        "who": text,
+        "when": text,
+    }
     violation = {"kind": "spoofs_clock", "session": text, "text": text}
     more = {"adjustments": [change], "violations": [violation], "problems": [text]}
     return [
@@ -243,7 +305,9 @@ def hostile(text: str) -> list[ClassEntry]:
     ]
 
 
-def test_an_anonymous_page_has_no_link_to_a_folder(rubric: Rubric, entries: list[ClassEntry]) -> None:
+def test_an_anonymous_page_has_no_link_to_a_folder(
+    rubric: Rubric, entries: list[ClassEntry]
+) -> None:
     """Links would give the names away; the page says that names were replaced."""
     html = render(summarise(anonymous(entries, rubric), rubric), anonymous=True)
     page = Page(html)
@@ -258,5 +322,9 @@ def test_the_order_of_the_entries_is_the_order_of_the_rows() -> None:
     """Without scripts the table is as it was given."""
     students = [entry(name, [1, 1, 1]) for name in ("b", "a", "c")]
     html = render(summarise(students, LAB))
-    assert re.findall(r'<th scope="row"><span class="student"><a href="(.)/', html) == ["b", "a", "c"]
+    assert re.findall(r'<th scope="row"><span class="student"><a href="(.)/', html) == [
+        "b",
+        "a",
+        "c",
+    ]
     assert html != render(summarise([dataclasses.replace(s) for s in reversed(students)], LAB))

@@ -78,7 +78,9 @@ def ticking(count: int, period_ns: int, *values: float) -> list[Row]:
 def drawn(kind: str, data: Recorded, lab: Path = Path(), **settings_: Any) -> Figure | None:
     """Draw a figure of a kind."""
     parameters = FIGURES[kind](**settings_)
-    spec = FigureSpec.model_validate({"kind": kind, "title": "Title", "session": "alone", "with": parameters})
+    spec = FigureSpec.model_validate(
+        {"kind": kind, "title": "Title", "session": "alone", "with": parameters}
+    )
     return draw(spec, data, lab)
 
 
@@ -102,7 +104,10 @@ def marks(figure: Figure, style: str) -> list[ET.Element]:
 def lines(figure: Figure) -> list[list[tuple[float, float]]]:
     """Return the points of each line."""
     found = [element.get("points") or "" for element in picture(figure).iter("polyline")]
-    return [[(float(x), float(y)) for x, y in (point.split(",") for point in points.split())] for points in found]
+    return [
+        [(float(x), float(y)) for x, y in (point.split(",") for point in points.split())]
+        for points in found
+    ]
 
 
 def labels(figure: Figure) -> list[str]:
@@ -123,7 +128,9 @@ def labels(figure: Figure) -> list[str]:
         ("latency", {"topics": ["/a"]}),
     ],
 )
-def test_nothing_recorded_is_no_figure(tmp_path: Path, kind: str, settings_: dict[str, Any]) -> None:
+def test_nothing_recorded_is_no_figure(
+    tmp_path: Path, kind: str, settings_: dict[str, Any]
+) -> None:
     """Without data there is no picture of any kind."""
     assert drawn(kind, recorded(tmp_path, {}), **settings_) is None
 
@@ -133,7 +140,9 @@ def test_intervals_lie_around_the_expected_one(tmp_path: Path) -> None:
     rows = ticking(500, 10_000_000)
     rows += [(501 + n, rows[-1][1] + 10**9 + n * 10_000_000, []) for n in range(500)]
     figure = shown("intervals", recorded(tmp_path, {"/a": rows}), topic="/a", rate_hz=100)
-    assert figure.caption.startswith("999 intervals, median 10 ms; 95 % lie between 10 ms and 10 ms. Expected: 10 ms")
+    assert figure.caption.startswith(
+        "999 intervals, median 10 ms; 95 % lie between 10 ms and 10 ms. Expected: 10 ms"
+    )
     (bar,), (expected,) = marks(figure, "bar"), marks(figure, "expected")
     left = float(bar.get("x") or 0)
     assert left < float(expected.get("x1") or 0) < left + float(bar.get("width") or 0)
@@ -142,8 +151,12 @@ def test_intervals_lie_around_the_expected_one(tmp_path: Path) -> None:
 
 def test_rate_needs_no_whole_number_of_messages_in_a_bin(tmp_path: Path) -> None:
     """83.3 Hz is shown as such in every half second, although bins hold 41 or 42 messages."""
-    figure = shown("rate", recorded(tmp_path, {"/a": ticking(300, 12_000_000)}), topic="/a", rate_hz=100)
-    assert figure.caption.startswith("Between 83.3 and 83.3 messages a second on /a, each step over 500 ms")
+    figure = shown(
+        "rate", recorded(tmp_path, {"/a": ticking(300, 12_000_000)}), topic="/a", rate_hz=100
+    )
+    assert figure.caption.startswith(
+        "Between 83.3 and 83.3 messages a second on /a, each step over 500 ms"
+    )
     assert len({y for _, y in lines(figure)[0]}) == 1
 
 
@@ -168,7 +181,9 @@ def test_series_keep_peaks_when_thinned(tmp_path: Path) -> None:
     rows = ticking(3000, 1_000_000, 0.0, 1.0)
     rows[1234][2][0] = 9.0
     data = recorded(tmp_path, {"/a": rows, "/b": ticking(10, 1_000_000, 0.5)})
-    figure = shown("series", data, topics={"command": "/a", "state": "/b"}, field="data", unit="rad")
+    figure = shown(
+        "series", data, topics={"command": "/a", "state": "/b"}, field="data", unit="rad"
+    )
     assert figure.key == (("line-0", "command: /a"), ("line-1", "state: /b"))
     assert figure.caption == "Range in rad: command data[0] 0 to 9. 2 of 3 lines do not move."
     first, state, second = lines(figure)
@@ -184,7 +199,9 @@ def test_a_field_is_shown_with_its_limits(tmp_path: Path) -> None:
     data = recorded(tmp_path, {"/a": rows, "/b": ticking(20, 10_000_000, 0.5)})
     named = {"robot": {"topic": "/a", "field": "data"}, "goal": {"topic": "/b", "field": "data[0]"}}
     figure = shown("field", data, lines=named, limits=(2.5,), unit="m")
-    assert figure.caption == "Range in m: robot 0 to 1.9; robot 1 to 1; goal 0.5 to 0.5. Dashed: 2.5."
+    assert (
+        figure.caption == "Range in m: robot 0 to 1.9; robot 1 to 1; goal 0.5 to 0.5. Dashed: 2.5."
+    )
     assert [len(marks(figure, f"line-{n}")) for n in range(2)] == [2, 1]
     (limit,) = marks(figure, "expected")
     assert 30 < float(limit.get("y1") or 0) < min(y for line in lines(figure) for _, y in line)
@@ -200,7 +217,9 @@ def test_series_show_the_chosen_elements(tmp_path: Path) -> None:
 
 def output(*texts: str) -> list[OutputLine]:
     """Return lines of output 10 ms apart from 1 s after the start."""
-    return [OutputLine(START_NS + 10**9 + n * 10**7, "stdout", text) for n, text in enumerate(texts)]
+    return [
+        OutputLine(START_NS + 10**9 + n * 10**7, "stdout", text) for n, text in enumerate(texts)
+    ]
 
 
 def reporting(folder: Path, oracle: str, *texts: str) -> Figure:
@@ -208,7 +227,12 @@ def reporting(folder: Path, oracle: str, *texts: str) -> Figure:
     (folder / "oracle.py").write_text(ORACLE)
     run = ProcessRun("node", "student", [], "node", output=output(*texts))
     data = recorded(folder / "bag", {"/s": ticking(5, 10**8, 1.0)}, processes=[run])
-    with_ = {"pattern": r"error: (\S+)", "streams": {"state": "/s"}, "field": "data", "oracle": f"oracle.py:{oracle}"}
+    with_ = {
+        "pattern": r"error: (\S+)",
+        "streams": {"state": "/s"},
+        "field": "data",
+        "oracle": f"oracle.py:{oracle}",
+    }
     return shown("reports", data, folder, artifact="node", **with_)
 
 
@@ -231,7 +255,11 @@ def test_outliers_do_not_flatten_the_rest(tmp_path: Path) -> None:
 def call_step(label: str, service: str, *responses: dict[str, Any] | None) -> StepRun:
     """Return a step of calls, each answered after 2 ms."""
     calls = [
-        {"started_ns": START_NS + 10**9, "ended_ns": START_NS + 10**9 + 2_000_000, "response": response}
+        {
+            "started_ns": START_NS + 10**9,
+            "ended_ns": START_NS + 10**9 + 2_000_000,
+            "response": response,
+        }
         for response in responses
     ]
     parameters = {"request": {"data": True}}
@@ -259,7 +287,10 @@ def test_calls_are_those_of_the_service(tmp_path: Path) -> None:
     }
     for style, count in (("call-accepted", 2), ("call-refused", 1), ("call-silent", 1)):
         assert len(marks(figure, style)) == count
-    assert figure.caption == "4 calls of /robot/enabel; the slowest answer took 2 ms. 1 got no answer in time."
+    assert (
+        figure.caption
+        == "4 calls of /robot/enabel; the slowest answer took 2 ms. 1 got no answer in time."
+    )
 
 
 def planned(folder: Path, *processes: dict[str, Any], **plan: Any) -> dict[str, Any]:
@@ -294,13 +325,19 @@ def test_plan_is_a_tree(tmp_path: Path) -> None:
         talker,
         arguments=[{"name": "rate", "default": "5", "file": "l.py", "line": 3}, {"name": "must"}],
         includes=[{"file": "other.py", "arguments": {"a": "1"}, "by": "l.py", "line": 9}],
-        not_started=[{"what": "Node", "why": "its condition does not hold", "file": "l.py", "line": 20}],
+        not_started=[
+            {"what": "Node", "why": "its condition does not hold", "file": "l.py", "line": 20}
+        ],
         warnings=[{"message": "odd", "file": "l.py", "line": 2}],
     )
     assert content["arguments"] == [("rate", "'5'", "l.py:3"), ("must", "must be given", "")]
     assert content["includes"] == [("other.py", "a: '1'", "l.py:9")]
     (process,) = content["processes"]
-    assert (process["name"], process["runs"], process["where"]) == ("/ns/talker", "pkg/talker", "l.py:12")
+    assert (process["name"], process["runs"], process["where"]) == (
+        "/ns/talker",
+        "pkg/talker",
+        "l.py:12",
+    )
     assert process["conditions"] == ["starts after 2.0 s"]
     assert process["words"] == ["--fast"]
     assert process["environment"] == [("A_B", "'c'", "")]
@@ -341,19 +378,29 @@ def test_what_all_processes_find_in_their_environment_stands_once(tmp_path: Path
     ("when", "words"),
     [
         ({"on_exit_of": "a-1"}, "starts when a-1 has ended"),
-        ({"after_s": 2, "since": {"on_start_of": "a-1"}}, "starts after 2 s, counted from when a-1 has started"),
-        ({"on_transition_of": "a-1", "state": "active"}, "starts when a-1 has changed its state to active"),
+        (
+            {"after_s": 2, "since": {"on_start_of": "a-1"}},
+            "starts after 2 s, counted from when a-1 has started",
+        ),
+        (
+            {"on_transition_of": "a-1", "state": "active"},
+            "starts when a-1 has changed its state to active",
+        ),
         ({"on_shutdown": True}, "starts at the shutdown"),
     ],
 )
-def test_what_a_process_waits_for_is_reported_in_words(tmp_path: Path, when: dict[str, Any], words: str) -> None:
+def test_what_a_process_waits_for_is_reported_in_words(
+    tmp_path: Path, when: dict[str, Any], words: str
+) -> None:
     """Starts, ends and times of other processes are put into words."""
     assert planned(tmp_path, {"when": when})["processes"][0]["conditions"] == [words]
 
 
 json_values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5),
-    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=5), inner, max_size=3)
+    ),
     max_leaves=8,
 )
 plan_keys = st.sampled_from(
@@ -371,8 +418,14 @@ plan_keys = st.sampled_from(
 )
 
 
-@given(plan=st.dictionaries(plan_keys, json_values | st.lists(st.dictionaries(plan_keys, json_values))))
-@settings(max_examples=examples(60), deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    plan=st.dictionaries(plan_keys, json_values | st.lists(st.dictionaries(plan_keys, json_values)))
+)
+@settings(
+    max_examples=examples(60),
+    deadline=None,
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+)
 def test_any_plan_can_be_drawn(tmp_path: Path, plan: dict[str, Any]) -> None:
     """A plan comes from a process that ran a student's code: whatever it holds, drawing does not raise."""
     drawn("plan", recorded(tmp_path, {}, plan={"schema": PLAN_SCHEMA, "outcome": "ok", **plan}))
@@ -393,7 +446,9 @@ def test_qos_comes_from_discovery_and_source(tmp_path: Path) -> None:
     claim = Claim("node", "publisher", "a", "/node", FLOATS, "node.py", 31, asked)
     data = recorded(tmp_path, {"/a": ticking(4, 10**7)}, graph=[graph], claims=[claim])
     publisher, subscription = shown("qos_table", data, topics=["/a", "/b"]).content
-    assert publisher["qos"] == Qos(reliability="best_effort", durability="volatile", history="keep_last", depth=7)
+    assert publisher["qos"] == Qos(
+        reliability="best_effort", durability="volatile", history="keep_last", depth=7
+    )
     assert (publisher["where"], publisher["messages"]) == ("node.py:31", 4)
     assert (subscription["qos"], subscription["where"]) == (seen, "")
 
@@ -409,11 +464,17 @@ def test_latency_is_arrival_minus_sending(tmp_path: Path) -> None:
 
 def test_numbers_that_nobody_means_are_not_drawn(tmp_path: Path) -> None:
     """Next to the largest number that there is, all others would lie on one line, and so would nothing."""
-    rows: list[Row] = [(n + 1, 10**9 + n * 10**7, [1e308 if n % 2 else -1e308, float(n)]) for n in range(50)]
-    figure = shown("series", recorded(tmp_path, {"/a": rows}), topics={"command": "/a"}, field="data")
+    rows: list[Row] = [
+        (n + 1, 10**9 + n * 10**7, [1e308 if n % 2 else -1e308, float(n)]) for n in range(50)
+    ]
+    figure = shown(
+        "series", recorded(tmp_path, {"/a": rows}), topics={"command": "/a"}, field="data"
+    )
     assert "data[1]" in labels(figure)
     assert [len(points) for points in lines(figure)] == [50]
-    alone = recorded(tmp_path / "alone", {"/a": [(number, time_ns, row[:1]) for number, time_ns, row in rows]})
+    alone = recorded(
+        tmp_path / "alone", {"/a": [(number, time_ns, row[:1]) for number, time_ns, row in rows]}
+    )
     assert drawn("series", alone, topics={"command": "/a"}, field="data") is None
 
 
@@ -426,7 +487,11 @@ def hostile(tmp_path: Path) -> list[Figure]:
     steps = [call_step("a", EVIL, {"success": True}, {"success": False}, None, {"text": EVIL})]
     steps.append(
         StepRun(
-            "set_parameters", {"values": {EVIL: EVIL}}, started_ns=0, ended_ns=START_NS + 10**9 + 10**6, outcome="done"
+            "set_parameters",
+            {"values": {EVIL: EVIL}},
+            started_ns=0,
+            ended_ns=START_NS + 10**9 + 10**6,
+            outcome="done",
         )
     )
     rows = [(n + 1, 10**9 + n * 10**7 + 10**5 * (n % 3), [n / 10, 1.0, -n / 7]) for n in range(300)]
@@ -449,7 +514,9 @@ def test_each_form_is_a_described_image_within_its_frame(hostile: list[Figure]) 
         form = str(figure.svg("fig-1", width))
         root = ET.fromstring(form)
         assert root.get("role") == "img"
-        assert [child.get("id") for child in root[:2]] == (root.get("aria-labelledby") or "").split()
+        assert [child.get("id") for child in root[:2]] == (
+            root.get("aria-labelledby") or ""
+        ).split()
         assert [child.tag for child in root[:2]] == ["title", "desc"]
         assert (root[0].text, root[1].text) == ("Title", figure.caption)
         assert "nan" not in form
@@ -472,9 +539,12 @@ def test_names_of_students_stay_text(hostile: list[Figure]) -> None:
 def test_equal_recordings_give_equal_text(tmp_path: Path) -> None:
     """A picture is drawn twice with the same bytes."""
     forms = [
-        shown("intervals", recorded(tmp_path / name, {"/a": ticking(50, 10**7)}), topic="/a", rate_hz=100).svg(
-            "f", HALF
-        )
+        shown(
+            "intervals",
+            recorded(tmp_path / name, {"/a": ticking(50, 10**7)}),
+            topic="/a",
+            rate_hz=100,
+        ).svg("f", HALF)
         for name in ("one", "two")
     ]
     assert forms[0] == forms[1]

@@ -44,7 +44,8 @@ def test_the_numbers_of_each_topic_are_lines() -> None:
     read = layout(Recorded.open(KEPT / "solution/launch"))
     joints = [f"[{n}]" for n in range(7)]
     assert lines_of(read) == {
-        topic: [f"{topic}.data{joint}" for joint in joints] for topic in ("/joint_commands", "/joint_states")
+        topic: [f"{topic}.data{joint}" for joint in joints]
+        for topic in ("/joint_commands", "/joint_states")
     }
     assert list(leaves(read["layout"])) == ["Plot!1", "Plot!2", "RosOut!log"]
     assert set(read["configById"]) == {"Plot!1", "Plot!2", "RosOut!log"}
@@ -53,7 +54,9 @@ def test_the_numbers_of_each_topic_are_lines() -> None:
 def test_numbers_in_parts_of_a_message_are_found(tmp_path: Path) -> None:
     """Time stamps are no quantity, texts none either."""
     session = Session(tmp_path).typed("/imu", "sensor_msgs/msg/Imu", [{}], [1.0])
-    session.typed("/joints", "sensor_msgs/msg/JointState", [{"name": ["a"], "position": [0.5]}], [1.0])
+    session.typed(
+        "/joints", "sensor_msgs/msg/JointState", [{"name": ["a"], "position": [0.5]}], [1.0]
+    )
     found = lines_of(layout(session.recorded()))
     assert found["/joints"] == ["/joints.position[0]"]
     assert found["/imu"][:2] == ["/imu.orientation.x", "/imu.orientation.y"]

@@ -20,14 +20,22 @@ TIMES = evenly(10, 2.0)
 ACTION = {"action": "/go"}
 
 
-def transform(parent: str, child: str, time_s: float, x: float = 1.0, w: float = 1.0) -> dict[str, Any]:
+def transform(
+    parent: str, child: str, time_s: float, x: float = 1.0, w: float = 1.0
+) -> dict[str, Any]:
     """Give a transform as a message has it."""
     stamp = {"sec": at(time_s) // 10**9, "nanosec": at(time_s) % 10**9}
     pose = {"translation": {"x": x}, "rotation": {"w": w}}
-    return {"header": {"frame_id": parent, "stamp": stamp}, "child_frame_id": child, "transform": pose}
+    return {
+        "header": {"frame_id": parent, "stamp": stamp},
+        "child_frame_id": child,
+        "transform": pose,
+    }
 
 
-def frames(folder: Path, *edges: tuple[str, str], static: tuple[str, str] | None = None, x: float = 1.0) -> Session:
+def frames(
+    folder: Path, *edges: tuple[str, str], static: tuple[str, str] | None = None, x: float = 1.0
+) -> Session:
     """Record frames that are sent ten times a second, and one that is sent once."""
     session = Session(folder)
     listed = [{"transforms": [transform(*edge, time_s, x) for edge in edges]} for time_s in TIMES]
@@ -37,12 +45,23 @@ def frames(folder: Path, *edges: tuple[str, str], static: tuple[str, str] | None
     return session
 
 
-def goal(sent_s: float, ended_s: float | None, *, accepted: bool | None = True, **other: Any) -> dict[str, Any]:
+def goal(
+    sent_s: float, ended_s: float | None, *, accepted: bool | None = True, **other: Any
+) -> dict[str, Any]:
     """Give what was kept of a goal."""
     feedback = [{"t_ns": at(sent_s + 0.1 * n), "values": {}} for n in range(4)] if accepted else []
     return {
-        **{"sent_ns": at(sent_s), "answered_ns": at(sent_s + 0.01), "accepted": accepted, "cancel": None},
-        **{"status": "succeeded", "ended_ns": None if ended_s is None else at(ended_s), "result": {"reached": 2}},
+        **{
+            "sent_ns": at(sent_s),
+            "answered_ns": at(sent_s + 0.01),
+            "accepted": accepted,
+            "cancel": None,
+        },
+        **{
+            "status": "succeeded",
+            "ended_ns": None if ended_s is None else at(ended_s),
+            "result": {"reached": 2},
+        },
         **{"feedback": feedback, "feedback_count": len(feedback)},
         **other,
     }
@@ -56,7 +75,10 @@ def shown(kind: str, session: Session, **settings: Any) -> Figure:
         form = ET.fromstring(str(figure.svg("f", width)))
         height = float((form.get("viewBox") or "").split()[3])
         for element in form.iter("polyline"):
-            points = [tuple(map(float, point.split(","))) for point in (element.get("points") or "").split()]
+            points = [
+                tuple(map(float, point.split(",")))
+                for point in (element.get("points") or "").split()
+            ]
             assert all(0 <= x <= width and 0 <= y <= height for x, y in points)
     return figure
 
@@ -69,10 +91,16 @@ def words(figure: Figure) -> list[str]:
 
 def drawn(figure: Figure, style: str) -> list[ET.Element]:
     """Give the marks of a style."""
-    return [e for e in ET.fromstring(str(figure.svg("f", WIDE))).iter() if style in (e.get("class") or "").split()]
+    return [
+        e
+        for e in ET.fromstring(str(figure.svg("f", WIDE))).iter()
+        if style in (e.get("class") or "").split()
+    ]
 
 
-@pytest.mark.parametrize(("kind", "settings"), [("frames", {}), ("goals", ACTION), ("states", {"topic": "/x"})])
+@pytest.mark.parametrize(
+    ("kind", "settings"), [("frames", {}), ("goals", ACTION), ("states", {"topic": "/x"})]
+)
 def test_nothing_recorded_is_no_figure(tmp_path: Path, kind: str, settings: dict[str, Any]) -> None:
     """Neither transforms nor goals nor transitions."""
     assert FIGURES[kind](**settings).draw(Session(tmp_path).recorded(), Path()) is None
@@ -80,7 +108,9 @@ def test_nothing_recorded_is_no_figure(tmp_path: Path, kind: str, settings: dict
 
 def test_frames_are_a_tree_and_axes_in_space(tmp_path: Path) -> None:
     """Each stands below its parent with how it was sent, and has three axes."""
-    figure = shown("frames", frames(tmp_path, ("base", "arm"), ("arm", "hand"), static=("hand", "eye")))
+    figure = shown(
+        "frames", frames(tmp_path, ("base", "arm"), ("arm", "hand"), static=("hand", "eye"))
+    )
     assert words(figure)[:4] == ["base", "arm 10 Hz", "hand 10 Hz", "eye static"]
     assert [len(drawn(figure, f"line-{n}")) for n in range(3)] == [4, 4, 4]
     assert "3 frames below 1 root," in figure.caption
@@ -88,10 +118,14 @@ def test_frames_are_a_tree_and_axes_in_space(tmp_path: Path) -> None:
 
 def test_names_of_frames_at_one_place_can_be_read(tmp_path: Path) -> None:
     """They stand one below the other, also in the form for a phone."""
-    figure = shown("frames", frames(tmp_path, ("base", "arm"), ("base", "hand"), ("base", "eye"), x=0.0))
+    figure = shown(
+        "frames", frames(tmp_path, ("base", "arm"), ("base", "hand"), ("base", "eye"), x=0.0)
+    )
     for width in (WIDE, NARROW):
         form = ET.fromstring(str(figure.svg("f", width)))
-        lines = sorted(float(e.get("y") or 0) for e in form.iter("text") if "note" in (e.get("class") or ""))
+        lines = sorted(
+            float(e.get("y") or 0) for e in form.iter("text") if "note" in (e.get("class") or "")
+        )
         assert len(lines) == 4
         assert min(below - above for above, below in pairwise(lines)) >= 12
 
@@ -114,14 +148,18 @@ def test_names_at_one_place_are_drawn_wherever_that_is(tmp_path: Path) -> None:
 
 def test_one_frame_is_one(tmp_path: Path) -> None:
     """The caption counts in plain English."""
-    assert shown("frames", frames(tmp_path, ("base", "arm"))).caption.startswith("1 frame below 1 root,")
+    assert shown("frames", frames(tmp_path, ("base", "arm"))).caption.startswith(
+        "1 frame below 1 root,"
+    )
 
 
 def test_frames_lie_where_they_were_sent(tmp_path: Path) -> None:
     """One that lies twice as far along x is twice as far from its parent in the picture."""
     figure = shown("frames", frames(tmp_path, ("base", "arm"), ("arm", "hand")))
     ways = [e for e in drawn(figure, "stem") if e.tag.endswith("polyline")]
-    ends = [[tuple(map(float, p.split(","))) for p in (way.get("points") or "").split()] for way in ways]
+    ends = [
+        [tuple(map(float, p.split(","))) for p in (way.get("points") or "").split()] for way in ways
+    ]
     lengths = [math.dist(*pair) for pair in ends]
     assert lengths[0] == pytest.approx(lengths[1], rel=0.01)
     assert ends[0][1] == pytest.approx(ends[1][0])
@@ -135,7 +173,9 @@ def test_frames_lie_where_they_were_sent(tmp_path: Path) -> None:
         ([(f"f{n}", f"f{n + 1}") for n in range(60)], 1),
     ],
 )
-def test_odd_trees_are_drawn_as_far_as_there_is_room(tmp_path: Path, edges: list[tuple[str, str]], roots: int) -> None:
+def test_odd_trees_are_drawn_as_far_as_there_is_room(
+    tmp_path: Path, edges: list[tuple[str, str]], roots: int
+) -> None:
     """Two roots, a circle beside one, and a chain that has no end."""
     session = frames(tmp_path, *edges)
     figure = FIGURES["frames"]().draw(session.recorded(), Path())
@@ -184,7 +224,14 @@ def test_states_stand_over_the_messages(tmp_path: Path) -> None:
         [("configure", "unconfigured", "inactive"), ("activate", "inactive", "active")], 1
     ):
         times: dict[str, Any] = {"called_ns": at(5.0 * n), "answered_ns": at(5.0 * n + 0.1)}
-        session.step("change_state", asked, parameters={"transition": asked}, before=before, after=after, **times)
+        session.step(
+            "change_state",
+            asked,
+            parameters={"transition": asked},
+            before=before,
+            after=after,
+            **times,
+        )
     figure = shown("states", session, topic="/x")
     assert [text for text in words(figure) if text in ("unconfigured", "inactive", "active")] == [
         "unconfigured",

@@ -20,12 +20,16 @@ from tests.cohort.made_up import entry_of, result_of, rubric_of
 LAB = rubric_of(("pub.topic", 12), ("pub.rate", 8), ("doc.readme", 10))
 FORMULA = "=+-@＝＋－＠"
 QUOTES = "\"'`‘’“”„«»＂＇"
-RISKY = st.text(st.sampled_from(f"{FORMULA}{QUOTES}\t\r\n ,;|1aA()!\u00a0\u200b\ufeff"), max_size=12)
+RISKY = st.text(
+    st.sampled_from(f"{FORMULA}{QUOTES}\t\r\n ,;|1aA()!\u00a0\u200b\ufeff"), max_size=12
+)
 
 
 def rows_of(text: str, separator: str = ",") -> list[list[str]]:
     """Read a table as a spreadsheet does."""
-    return list(csv.reader(io.StringIO(text.removeprefix(BYTE_ORDER_MARK), newline=""), delimiter=separator))
+    return list(
+        csv.reader(io.StringIO(text.removeprefix(BYTE_ORDER_MARK), newline=""), delimiter=separator)
+    )
 
 
 def as_written(text: str) -> str:
@@ -36,7 +40,22 @@ def as_written(text: str) -> str:
 
 
 @pytest.mark.parametrize(
-    "begin", [*FORMULA, "\t=", "\r=", "\n=", " =", "\u00a0@", '"=', "'=", "“+", " ' -", "\ufeff=", "\t", "\r"]
+    "begin",
+    [
+        *FORMULA,
+        "\t=",
+        "\r=",
+        "\n=",
+        " =",
+        "\u00a0@",
+        '"=',
+        "'=",
+        "“+",
+        " ' -",
+        "\ufeff=",
+        "\t",
+        "\r",
+    ],
 )
 def test_text_that_begins_like_a_formula_gets_an_apostrophe(begin: str) -> None:
     """Also behind blanks and quotes, in the full-width form, and behind what is not seen."""
@@ -47,7 +66,8 @@ def test_text_that_begins_like_a_formula_gets_an_apostrophe(begin: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "text", ["alice", "o'brien", "a-b", "1+1=2", "ü (x)", "/joint_commands", "7", "", "‘x’", "a, b; c"]
+    "text",
+    ["alice", "o'brien", "a-b", "1+1=2", "ü (x)", "/joint_commands", "7", "", "‘x’", "a, b; c"],
 )
 def test_harmless_text_stays_as_it_is(text: str) -> None:
     """An apostrophe stands only where it is needed."""
@@ -72,7 +92,9 @@ def test_no_cell_is_a_formula_whatever_separates_them(text: str) -> None:
     (row,) = rows_of(written)
     assert row == ["name", str(csv_cell(text)), "1"]
     pieces = [row[1], *re.split(r"[,;\t|\r\n]", written)]
-    assert [piece for piece in pieces if piece.strip().lstrip('"').strip()[:1] in tuple(FORMULA)] == []
+    assert [
+        piece for piece in pieces if piece.strip().lstrip('"').strip()[:1] in tuple(FORMULA)
+    ] == []
 
 
 @given(st.one_of(st.text(max_size=40), RISKY), st.text(max_size=20), RISKY)
@@ -94,14 +116,23 @@ def test_a_class_comes_back_as_it_was_written(name: str, student_id: str, proble
 def test_the_columns_are_those_of_a_grade_book() -> None:
     """Points as judged and with adjustments, each criterion with its outcome, times with their offset."""
     plain = result_of(LAB, [0.5, 1, None])
-    late = {"kind": "late", "what": "score", "points": -2.5, "reason": "A day late.", "who": "", "when": ""}
+    late = {
+        "kind": "late",
+        "what": "score",
+        "points": -2.5,
+        "reason": "A day late.",
+        "who": "",
+        "when": "",
+    }
     entry = entry_of(
         "alice",
         plain | {"adjustments": [late]},
         submitted_at=datetime(2026, 11, 20, 23, 59, tzinfo=timezone.utc),
         student_id="0012",
     )
-    head, row, missing = rows_of(render(summarise([entry, ClassEntry("bob", None, "No files.")], LAB)))
+    head, row, missing = rows_of(
+        render(summarise([entry, ClassEntry("bob", None, "No files.")], LAB))
+    )
     assert dict(zip(head, row, strict=True)) == {
         "submission": "alice",
         "student_id": "0012",

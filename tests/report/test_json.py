@@ -35,7 +35,10 @@ FINDING = Finding(
     "90 Hz \x1b[31m ü \u2028",
     "too slow",
     "use a timer",
-    (Location(file="a.py", line=3), Location(session="s", topic="/a", start_s=1.23456789, end_s=2.0)),
+    (
+        Location(file="a.py", line=3),
+        Location(session="s", topic="/a", start_s=1.23456789, end_s=2.0),
+    ),
     ("a note",),
 )
 
@@ -53,7 +56,9 @@ def result(finding: Finding = FINDING) -> Result:
     )
     criterion = CriterionResult("a", "A", Decimal("2.5"), Decimal(5), Decimal(0), (check,))
     score = Score(Decimal("2.5"), Decimal("5.0"), Decimal(0))
-    return Result("ann", "Lab 1: One", score, (criterion,), ("advice",), ("problem",), {"grader": "0"})
+    return Result(
+        "ann", "Lab 1: One", score, (criterion,), ("advice",), ("problem",), {"grader": "0"}
+    )
 
 
 def test_the_contract() -> None:
@@ -75,7 +80,15 @@ def test_the_contract() -> None:
         "problems",
         "provenance",
     }
-    assert set(plain["criteria"][0]) == {"id", "title", "earned", "possible", "undecided", "checks", "description"}
+    assert set(plain["criteria"][0]) == {
+        "id",
+        "title",
+        "earned",
+        "possible",
+        "undecided",
+        "checks",
+        "description",
+    }
     check = plain["criteria"][0]["checks"][0]
     assert set(check) == {
         "id",
@@ -105,7 +118,13 @@ def test_the_contract() -> None:
 def test_a_violation_is_reported_with_its_evidence() -> None:
     """Its kind, where it was seen, what shows it, and what fails because of it."""
     violation = Violation(
-        ViolationKind.SPOOFS_CLOCK, "s", "A second clock.", ("9 messages",), Location(session="s"), True, ("a.rate",)
+        ViolationKind.SPOOFS_CLOCK,
+        "s",
+        "A second clock.",
+        ("9 messages",),
+        Location(session="s"),
+        True,
+        ("a.rate",),
     )
     plain = json.loads(to_json(dataclasses.replace(result(), violations=(violation,))))
     assert plain["violations"] == [
@@ -123,13 +142,17 @@ def test_a_violation_is_reported_with_its_evidence() -> None:
 
 def test_the_schema_that_is_shipped_is_the_current_one() -> None:
     """Whoever reads the file reads what the classes say; `tools/write-schemas` writes it."""
-    shipped = json.loads((Path(grader.report.__file__).parent / "result.schema.json").read_text(encoding="utf-8"))
+    shipped = json.loads(
+        (Path(grader.report.__file__).parent / "result.schema.json").read_text(encoding="utf-8")
+    )
     assert shipped == result_schema()
 
 
 def test_the_schema_knows_every_kind_of_violation() -> None:
     """Scripts that go by the schema meet no kind that it does not name."""
-    assert result_schema()["$defs"]["ViolationKind"]["enum"] == [kind.value for kind in ViolationKind]
+    assert result_schema()["$defs"]["ViolationKind"]["enum"] == [
+        kind.value for kind in ViolationKind
+    ]
 
 
 def test_text_of_students_comes_back_as_it_was() -> None:
@@ -147,7 +170,9 @@ def test_any_text_is_valid_json(text: str) -> None:
     assert plain["criteria"][0]["checks"][0]["reason"] == text
 
 
-@pytest.mark.parametrize(("value", "shown"), [("5", "5"), ("5.0", "5"), ("2.5", "2.5"), ("0", "0"), ("1E+1", "10")])
+@pytest.mark.parametrize(
+    ("value", "shown"), [("5", "5"), ("5.0", "5"), ("2.5", "2.5"), ("0", "0"), ("1E+1", "10")]
+)
 def test_whole_points_are_whole_numbers(value: str, shown: str) -> None:
     """Points have no needless digits."""
     assert json.dumps(number(Decimal(value))) == shown

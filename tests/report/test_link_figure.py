@@ -25,7 +25,9 @@ def crossing(loss: float, sent: int, received: list[list[int]], late: int = 0) -
 def figure_of(tmp_path: Path, result: LinkResult, *output: str) -> Figure:
     """Draw the figure of a session whose link found this."""
     step = StepRun("link", {"topics": ["/fast", "/safe"]}, "link", result=asdict(result))
-    run = ProcessRun("tool", "student", [], "tool", output=[OutputLine(0, "stdout", line) for line in output])
+    run = ProcessRun(
+        "tool", "student", [], "tool", output=[OutputLine(0, "stdout", line) for line in output]
+    )
     return shown("link", recorded(tmp_path, {}, steps=[step], processes=[run]), **SETTINGS)
 
 
@@ -49,14 +51,19 @@ def content(figure: Figure) -> LinkTable:
 def test_what_arrived_and_how_late_is_drawn(tmp_path: Path) -> None:
     """A bar as long as the share, a mark for each message, the median, and whom of the late joiners it reached."""
     figure = figure_of(tmp_path, two_profiles())
-    tracks, bars = ([float(mark.get("width") or 0) for mark in marks(figure, style)] for style in ("track", "bar"))
+    tracks, bars = (
+        [float(mark.get("width") or 0) for mark in marks(figure, style)]
+        for style in ("track", "bar")
+    )
     assert [round(bar / track, 2) for bar, track in zip(bars, tracks, strict=True)] == [0.75, 1.0]
     assert [(mark.get("d") or "").count("v10") for mark in marks(figure, "ticks")] == [3, 4]
     early, late = (float(mark.get("x1") or 0) for mark in marks(figure, "median"))
     assert early < late
     assert (len(marks(figure, "call-accepted")), len(marks(figure, "missed"))) == (3, 5)
     assert {"75 %", "100 %", "30 % lost", "fast", "/safe"} <= set(labels(figure))
-    assert "fast 75 %, half of it within 11 ms; /safe 100 %, half of it within 75 ms" in figure.caption
+    assert (
+        "fast 75 %, half of it within 11 ms; /safe 100 %, half of it within 75 ms" in figure.caption
+    )
     assert "All of it arrived in order." in figure.caption
     for width in (WIDE, NARROW):
         assert "nan" not in str(figure.svg("f", width))
@@ -81,8 +88,17 @@ def test_what_overtook_is_said(tmp_path: Path) -> None:
 
 def test_the_programs_own_line_stands_beside(tmp_path: Path) -> None:
     """That which names the profile, as the last; its latency there is that of a link without losses."""
-    figure = figure_of(tmp_path, two_profiles(), "fast: starting", "fast      : 1001 msgs, avg latency: 0.49ms", "end")
-    assert [profile.printed for profile in content(figure).profiles] == ["fast : 1001 msgs, avg latency: 0.49ms", ""]
+    figure = figure_of(
+        tmp_path,
+        two_profiles(),
+        "fast: starting",
+        "fast      : 1001 msgs, avg latency: 0.49ms",
+        "end",
+    )
+    assert [profile.printed for profile in content(figure).profiles] == [
+        "fast : 1001 msgs, avg latency: 0.49ms",
+        "",
+    ]
 
 
 def test_incompatible_sides_are_shown_as_that(tmp_path: Path) -> None:
@@ -109,7 +125,9 @@ def test_a_topic_with_one_side_says_so(tmp_path: Path) -> None:
 
 def test_without_a_link_the_reason_is_said(tmp_path: Path) -> None:
     """There is no picture then; in a recording from before there was such a step, there is nothing."""
-    figure = figure_of(tmp_path / "without", LinkResult(problem="this machine gives a session no networks"))
+    figure = figure_of(
+        tmp_path / "without", LinkResult(problem="this machine gives a session no networks")
+    )
     assert figure.paint is None
     assert content(figure).problem == "this machine gives a session no networks"
     assert drawn("link", recorded(tmp_path / "before", {}), **SETTINGS) is None
@@ -118,7 +136,9 @@ def test_without_a_link_the_reason_is_said(tmp_path: Path) -> None:
 def test_thousands_of_messages_do_not_make_a_page_heavy(tmp_path: Path) -> None:
     """So many marks as an eye can tell apart, and the soonest and the latest among them."""
     received = [[n + 1, 10_000 + 100 * n] for n in range(5000)]
-    result = LinkResult([LinkedTopic("/fast", "/fast", FLOATS, LATCHED, LATCHED, [crossing(0.3, 5000, received)])])
+    result = LinkResult(
+        [LinkedTopic("/fast", "/fast", FLOATS, LATCHED, LATCHED, [crossing(0.3, 5000, received)])]
+    )
     figure = figure_of(tmp_path, result)
     (path,) = (mark.get("d") or "" for mark in marks(figure, "ticks"))
     assert path.count("v10") == 50

@@ -19,7 +19,9 @@ def assert_inert(page: Page, around: set[str]) -> None:
     assert MADE_ACTIVE.search(page.prose) is None
 
 
-@pytest.mark.parametrize("before", ["", "- ", "> ", "# ", "word\n", "    word\n\n", "| not | a table\n"])
+@pytest.mark.parametrize(
+    "before", ["", "- ", "> ", "# ", "word\n", "    word\n\n", "| not | a table\n"]
+)
 @given(hostile)
 @example("1. x")
 @example("---")
@@ -40,7 +42,14 @@ def test_a_line_is_shown_as_it_is_and_does_nothing(before: str, text: str) -> No
 def test_a_sandbox_of_a_table_is_shown_as_it_is(first: str, second: str) -> None:
     """The text neither leaves its cell nor adds a row, and only text and code are in it."""
     page = Page(f"| h | i |\n|---|---|\n| {markdown_text(first)} | {markdown_text(second)} |\n")
-    assert [tag for tag, _ in page.elements if tag in ("tr", "td", "th")] == ["tr", "th", "th", "tr", "td", "td"]
+    assert [tag for tag, _ in page.elements if tag in ("tr", "td", "th")] == [
+        "tr",
+        "th",
+        "th",
+        "tr",
+        "td",
+        "td",
+    ]
     assert "".join(page.text.split()) == "".join(f"hi{line(first, 600)}{line(second, 600)}".split())
     assert_inert(page, {"table", "thead", "tbody", "tr", "td", "th"})
 
@@ -68,7 +77,9 @@ def test_a_megabyte_is_cut() -> None:
     assert len(markdown_text(MEGABYTE)) < 5_000
 
 
-@pytest.mark.parametrize("text", ["a@b.example", "http://a.example", "<b>x</b>", "[a](http://b)", "`x`", "*x*", "@me"])
+@pytest.mark.parametrize(
+    "text", ["a@b.example", "http://a.example", "<b>x</b>", "[a](http://b)", "`x`", "*x*", "@me"]
+)
 def test_the_parser_would_make_something_of_it(text: str) -> None:
     """Without the function, each of these is more than text, so that the tests above can fail."""
     page = Page(text)

@@ -42,8 +42,16 @@ def decoded(text: str, width: int) -> list[list[int]]:
     return rows
 
 
-@given(arrays.arrays(np.int64, st.tuples(st.integers(1, 5), st.integers(1, 4)), elements=st.integers(-(2**40), 2**40)))
-def test_whole_numbers_come_back_as_they_were(rows: np.ndarray[tuple[int, int], np.dtype[np.int64]]) -> None:
+@given(
+    arrays.arrays(
+        np.int64,
+        st.tuples(st.integers(1, 5), st.integers(1, 4)),
+        elements=st.integers(-(2**40), 2**40),
+    )
+)
+def test_whole_numbers_come_back_as_they_were(
+    rows: np.ndarray[tuple[int, int], np.dtype[np.int64]],
+) -> None:
     """Any rows are written in letters that stand for nothing else in a page, and read again."""
     text = encoded(rows)
     assert decoded(text, rows.shape[1]) == rows.tolist()
@@ -55,7 +63,11 @@ def swinging(count: int, first: int = 0, lag: float = 0.0) -> list[Row]:
     angles = [0.05 * (n - lag) for n in range(first, count)]
     tips = [(math.sin(angle), math.cos(angle)) for angle in angles]
     return [
-        (n + 1, 10**9 + (first + n) * PERIOD + (200_000 if first else 0), [0, 0, 0, x, 0, z, 2 * x, 0, 2 * z])
+        (
+            n + 1,
+            10**9 + (first + n) * PERIOD + (200_000 if first else 0),
+            [0, 0, 0, x, 0, z, 2 * x, 0, 2 * z],
+        )
         for n, (x, z) in enumerate(tips)
     ]
 
@@ -87,7 +99,9 @@ def test_the_page_gets_each_posture_at_its_time(figure: Figure) -> None:
 
 def test_the_still_is_where_the_tip_is_farthest_from_its_command(figure: Figure) -> None:
     """The picture without a script has links, joints and ghost of that moment, and the caption says how far it is."""
-    assert figure.caption == "At 2.60 s the tip is farthest from where it is commanded to be: 500 mm."
+    assert (
+        figure.caption == "At 2.60 s the tip is farthest from where it is commanded to be: 500 mm."
+    )
     motion = motion_of(figure)
     assert motion.still == 40
     links, places = marks(figure, "link"), projected(motion.solid[40])
@@ -111,7 +125,9 @@ def test_a_long_motion_is_thinned(tmp_path: Path) -> None:
     """Minutes of postures become as many as a page can carry, first and last among them, each with its own ghost."""
     rows = swinging(5000)
     wanted = [(number, time_ns + 1000, row) for number, time_ns, row in rows]
-    motion = motion_of(shown("posture", recorded(tmp_path, {"/is": rows, "/wanted": wanted}), **TOPICS))
+    motion = motion_of(
+        shown("posture", recorded(tmp_path, {"/is": rows, "/wanted": wanted}), **TOPICS)
+    )
     assert len(motion.times_ms) == 360
     assert (motion.times_ms[0], motion.times_ms[-1]) == (1000, 1000 + 40 * 4999)
     assert (motion.solid == motion.ghost).all()

@@ -40,7 +40,9 @@ START_NS = 1_800_000_000_000_000_000
 EVIL = "\"'><script>alert(1)</script></style></pre><img src=x onerror=alert(2)>{{ 7*7 }}\x1b[31m\u202e\x00"
 
 
-def check(identity: str, outcome: Outcome, earned: str, possible: str = "6", **finding: Any) -> CheckResult:
+def check(
+    identity: str, outcome: Outcome, earned: str, possible: str = "6", **finding: Any
+) -> CheckResult:
     """Return a check's result."""
     undecided = Decimal(0) if outcome.decided else Decimal(possible)
     return CheckResult.of(
@@ -64,11 +66,21 @@ CHECKS = (
         measured="90 Hz",
         reason="It is slow.",
         hint="Use a timer.",
-        where=(Location(file="node.py", line=3), Location(session="alone", topic="/cmd", start_s=1.23, end_s=7.29)),
+        where=(
+            Location(file="node.py", line=3),
+            Location(session="alone", topic="/cmd", start_s=1.23, end_s=7.29),
+        ),
     ),
-    check("a.bad", Outcome.FAILED, "0", reason="It crashed.", where=(Location(session="alone", process="node"),)),
+    check(
+        "a.bad",
+        Outcome.FAILED,
+        "0",
+        reason="It crashed.",
+        where=(Location(session="alone", process="node"),),
+    ),
     dataclasses.replace(
-        check("a.after", Outcome.NOT_REACHED, "0", "2", reason="since 'x' failed"), blocked_by="a.half"
+        check("a.after", Outcome.NOT_REACHED, "0", "2", reason="since 'x' failed"),
+        blocked_by="a.half",
     ),
     check("a.open", Outcome.INCONCLUSIVE, "0", "4", reason="overloaded"),
     check("a.broken", Outcome.ERROR, "0", "1", reason="The check broke"),
@@ -81,14 +93,18 @@ def result_of(checks: Sequence[CheckResult] = CHECKS, **changes: Any) -> Result:
     earned = sum((c.earned for c in checks), zero)
     possible = sum((c.possible for c in checks), zero)
     undecided = sum((c.undecided for c in checks), zero)
-    criterion = CriterionResult("a", "Criterion A", earned, possible, undecided, tuple(checks), "What it is about")
+    criterion = CriterionResult(
+        "a", "Criterion A", earned, possible, undecided, tuple(checks), "What it is about"
+    )
     result = Result("alice", "Lab 1: Nodes", Score(earned, possible, undecided), (criterion,))
     return dataclasses.replace(result, **changes)
 
 
 def session(lines: Sequence[str] = ("hello",), **changes: Any) -> SessionRecord:
     """Return a session with one process."""
-    output = [OutputLine(START_NS + 10**9 + n * 10**6, "stderr", text) for n, text in enumerate(lines)]
+    output = [
+        OutputLine(START_NS + 10**9 + n * 10**6, "stderr", text) for n, text in enumerate(lines)
+    ]
     run = ProcessRun(
         "node",
         "student",
@@ -101,7 +117,9 @@ def session(lines: Sequence[str] = ("hello",), **changes: Any) -> SessionRecord:
         "interrupt",
         output,
     )
-    step = StepRun("wait_for", {"publisher": "/cmd"}, "topic", START_NS + 10**9, START_NS + 3 * 10**9)
+    step = StepRun(
+        "wait_for", {"publisher": "/cmd"}, "topic", START_NS + 10**9, START_NS + 3 * 10**9
+    )
     record = SessionRecord(
         "alone",
         started_ns=START_NS,
@@ -120,7 +138,10 @@ def submission(text: str = "one\ntwo\n    three\nfour\nfive\nsix\n") -> Submissi
         "alice",
         files=[FileFact("node.py", 1, "")],
         texts={"node.py": text},
-        artifacts=[ArtifactFact("node", "node.py", "node.py", "name"), ArtifactFact("other", "other.py")],
+        artifacts=[
+            ArtifactFact("node", "node.py", "node.py", "name"),
+            ArtifactFact("other", "other.py"),
+        ],
     )
 
 
@@ -128,7 +149,9 @@ def page_of(result: Result | None = None, figures: Sequence[Figure] = (), **more
     """Render a report."""
     sessions = more.get("sessions", {"alone": session()})
     recordings = {name: Recorded(record, Bag.empty()) for name, record in sessions.items()}
-    return render(result or result_of(), {"a": figures}, recordings, more.get("submission", submission()))
+    return render(
+        result or result_of(), {"a": figures}, recordings, more.get("submission", submission())
+    )
 
 
 def text_of(html: str) -> str:
@@ -176,18 +199,28 @@ def test_a_figure_stands_beside_the_loss_that_it_shows() -> None:
     """It stands with the first check of which it shows a loss; else it is folded with its criterion."""
     figure = Figure(table="plan", content=_PLAN, title="Plan", shows=("a.good", "a.half"))
     html = page_of(figures=[figure, dataclasses.replace(figure, shows=("a.good",))])
-    fix, folded = html[html.index('<section class="fix"') : html.index("<main>")], html[html.index("<main>") :]
+    fix, folded = (
+        html[html.index('<section class="fix"') : html.index("<main>")],
+        html[html.index("<main>") :],
+    )
     assert fix.count("<figure") == folded.count("<figure") == 1
 
 
 def test_a_bad_link_stands_beside_the_students_own_words() -> None:
     """What arrived, what their program printed, and the passage that the check of the explanation found."""
     outcome = Crossed(0.3, 0.688, np.array([0.010, 0.011, 0.012]), True, 4, 3)
-    table = LinkTable([Profile("fast", "best effort", "best effort", "", [outcome], "fast: 1001 msgs")], "a.good")
-    explained = check(
-        "a.good", Outcome.PASSED, "6", counted=("latency: README.md", "README.md, line 3: “It is fresh.”")
+    table = LinkTable(
+        [Profile("fast", "best effort", "best effort", "", [outcome], "fast: 1001 msgs")], "a.good"
     )
-    text = text_of(page_of(result_of([explained]), [Figure(table="link", content=table, title="Link")]))
+    explained = check(
+        "a.good",
+        Outcome.PASSED,
+        "6",
+        counted=("latency: README.md", "README.md, line 3: “It is fresh.”"),
+    )
+    text = text_of(
+        page_of(result_of([explained]), [Figure(table="link", content=table, title="Link")])
+    )
     assert "68.8 % half in 11 ms 95 % in 11.9 ms late joiners: 3 of 4" in text
     assert "You printed, without losses: fast: 1001 msgs" in text
     assert "What you wrote, README.md, line 3: “It is fresh.”" in text
@@ -196,7 +229,9 @@ def test_a_bad_link_stands_beside_the_students_own_words() -> None:
 def test_the_ros_that_it_was_graded_on_is_named() -> None:
     """Where the handout was written for another distribution, both are named."""
     provenance: Any = {"versions": {"ros-jazzy-rclpy": "7.1.6"}, "handout_ros": "Humble"}
-    assert "graded on ROS 2 Jazzy (the handout: Humble)" in text_of(page_of(result_of(provenance=provenance)))
+    assert "graded on ROS 2 Jazzy (the handout: Humble)" in text_of(
+        page_of(result_of(provenance=provenance))
+    )
     provenance["handout_ros"] = "Jazzy"
     assert "graded on ROS 2 Jazzy ·" in text_of(page_of(result_of(provenance=provenance)))
 
@@ -228,7 +263,10 @@ def test_a_score_of_some_sessions_says_so() -> None:
 
 def test_the_time_of_a_call_is_reported_in_milliseconds() -> None:
     """A span of less than a second is told to the millisecond, so that two calls are told apart."""
-    places = [location_of(Location(session="alone", start_s=s, end_s=s + 0.002), {}, {}).text for s in (0.671, 0.674)]
+    places = [
+        location_of(Location(session="alone", start_s=s, end_s=s + 0.002), {}, {}).text
+        for s in (0.671, 0.674)
+    ]
     assert places == ["recording 'alone', 0.671–0.673 s", "recording 'alone', 0.674–0.676 s"]
 
 
@@ -249,13 +287,17 @@ def test_nothing_is_fetched() -> None:
     """No element loads anything, no address stands in the page, and the policy allows only our own code."""
     html = page_of(figures=FIGURES)
     page = Page(html)
-    assert page.tags().isdisjoint({"link", "img", "iframe", "object", "embed", "form", "base", "image", "use"})
+    assert page.tags().isdisjoint(
+        {"link", "img", "iframe", "object", "embed", "form", "base", "image", "use"}
+    )
     assert not page.values("src") + page.values("srcset") + page.values("style")
     assert "http:" not in html
     assert "https:" not in html
     assert "@import" not in html
     assert "url(" not in html
-    policy = next(a["content"] for t, a in page.elements if a.get("http-equiv") == "Content-Security-Policy")
+    policy = next(
+        a["content"] for t, a in page.elements if a.get("http-equiv") == "Content-Security-Policy"
+    )
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy
     for code in page.scripts:
@@ -277,11 +319,25 @@ _PLAN = {
     "processes": [_PROCESS],
     "warnings": [(EVIL, EVIL)],
 }
-_QOS = {"topic": EVIL, "kind": "publisher", "qos": Qos(EVIL, EVIL, EVIL), "where": EVIL, "messages": 3}
+_QOS = {
+    "topic": EVIL,
+    "kind": "publisher",
+    "qos": Qos(EVIL, EVIL, EVIL),
+    "where": EVIL,
+    "messages": 3,
+}
 _LINK = LinkTable([Profile(EVIL, EVIL, "", EVIL, (), EVIL)], "a.bad", EVIL)
 FIGURES = (
-    Figure(EVIL, lambda width: (90, [text(1, 2, EVIL)]), (("line-0", EVIL),), title="Joints", session="alone"),
-    Figure(table="calls_table", content=[(EVIL, EVIL, [Call(0.0, 0.001, {EVIL: EVIL})])], title="Calls"),
+    Figure(
+        EVIL,
+        lambda width: (90, [text(1, 2, EVIL)]),
+        (("line-0", EVIL),),
+        title="Joints",
+        session="alone",
+    ),
+    Figure(
+        table="calls_table", content=[(EVIL, EVIL, [Call(0.0, 0.001, {EVIL: EVIL})])], title="Calls"
+    ),
     Figure(table="plan", content=_PLAN, title="Plan"),
     Figure(table="qos", content=[_QOS], title="QoS"),
     Figure(table="link", content=_LINK, title="Link"),
@@ -319,8 +375,12 @@ def assert_tame(html: str) -> None:
     page = Page(html)
     assert len(page.scripts) == 2
     assert page.tags().isdisjoint({"img", "iframe", "object", "link"})
-    assert not [name for _, attributes in page.elements for name in attributes if name.startswith("on")]
-    assert not re.search(r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]", html)
+    assert not [
+        name for _, attributes in page.elements for name in attributes if name.startswith("on")
+    ]
+    assert not re.search(
+        r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]", html
+    )
 
 
 def test_student_text_is_only_text() -> None:
@@ -383,7 +443,9 @@ def test_process_ends_are_reported() -> None:
     record.processes[0].exit_status, record.processes[0].ended_by = -11, "itself"
     assert "ended by itself, signal SIGSEGV" in text_of(page_of(sessions={"alone": record}))
     record.processes[0].exit_status, record.processes[0].ended_by = -9, "kill"
-    assert "did not end on Ctrl-C or SIGTERM; killed" in text_of(page_of(sessions={"alone": record}))
+    assert "did not end on Ctrl-C or SIGTERM; killed" in text_of(
+        page_of(sessions={"alone": record})
+    )
 
 
 def test_a_second_start_is_separated_from_the_first() -> None:
@@ -407,7 +469,9 @@ def test_backticks_mark_code() -> None:
 
 def test_grader_troubles_are_marked_as_such() -> None:
     """Problems of the grader's side are told apart from mistakes; without them nothing is said."""
-    assert "Trouble on the grader’s side" in page_of(result_of(problems=("alone: the recorder died",)))
+    assert "Trouble on the grader’s side" in page_of(
+        result_of(problems=("alone: the recorder died",))
+    )
     assert "Trouble on the grader’s side" not in page_of()
 
 

@@ -20,9 +20,19 @@ from grader.result import CheckResult, CriterionResult, Finding, Location, Outco
 EVIL = "\x1b[2J\x1b]0;owned\x07[red]x[/red][link=http://a]\r\x9b31m\u202eabc\x00\ud800"
 
 
-def finding(outcome: Outcome, reason: str = "too slow", hint: str = "use a timer", file: str = "a.py") -> Finding:
+def finding(
+    outcome: Outcome, reason: str = "too slow", hint: str = "use a timer", file: str = "a.py"
+) -> Finding:
     """Give a finding of an outcome."""
-    return Finding(outcome, Decimal(0), "", "", reason, hint, (Location(file=file, line=3), Location(session="s")))
+    return Finding(
+        outcome,
+        Decimal(0),
+        "",
+        "",
+        reason,
+        hint,
+        (Location(file=file, line=3), Location(session="s")),
+    )
 
 
 def result(*findings: Finding, name: str = "ann", advice: str = "", problem: str = "") -> Result:
@@ -32,10 +42,22 @@ def result(*findings: Finding, name: str = "ann", advice: str = "", problem: str
         earned = Decimal(5) if each.outcome is Outcome.PASSED else Decimal(0)
         undecided = Decimal(0) if each.outcome.decided else Decimal(5)
         points = {"earned": earned, "possible": Decimal(5), "undecided": undecided}
-        checks.append(CheckResult.of(each, id=f"a.{number}", title=f"Check {number}", session="s", **points))
-    sums = [sum((getattr(c, key) for c in checks), Decimal(0)) for key in ("earned", "possible", "undecided")]
+        checks.append(
+            CheckResult.of(each, id=f"a.{number}", title=f"Check {number}", session="s", **points)
+        )
+    sums = [
+        sum((getattr(c, key) for c in checks), Decimal(0))
+        for key in ("earned", "possible", "undecided")
+    ]
     criterion = CriterionResult("a", "Criterion", sums[0], sums[1], sums[2], tuple(checks))
-    return Result(name, "Lab 1", Score(*sums), (criterion,), (advice,) if advice else (), (problem,) if problem else ())
+    return Result(
+        name,
+        "Lab 1",
+        Score(*sums),
+        (criterion,),
+        (advice,) if advice else (),
+        (problem,) if problem else (),
+    )
 
 
 def printed(shown: Result, terminal: bool = False) -> str:
@@ -47,7 +69,9 @@ def printed(shown: Result, terminal: bool = False) -> str:
 
 def test_each_lost_point_has_its_reason() -> None:
     """Checks that did not pass are shown with reason, hint and line; those that passed are not."""
-    text = printed(result(finding(Outcome.PASSED), finding(Outcome.FAILED), finding(Outcome.NOT_REACHED)))
+    text = printed(
+        result(finding(Outcome.PASSED), finding(Outcome.FAILED), finding(Outcome.NOT_REACHED))
+    )
     assert "Check 0" not in text
     assert re.search(r"✕ +Check 1", text)
     assert "too slow" in text
@@ -62,7 +86,12 @@ def test_what_one_failure_hides_is_one_row() -> None:
     """Checks that were not reached for the same reason share it, with the sum of their points."""
     hidden = finding(Outcome.NOT_REACHED, "since 'Check 0' failed", "")
     text = printed(
-        result(finding(Outcome.FAILED), hidden, hidden, finding(Outcome.NOT_REACHED, "for another reason", ""))
+        result(
+            finding(Outcome.FAILED),
+            hidden,
+            hidden,
+            finding(Outcome.NOT_REACHED, "for another reason", ""),
+        )
     )
     assert re.search(r"– +Check 1, Check 2  a.1, a.2 +0 / 10", text)
     assert re.search(r"– +Check 3  a.3 +0 / 5", text)
@@ -121,7 +150,9 @@ def test_plain_text_is_shown_as_it_is() -> None:
     assert terminal_text("a\x1b[0m\u200b\x1b") == "a⟨U+200B⟩⟨U+001B⟩"
 
 
-@pytest.mark.parametrize(("value", "shown"), [("0", "0"), ("0.0", "0"), ("5.0", "5"), ("2.50", "2.5"), ("100", "100")])
+@pytest.mark.parametrize(
+    ("value", "shown"), [("0", "0"), ("0.0", "0"), ("5.0", "5"), ("2.50", "2.5"), ("100", "100")]
+)
 def test_points_have_no_needless_zeros(value: str, shown: str) -> None:
     """Points are written as a person would."""
     assert points(Decimal(value)) == shown

@@ -45,7 +45,12 @@ def of(moments: Sequence[Moment], style: str) -> Moment:
 
 def test_a_process_from_start_to_exit(tmp_path: Path) -> None:
     """It runs from its start, its node is found by what the tap noted, and Ctrl-C comes before the exit."""
-    session = Session(tmp_path).process("it").claim("publisher", "/cmd").endpoint("publisher", "/cmd", "/talker")
+    session = (
+        Session(tmp_path)
+        .process("it")
+        .claim("publisher", "/cmd")
+        .endpoint("publisher", "/cmd", "/talker")
+    )
     session.record.claims[0].node = "/talker"
     moments = lane(drawn(session), "it")
     run, found = of(moments, "run"), of(moments, "found")
@@ -59,7 +64,11 @@ def test_a_process_from_start_to_exit(tmp_path: Path) -> None:
 
 def test_the_node_of_a_reference_is_known_by_its_gid(tmp_path: Path) -> None:
     """What a process of the grader's reported of itself tells whose the endpoint is."""
-    session = Session(tmp_path).process("arm", role="reference").endpoint("publisher", "/states", "/arm_node")
+    session = (
+        Session(tmp_path)
+        .process("arm", role="reference")
+        .endpoint("publisher", "/states", "/arm_node")
+    )
     session.record.trusted.append(Trusted("arm", session.graph.endpoints[0].gid))
     assert of(lane(drawn(session), "arm"), "found").text == "node /arm_node is in the graph"
 
@@ -67,7 +76,9 @@ def test_the_node_of_a_reference_is_known_by_its_gid(tmp_path: Path) -> None:
 def test_a_second_start_has_what_came_after_it(tmp_path: Path) -> None:
     """The node that was in the graph before is that of the first start."""
     session = Session(tmp_path).process("it", exited_ns=at(2.0), interrupted_ns=None)
-    session.process("it", started_ns=at(3.0)).endpoint("publisher", "/cmd", "/talker").claim("publisher", "/cmd")
+    session.process("it", started_ns=at(3.0)).endpoint("publisher", "/cmd", "/talker").claim(
+        "publisher", "/cmd"
+    )
     session.record.claims[0].node = "/talker"
     again = dataclasses.replace(session.graph.endpoints[0], gid="f" * 32)
     session.record.graph.append(GraphSnapshot(at(4.0), ["/talker"], [again]))
@@ -124,7 +135,11 @@ def test_warnings_errors_and_exceptions_lead_to_their_lines(tmp_path: Path) -> N
 def test_a_flood_of_warnings_is_bounded(tmp_path: Path) -> None:
     """Equal ones are one, with their number; of different ones some are shown, and it is told; how it ended stays."""
     same = [(2.0 + n / 1e4, "[WARN] [1.0] [it]: again") for n in range(5000)]
-    (warning,) = [m for m in lane(drawn(Session(tmp_path / "a").process("it", same)), "it") if m.style == "warning"]
+    (warning,) = [
+        m
+        for m in lane(drawn(Session(tmp_path / "a").process("it", same)), "it")
+        if m.style == "warning"
+    ]
     assert warning.note == "5000 times"
     other = [(2.0 + n / 1e4, f"[WARN] [1.0] [it]: number {n}") for n in range(5000)]
     other += [(3.0, text) for text in TRACEBACK]
@@ -139,12 +154,22 @@ def test_steps_say_what_came_of_them(tmp_path: Path) -> None:
     wait = {"publisher": "/cmd", "timeout_s": 5.0}
     session.step("wait_for", "topic", "timeout", parameters=wait)
     session.step("wait_for", "near", parameters=wait, name="/comd")
-    session.step("set_parameters", "", parameters={"node": "/it", "values": {}}, refused={"rate": "too high"})
+    session.step(
+        "set_parameters", "", parameters={"node": "/it", "values": {}}, refused={"rate": "too high"}
+    )
     moments = lane(drawn(session), "steps")
     window = of(moments, "window")
-    assert (window.start_s, window.end_s, window.text) == (about(1.2), about(7.2), "observe (window)")
+    assert (window.start_s, window.end_s, window.text) == (
+        about(1.2),
+        about(7.2),
+        "observe (window)",
+    )
     late, near = (moment for moment in moments if moment.style == "wait")
-    assert (late.text, late.note, late.trouble) == ("waiting for publisher /cmd (topic)", "not in time", True)
+    assert (late.text, late.note, late.trouble) == (
+        "waiting for publisher /cmd (topic)",
+        "not in time",
+        True,
+    )
     assert near.note == "found as /comd"
     assert of(moments, "step").note == "refused: rate: 'too high'"
 
@@ -156,21 +181,38 @@ def call(start_s: float, answer: Any, took_s: float = 0.001) -> dict[str, Any]:
 
 def test_calls_have_their_answers(tmp_path: Path) -> None:
     """Those that were answered alike, one after the other, are one moment; silence is trouble."""
-    calls = [call(2.0, {"success": True}), call(2.1, {"success": True}, 0.004), call(2.2, {"success": False})]
+    calls = [
+        call(2.0, {"success": True}),
+        call(2.1, {"success": True}, 0.004),
+        call(2.2, {"success": False}),
+    ]
     session = Session(tmp_path)
     request = {"request": {"data": True}}
-    session.step("call", "many", parameters=request, service="/enable", calls=[*calls, call(2.3, None, 1.0)])
+    session.step(
+        "call", "many", parameters=request, service="/enable", calls=[*calls, call(2.3, None, 1.0)]
+    )
     accepted, refused, silent = lane(drawn(session), "steps")
     assert accepted.text == "calling /enable with data: true (many)"
-    assert (accepted.style, accepted.note) == ("call-accepted", "2 times: success: true, after at most 4 ms")
+    assert (accepted.style, accepted.note) == (
+        "call-accepted",
+        "2 times: success: true, after at most 4 ms",
+    )
     assert (refused.style, refused.note) == ("call-refused", "success: false, after 1 ms")
-    assert (silent.style, silent.note, silent.trouble) == ("call-silent", "no answer, after 1 s", True)
+    assert (silent.style, silent.note, silent.trouble) == (
+        "call-silent",
+        "no answer, after 1 s",
+        True,
+    )
     assert silent.end_s == about(3.3)
 
 
 def test_a_topic_shows_its_endpoints_first_message_and_silence(tmp_path: Path) -> None:
     """Messages between silences are a bar, with their rate; what every node has is left out."""
-    session = Session(tmp_path).endpoint("publisher", "/cmd", "/talker").endpoint("publisher", "/rosout", "/talker")
+    session = (
+        Session(tmp_path)
+        .endpoint("publisher", "/cmd", "/talker")
+        .endpoint("publisher", "/rosout", "/talker")
+    )
     times_s = [*evenly(100, 1.0, 2.0), *evenly(100, 1.0, 6.0)]
     timeline = drawn(session.messages("/cmd", [[0.0]] * len(times_s), times_s))
     moments = lane(timeline, "/cmd")
@@ -184,7 +226,9 @@ def test_a_topic_shows_its_endpoints_first_message_and_silence(tmp_path: Path) -
 
 def test_a_topic_without_messages_is_there(tmp_path: Path) -> None:
     """Its endpoint was in the graph, and nothing came."""
-    moments = lane(drawn(Session(tmp_path).endpoint("subscription", "/states", "/listener", FLOATS)), "/states")
+    moments = lane(
+        drawn(Session(tmp_path).endpoint("subscription", "/states", "/listener", FLOATS)), "/states"
+    )
     assert [moment.style for moment in moments] == ["found"]
 
 
@@ -194,7 +238,10 @@ def test_the_machine_is_shown_where_it_was_late(tmp_path: Path) -> None:
     times_s = [*evenly(2, 4.0, 0.5), *evenly(2, 3.0, 7.5)]
     session.record.machine = [MachineSample(at(t), 0) for t in times_s]
     timeline = drawn(session)
-    assert of(lane(timeline, "it"), "delay").text == "the grading computer was busy: it waited for a core, 200 ms"
+    assert (
+        of(lane(timeline, "it"), "delay").text
+        == "the grading computer was busy: it waited for a core, 200 ms"
+    )
     (stall,) = lane(timeline, "grading computer")
     assert (stall.start_s, stall.end_s) == (about(4.5), about(7.5))
     assert stall.text == "everything stalled for about 2.5 s"
@@ -208,7 +255,9 @@ def test_states_of_a_lifecycle_node_follow_each_other(tmp_path: Path) -> None:
     times: dict[str, Any]
     for asked_s, before, after in ((2.0, "unconfigured", "inactive"), (4.0, "inactive", "active")):
         times = {"called_ns": at(asked_s), "answered_ns": at(asked_s + 0.1)}
-        session.step("change_state", after, node="/talker", before=before, after=after, success=True, **times)
+        session.step(
+            "change_state", after, node="/talker", before=before, after=after, success=True, **times
+        )
     timeline = drawn(session)
     states = [(m.text, m.start_s, m.end_s) for m in lane(timeline, "/talker")]
     assert states == [
@@ -226,7 +275,12 @@ def test_goals_of_a_real_recording(tmp_path: Path) -> None:
     timeline = drawn(Recorded.open(tmp_path / "server"))
     first, second = (lane.moments for lane in timeline.lanes if lane.kind == "goals")
     texts = [moment.text for moment in first]
-    assert texts == ["five: order: 5", "negative: order: -1", "cancelled: order: 25", "preempted: order: 25"]
+    assert texts == [
+        "five: order: 5",
+        "negative: order: -1",
+        "cancelled: order: 25",
+        "preempted: order: 25",
+    ]
     assert first[1].note == "rejected"
     assert first[0].note.startswith("accepted, succeeded: sequence: [0, 1, 1")
     assert second[0].start_s < (first[3].end_s or 0)
@@ -243,7 +297,9 @@ def test_goals_of_a_real_recording(tmp_path: Path) -> None:
         (False, None, "goal", "rejected"),
     ],
 )
-def test_goals_without_a_result(accepted: bool | None, ended_ns: None, style: str, note: str, tmp_path: Path) -> None:
+def test_goals_without_a_result(
+    accepted: bool | None, ended_ns: None, style: str, note: str, tmp_path: Path
+) -> None:
     """What was never answered lasts to the end of its step, and is trouble; a rejected goal is none."""
     goal = {
         "sent_ns": at(1.1),
@@ -252,7 +308,9 @@ def test_goals_without_a_result(accepted: bool | None, ended_ns: None, style: st
         "ended_ns": ended_ns,
         "goal": {"order": 3},
     }
-    session = Session(tmp_path).step("send_goal", "three", parameters={"action": "/count"}, goals=[goal])
+    session = Session(tmp_path).step(
+        "send_goal", "three", parameters={"action": "/count"}, goals=[goal]
+    )
     (moment,) = lane(drawn(session), "/count", "goals")
     assert (moment.style, moment.note, moment.trouble) == (style, note, style == "goal-silent")
     assert moment.end_s == about(1.2 if accepted is False else 2.0)
@@ -266,13 +324,21 @@ def test_points_are_where_their_proof_lies(tmp_path: Path) -> None:
         check("a.two", Outcome.INCONCLUSIVE, "0", "2", where=(places[1],)),
         check("a.three", Outcome.PARTIAL, "1", "2", where=(Location(file="it.py"), places[2])),
         check("a.good", Outcome.PASSED, "2", "2", where=(places[0],)),
-        check("a.other", Outcome.FAILED, "0", "2", where=(dataclasses.replace(places[0], session="other"),)),
+        check(
+            "a.other",
+            Outcome.FAILED,
+            "0",
+            "2",
+            where=(dataclasses.replace(places[0], session="other"),),
+        ),
     ]
     timeline = drawn(Session(tmp_path).process("it"), checks)
     first, second = (lane.moments for lane in timeline.lanes if lane.name == "points")
     assert [moment.text for moment in first] == ["−4: Title of a.one", "−1: Title of a.three"]
     assert (first[0].href, first[0].note, first[0].end_s) == ("#check-a.one", "It is late.", 3.0)
-    assert [(moment.style, moment.text) for moment in second] == [("open", "2 open: Title of a.two")]
+    assert [(moment.style, moment.text) for moment in second] == [
+        ("open", "2 open: Title of a.two")
+    ]
 
 
 def test_a_moment_leads_to_what_was_written_soon_after(tmp_path: Path) -> None:
@@ -290,7 +356,10 @@ def test_what_lies_outside_of_the_session_is_brought_in(tmp_path: Path) -> None:
     session = Session(tmp_path)
     session.process("it", [(-5.0, "[WARN] [1]: a"), (50.0, "[WARN] [1]: b")])
     timeline = drawn(session)
-    assert all(0 <= m.start_s <= timeline.length_s and (m.end_s or 0) <= timeline.length_s for *_, m in timeline.rows)
+    assert all(
+        0 <= m.start_s <= timeline.length_s and (m.end_s or 0) <= timeline.length_s
+        for *_, m in timeline.rows
+    )
     empty = Session(tmp_path / "empty")
     empty.record.ended_ns, empty.record.graph = 0, []
     assert drawn(empty).lanes == []

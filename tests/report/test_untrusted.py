@@ -45,5 +45,7 @@ def test_nothing_invisible_is_left(text: str) -> None:
     """Whatever comes in, no control, format or surrogate character but line end, tab and joiners goes out."""
     out = shown(text)
     out.encode()
-    assert {unicodedata.category(c) for c in out if c not in "\n\t\u200c\u200d"}.isdisjoint({"Cc", "Cf", "Cs", "Zl"})
+    assert {unicodedata.category(c) for c in out if c not in "\n\t\u200c\u200d"}.isdisjoint(
+        {"Cc", "Cf", "Cs", "Zl"}
+    )
     assert "\n" not in line(text)

@@ -46,10 +46,22 @@ def result(*violations: Violation) -> Result:
     zero = Decimal(0)
     finding = Finding(Outcome.FAILED, zero, reason="not measured")
     check = CheckResult.of(
-        finding, id="a.together", title="Together", session="launch", earned=zero, possible=Decimal(2), undecided=zero
+        finding,
+        id="a.together",
+        title="Together",
+        session="launch",
+        earned=zero,
+        possible=Decimal(2),
+        undecided=zero,
     )
     criterion = CriterionResult("a", "A", zero, Decimal(2), zero, (check,))
-    return Result("ann", "Lab 1", Score(Decimal(0), Decimal(2), Decimal(0)), (criterion,), violations=violations)
+    return Result(
+        "ann",
+        "Lab 1",
+        Score(Decimal(0), Decimal(2), Decimal(0)),
+        (criterion,),
+        violations=violations,
+    )
 
 
 class Words(HTMLParser):
@@ -78,7 +90,10 @@ class Words(HTMLParser):
 def page(*violations: Violation) -> str:
     """Render the report."""
     return render(
-        result(*violations), {}, {"launch": Recorded(SessionRecord("launch"), Bag.empty())}, SubmissionRecord("ann")
+        result(*violations),
+        {},
+        {"launch": Recorded(SessionRecord("launch"), Bag.empty())},
+        SubmissionRecord("ann"),
     )
 
 
@@ -116,7 +131,10 @@ def printed(*violations: Violation) -> str:
 def test_the_terminal_tells_it_too() -> None:
     """The same facts in a few lines."""
     text = printed(SPOOFED, ENDED)
-    assert "For the instructor: The submission (/node) published time on /clock. (session launch)" in text
+    assert (
+        "For the instructor: The submission (/node) published time on /clock. (session launch)"
+        in text
+    )
     assert "• 9 messages" in text
     assert "Fails because of it: Together" in text
     assert "What caused it is not certain." in text

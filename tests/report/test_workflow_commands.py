@@ -6,13 +6,27 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from grader.report.escape import command_data, command_property, line, shown, terminal_text, uncommanded
+from grader.report.escape import (
+    command_data,
+    command_property,
+    line,
+    shown,
+    terminal_text,
+    uncommanded,
+)
 from tests.report.runner_commands import bracket_command, colon_command
 from tests.report.untrusted_texts import MEGABYTE, hostile
 
 
 @pytest.mark.parametrize(
-    "printed", ["::error::x", "  ::error file=a::x", "\u2003::ADD-MASK::x", "::a b=c,d=e::", "::stop-commands::tok"]
+    "printed",
+    [
+        "::error::x",
+        "  ::error file=a::x",
+        "\u2003::ADD-MASK::x",
+        "::a b=c,d=e::",
+        "::stop-commands::tok",
+    ],
 )
 def test_the_reader_of_commands_knows_commands(printed: str) -> None:
     """What the runner obeys is found by the reader that the other tests rely on."""

@@ -23,7 +23,9 @@ def zip_of(members: Iterable[tuple[str | zipfile.ZipInfo, bytes]]) -> bytes:
     return file.getvalue()
 
 
-def tar_of(members: Iterable[tuple[str | tarfile.TarInfo, bytes]], form: int = tarfile.PAX_FORMAT) -> bytes:
+def tar_of(
+    members: Iterable[tuple[str | tarfile.TarInfo, bytes]], form: int = tarfile.PAX_FORMAT
+) -> bytes:
     """Return a tar of some members."""
     file = io.BytesIO()
     with tarfile.open(fileobj=file, mode="w", format=form) as archive:
@@ -38,7 +40,12 @@ def tar_of(members: Iterable[tuple[str | tarfile.TarInfo, bytes]], form: int = t
 def zip_of_entries(count: int) -> bytes:
     """Return a zip whose directory has so many entries, all of the same empty file."""
     local = struct.pack("<4s5H3I2H", b"PK\x03\x04", 20, 0, 0, 0, 0x21, 0, 0, 0, 1, 0) + b"a"
-    entry = struct.pack("<4s6H3I5H2I", b"PK\x01\x02", 20, 20, 0, 0, 0, 0x21, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0) + b"a"
+    entry = (
+        struct.pack(
+            "<4s6H3I5H2I", b"PK\x01\x02", 20, 20, 0, 0, 0, 0x21, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0
+        )
+        + b"a"
+    )
     directory = entry * count
     return local + directory + _zip_end(min(count, 0xFFFF), len(directory), len(local))
 

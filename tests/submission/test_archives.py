@@ -39,7 +39,11 @@ from tests.submission.hostile_archives import (
 )
 from tests.thorough import examples
 
-FILES = [("lab/a.py", b"print(1)\n"), ("lab/größe.md", "Größe\n".encode() * 999), ("lab/empty.txt", b"")]
+FILES = [
+    ("lab/a.py", b"print(1)\n"),
+    ("lab/größe.md", "Größe\n".encode() * 999),
+    ("lab/empty.txt", b""),
+]
 LONG = "/".join(["a" * 90] * 4) + "/node.py"
 PACKERS: dict[str, Callable[[bytes], bytes]] = {
     "tar": bytes,
@@ -89,7 +93,9 @@ def test_several_pieces_packed_one_after_another() -> None:
     """What was packed piece by piece, and filled up with zeros, is one archive."""
     whole = tar_of(FILES)
     for pack in (gzip.compress, bz2.compress, lzma.compress):
-        packed = b"".join(pack(whole[at : at + 3000]) for at in range(0, len(whole), 3000)) + bytes(4096)
+        packed = b"".join(pack(whole[at : at + 3000]) for at in range(0, len(whole), 3000)) + bytes(
+            4096
+        )
         assert contents(packed) == dict(FILES)
 
 
@@ -114,13 +120,22 @@ def test_what_is_no_file_is_reported() -> None:
         info.type, info.linkname = kind, "/etc/passwd"
         members.append((info, b""))
     packed = tar_of([*members, ("after.py", b"x")])
-    assert contents(packed) == {f"it-{kind.decode()}": told.value for kind, told in kinds.items()} | {"after.py": b"x"}
+    assert contents(packed) == {
+        f"it-{kind.decode()}": told.value for kind, told in kinds.items()
+    } | {"after.py": b"x"}
 
     link, pipe = zipfile.ZipInfo("link"), zipfile.ZipInfo("pipe")
-    link.external_attr, pipe.external_attr = (stat.S_IFLNK | 0o777) << 16, (stat.S_IFIFO | 0o644) << 16
+    link.external_attr, pipe.external_attr = (
+        (stat.S_IFLNK | 0o777) << 16,
+        (stat.S_IFIFO | 0o644) << 16,
+    )
     link.create_system = pipe.create_system = 3
     packed = zip_of([(link, b"/etc/passwd"), (pipe, b""), ("folder/", b"")])
-    assert contents(packed) == {"link": Kind.LINK.value, "pipe": Kind.SPECIAL.value, "folder/": Kind.FOLDER.value}
+    assert contents(packed) == {
+        "link": Kind.LINK.value,
+        "pipe": Kind.SPECIAL.value,
+        "folder/": Kind.FOLDER.value,
+    }
 
 
 def test_sparse_files_are_reported_and_what_follows_is_read() -> None:
@@ -132,7 +147,11 @@ def test_sparse_files_are_reported_and_what_follows_is_read() -> None:
     packed = bytes(old) + bytes(512) + b"x" * 512 + tar_of([("after.py", b"y")])
     assert contents(packed) == {"bag.mcap": Kind.SPARSE.value, "after.py": b"y"}
     info = tarfile.TarInfo("bag.mcap")
-    info.pax_headers = {"GNU.sparse.major": "1", "GNU.sparse.minor": "0", "GNU.sparse.realsize": str(10**15)}
+    info.pax_headers = {
+        "GNU.sparse.major": "1",
+        "GNU.sparse.minor": "0",
+        "GNU.sparse.realsize": str(10**15),
+    }
     assert contents(tar_of([(info, b"1\n0\n512\n".ljust(1024, b"\0")), ("after.py", b"y")])) == {
         "bag.mcap": Kind.SPARSE.value,
         "after.py": b"y",
@@ -153,7 +172,9 @@ def test_times_of_members() -> None:
     unknown.date_time = (1980, 1, 1, 0, 0, 0)
     unix.extra = b"UT\x05\x00\x01" + int(utc.timestamp()).to_bytes(4, "little")
     ticks = (int(utc.timestamp()) + 11_644_473_600) * 10**7
-    ntfs.extra = b"\x0a\x00\x20\x00" + bytes(4) + b"\x01\x00\x18\x00" + ticks.to_bytes(8, "little") * 3
+    ntfs.extra = (
+        b"\x0a\x00\x20\x00" + bytes(4) + b"\x01\x00\x18\x00" + ticks.to_bytes(8, "little") * 3
+    )
     packed = zip_of([(info, b"") for info in (plain, unknown, unix, ntfs)])
     told = {m.name: m.modified for m in members_of_archive(io.BytesIO(packed))}
     assert told == {"a": datetime(2026, 3, 2, 23, 41).astimezone(), "b": None, "c": utc, "d": utc}
@@ -184,7 +205,11 @@ def damaged(packed: bytes) -> str:
 def test_a_truncated_tar_is_refused(packer: str) -> None:
     """Wherever it was cut off within its files, that is noticed."""
     packed = PACKERS[packer](tar_of([("a.py", bytes(range(256)) * 40)]))
-    for length in (512 + 100, len(packed) // 2) if packer == "tar" else (40, len(packed) // 2, len(packed) - 1):
+    for length in (
+        (512 + 100, len(packed) // 2)
+        if packer == "tar"
+        else (40, len(packed) // 2, len(packed) - 1)
+    ):
         assert damaged(packed[:length])
 
 
@@ -222,7 +247,11 @@ def test_methods_of_packing() -> None:
             archive.writestr(f"{method}.py", b"x" * 100, method)
     packed = bytearray(file.getvalue())
     packed[packed.rindex(b"0.py") - 46 + 10] = 99
-    assert contents(bytes(packed)) == {"12.py": b"x" * 100, "14.py": b"x" * 100, "0.py": Kind.METHOD.value}
+    assert contents(bytes(packed)) == {
+        "12.py": b"x" * 100,
+        "14.py": b"x" * 100,
+        "0.py": Kind.METHOD.value,
+    }
 
 
 def read_all(packed: bytes) -> None:
@@ -231,11 +260,18 @@ def read_all(packed: bytes) -> None:
         contents(packed)
 
 
-WHOLE = [zip_of(FILES), *(pack(tar_of([*FILES, (LONG, b"1")])) for pack in PACKERS.values()), zip_of_entries(3)]
+WHOLE = [
+    zip_of(FILES),
+    *(pack(tar_of([*FILES, (LONG, b"1")])) for pack in PACKERS.values()),
+    zip_of_entries(3),
+]
 
 
 @settings(suppress_health_check=[HealthCheck.too_slow], deadline=None, max_examples=examples(300))
-@given(st.sampled_from(WHOLE), st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=6))
+@given(
+    st.sampled_from(WHOLE),
+    st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=6),
+)
 def test_any_damage_is_reported(whole: bytes, changes: list[tuple[float, bytes]]) -> None:
     """Whatever bytes are changed in an archive, reading it ends, and only with what its reader expects."""
     packed = bytearray(whole)
@@ -246,7 +282,10 @@ def test_any_damage_is_reported(whole: bytes, changes: list[tuple[float, bytes]]
 
 
 @settings(deadline=None)
-@given(st.sampled_from([b"PK\x03\x04", b"PK\x05\x06", b"\x1f\x8b\x08\x00", b"BZh9", b"\xfd7zXZ\x00"]), st.binary())
+@given(
+    st.sampled_from([b"PK\x03\x04", b"PK\x05\x06", b"\x1f\x8b\x08\x00", b"BZh9", b"\xfd7zXZ\x00"]),
+    st.binary(),
+)
 def test_any_bytes_are_reported(magic: bytes, rest: bytes) -> None:
     """What only begins as an archive is read no further than it goes."""
     read_all(magic + rest)
@@ -280,7 +319,9 @@ def children_s() -> float:
 
 
 @pytest.mark.parametrize("pack", [zeros_in_gzip, zeros_in_bzip2, zeros_in_xz])
-def test_ten_gibibytes_are_given_up_early(pack: Callable[[bytes, int], bytes], tmp_path: Path) -> None:
+def test_ten_gibibytes_are_given_up_early(
+    pack: Callable[[bytes, int], bytes], tmp_path: Path
+) -> None:
     """A tar of 10 GiB of zeros is refused, whether its headers say so or not."""
     for header in (tar_header("a.py", 10 * 1024**3), bytes(1024)):
         said = refused_soon(pack(header, 10 * 1024), tmp_path)
@@ -289,7 +330,9 @@ def test_ten_gibibytes_are_given_up_early(pack: Callable[[bytes, int], bytes], t
 
 def test_a_million_entries_in_a_zip_are_not_read(tmp_path: Path) -> None:
     """A directory that is too large is given up while it is read into memory."""
-    assert "of memory. Hand it in without recordings" in refused_soon(zip_of_entries(1_000_000), tmp_path)
+    assert "of memory. Hand it in without recordings" in refused_soon(
+        zip_of_entries(1_000_000), tmp_path
+    )
 
 
 def test_a_class_in_one_zip_is_listed(tmp_path: Path) -> None:
@@ -343,4 +386,6 @@ def test_a_size_below_zero_ends(tmp_path: Path) -> None:
     header = bytearray(tar_header("x", 0))
     header[124:136] = b"\xff" * 10 + b"\xfc\x00"
     header[148:156] = b"%06o\0 " % (sum(header[:148]) + 8 * 0x20 + sum(header[156:]))
-    assert "damaged" in refused_soon(tar_of([("a.py", b"1")])[:1024] + bytes(header) + bytes(2048), tmp_path)
+    assert "damaged" in refused_soon(
+        tar_of([("a.py", b"1")])[:1024] + bytes(header) + bytes(2048), tmp_path
+    )

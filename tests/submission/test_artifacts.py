@@ -69,12 +69,21 @@ def test_nested_files_are_found(folder: Path, rubric: Rubric, tmp_path: Path) ->
 
 
 @pytest.mark.parametrize(
-    "name", ["joint_pub.py", "JointPublisher.py", "joint-publisher.py", "joint_publisher (1).py", "joint_publisher"]
+    "name",
+    [
+        "joint_pub.py",
+        "JointPublisher.py",
+        "joint-publisher.py",
+        "joint_publisher (1).py",
+        "joint_publisher",
+    ],
 )
 def test_a_similar_name_is_taken_and_reported(folder: Path, rubric: Rubric, name: str) -> None:
     """A near miss of a file's name, or none of its suffix, is taken for the file."""
     (folder / "joint_publisher.py").rename(folder / name)
-    fact = next(a for a in read_submission_folder(folder, rubric).artifacts if a.name == "publisher")
+    fact = next(
+        a for a in read_submission_folder(folder, rubric).artifacts if a.name == "publisher"
+    )
     assert (fact.path, fact.found_by) == (name, "near miss")
 
 
@@ -106,7 +115,13 @@ def test_nodes_in_one_file_are_found_by_their_entry_points(tmp_path: Path, rubri
         (tmp_path / "ann" / path).write_text(text)
     record = read_submission_folder(tmp_path / "ann", rubric)
     one = "arm/nodes.py"
-    wanted = {"publisher": one, "subscriber": one, "service": None, "launch": "robot_launch.py", "qos": None}
+    wanted = {
+        "publisher": one,
+        "subscriber": one,
+        "service": None,
+        "launch": "robot_launch.py",
+        "qos": None,
+    }
     assert found(record) == wanted
     assert {fact.found_by for fact in record.artifacts if fact.path == one} == {"near miss"}
 
@@ -173,7 +188,9 @@ def test_an_archive_is_read_as_its_folder(folder: Path, rubric: Rubric) -> None:
         packed = read_submission(intake, rubric)
     assert packed.submitted_at is not None
     newest = max(path.stat().st_mtime for path in folder.iterdir())
-    assert abs(datetime.fromisoformat(packed.submitted_at).timestamp() - newest) <= 2  # the resolution of zip
+    assert (
+        abs(datetime.fromisoformat(packed.submitted_at).timestamp() - newest) <= 2
+    )  # the resolution of zip
     assert (packed.source, direct.source) == (str(folder.with_suffix(".zip")), "")
     packed.submitted_at, packed.source = None, ""
     assert packed == direct
@@ -183,7 +200,10 @@ def test_what_is_known_of_the_intake_is_recorded(folder: Path, rubric: Rubric) -
     """Name, time and what was left out go into the record."""
     time = datetime(2026, 3, 2, 23, 41, tzinfo=timezone.utc)
     record = read_submission(
-        Intake(folder, SubmissionSource("Ann Müller", (), submitted_at=time), ("x.pyc: compiled code",)), rubric
+        Intake(
+            folder, SubmissionSource("Ann Müller", (), submitted_at=time), ("x.pyc: compiled code",)
+        ),
+        rubric,
     )
     assert (record.name, record.left_out) == ("Ann Müller", ["x.pyc: compiled code"])
     assert record.submitted_at == "2026-03-02T23:41:00+00:00"
@@ -227,9 +247,13 @@ def test_a_folder_of_something_else_is_refused(tmp_path: Path, rubric: Rubric) -
 
 
 @pytest.mark.parametrize(
-    ("lab", "submission"), [(None, "labs/09-02/solution"), ("labs/09-02", "reference/solution")], ids=["one", "other"]
+    ("lab", "submission"),
+    [(None, "labs/09-02/solution"), ("labs/09-02", "reference/solution")],
+    ids=["one", "other"],
 )
-def test_what_is_of_another_lab_is_refused(lab: str | None, submission: str, rubric: Rubric) -> None:
+def test_what_is_of_another_lab_is_refused(
+    lab: str | None, submission: str, rubric: Rubric
+) -> None:
     """A launch file that starts none of the lab's programs earns nothing in another lab's place."""
     asked = rubric if lab is None else read_rubric(SOLUTION.parents[1] / lab / "rubric.yaml")
     with pytest.raises(SubmissionError, match=f"to lab {asked.lab.id}; it may be of another lab"):
@@ -263,7 +287,9 @@ def test_a_folder_of_submissions_is_no_submission(tmp_path: Path, rubric: Rubric
         ("photo.png", "robot_service.py", False),
     ],
 )
-def test_what_a_grade_may_rest_on_must_be_readable(rubric: Rubric, closed: str, missing: str, refused: bool) -> None:
+def test_what_a_grade_may_rest_on_must_be_readable(
+    rubric: Rubric, closed: str, missing: str, refused: bool
+) -> None:
     """A file that is there and may not be read is not missing: no points are lost, the submission is refused."""
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch, "ann")
@@ -284,11 +310,21 @@ def test_what_a_grade_may_rest_on_must_be_readable(rubric: Rubric, closed: str, 
         (folder / closed).chmod(0o700)
 
 
-def test_nodes_that_are_composed_in_one_file_are_all_found_there(tmp_path: Path, rubric: Rubric) -> None:
+def test_nodes_that_are_composed_in_one_file_are_all_found_there(
+    tmp_path: Path, rubric: Rubric
+) -> None:
     """A file that holds what gives several artifacts away stands for each; another that only names them does not."""
     (tmp_path / "ann").mkdir()
-    text = "# joint_command_publisher: create_publisher; joint_state_subscriber: create_subscription\n"
+    text = (
+        "# joint_command_publisher: create_publisher; joint_state_subscriber: create_subscription\n"
+    )
     (tmp_path / "ann/arm.py").write_text(text)
     (tmp_path / "ann/robot_launch.py").write_text("'robot_mode_service'")
-    wanted = {"publisher": "arm.py", "subscriber": "arm.py", "service": None, "launch": "robot_launch.py", "qos": None}
+    wanted = {
+        "publisher": "arm.py",
+        "subscriber": "arm.py",
+        "service": None,
+        "launch": "robot_launch.py",
+        "qos": None,
+    }
     assert found(read_submission_folder(tmp_path / "ann", rubric)) == wanted

@@ -12,9 +12,17 @@ from pathlib import Path, PurePosixPath
 
 import pytest
 
-from grader.submission.beneath import copy_tree, is_regular_beneath, open_beneath, open_regular_beneath, restore_way
+from grader.submission.beneath import (
+    copy_tree,
+    is_regular_beneath,
+    open_beneath,
+    open_regular_beneath,
+    restore_way,
+)
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="students' paths are resolved on Linux alone")
+pytestmark = pytest.mark.skipif(
+    sys.platform != "linux", reason="students' paths are resolved on Linux alone"
+)
 
 
 @pytest.fixture
@@ -74,7 +82,9 @@ def test_what_lies_beneath_is_opened(top: Path) -> None:
     assert refused.value.errno == errno.EXDEV
 
 
-@pytest.mark.parametrize("flags", [os.O_PATH, os.O_PATH | os.O_DIRECTORY, os.O_RDONLY, os.O_WRONLY | os.O_CREAT])
+@pytest.mark.parametrize(
+    "flags", [os.O_PATH, os.O_PATH | os.O_DIRECTORY, os.O_RDONLY, os.O_WRONLY | os.O_CREAT]
+)
 @pytest.mark.parametrize("path", ["out", "out/new", "in/b"])
 def test_no_way_of_opening_follows_a_link(top: Path, path: str, flags: int) -> None:
     """Neither is a link's target made, nor is a descriptor got of it or of the link."""
@@ -83,7 +93,8 @@ def test_no_way_of_opening_follows_a_link(top: Path, path: str, flags: int) -> N
 
 
 @pytest.mark.parametrize(
-    "way", ["../outside/new", "a/../../outside/new", "out/new", "out", "/new", "a/file/new", "proc/x"]
+    "way",
+    ["../outside/new", "a/../../outside/new", "out/new", "out", "/new", "a/file/new", "proc/x"],
 )
 def test_no_folder_is_made_elsewhere(top: Path, way: str) -> None:
     """A way that leads out is refused, and what lies outside keeps its rights."""
@@ -97,7 +108,9 @@ def test_a_way_is_restored(top: Path) -> None:
     """Folders that are missing are made, and those that were closed are opened, as far as the way goes."""
     (top / "a").chmod(0o000)
     restore_way(top, PurePosixPath("a/b/c/d"), 0o755)
-    assert {stat.S_IMODE((top / part).stat().st_mode) for part in ("a", "a/b", "a/b/c", "a/b/c/d")} == {0o755}
+    assert {
+        stat.S_IMODE((top / part).stat().st_mode) for part in ("a", "a/b", "a/b/c", "a/b/c/d")
+    } == {0o755}
 
 
 def test_a_tree_is_copied_as_it_is(top: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
@@ -113,7 +126,9 @@ def test_a_tree_is_copied_as_it_is(top: Path, tmp_path_factory: pytest.TempPathF
     assert not os.path.lexists(target / "pipe")
 
 
-def test_a_tree_that_changes_meanwhile_lets_nothing_in(top: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_a_tree_that_changes_meanwhile_lets_nothing_in(
+    top: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     """A folder and a file that become links between two looks bring nothing from outside into the copy."""
     ended = threading.Event()
     moved = top.parent / "top/moved"

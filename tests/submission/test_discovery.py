@@ -24,7 +24,13 @@ from grader.submission.extraction import Piece, SubmissionSource, open_submissio
 from tests.thorough import examples
 
 ROOT = Path(__file__).resolve().parents[2]
-FIVE = ("joint_publisher.py", "joint_subscriber.py", "robot_service.py", "robot_launch.py", "qos_comparison.py")
+FIVE = (
+    "joint_publisher.py",
+    "joint_subscriber.py",
+    "robot_service.py",
+    "robot_launch.py",
+    "qos_comparison.py",
+)
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +76,11 @@ def found_in(path: Path, rubric: Rubric, shape: Shape = Shape.AUTO) -> list[str]
 def files_of(source: SubmissionSource) -> set[str]:
     """Give the files of a submission as the grader gets them."""
     with open_submission(source) as intake:
-        return {path.relative_to(intake.folder).as_posix() for path in intake.folder.rglob("*") if path.is_file()}
+        return {
+            path.relative_to(intake.folder).as_posix()
+            for path in intake.folder.rglob("*")
+            if path.is_file()
+        }
 
 
 OF_FRAMES = ("camera_mount.py", "arm_broadcaster.py", "target_listener.py", "frames_launch.py")
@@ -78,7 +88,9 @@ OF_FRAMES = ("camera_mount.py", "arm_broadcaster.py", "target_listener.py", "fra
 ONE = {
     "bare files": FIVE,
     "a file is missing": FIVE[:1],
-    "packages in src": in_folders({"src/pkg_a": FIVE[:2], "src/pkg_b": FIVE[2:], "src/pkg_c": FIVE[:1]}),
+    "packages in src": in_folders(
+        {"src/pkg_a": FIVE[:2], "src/pkg_b": FIVE[2:], "src/pkg_c": FIVE[:1]}
+    ),
     "packages side by side": in_folders({"pkg_a": FIVE[:2], "pkg_b": FIVE[2:]}),
     "packages with launch files of their own": in_folders(
         {"a": (FIVE[0], "a.launch.py"), "b": (*FIVE[1:], "b.launch.py")}
@@ -88,12 +100,22 @@ ONE = {
     "two workspaces": in_folders({"ros2_ws/src/p": FIVE, "old_ws/src/p": FIVE}),
     "a wrapped workspace": in_folders({"lab/ros2_ws/src/p/p": FIVE}),
     "tasks": in_folders({"task1": FIVE, "task2": FIVE}),
-    "a build beside it": in_folders({"src/p": FIVE, "build/p": FIVE, "install/p": FIVE, ".git": ["HEAD"]}),
-    "packages, one with the launch files": in_folders(
-        {"nodes_pkg": (*FIVE[:3], "package.xml", "all.launch.py"), "sim_pkg": ("sim.launch.py", "x.py", "package.xml")}
+    "a build beside it": in_folders(
+        {"src/p": FIVE, "build/p": FIVE, "install/p": FIVE, ".git": ["HEAD"]}
     ),
-    "a folder of launch files": in_folders({"arm": FIVE, "bringup": ("a.launch.py", "b.launch.py")}),
-    "a demonstration, told in a README": ["README.md", *in_folders({"arm": FIVE, "demo": ("demo.launch.py", "x.py")})],
+    "packages, one with the launch files": in_folders(
+        {
+            "nodes_pkg": (*FIVE[:3], "package.xml", "all.launch.py"),
+            "sim_pkg": ("sim.launch.py", "x.py", "package.xml"),
+        }
+    ),
+    "a folder of launch files": in_folders(
+        {"arm": FIVE, "bringup": ("a.launch.py", "b.launch.py")}
+    ),
+    "a demonstration, told in a README": [
+        "README.md",
+        *in_folders({"arm": FIVE, "demo": ("demo.launch.py", "x.py")}),
+    ],
     "an archive": ["lab.zip"],
     "an archive and a report": ["lab.zip", "report.pdf"],
     "an archive beside the files": ["README.md", *in_folders({"lab": FIVE}), "lab.zip"],
@@ -106,17 +128,34 @@ EACH: dict[str, tuple[dict[str, Iterable[str]], list[str]]] = {
         {"alice": FIVE[:3], "bob": FIVE[2:], "eve": ["misnamed.py"]},
         ["alice", "bob", "eve"],
     ),
-    "students with workspaces": ({"alice/ws/src/p/p": FIVE, "bob/lab": FIVE, "cem": FIVE}, ["alice", "bob", "cem"]),
-    "fixtures": ({"one/submission": FIVE[:1], "two/submission": FIVE[:1], "two": ["expected.yaml"]}, ["one", "two"]),
+    "students with workspaces": (
+        {"alice/ws/src/p/p": FIVE, "bob/lab": FIVE, "cem": FIVE},
+        ["alice", "bob", "cem"],
+    ),
+    "fixtures": (
+        {"one/submission": FIVE[:1], "two/submission": FIVE[:1], "two": ["expected.yaml"]},
+        ["one", "two"],
+    ),
     "a wrapped class": ({"lab9/alice": FIVE, "lab9/bob": FIVE}, ["alice", "bob"]),
     "with tables and litter": (
-        {"alice": FIVE, "bob": FIVE, ".": ["grades.csv", ".DS_Store", "Thumbs.db"], "__MACOSX/alice": FIVE},
+        {
+            "alice": FIVE,
+            "bob": FIVE,
+            ".": ["grades.csv", ".DS_Store", "Thumbs.db"],
+            "__MACOSX/alice": FIVE,
+        },
         ["alice", "bob"],
     ),
-    "with results": ({"alice": FIVE, "bob": FIVE, "results/alice/recordings": ["submission.json"]}, ["alice", "bob"]),
+    "with results": (
+        {"alice": FIVE, "bob": FIVE, "results/alice/recordings": ["submission.json"]},
+        ["alice", "bob"],
+    ),
     "with an empty one": ({"alice": FIVE, "bob": FIVE, "eve": ["/"]}, ["alice", "bob", "eve"]),
     "one of each lab": ({"one": FIVE, "two": OF_FRAMES}, ["one", "two"]),
-    "of each lab, one a package": ({"one": FIVE, "two": (*OF_FRAMES, "package.xml")}, ["one", "two"]),
+    "of each lab, one a package": (
+        {"one": FIVE, "two": (*OF_FRAMES, "package.xml")},
+        ["one", "two"],
+    ),
     "all of another lab": ({"one": OF_FRAMES, "two/ws/src/p": OF_FRAMES}, ["one", "two"]),
     "archives": ({".": ["alice.zip", "bob.tar.gz", "grades.csv"]}, ["alice", "bob"]),
     "a folder and an archive": ({"alice": FIVE, ".": ["bob.zip"]}, ["alice", "bob"]),
@@ -130,7 +169,9 @@ def test_one_submission(tree: str, form: str, rubric: Rubric, tmp_path: Path) ->
     folder = lay_out(tmp_path / "alice", ONE[tree])
     path = folder if form == "folder" else pack(folder, tmp_path / f"alice{form}")
     found = find_submissions([path], rubric)
-    assert [(source.name, source.pieces[0].member) for source in found.submissions] == [("alice", "")]
+    assert [(source.name, source.pieces[0].member) for source in found.submissions] == [
+        ("alice", "")
+    ]
     assert found.understood == (f"{path}: one submission",)
     assert found.not_understood == ()
 
@@ -143,10 +184,16 @@ def test_a_folder_of_submissions(tree: str, form: str, rubric: Rubric, tmp_path:
     folder = lay_out(tmp_path / "group", in_folders(laid_out))
     path = folder if form == "folder" else pack(folder, tmp_path / f"group{form}")
     found = find_submissions([path], rubric)
-    expected = names if form == "folder" else [name for name in names if name != "eve" or tree != "with an empty one"]
+    expected = (
+        names
+        if form == "folder"
+        else [name for name in names if name != "eve" or tree != "with an empty one"]
+    )
     assert [source.name for source in found.submissions] == expected
     named = [line.rsplit(": ", 2)[1:] for line in found.not_understood]
-    assert named == ([["results", "results of an earlier grading"]] if tree == "with results" else [])
+    assert named == (
+        [["results", "results of an earlier grading"]] if tree == "with results" else []
+    )
     assert f"{len(expected)} submissions" in found.understood[0]
 
 
@@ -166,8 +213,13 @@ def test_a_path_called_submissions_holds_submissions(rubric: Rubric, tmp_path: P
     """Where only one has handed in so far, the folder's name tells what it is."""
     for name in ("submissions", "lab-09-submissions", "Students (2)"):
         assert found_in(lay_out(tmp_path / name, in_folders({"alice": FIVE})), rubric) == ["alice"]
-        assert found_in(lay_out(tmp_path / f"{name}/more", ["x.txt"]).parent, rubric) == ["alice", "more"]
-    assert found_in(lay_out(tmp_path / "submission", in_folders({"lab": FIVE})), rubric) == ["submission"]
+        assert found_in(lay_out(tmp_path / f"{name}/more", ["x.txt"]).parent, rubric) == [
+            "alice",
+            "more",
+        ]
+    assert found_in(lay_out(tmp_path / "submission", in_folders({"lab": FIVE})), rubric) == [
+        "submission"
+    ]
 
 
 def test_what_the_user_says_goes_first(rubric: Rubric, tmp_path: Path) -> None:
@@ -189,7 +241,9 @@ def test_this_projects_own_folders(rubric: Rubric) -> None:
 
 def test_what_is_not_understood_is_reported(rubric: Rubric, tmp_path: Path) -> None:
     """A file among students' folders belongs to nobody, and is named."""
-    group = lay_out(tmp_path / "group", ["stray.py", "\x1b[2J.py", *in_folders({"alice": FIVE, "bob": FIVE})])
+    group = lay_out(
+        tmp_path / "group", ["stray.py", "\x1b[2J.py", *in_folders({"alice": FIVE, "bob": FIVE})]
+    )
     found = find_submissions([group], rubric)
     assert len(found.submissions) == 2
     assert len(found.not_understood) == 2
@@ -295,7 +349,11 @@ def test_blackboards_download(form: str, rubric: Rubric, tmp_path: Path) -> None
 
 def test_nobody_of_a_large_class_is_lost(rubric: Rubric, tmp_path: Path) -> None:
     """A download of thousands of loose files is understood to its last student."""
-    names = [f"student{student}_{student}_{file}_f{file}.py" for student in range(1, 1201) for file in range(5)]
+    names = [
+        f"student{student}_{student}_{file}_f{file}.py"
+        for student in range(1, 1201)
+        for file in range(5)
+    ]
     found = find_submissions([lay_out(tmp_path / "export", names)], rubric)
     assert len(found.submissions) == 1200
     assert all(len(source.pieces) == 5 for source in found.submissions)
@@ -413,15 +471,24 @@ def test_gradescopes_export(form: str, rubric: Rubric, tmp_path: Path) -> None:
     """Who and when stand in the export's table; several who handed in together are all named."""
     names = [f"assignment_7_export/submission_{n}/{file}" for n in (101, 102, 103) for file in FIVE]
     folder = download(tmp_path, "folder", names)
-    (folder / "assignment_7_export/submission_metadata.yml").write_text(GRADESCOPE, encoding="utf-8")
+    (folder / "assignment_7_export/submission_metadata.yml").write_text(
+        GRADESCOPE, encoding="utf-8"
+    )
     path = folder if form == "folder" else pack(folder, tmp_path / "export.zip")
     found = find_submissions([path], rubric)
     students = by_name(found)
-    assert list(students) == ["Ann_Smith_0012", "Bob_Jones_Cem_Çelik_submission_102", "submission_103"]
+    assert list(students) == [
+        "Ann_Smith_0012",
+        "Bob_Jones_Cem_Çelik_submission_102",
+        "submission_103",
+    ]
     ann, both, nobody = students.values()
     assert (ann.student, ann.student_id) == ("Ann Smith", "0012")
     assert ann.submitted_at == datetime(2026, 3, 2, 22, 41, 5, 123456, tzinfo=timezone.utc)
-    assert (both.student_id, both.submitted_at) == (None, datetime(2026, 3, 2, 22, 41, 5, tzinfo=timezone.utc))
+    assert (both.student_id, both.submitted_at) == (
+        None,
+        datetime(2026, 3, 2, 22, 41, 5, tzinfo=timezone.utc),
+    )
     assert nobody.submitted_at is None
     assert files_of(ann) == set(FIVE)
     assert found.not_understood == ()
@@ -438,7 +505,8 @@ def test_a_download_of_one_is_reported_beside_tables(rubric: Rubric, tmp_path: P
 def test_user_names_with_underscores_stay_apart(rubric: Rubric, tmp_path: Path) -> None:
     """On Blackboard, a title, a user's name and a group's may hold underscores; nobody is taken for another."""
     names = [
-        f"Lab_9 (B)_{who}_attempt_2026-03-01-12-00-00_joint_publisher.py" for who in ("a_smith", "b_smith", "Group 1")
+        f"Lab_9 (B)_{who}_attempt_2026-03-01-12-00-00_joint_publisher.py"
+        for who in ("a_smith", "b_smith", "Group 1")
     ]
     found = find_submissions([lay_out(tmp_path / "export", names)], rubric)
     assert [(h.name, h.student_id) for h in found.submissions] == [
@@ -453,18 +521,27 @@ def test_canvas_marks_lateness_in_each_form(rubric: Rubric, tmp_path: Path) -> N
     """The mark is no part of a name, neither where there is none nor in small letters."""
     names = ["LATE_anon_Xy3zA_900_lab.zip", "bob_late_68_901_lab.zip", "latelyann_69_902_lab.zip"]
     found = find_submissions([download(tmp_path, "folder", names)], rubric)
-    assert {h.name: h.late for h in found.submissions} == {"anon_Xy3zA": True, "bob_68": True, "latelyann_69": False}
+    assert {h.name: h.late for h in found.submissions} == {
+        "anon_Xy3zA": True,
+        "bob_68": True,
+        "latelyann_69": False,
+    }
 
 
 @pytest.mark.parametrize("number", ["09_01", "9_1"])
-def test_files_with_the_labs_number_are_one_students(number: str, rubric: Rubric, tmp_path: Path) -> None:
+def test_files_with_the_labs_number_are_one_students(
+    number: str, rubric: Rubric, tmp_path: Path
+) -> None:
     """Names such as lab_9_1_joint_publisher.py look like Canvas's, whose files have numbers of their own."""
     folder = lay_out(tmp_path / "alice", [f"lab_{number}_{name}" for name in FIVE])
     assert found_in(folder, rubric) == ["alice"]
 
 
 OTHER_CLASSES: dict[str, tuple[Iterable[str], list[str]]] = {
-    "an archive in each folder": (["alice/lab.zip", "bob/lab.tar.gz", "cem/x/lab.7z"], ["alice", "bob", "cem"]),
+    "an archive in each folder": (
+        ["alice/lab.zip", "bob/lab.tar.gz", "cem/x/lab.7z"],
+        ["alice", "bob", "cem"],
+    ),
     "archives and files": (
         in_folders({"alice": FIVE, "bob": ["lab.zip", "notes.pdf"], "cem": ["lab.zip"]}),
         ["alice", "bob", "cem"],
@@ -478,7 +555,11 @@ OTHER_CLASSES: dict[str, tuple[Iterable[str], list[str]]] = {
         ["anna_ws", "bob_ws"],
     ),
     "a table beside the folder of a class": (
-        ["grades.xlsx", *in_folders({"Abgaben/Ann_1": FIVE, "Abgaben/Bob_2": FIVE[:1]}), "Abgaben/status.xlsx"],
+        [
+            "grades.xlsx",
+            *in_folders({"Abgaben/Ann_1": FIVE, "Abgaben/Bob_2": FIVE[:1]}),
+            "Abgaben/status.xlsx",
+        ],
         ["Ann_1", "Bob_2"],
     ),
 }
@@ -500,16 +581,24 @@ def test_other_folders_of_submissions(tree: str, form: str, rubric: Rubric, tmp_
 def test_teams_keeps_each_version(form: str, rubric: Rubric, tmp_path: Path) -> None:
     """Of what was handed in several times, the last version counts, and the others are told."""
     tree = [f"Submitted files/Ann Lee/Lab 9/Version {n}/{FIVE[0]}" for n in (1, 2, 10)]
-    tree += [f"Submitted files/Bob Ray/Lab 9/Version 1/{FIVE[0]}", f"Submitted files/Cem/Lab 9/{FIVE[0]}"]
+    tree += [
+        f"Submitted files/Bob Ray/Lab 9/Version 1/{FIVE[0]}",
+        f"Submitted files/Cem/Lab 9/{FIVE[0]}",
+    ]
     folder = lay_out(tmp_path / "group", tree)
-    found = find_submissions([folder if form == "folder" else pack(folder, tmp_path / "group.zip")], rubric)
+    found = find_submissions(
+        [folder if form == "folder" else pack(folder, tmp_path / "group.zip")], rubric
+    )
     assert {h.name: files_of(h) for h in found.submissions} == {
         "Ann_Lee": {FIVE[0]},
         "Bob_Ray": {FIVE[0]},
         "Cem": {f"Lab 9/{FIVE[0]}"},
     }
     assert found.submissions[0].pieces[0].member.endswith("Version 10/" if form == ".zip" else "")
-    assert [line.rpartition(": ")[0].rpartition(": ")[2] for line in found.not_understood] == ["Version 1", "Version 2"]
+    assert [line.rpartition(": ")[0].rpartition(": ")[2] for line in found.not_understood] == [
+        "Version 1",
+        "Version 2",
+    ]
 
 
 def test_a_class_that_is_packed_twice_is_no_submission(rubric: Rubric, tmp_path: Path) -> None:
@@ -549,11 +638,20 @@ def test_a_list_does_not_tell_namesakes_apart(rubric: Rubric, tmp_path: Path) ->
     """A time is given to nobody who may not be meant, and nobody who handed in is called missing."""
     export = lay_out(
         tmp_path / "export",
-        [f"{n}_assignsubmission_file_/{FIVE[0]}" for n in ("Ann Müller_11", "Ann Müller_12", "Bo_13")],
+        [
+            f"{n}_assignsubmission_file_/{FIVE[0]}"
+            for n in ("Ann Müller_11", "Ann Müller_12", "Bo_13")
+        ],
     )
-    rows = ["Ann Müller,100,2026-03-02T23:00Z", "Ann Müller,200,2026-03-09T23:00Z", "Bo,300,2026-03-01T08:00Z"]
+    rows = [
+        "Ann Müller,100,2026-03-02T23:00Z",
+        "Ann Müller,200,2026-03-09T23:00Z",
+        "Bo,300,2026-03-01T08:00Z",
+    ]
     for listed in (rows, rows[1:]):
-        (tmp_path / "class.csv").write_text("\n".join(["name,student_id,submitted_at", *listed]), encoding="utf-8")
+        (tmp_path / "class.csv").write_text(
+            "\n".join(["name,student_id,submitted_at", *listed]), encoding="utf-8"
+        )
         found = find_submissions([export], rubric, class_list=tmp_path / "class.csv")
         assert [(h.student_id, h.submitted_at is None) for h in found.submissions] == [
             ("11", True),
@@ -585,7 +683,9 @@ def test_a_list_with_a_line_for_each_hand_in(rubric: Rubric, tmp_path: Path) -> 
     (tmp_path / "class.csv").write_text("\n".join(rows), encoding="utf-8")
     export = lay_out(tmp_path / "export", [f"Ann Müller_11_assignsubmission_file_/{FIVE[0]}"])
     found = find_submissions([export], rubric, class_list=tmp_path / "class.csv")
-    assert [h.submitted_at for h in found.submissions] == [datetime(2026, 3, 3, 22, tzinfo=timezone.utc)]
+    assert [h.submitted_at for h in found.submissions] == [
+        datetime(2026, 3, 3, 22, tzinfo=timezone.utc)
+    ]
     assert found.missing == ()
 
 
@@ -598,9 +698,9 @@ def test_equal_names_are_distinguished_for_good(rubric: Rubric, tmp_path: Path) 
     found = find_submissions(paths, rubric)
     names = [source.name for source in found.submissions]
     assert len(set(names)) == 2
-    assert {f"{h.location}: called {h.name}, since there is another alice" for h in found.submissions} < {
-        *found.understood
-    }
+    assert {
+        f"{h.location}: called {h.name}, since there is another alice" for h in found.submissions
+    } < {*found.understood}
     assert all(name.startswith("alice-") for name in names)
     paths.append(lay_out(tmp_path / "c" / "Alice", FIVE))
     again = find_submissions([Path(os.path.relpath(path)) for path in reversed(paths)], rubric)
@@ -615,14 +715,20 @@ def test_what_is_given_twice_is_graded_once(rubric: Rubric, tmp_path: Path) -> N
     assert [source.name for source in found.submissions] == ["alice", "bob"]
 
 
-NAME = st.text(st.characters(exclude_characters="/\0", exclude_categories=["Cs"]), min_size=1, max_size=60).filter(
-    lambda name: name not in (".", "..") and len(name.encode()) < 250
+NAME = st.text(
+    st.characters(exclude_characters="/\0", exclude_categories=["Cs"]), min_size=1, max_size=60
+).filter(lambda name: name not in (".", "..") and len(name.encode()) < 250)
+
+
+@settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture],
+    deadline=None,
+    max_examples=examples(60),
 )
-
-
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=examples(60))
 @given(names=st.lists(NAME, min_size=1, max_size=6, unique=True))
-def test_any_names_become_names_of_folders(names: list[str], rubric: Rubric, tmp_path: Path) -> None:
+def test_any_names_become_names_of_folders(
+    names: list[str], rubric: Rubric, tmp_path: Path
+) -> None:
     """Whatever folders are called, each submission has a name of its own that any file system takes."""
     shutil.rmtree(tmp_path / "group", ignore_errors=True)
     group = lay_out(tmp_path / "group", in_folders(dict.fromkeys(names, FIVE[:1])))
@@ -634,7 +740,9 @@ def test_any_names_become_names_of_folders(names: list[str], rubric: Rubric, tmp
         assert not set(name) & set('/\\:*?"<>| \t\n')
         assert name.strip("._-") == name or name[-7] == "-"
         assert 0 < len(name.encode()) <= 130
-    assert called == [source.name for source in find_submissions([group], rubric, shape=Shape.EACH).submissions]
+    assert called == [
+        source.name for source in find_submissions([group], rubric, shape=Shape.EACH).submissions
+    ]
 
 
 def test_a_class_list_knows_more(rubric: Rubric, tmp_path: Path) -> None:
@@ -671,7 +779,9 @@ def test_a_class_list_knows_more(rubric: Rubric, tmp_path: Path) -> None:
         ("name,submitted_at\n,2026-03-02\n", 2),
     ],
 )
-def test_a_class_list_with_mistakes(text: str, line: int | None, rubric: Rubric, tmp_path: Path) -> None:
+def test_a_class_list_with_mistakes(
+    text: str, line: int | None, rubric: Rubric, tmp_path: Path
+) -> None:
     """The first line that is wrong is named; empty lines and missing columns are not wrong."""
     (tmp_path / "class.csv").write_text(text)
     if line is None:

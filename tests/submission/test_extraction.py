@@ -21,7 +21,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from grader.errors import SubmissionError
-from grader.submission.extraction import LIMITS, Intake, Limits, Piece, SubmissionSource, names_in, open_submission
+from grader.submission.extraction import (
+    LIMITS,
+    Intake,
+    Limits,
+    Piece,
+    SubmissionSource,
+    names_in,
+    open_submission,
+)
 from tests.submission.hostile_archives import tar_of, zip_of
 
 ELF = b"\x7fELF\x02\x01\x01" + bytes(64)
@@ -39,7 +47,9 @@ def kept(intake: Intake) -> dict[str, bytes]:
     return found
 
 
-def take(path: Path | SubmissionSource, limits: Limits = LIMITS) -> tuple[dict[str, bytes], tuple[str, ...]]:
+def take(
+    path: Path | SubmissionSource, limits: Limits = LIMITS
+) -> tuple[dict[str, bytes], tuple[str, ...]]:
     """Take a submission in; returns its files, and what was left out."""
     with open_submission(path, limits=limits) as intake:
         return kept(intake), intake.left_out
@@ -74,7 +84,9 @@ def handed_in(form: str, path: Path, files: Mapping[str, bytes]) -> Path:
     if form == "folder":
         return lay_out(path / "ann", files)
     archive = path / "ann.bin"  # archives are known by their contents
-    archive.write_bytes(zip_of(files.items()) if form == "zip" else gzip.compress(tar_of(files.items())))
+    archive.write_bytes(
+        zip_of(files.items()) if form == "zip" else gzip.compress(tar_of(files.items()))
+    )
     return archive
 
 
@@ -107,7 +119,9 @@ def test_the_clean_folder_is_gone_afterwards(tmp_path: Path) -> None:
     assert not list(Path(tempfile.gettempdir()).glob(f"{prefix}*"))
 
 
-@pytest.mark.parametrize("name", ["alice.zip", "alice.tar.gz", "alice.TGZ", "alice.tar.xz", "alice"])
+@pytest.mark.parametrize(
+    "name", ["alice.zip", "alice.tar.gz", "alice.TGZ", "alice.tar.xz", "alice"]
+)
 def test_an_archive_has_the_name_of_its_file(tmp_path: Path, name: str) -> None:
     """The suffix is no part of the name, and says nothing of the contents."""
     (tmp_path / name).write_bytes(zip_of([("a.py", PROGRAM)]))
@@ -132,14 +146,21 @@ def test_what_changes_meanwhile_does_not_matter(tmp_path: Path) -> None:
 def test_pieces_make_one_submission(tmp_path: Path) -> None:
     """Loose files come in under the names that they are given, and parts of an archive under theirs."""
     lay_out(
-        tmp_path, {"ann_1_2_a-1.py": b"1", "big.zip": zip_of([("ann/b.py", b"2"), ("bob/b.py", b"3"), ("c", b"4")])}
+        tmp_path,
+        {
+            "ann_1_2_a-1.py": b"1",
+            "big.zip": zip_of([("ann/b.py", b"2"), ("bob/b.py", b"3"), ("c", b"4")]),
+        },
     )
     pieces = (
         Piece(tmp_path / "ann_1_2_a-1.py", name="a.py"),
         Piece(tmp_path / "big.zip", "ann/"),
         Piece(tmp_path / "big.zip", "c", "c.md"),
     )
-    assert take(SubmissionSource("ann", pieces, location="here")) == ({"a.py": b"1", "b.py": b"2", "c.md": b"4"}, ())
+    assert take(SubmissionSource("ann", pieces, location="here")) == (
+        {"a.py": b"1", "b.py": b"2", "c.md": b"4"},
+        (),
+    )
 
 
 def test_the_time_is_that_of_the_newest_file_that_came_in(tmp_path: Path) -> None:
@@ -153,7 +174,9 @@ def test_the_time_is_that_of_the_newest_file_that_came_in(tmp_path: Path) -> Non
     with open_submission(tmp_path / "ann.tar") as intake:
         assert intake.source.submitted_at == datetime(2026, 3, 2, tzinfo=timezone.utc)
     told = datetime(2026, 4, 1, tzinfo=timezone.utc)
-    with open_submission(replace(SubmissionSource.of(tmp_path / "ann.tar"), submitted_at=told)) as intake:
+    with open_submission(
+        replace(SubmissionSource.of(tmp_path / "ann.tar"), submitted_at=told)
+    ) as intake:
         assert intake.source.submitted_at == told
     with open_submission(lay_out(tmp_path / "ann", {"a.py": b""})) as intake:
         assert intake.source.submitted_at is None
@@ -172,16 +195,26 @@ def test_compiled_code_is_left_out(form: str, tmp_path: Path) -> None:
         "photo.png": ELF,
         "node.py": b"MZ\x90\x00",
     }
-    files, left_out = take(handed_in(form, tmp_path, {**compiled, "MZ.md": b"MZ is how programs begin."}))
+    files, left_out = take(
+        handed_in(form, tmp_path, {**compiled, "MZ.md": b"MZ is how programs begin."})
+    )
     assert list(files) == ["MZ.md"]
     assert sorted(left_out) == sorted(f"{name}: compiled code" for name in compiled)
 
 
 def test_what_tools_made_is_left_out_in_a_line_each(form: str, tmp_path: Path) -> None:
     """Folders of tools are named once, and what file managers leave is not even named."""
-    made = ["build/a.py", "build/b.py", "ws/install/lib/a.py", ".git/HEAD", "e/lib/site-packages/rclpy/a.py"]
+    made = [
+        "build/a.py",
+        "build/b.py",
+        "ws/install/lib/a.py",
+        ".git/HEAD",
+        "e/lib/site-packages/rclpy/a.py",
+    ]
     litter = [".DS_Store", "src/Thumbs.db", "src/._node.py"]
-    files, left_out = take(handed_in(form, tmp_path, dict.fromkeys([*made, *litter, "src/node.py"], PROGRAM)))
+    files, left_out = take(
+        handed_in(form, tmp_path, dict.fromkeys([*made, *litter, "src/node.py"], PROGRAM))
+    )
     assert list(files) == ["src/node.py"]
     folders = [".git/", "build/", "e/lib/site-packages/", "ws/install/"]
     assert sorted(left_out) == [f"{folder}: made by a tool" for folder in folders]
@@ -191,7 +224,13 @@ def test_links_are_left_out_and_never_followed(tmp_path: Path) -> None:
     """Links to files and folders, also to themselves and to nowhere, are listed."""
     secret = lay_out(tmp_path, {"secret.py": b"secret"}) / "secret.py"
     folder = lay_out(tmp_path / "ann", {"a.py": b"1"})
-    targets = {"file.py": secret, "folder": tmp_path, "loop": folder / "loop", "self": folder, "gone": tmp_path / "no"}
+    targets = {
+        "file.py": secret,
+        "folder": tmp_path,
+        "loop": folder / "loop",
+        "self": folder,
+        "gone": tmp_path / "no",
+    }
     for name, target in targets.items():
         (folder / name).symlink_to(target)
     files, left_out = take(folder)
@@ -202,8 +241,15 @@ def test_links_are_left_out_and_never_followed(tmp_path: Path) -> None:
 def test_links_in_a_tar_lead_nowhere(tmp_path: Path) -> None:
     """A file below a link to a folder elsewhere lands in a folder of its own."""
     link, hard = tarfile.TarInfo("out"), tarfile.TarInfo("hard.py")
-    link.type, link.linkname, hard.type, hard.linkname = tarfile.SYMTYPE, str(tmp_path), tarfile.LNKTYPE, "a.py"
-    (tmp_path / "ann.tar").write_bytes(tar_of([("a.py", b"1"), (link, b""), ("out/b.py", b"2"), (hard, b"")]))
+    link.type, link.linkname, hard.type, hard.linkname = (
+        tarfile.SYMTYPE,
+        str(tmp_path),
+        tarfile.LNKTYPE,
+        "a.py",
+    )
+    (tmp_path / "ann.tar").write_bytes(
+        tar_of([("a.py", b"1"), (link, b""), ("out/b.py", b"2"), (hard, b"")])
+    )
     files, left_out = take(tmp_path / "ann.tar")
     assert files == {"a.py": b"1", "out/b.py": b"2"}
     assert left_out == ("out: a symbolic link", "hard.py: a hard link")
@@ -246,7 +292,10 @@ def test_what_may_not_be_read_is_left_out() -> None:
         folder = lay_out(Path(scratch, "ann"), {"a.py": b"1", "b.py": b"2", "src/c.py": b"3"})
         (folder / "b.py").chmod(0)
         (folder / "src").chmod(0)
-        assert take(folder) == ({"a.py": b"1"}, ("b.py: not readable", "src: a folder that is not readable"))
+        assert take(folder) == (
+            {"a.py": b"1"},
+            ("b.py: not readable", "src: a folder that is not readable"),
+        )
         folder.chmod(0)
         assert "may not be read" in refused(folder).problem
         for path in (folder, folder / "src"):
@@ -256,7 +305,10 @@ def test_what_may_not_be_read_is_left_out() -> None:
 def test_names_that_lead_outside_are_left_out(tmp_path: Path) -> None:
     """Nothing is written beside the clean folder, whatever the archive says."""
     names = ["../up.py", "a/../../up.py", "/tmp/abs.py", "C:\\abs.py", "..\\up.py", "ok.py"]
-    for archive in (zip_of([(name, b"x") for name in names]), tar_of([(name, b"x") for name in names])):
+    for archive in (
+        zip_of([(name, b"x") for name in names]),
+        tar_of([(name, b"x") for name in names]),
+    ):
         (tmp_path / "ann").write_bytes(archive)
         with open_submission(tmp_path / "ann") as intake:
             assert list(kept(intake)) == ["ok.py"]
@@ -281,12 +333,21 @@ def test_hostile_names_are_cleaned_and_reported(tmp_path: Path) -> None:
 
 def test_names_that_collide_on_other_systems(tmp_path: Path) -> None:
     """Of names that differ in case or in the form of letters only, the first is kept; the others are listed."""
-    names = ["Node.py", "node.py", "größe.py", unicodedata.normalize("NFD", "größe.py"), "SRC/a.py", "src/b.py"]
+    names = [
+        "Node.py",
+        "node.py",
+        "größe.py",
+        unicodedata.normalize("NFD", "größe.py"),
+        "SRC/a.py",
+        "src/b.py",
+    ]
     (tmp_path / "ann").write_bytes(tar_of([(name, name.encode()) for name in names]))
     files, left_out = take(tmp_path / "ann")
     assert sorted(files) == ["Node.py", "SRC/a.py", "größe.py", "src/b.py"]
     assert files["größe.py"] == "größe.py".encode()
-    assert [line.split(": ")[1].split()[:3] for line in left_out] == [["its", "name", "differs"]] * 2
+    assert [line.split(": ")[1].split()[:3] for line in left_out] == [
+        ["its", "name", "differs"]
+    ] * 2
 
 
 def test_of_one_name_the_last_counts(tmp_path: Path) -> None:
@@ -295,7 +356,10 @@ def test_of_one_name_the_last_counts(tmp_path: Path) -> None:
         (tmp_path / "ann").write_bytes(archive)
         files, left_out = take(tmp_path / "ann")
         if b"22" in archive:
-            assert (files, left_out) == ({"a.py": b"22"}, ("a.py: an earlier file of the same name",))
+            assert (files, left_out) == (
+                {"a.py": b"22"},
+                ("a.py: an earlier file of the same name",),
+            )
     with zipfile.ZipFile(tmp_path / "ann", "w") as twice:
         twice.writestr("a.py", b"1")
         with pytest.warns(UserWarning, match="Duplicate"):
@@ -309,7 +373,10 @@ def test_a_file_in_a_folders_place_is_left_out(tmp_path: Path) -> None:
     (tmp_path / "ann").write_bytes(tar_of(members))
     files, left_out = take(tmp_path / "ann")
     assert files == {"a": b"1", "c/d.py": b"3"}
-    assert left_out == ("a/b.py: a file where another has a folder", "c: a file where another has a folder")
+    assert left_out == (
+        "a/b.py: a file where another has a folder",
+        "c: a file where another has a folder",
+    )
 
 
 # -- archives within ---------------------------------------------------------------------------------
@@ -343,7 +410,9 @@ def test_other_archives_are_left_out(form: str, tmp_path: Path) -> None:
 def test_of_several_archives_none_is_chosen(form: str, tmp_path: Path) -> None:
     """Where nothing but archives was handed in, the refusal says that it is not known which of them counts."""
     files = {name: zip_of([("node.py", PROGRAM)]) for name in ("lab.zip", "lab (1).zip")}
-    assert "one of several; it is not clear which" in refused(handed_in(form, tmp_path, files)).remedy
+    assert (
+        "one of several; it is not clear which" in refused(handed_in(form, tmp_path, files)).remedy
+    )
 
 
 def test_archives_without_end_end(tmp_path: Path) -> None:
@@ -416,10 +485,16 @@ def test_a_folder_of_endless_depth_is_taken_in(tmp_path: Path) -> None:
 
 def test_thousands_that_are_left_out_are_grouped(form: str, tmp_path: Path) -> None:
     """Somebody reads the list; so it ends, says how many more there are of what, and a rare thing is in it."""
-    files = dict.fromkeys([f"{number:04}.pyc" for number in range(1284)] + ["build/x.py", "z.zip", "node.py"], PROGRAM)
+    files = dict.fromkeys(
+        [f"{number:04}.pyc" for number in range(1284)] + ["build/x.py", "z.zip", "node.py"], PROGRAM
+    )
     _, left_out = take(handed_in(form, tmp_path, {**files, "z.zip": zip_of([])}))
     assert len(left_out) == 13
-    rare = {"build/: made by a tool", "and 1,274 more: compiled code", "z.zip: an archive within the submission"}
+    rare = {
+        "build/: made by a tool",
+        "and 1,274 more: compiled code",
+        "z.zip: an archive within the submission",
+    }
     assert rare <= set(left_out)
 
 
@@ -453,7 +528,9 @@ def test_nothing_is_no_submission(tmp_path: Path) -> None:
         assert refused(tmp_path / name).problem == "the submission is empty"
     (tmp_path / "ann/src/a.pyc").touch()
     assert "src/a.pyc: compiled code" in refused(tmp_path / "ann").remedy
-    assert refused(SubmissionSource("ann", (), location="Canvas")).problem == "the submission is empty"
+    assert (
+        refused(SubmissionSource("ann", (), location="Canvas")).problem == "the submission is empty"
+    )
 
 
 @pytest.mark.parametrize(
@@ -517,13 +594,21 @@ def test_any_tar_comes_in_safely(members: Sequence[tuple[str, bytes]], tmp_path:
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
-@given(members=MEMBERS, damage=st.lists(st.tuples(st.integers(0, 2000), st.integers(0, 255)), max_size=4))
+@given(
+    members=MEMBERS,
+    damage=st.lists(st.tuples(st.integers(0, 2000), st.integers(0, 255)), max_size=4),
+)
 def test_any_zip_comes_in_safely(
     members: Sequence[tuple[str, bytes]], damage: Sequence[tuple[int, int]], tmp_path: Path
 ) -> None:
     """Whatever names a zip has, and whatever has happened to it, nothing leaves the clean folder."""
     packed = bytearray(
-        zip_of([(name.replace("\udce9", "").split("\0")[0] or "-", content) for name, content in members])
+        zip_of(
+            [
+                (name.replace("\udce9", "").split("\0")[0] or "-", content)
+                for name, content in members
+            ]
+        )
     )
     for at, value in damage:
         packed[at % len(packed)] = value
@@ -539,14 +624,19 @@ def test_names_in_an_archive(tmp_path: Path) -> None:
             info = tarfile.TarInfo(name)
             info.type = kind
             archive.addfile(info)
-    lay_out(tmp_path, {"a.tar": file.getvalue(), "b.zip": b"no zip", "c.zip": zip_of([("x", b"")])[:-9]})
+    lay_out(
+        tmp_path, {"a.tar": file.getvalue(), "b.zip": b"no zip", "c.zip": zip_of([("x", b"")])[:-9]}
+    )
     assert names_in(tmp_path / "a.tar") == ["ann/", "ann/a.py"]
     assert [names_in(tmp_path / name) for name in ("b.zip", "c.zip", "none.zip", "")] == [None] * 4
 
 
 def test_folders_have_a_bound(tmp_path: Path) -> None:
     """Files that need more folders than a session's disk has room for are left out, and those beside them are not."""
-    lay_out(tmp_path / "s", {"a/b/one.py": PROGRAM, "a/b/two.py": PROGRAM, "c/d/three.py": PROGRAM, "main.py": PROGRAM})
+    lay_out(
+        tmp_path / "s",
+        {"a/b/one.py": PROGRAM, "a/b/two.py": PROGRAM, "c/d/three.py": PROGRAM, "main.py": PROGRAM},
+    )
     files, left_out = take(tmp_path / "s", Limits(folders=3))
     assert sorted(files) == ["a/b/one.py", "a/b/two.py", "main.py"]
     assert left_out == ("c/d/three.py: more than 3 folders",)

@@ -64,7 +64,9 @@ def test_a_name_that_leads_elsewhere_or_nowhere_is_refused(name: str) -> None:
         clean_parts(name)
 
 
-NAMES = st.text(st.characters(exclude_categories=[]) | st.sampled_from("/\\.: \u202e\u200b\udce9\ud800\x00\r"))
+NAMES = st.text(
+    st.characters(exclude_categories=[]) | st.sampled_from("/\\.: \u202e\u200b\udce9\ud800\x00\r")
+)
 
 
 @given(NAMES)
@@ -81,7 +83,9 @@ def test_any_name_is_fit_or_refused(name: str) -> None:
         assert part == part.rstrip(". ")
         assert not set(part) & set("/\\")
         assert 0 < len(part.encode("utf-8")) <= 200
-        hidden = {c for c in part if unicodedata.category(c) in {"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"}}
+        hidden = {
+            c for c in part if unicodedata.category(c) in {"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"}
+        }
         assert hidden <= set("\u200c\u200d")
     assert clean_parts("/".join(parts)) == parts
 
@@ -104,7 +108,13 @@ def test_names_that_other_systems_cannot_keep_apart_have_one_key() -> None:
 
 @pytest.mark.parametrize(
     ("name", "changed"),
-    [("src/x.py", False), ("./src\\x.py", False), ("src/x.py ", True), ("x\u202e.py", True), ("caf\udce9.py", True)],
+    [
+        ("src/x.py", False),
+        ("./src\\x.py", False),
+        ("src/x.py ", True),
+        ("x\u202e.py", True),
+        ("caf\udce9.py", True),
+    ],
 )
 def test_a_changed_name_is_noticed(name: str, changed: bool) -> None:
     """How folders are separated is no change; a character less is."""
@@ -136,7 +146,13 @@ def test_litter_and_compiled_code_are_reported_by_name() -> None:
 
 def test_an_archive_is_called_as_what_is_in_it() -> None:
     """Suffixes of archives go, other dots stay."""
-    named = {"alice.zip": "alice", "bob.tar.gz": "bob", "lab.v2.TGZ": "lab.v2", "a.b": "a.b", ".zip": ".zip"}
+    named = {
+        "alice.zip": "alice",
+        "bob.tar.gz": "bob",
+        "lab.v2.TGZ": "lab.v2",
+        "a.b": "a.b",
+        ".zip": ".zip",
+    }
     assert {name: without_archive_suffix(name) for name in named} == named
 
 

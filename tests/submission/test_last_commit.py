@@ -22,11 +22,15 @@ ZONE = timezone(timedelta(hours=5, minutes=30))
 def git(folder: Path, *arguments: str, at: datetime | None = None) -> str:
     """Run git in a folder, without the configuration of this machine."""
     environment = {"PATH": os.environ["PATH"], "HOME": str(folder), "GIT_CONFIG_NOSYSTEM": "1"}
-    environment |= {f"GIT_{who}_{what}": "ann" for who in ("AUTHOR", "COMMITTER") for what in ("NAME", "EMAIL")}
+    environment |= {
+        f"GIT_{who}_{what}": "ann" for who in ("AUTHOR", "COMMITTER") for what in ("NAME", "EMAIL")
+    }
     if at is not None:
         environment["GIT_AUTHOR_DATE"] = "2020-01-01T00:00:00+00:00"
         environment["GIT_COMMITTER_DATE"] = at.isoformat()
-    run = subprocess.run(["git", *arguments], cwd=folder, env=environment, check=True, capture_output=True, text=True)
+    run = subprocess.run(
+        ["git", *arguments], cwd=folder, env=environment, check=True, capture_output=True, text=True
+    )
     return run.stdout.strip()
 
 
@@ -43,8 +47,18 @@ def repository(folder: Path, commits: int = 1, *init: str) -> Path:
         (folder / "node.py").write_text(f"x = {number}\n")
         git(folder, "add", ".")
         # The long message is what makes git store commits as differences to each other.
-        message = "\n".join(f"line {line} of a message that hardly changes" for line in range(40)) + f"\n{number}"
-        git(folder, "commit", "-q", "-m", message, at=datetime(2026, 3, 1 + number, 23, 41, 7, tzinfo=ZONE))
+        message = (
+            "\n".join(f"line {line} of a message that hardly changes" for line in range(40))
+            + f"\n{number}"
+        )
+        git(
+            folder,
+            "commit",
+            "-q",
+            "-m",
+            message,
+            at=datetime(2026, 3, 1 + number, 23, 41, 7, tzinfo=ZONE),
+        )
     return folder
 
 
@@ -78,7 +92,15 @@ def test_every_commit_of_a_packed_repository(tmp_path: Path, init: tuple[str, ..
 def test_commits_reported_by_the_names_of_others(tmp_path: Path) -> None:
     """The other way of storing differences is read as well."""
     folder = repository(tmp_path / "ann", 6)
-    git(folder, "-c", "repack.useDeltaBaseOffset=false", "repack", "-adfq", "--window=50", "--depth=50")
+    git(
+        folder,
+        "-c",
+        "repack.useDeltaBaseOffset=false",
+        "repack",
+        "-adfq",
+        "--window=50",
+        "--depth=50",
+    )
     git(folder, "prune-packed")
     for commit in git(folder, "rev-list", "HEAD").split():
         git(folder, "checkout", "-q", commit)
@@ -109,7 +131,13 @@ def test_what_is_no_repository(tmp_path: Path) -> None:
 def test_nothing_of_a_repository_is_run(tmp_path: Path) -> None:
     """Programs that git itself would start are not: signature checks, monitors, helpers that fetch."""
     folder = repository(tmp_path / "ann")
-    for setting in ("core.fsmonitor", "core.pager", "gpg.program", "core.sshCommand", "core.alternateRefsCommand"):
+    for setting in (
+        "core.fsmonitor",
+        "core.pager",
+        "gpg.program",
+        "core.sshCommand",
+        "core.alternateRefsCommand",
+    ):
         git(folder, "config", setting, f"touch {tmp_path}/ran; true")
     git(folder, "config", "log.showSignature", "true")
     for hook in ("post-checkout", "reference-transaction"):
@@ -162,12 +190,18 @@ def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=30)
+@settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=30
+)
 @given(
     suffix=st.sampled_from([".idx", ".pack"]),
-    changes=st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=4)), min_size=1, max_size=4),
+    changes=st.lists(
+        st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=4)), min_size=1, max_size=4
+    ),
 )
-def test_damage_ends_in_no_time(packed: Path, tmp_path: Path, suffix: str, changes: list[tuple[float, bytes]]) -> None:
+def test_damage_ends_in_no_time(
+    packed: Path, tmp_path: Path, suffix: str, changes: list[tuple[float, bytes]]
+) -> None:
     """Whatever bytes are changed in a pack or its index, the answer is a time or none."""
     shutil.rmtree(tmp_path / "ann", ignore_errors=True)
     shutil.copytree(packed, tmp_path / "ann")
@@ -206,8 +240,12 @@ def test_a_difference_that_lies_without_end_behind(tmp_path: Path) -> None:
     (folder / ".git/objects" / name[:2] / name[2:]).unlink()
     fan_out = struct.pack(">256I", *(int(first >= int(name[:2], 16)) for first in range(256)))
     offset = struct.pack(">II", 0, 12)
-    (folder / ".git/objects/pack/a.idx").write_bytes(b"\xfftOc\0\0\0\2" + fan_out + bytes.fromhex(name) + offset)
-    (folder / ".git/objects/pack/a.pack").write_bytes(b"PACK" + bytes(8) + b"\x60" + b"\xff" * 1024 * 1024)
+    (folder / ".git/objects/pack/a.idx").write_bytes(
+        b"\xfftOc\0\0\0\2" + fan_out + bytes.fromhex(name) + offset
+    )
+    (folder / ".git/objects/pack/a.pack").write_bytes(
+        b"PACK" + bytes(8) + b"\x60" + b"\xff" * 1024 * 1024
+    )
     began_s = time.monotonic()
     assert last_commit_time(folder) is None
     assert time.monotonic() - began_s < 12.0

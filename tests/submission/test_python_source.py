@@ -9,7 +9,9 @@ import pytest
 from grader.submission.python_source import parse_python
 
 
-@pytest.mark.parametrize("text", ["x = 1", "f'{a} {b!r:>{width}}'", "x = '''\n{{\n'''", "F = rf'{a}'\n" * 500])
+@pytest.mark.parametrize(
+    "text", ["x = 1", "f'{a} {b!r:>{width}}'", "x = '''\n{{\n'''", "F = rf'{a}'\n" * 500]
+)
 def test_a_file_is_parsed(text: str) -> None:
     """What is within bounds gives the tree that Python gives."""
     assert ast.dump(parse_python(text)) == ast.dump(ast.parse(text))

@@ -24,7 +24,9 @@ from grader.submission.separation import (
     with_earlier,
 )
 
-pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="links are made otherwise on Windows")
+pytestmark = pytest.mark.skipif(
+    sys.platform == "win32", reason="links are made otherwise on Windows"
+)
 
 LAB = ("joint_publisher.py", "robot_service.py", "README.md")
 OVERRIDES = "overrides:\n  - {submission: '*', bonus: 5, reason: All is well., who: An Instructor, when: 2026-01-01}\n"
@@ -66,7 +68,12 @@ def test_overrides_in_a_submission_are_no_decision(
         assert not read_overrides(None, typed, rubric, [source]).sha256
         assert "does not count" in (uncounted_overrides(typed, [source]) or "")
     assert read_overrides(results / "overrides.yaml", results, rubric, [source]).sha256
-    for elsewhere in ("", f"{source}x", str(repository.parent / "bob"), f"{repository.parent}/class.zip: alice/"):
+    for elsewhere in (
+        "",
+        f"{source}x",
+        str(repository.parent / "bob"),
+        f"{repository.parent}/class.zip: alice/",
+    ):
         assert read_overrides(None, results, rubric, [elsewhere]).sha256
         assert uncounted_overrides(results, [elsewhere]) is None
 
@@ -83,7 +90,9 @@ def test_overrides_in_a_submission_are_no_decision(
         ("results/.unfinished", "/etc"),
     ],
 )
-def test_links_that_a_submission_brought_are_no_place_to_write(repository: Path, link: str, target: str) -> None:
+def test_links_that_a_submission_brought_are_no_place_to_write(
+    repository: Path, link: str, target: str
+) -> None:
     """On the way to the results or in them, a link is refused and named, and so is what it leads to."""
     place = repository / link
     if place.is_dir():
@@ -132,9 +141,7 @@ def test_results_of_another_path_are_not_replaced_unawares(tmp_path: Path) -> No
     require_same_source(tmp_path / "bob", "/class/mallory/bob")
 
 
-METADATA = (
-    "submission_7:\n  :submitters:\n  - :name: bob\n    :sid: '7'\n  :created_at: 2026-01-01 00:00:00.000000000 Z\n"
-)
+METADATA = "submission_7:\n  :submitters:\n  - :name: bob\n    :sid: '7'\n  :created_at: 2026-01-01 00:00:00.000000000 Z\n"
 
 
 def test_each_submission_has_a_path_of_its_own(rubric: Rubric, tmp_path: Path) -> None:
@@ -159,7 +166,12 @@ def test_each_submission_has_a_path_of_its_own(rubric: Rubric, tmp_path: Path) -
 def test_a_repository_is_no_download(rubric: Rubric, tmp_path: Path) -> None:
     """Files that a learning-management system writes are a student's own in a repository and beside the lab's files."""
     for name, mark in (("cloned", ".git/HEAD"), ("bare", "joint_publisher.py")):
-        folder = lay_out(tmp_path / name, mark, "submission_7/joint_publisher.py", "submission_7/robot_service.py")
+        folder = lay_out(
+            tmp_path / name,
+            mark,
+            "submission_7/joint_publisher.py",
+            "submission_7/robot_service.py",
+        )
         (folder / "submission_metadata.yml").write_text(METADATA)
         assert [h.name for h in find_submissions([folder], rubric).submissions] == [name]
 
@@ -180,10 +192,14 @@ def test_a_submission_with_recordings_is_graded(place: str, rubric: Rubric, tmp_
     lay_out(tmp_path / "class/results", "ann/recordings/submission.json", "ann/report.html")
     found = found_in(tmp_path / "class", rubric)
     assert [source.name for source in found.submissions] == ["ann", "eve"]
-    assert [line.rsplit(": ", 2)[1:] for line in found.not_understood] == [["results", "results of an earlier grading"]]
+    assert [line.rsplit(": ", 2)[1:] for line in found.not_understood] == [
+        ["results", "results of an earlier grading"]
+    ]
 
 
-def test_no_submission_is_called_like_what_lies_among_results(rubric: Rubric, tmp_path: Path) -> None:
+def test_no_submission_is_called_like_what_lies_among_results(
+    rubric: Rubric, tmp_path: Path
+) -> None:
     """One that is called so, in whatever letters, gets a mark, and that is said."""
     names = sorted({*TAKEN_NAMES, "Index.HTML", "HISTORY", "Recordings"})
     for name in names:
@@ -203,32 +219,49 @@ def test_no_submission_is_called_like_what_lies_among_results(rubric: Rubric, tm
 
 def graded_with_a_list(tmp_path: Path, rubric: Rubric) -> tuple[Path, Path]:
     """Give a download of Moodle, and results of it that a class list was given with."""
-    names = ["Ann_11_assignsubmission_file_/joint_publisher.py", "Bob_12_assignsubmission_file_/joint_publisher.py"]
+    names = [
+        "Ann_11_assignsubmission_file_/joint_publisher.py",
+        "Bob_12_assignsubmission_file_/joint_publisher.py",
+    ]
     path = lay_out(tmp_path / "export", *names)
     listed = tmp_path / "class.csv"
-    listed.write_text("name,student_id,email,team\nAnn,0012,ann@uni.example,A\nCem,0014,,A\n", encoding="utf-8")
+    listed.write_text(
+        "name,student_id,email,team\nAnn,0012,ann@uni.example,A\nCem,0014,,A\n", encoding="utf-8"
+    )
     for source in find_submissions([path], rubric, class_list=listed).submissions:
         folder = tmp_path / "results" / source.name / RECORDINGS
         folder.mkdir(parents=True)
         record = SubmissionRecord(
-            source.name, student_id=source.student_id, identity=source.identity, source=source.origin
+            source.name,
+            student_id=source.student_id,
+            identity=source.identity,
+            source=source.origin,
         )
         write_submission(folder, record)
     return path, tmp_path / "results"
 
 
-def test_what_earlier_results_know_of_a_student_is_not_asked_for_again(rubric: Rubric, tmp_path: Path) -> None:
+def test_what_earlier_results_know_of_a_student_is_not_asked_for_again(
+    rubric: Rubric, tmp_path: Path
+) -> None:
     """A class list that was given once counts for the next run, beside what the new download says."""
     path, results = graded_with_a_list(tmp_path, rubric)
-    first, bob = (with_earlier(source, results) for source in find_submissions([path], rubric).submissions)
+    first, bob = (
+        with_earlier(source, results) for source in find_submissions([path], rubric).submissions
+    )
     assert [person.student_id for person in first.identity.people] == ["0012", "0014"]
     assert (first.student_id, first.identity.people[0].moodle) == ("0012", "11")
     assert first.identity.people[0].email == "ann@uni.example"
-    assert (first.identity.system, first.identity.handback) == ("Moodle", ("Ann_11_assignsubmission_file_/",))
+    assert (first.identity.system, first.identity.handback) == (
+        "Moodle",
+        ("Ann_11_assignsubmission_file_/",),
+    )
     assert (bob.student_id, bob.identity.people) == ("12", (Person("Bob", moodle="12"),))
 
 
-def test_results_of_another_path_or_in_a_submission_say_nothing_of_anybody(rubric: Rubric, tmp_path: Path) -> None:
+def test_results_of_another_path_or_in_a_submission_say_nothing_of_anybody(
+    rubric: Rubric, tmp_path: Path
+) -> None:
     """A namesake's address is not taken over, nor one that a student wrote into results of their own."""
     path, results = graded_with_a_list(tmp_path, rubric)
     for source in find_submissions([path], rubric).submissions:

@@ -66,7 +66,11 @@ class _Row:
                 return None
         pattern, searched = (self.message, raised.message) if self.message else (self.text, text)
         match = re.search(pattern, searched[:_READ])
-        return self.cause([match[0], *match.groups("")], raised.name, text) if match is not None else None
+        return (
+            self.cause([match[0], *match.groups("")], raised.name, text)
+            if match is not None
+            else None
+        )
 
     def cause(self, values: Sequence[str], exception: str = "", text: str = "") -> Diagnosis:
         """Put what was found into the words."""
@@ -105,7 +109,10 @@ def cause_of(raised: Raised, root_files: Collection[str]) -> Diagnosis:
 def cause_of_line(line: str) -> Diagnosis | None:
     """Return what a line of output says of trouble without an exception."""
     found = ((row, re.search(row.text, line[:_READ])) for row in _rows("lines"))
-    return next((row.cause([match[0], *match.groups("")]) for row, match in found if match is not None), None)
+    return next(
+        (row.cause([match[0], *match.groups("")]) for row, match in found if match is not None),
+        None,
+    )
 
 
 def _missing_module(module: str, root_files: Iterable[str]) -> Diagnosis:
@@ -124,7 +131,9 @@ def _missing_module(module: str, root_files: Iterable[str]) -> Diagnosis:
         kind = "missing-interface"
     else:
         kind, near = "missing-module", _near(root, stems | sys.stdlib_module_names)
-    cause = next(row for row in _rows("modules") if row.kind == kind).cause([module, module, root, near or ""])
+    cause = next(row for row in _rows("modules") if row.kind == kind).cause(
+        [module, module, root, near or ""]
+    )
     hint = f" If {near} is meant, correct the name." if near and kind == "missing-module" else ""
     return replace(cause, remedy=cause.remedy + hint)
 

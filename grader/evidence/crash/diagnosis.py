@@ -10,7 +10,14 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 
 from grader.evidence.crash.causes import Diagnosis, cause_of, cause_of_line, table
-from grader.evidence.crash.tracebacks import Raised, chains, plain_lines, student_file, student_frame, tracebacks
+from grader.evidence.crash.tracebacks import (
+    Raised,
+    chains,
+    plain_lines,
+    student_file,
+    student_frame,
+    tracebacks,
+)
 from grader.recording.session import OutputLine, ProcessRun
 
 _KILLED = (-9, 137)
@@ -28,9 +35,13 @@ def explain(
         if (raised := _mistake_in(chain, interrupted_ns)) is not None:
             frames = (student_frame(each.frames, root_files) for each in (raised, *chain))
             file, line = next(filter(None, frames), (None, None))
-            return replace(cause_of(raised, root_files), file=file, line=line, exception_type=raised.type)
+            return replace(
+                cause_of(raised, root_files), file=file, line=line, exception_type=raised.type
+            )
     found = next(filter(None, (cause_of_line(line.text) for line in plain_lines(output))), None)
-    return replace(found, file=student_file(found.subject, root_files)) if found is not None else None
+    return (
+        replace(found, file=student_file(found.subject, root_files)) if found is not None else None
+    )
 
 
 def advisories(output: Sequence[OutputLine]) -> tuple[str, ...]:
@@ -49,12 +60,18 @@ def advisories(output: Sequence[OutputLine]) -> tuple[str, ...]:
 
 def _mistake_in(chain: Sequence[Raised], interrupted_ns: int | None) -> Raised | None:
     """The first exception of a chain that is a mistake."""
-    stopped = any(exception.name in ("KeyboardInterrupt", "ExternalShutdownException") for exception in chain)
+    stopped = any(
+        exception.name in ("KeyboardInterrupt", "ExternalShutdownException") for exception in chain
+    )
     for exception in chain:
         after = stopped or (interrupted_ns is not None and exception.t_ns >= interrupted_ns)
         # A program that is stopped ends with these; so it does where it shuts down what is shut down already.
-        is_stop = exception.name in _STOPS or any(words in exception.message for words in _SECOND_SHUTDOWN)
-        by_stop = HIT_IN_A_CALL in exception.message or cause_of(exception, ()).kind in _AFTER_SHUTDOWN
+        is_stop = exception.name in _STOPS or any(
+            words in exception.message for words in _SECOND_SHUTDOWN
+        )
+        by_stop = (
+            HIT_IN_A_CALL in exception.message or cause_of(exception, ()).kind in _AFTER_SHUTDOWN
+        )
         if not (exception.ignored or is_stop or (after and by_stop)):
             return exception
     return None
@@ -65,7 +82,10 @@ HIT_IN_A_CALL = "Unable to convert call argument"
 #: What comes of using rclpy or a node after it has been shut down.
 _AFTER_SHUTDOWN = ("context-shut-down", "not-initialised")
 _STOPS = ("KeyboardInterrupt", "ExternalShutdownException", "SystemExit")
-_SECOND_SHUTDOWN = ("rcl_shutdown already called", "Context must be initialized before it can be shutdown")
+_SECOND_SHUTDOWN = (
+    "rcl_shutdown already called",
+    "Context must be initialized before it can be shutdown",
+)
 
 
 def ended_by_limit(run: ProcessRun) -> bool:
@@ -77,6 +97,8 @@ def hit_limit(run: ProcessRun) -> tuple[str, str] | None:
     """Return (what happened, how to fix it) of a process that hit a limit; None of one that did not."""
     if run.limit is None:
         return None
-    what, remedy = table()["limits"].get(run.limit, (f"exceeded the limit '{run.limit}'", "Use less of it."))
+    what, remedy = table()["limits"].get(
+        run.limit, (f"exceeded the limit '{run.limit}'", "Use less of it.")
+    )
     how = "was ended" if ended_by_limit(run) else "went on"
     return f"The program {what} (limit: {run.limit}), and {how}.", remedy

@@ -77,16 +77,24 @@ def without_colours(text: str) -> str:
 
 def plain_lines(output: Sequence[OutputLine]) -> list[OutputLine]:
     """Lines without colours and the prefixes of a launch."""
-    kept = output if len(output) <= HEAD_LINES + TAIL_LINES else [*output[:HEAD_LINES], *output[-TAIL_LINES:]]
+    kept = (
+        output
+        if len(output) <= HEAD_LINES + TAIL_LINES
+        else [*output[:HEAD_LINES], *output[-TAIL_LINES:]]
+    )
     texts = (without_colours(line.text[:LINE_LIMIT]).rstrip("\r\n") for line in kept)
     stripped = (_LAUNCH_PREFIX.sub("", text) for text in texts)
-    return [OutputLine(line.t_ns, line.stream, text) for line, text in zip(kept, stripped, strict=True)]
+    return [
+        OutputLine(line.t_ns, line.stream, text) for line, text in zip(kept, stripped, strict=True)
+    ]
 
 
 def tracebacks(output: Sequence[OutputLine]) -> list[Raised]:
     """The exceptions of a process in their order; from standard output only where standard error has none."""
     lines = plain_lines(output)
-    found = ([*_read(line for line in lines if line.stream == stream)] for stream in ("stderr", "stdout"))
+    found = (
+        [*_read(line for line in lines if line.stream == stream)] for stream in ("stderr", "stdout")
+    )
     return next(filter(None, found), [])[-TRACEBACK_LIMIT:]
 
 
@@ -118,8 +126,14 @@ def student_file(path: str, root_files: Collection[str]) -> str | None:
     # What is installed for an interpreter is the student's only with a folder of theirs.
     least = 2 if any(_LIBRARY_FOLDERS.match(part) for part in parts[1:]) else 1
     namesakes = [file.split("/")[::-1] for file in root_files if file.endswith(parts[0])]
-    ends = (itertools.takewhile(lambda pair: pair[0] == pair[1], zip(own, parts, strict=False)) for own in namesakes)
-    ranked = [(len(list(end)), -len(own), "/".join(own[::-1])) for end, own in zip(ends, namesakes, strict=True)]
+    ends = (
+        itertools.takewhile(lambda pair: pair[0] == pair[1], zip(own, parts, strict=False))
+        for own in namesakes
+    )
+    ranked = [
+        (len(list(end)), -len(own), "/".join(own[::-1]))
+        for end, own in zip(ends, namesakes, strict=True)
+    ]
     best = max(ranked, default=(0, 0, ""))
     return best[2] if best[0] >= least else None
 
@@ -131,16 +145,26 @@ def _read(lines: Iterable[OutputLine]) -> Iterator[Raised]:
         if _LOG.match(raw.text):
             continue
         line = _GROUP_MARGIN.sub("", raw.text)
-        is_rule, is_header = _GROUP_RULE.match(raw.text) is not None, _HEADER.match(line) is not None
+        is_rule, is_header = (
+            _GROUP_RULE.match(raw.text) is not None,
+            _HEADER.match(line) is not None,
+        )
         starts = is_header or line.startswith(("Exception ignored in", _CAUSE, _DURING))
         if current is not None and (starts or is_rule or _is_over(current, line)):
             if current.type:
                 yield current
             current = None if current.type or starts else current
         if is_header:
-            current, linked, ignored = Raised(linked=linked, ignored=ignored, headed=True), False, False
+            current, linked, ignored = (
+                Raised(linked=linked, ignored=ignored, headed=True),
+                False,
+                False,
+            )
         elif starts:
-            linked, ignored = linked or line.startswith((_CAUSE, _DURING)), line.startswith("Exception ignored in")
+            linked, ignored = (
+                linked or line.startswith((_CAUSE, _DURING)),
+                line.startswith("Exception ignored in"),
+            )
         elif not is_rule:
             current = _taken(current, line, raw.t_ns)
     if current is not None and current.type:
@@ -151,7 +175,11 @@ def _is_over(current: Raised, line: str) -> bool:
     """Whether the exception's message has ended."""
     if not current.type:
         return False
-    return not line.strip() or current.message.count("\n") + 1 >= _MESSAGE_LINES or _FRAME.match(line) is not None
+    return (
+        not line.strip()
+        or current.message.count("\n") + 1 >= _MESSAGE_LINES
+        or _FRAME.match(line) is not None
+    )
 
 
 def _taken(current: Raised | None, line: str, t_ns: int) -> Raised | None:

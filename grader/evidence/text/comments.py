@@ -22,8 +22,12 @@ _FOR_PROGRAMS = re.compile(
     r"!|\s*-\*-|\s*(?:vim?|emacs|ex)?:.*\b(?:set|coding)\b|\s*coding[:=]|\s*(?:type:|noqa\b|pylint:|flake8:|mypy:|ruff:"
     r"|fmt:|isort:|yapf:|pragma:|nosec\b|pyright:|region\b|endregion\b|%%)"
 )
-_LICENCE = re.compile(r"copyright|\(c\) ?\d{4}|spdx-|licen[cs]ed under|all rights reserved", re.IGNORECASE)
-_CODE_HINT = re.compile(r"[=(\[{@]|\bimport\b|:$|^\W*(?:return|raise|del|pass|break|continue|else|try|finally)\b")
+_LICENCE = re.compile(
+    r"copyright|\(c\) ?\d{4}|spdx-|licen[cs]ed under|all rights reserved", re.IGNORECASE
+)
+_CODE_HINT = re.compile(
+    r"[=(\[{@]|\bimport\b|:$|^\W*(?:return|raise|del|pass|break|continue|else|try|finally)\b"
+)
 #: The first bracket behind a blank, or at the beginning.
 _BRACKET_IN_PROSE = re.compile(r"(?:[^(]*\s)?\(")
 _LONGEST_FRAGMENT = 4000
@@ -47,7 +51,9 @@ class CodeFinder:
 
     def lines_of_code(self, lines: Sequence[str]) -> set[int]:
         """Return which of consecutive lines of comments are code: what surely is, and what parses beside it."""
-        depths = [sum(map(line[:400].count, "([{")) - sum(map(line[:400].count, ")]}")) for line in lines]
+        depths = [
+            sum(map(line[:400].count, "([{")) - sum(map(line[:400].count, ")]}")) for line in lines
+        ]
         parses: list[int] = []
         code: set[int] = set()
         at = 0
@@ -56,7 +62,9 @@ class CodeFinder:
             if _CODE_HINT.search(lines[at][:400]):
                 # Up to the line that closes what the first one opens.
                 open_brackets = enumerate(accumulate(depths[at : at + SPAN_LINES]), 1)
-                for size in dict.fromkeys((next((size for size, depth in open_brackets if depth <= 0), 1), 1)):
+                for size in dict.fromkeys(
+                    (next((size for size, depth in open_brackets if depth <= 0), 1), 1)
+                ):
                     fragment = "\n".join(lines[at : at + size])
                     if (statement := self._last_statement(_completed(fragment))) is not None:
                         break
@@ -96,11 +104,19 @@ def _is_surely_code(statement: ast.stmt, fragment: str) -> bool:
     if not all(map(str.isascii, names)):
         return False
     match statement:
-        case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef() | ast.ImportFrom() | ast.Raise():
+        case (
+            ast.FunctionDef()
+            | ast.AsyncFunctionDef()
+            | ast.ClassDef()
+            | ast.ImportFrom()
+            | ast.Raise()
+        ):
             return True
         case ast.AugAssign() | ast.Expr(ast.Await()):
             return True
-        case ast.Expr(value) if not isinstance(value, ast.Call) or _BRACKET_IN_PROSE.match(fragment):
+        case ast.Expr(value) if not isinstance(value, ast.Call) or _BRACKET_IN_PROSE.match(
+            fragment
+        ):
             return False
     kinds = {type(node) for node in nodes}
     return ast.Attribute in kinds or (ast.Call in kinds and ast.BinOp not in kinds)

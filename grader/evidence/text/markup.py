@@ -20,7 +20,9 @@ LINE_LIMIT = 20_000
 _MARKDOWN = MarkdownIt("commonmark").disable(["inline", "html_block"])
 
 #: Comments, and what a text tells programs in its first lines.
-_NOT_SEEN = re.compile(r"<!--.*?(?:-->|\Z)|\A---\n(?:(?:\w[\w-]*:|[ #-])[^\n]*\n){1,60}?---\n", re.DOTALL)
+_NOT_SEEN = re.compile(
+    r"<!--.*?(?:-->|\Z)|\A---\n(?:(?:\w[\w-]*:|[ #-])[^\n]*\n){1,60}?---\n", re.DOTALL
+)
 _HEADING_WITHOUT_BLANK = re.compile(r"^( {0,3}#{1,6})(?=[^\s#!a-z])", re.MULTILINE)
 _BULLET = re.compile(r"^([ \t]*)[•‣–](?=[ \t])", re.MULTILINE)
 _OPTION = re.compile(r"^[ \t]+:[\w-]+:.*$", re.MULTILINE)
@@ -97,7 +99,10 @@ def _read_lines(content: str, first: int, kind: str, sections: list[Section]) ->
         line = line.strip()
         tag = _HTML_HEADING.match(line)
         bold = _BOLD_HEADING.fullmatch(line) if number == first and kind == "paragraph" else None
-        is_row, is_rule = line.count("|") > 1 or " | " in line, _TABLE_RULE.fullmatch(line) is not None
+        is_row, is_rule = (
+            line.count("|") > 1 or " | " in line,
+            _TABLE_RULE.fullmatch(line) is not None,
+        )
         if line and not (tag or bold or is_row or is_rule):
             held.append(line)
             continue
@@ -115,7 +120,13 @@ def _read_lines(content: str, first: int, kind: str, sections: list[Section]) ->
 
 def _as_markdown(text: str) -> str:
     """Return a text whose headings, lists and code are written as Markdown has them, line for line."""
-    text = text[:SIZE_LIMIT].removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n").replace("\0", "")
+    text = (
+        text[:SIZE_LIMIT]
+        .removeprefix("\ufeff")
+        .replace("\r\n", "\n")
+        .replace("\r", "\n")
+        .replace("\0", "")
+    )
     text = _NOT_SEEN.sub(lambda match: "\n" * match[0].count("\n"), text)
     text = _OPTION.sub("", _BULLET.sub(r"\1-", _HEADING_WITHOUT_BLANK.sub(r"\1 ", text)))
     lines = [line[:LINE_LIMIT].rstrip() for line in text.split("\n")]
@@ -123,7 +134,10 @@ def _as_markdown(text: str) -> str:
         if (directive := _DIRECTIVE.fullmatch(line)) is not None:
             lines[at] = directive[2] if " " in directive[2] else ""
             if directive[1].lower() in _CODE_DIRECTIVES:
-                end = next((n for n in range(at + 1, len(lines)) if lines[n] and lines[n][0] not in " \t"), len(lines))
+                end = next(
+                    (n for n in range(at + 1, len(lines)) if lines[n] and lines[n][0] not in " \t"),
+                    len(lines),
+                )
                 if end - 1 > at and (end == len(lines) or not lines[end - 1]):
                     lines[at], lines[end - 1] = "```", lines[end - 1] or "```"
         elif (rule := _UNDERLINE.fullmatch(line)) is not None:

@@ -64,7 +64,9 @@ def reports(recorded: Recorded, artifact: str, patterns: Sequence[str]) -> list[
 
     Where it shows none, the node's log on /rosout is read instead. The first of the patterns counts that finds any.
     """
-    return next((found for pattern in patterns if (found := _reports(recorded, artifact, pattern))), [])
+    return next(
+        (found for pattern in patterns if (found := _reports(recorded, artifact, pattern))), []
+    )
 
 
 @functools.lru_cache(maxsize=16)
@@ -73,7 +75,9 @@ def _reports(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
     for process in recorded.processes_of(artifact):
         until_ns = process.interrupted_ns or process.exited_ns or 2**63
         found += [
-            r for line in process.output if line.t_ns < until_ns and (r := _report(pattern, line.t_ns, line.text))
+            r
+            for line in process.output
+            if line.t_ns < until_ns and (r := _report(pattern, line.t_ns, line.text))
         ]
     if found:
         return found
@@ -92,7 +96,10 @@ def _report(pattern: str, t_ns: int, text: str) -> Report | None:
     if match is None or match.lastindex is None:
         return None
     try:
-        value, lead_in = match[match.lastindex], text[match.start() : match.start(match.lastindex)].rstrip()
+        value, lead_in = (
+            match[match.lastindex],
+            text[match.start() : match.start(match.lastindex)].rstrip(),
+        )
         return Report(t_ns, float(value), _rounding([value]), lead_in)
     except ValueError:
         return None
@@ -110,7 +117,10 @@ class PrintedVector:
 
 
 def printed_vector(
-    output: Sequence[OutputLine], labels: Sequence[str], after_ns: int | None = None, unless: str | None = None
+    output: Sequence[OutputLine],
+    labels: Sequence[str],
+    after_ns: int | None = None,
+    unless: str | None = None,
 ) -> PrintedVector | None:
     """Return the last vector printed behind a label, as ``Mean: [0.1 0.2]``; it may run over several lines.
 
@@ -119,9 +129,16 @@ def printed_vector(
     row, or lines that say ``mean = 0.1`` of one element each. Where the regular expression `unless` is found between
     the beginning of the line and the numbers, they are of something else.
     """
-    output = [OutputLine(line.t_ns, line.stream, with_short_runs(without_colours(line.text))) for line in output]
+    output = [
+        OutputLine(line.t_ns, line.stream, with_short_runs(without_colours(line.text)))
+        for line in output
+    ]
     there = "\n".join(line.text for line in output).lower()
-    found = (_labelled(output, re.escape(label), after_ns, unless) for label in labels if label.lower() in there)
+    found = (
+        _labelled(output, re.escape(label), after_ns, unless)
+        for label in labels
+        if label.lower() in there
+    )
     return next((vector for vector in found if vector is not None), None)
 
 
@@ -135,17 +152,29 @@ def _labelled(
     for stream in ("stdout", "stderr"):
         text = "\n".join(line.text for line in output if line.stream == stream)
         heads = list(re.finditer(head, text, re.IGNORECASE))[-_LAST_LABELS:]
-        begins = [max(text.rfind("\n", 0, head.start()) + 1, head.start() - _MAX_VECTOR_TEXT) for head in heads]
-        own = [h.end() for h, begin in zip(heads, begins, strict=True) if not _tells(other, text[begin : h.end()])]
+        begins = [
+            max(text.rfind("\n", 0, head.start()) + 1, head.start() - _MAX_VECTOR_TEXT)
+            for head in heads
+        ]
+        own = [
+            h.end()
+            for h, begin in zip(heads, begins, strict=True)
+            if not _tells(other, text[begin : h.end()])
+        ]
         vectors = (_vector(text[end : end + _MAX_VECTOR_TEXT]) for end in reversed(own))
         if found := next(filter(None, vectors), None):
             return _numbers_of(found, "vector")
     if after_ns is None:
         return None
-    last = [line.text[:_MAX_VECTOR_TEXT].rstrip() for line in output if line.t_ns >= after_ns][-_LAST_LINES:]
+    last = [line.text[:_MAX_VECTOR_TEXT].rstrip() for line in output if line.t_ns >= after_ns][
+        -_LAST_LINES:
+    ]
     room = itertools.accumulate(len(line) for line in reversed(last))
     lines = last[-sum(size <= _LAST_CHARACTERS for size in room) or len(last) :]
-    lines = ["" if (own_label := _LINE_LABEL.match(line)) and _tells(other, own_label[1]) else line for line in lines]
+    lines = [
+        "" if (own_label := _LINE_LABEL.match(line)) and _tells(other, own_label[1]) else line
+        for line in lines
+    ]
     behind = next((numbers for line in reversed(lines) if (numbers := _behind(line, label))), [])
     if len(behind) > 1:
         return _numbers_of(behind, "vector")
@@ -204,7 +233,11 @@ _MAGNITUDE = re.compile(
 def _cells(line: str, *, apart: bool) -> list[str]:
     """Return the cells of a line of a table: apart by two spaces or by lines, else by each space."""
     line = _MAGNITUDE.sub("", line)
-    return [cell for cell in (_CELLS.split(line.strip()) if apart else re.split(r"[\s|,;│┃║]+", line)) if cell]
+    return [
+        cell
+        for cell in (_CELLS.split(line.strip()) if apart else re.split(r"[\s|,;│┃║]+", line))
+        if cell
+    ]
 
 
 def _column(lines: Sequence[str], label: str) -> list[str]:
@@ -213,8 +246,16 @@ def _column(lines: Sequence[str], label: str) -> list[str]:
     for at, line in enumerate(lines):
         for apart in (True, False):
             cells = _cells(line, apart=apart)
-            titled = [n for n, cell in enumerate(cells) if re.match(rf"{label}(?![a-z])", cell, re.IGNORECASE)]
-            if len(titled) == 1 and len(cells) > 1 and not any(_NUMBER.fullmatch(cell) for cell in cells):
+            titled = [
+                n
+                for n, cell in enumerate(cells)
+                if re.match(rf"{label}(?![a-z])", cell, re.IGNORECASE)
+            ]
+            if (
+                len(titled) == 1
+                and len(cells) > 1
+                and not any(_NUMBER.fullmatch(cell) for cell in cells)
+            ):
                 column = _below(lines[at + 1 :], titled[0] - len(cells), apart=apart)
                 if len(column) > 1:
                     found = column
@@ -241,11 +282,14 @@ def _each(lines: Sequence[str], label: str) -> list[str]:
     """Return the number behind a label in each line that has one, as in ``joint 3: mean = 0.1 rad, max = 0.2 rad``."""
     words = rf"(?:^|[\W_]){label}{_LETTER}*(?:[ _-]{_LETTER}{{1,20}})?{_LABEL_UNIT}"
     head = rf"{words}(?:\s{{0,9}}[:=：]\s{{0,9}}|\s{{1,9}})({_NUMBER.pattern})(?![\w.])"
-    return [match[1] for line in lines if (match := re.search(head, line, re.IGNORECASE)) is not None]
+    return [
+        match[1] for line in lines if (match := re.search(head, line, re.IGNORECASE)) is not None
+    ]
 
 
 _ELEMENT = re.compile(
-    rf"\W{{0,9}}(?:[^\n]{{0,30}}?[:=：\s]\s{{0,9}})?({_NUMBER.pattern})\s?(?:rad|deg|°)?\W{{0,3}}$", re.IGNORECASE
+    rf"\W{{0,9}}(?:[^\n]{{0,30}}?[:=：\s]\s{{0,9}})?({_NUMBER.pattern})\s?(?:rad|deg|°)?\W{{0,3}}$",
+    re.IGNORECASE,
 )
 
 

@@ -16,7 +16,15 @@ from itertools import chain, groupby
 from grader.evidence.text.markup import Block, Section, code_spans, own_text, plain_text
 from grader.evidence.text.source import SourceFacts
 from grader.evidence.text.syntax import normalise, tree_of
-from grader.evidence.text.words import Terms, fold, is_placeholder, measure, normal_form, sentences, words
+from grader.evidence.text.words import (
+    Terms,
+    fold,
+    is_placeholder,
+    measure,
+    normal_form,
+    sentences,
+    words,
+)
 from grader.lab.patterns import search
 
 COMMAND_LIMIT = 500
@@ -104,7 +112,9 @@ def mention(blocks: Sequence[Block], names: Terms, synonyms: Terms) -> int | Non
     by_name = ((block, names.place(block.text)) for block in blocks)
     by_synonym = ((block, synonyms.place(block.text)) for block in blocks if block.kind != "title")
     found = ((block, place) for block, place in chain(by_name, by_synonym) if place is not None)
-    return next((block.line + fold(block.text).count("\n", 0, place) for block, place in found), None)
+    return next(
+        (block.line + fold(block.text).count("\n", 0, place) for block, place in found), None
+    )
 
 
 # -- how to run it -------------------------------------------------------------------------------------
@@ -165,7 +175,10 @@ def document_passages(document: Sequence[Section], file: str) -> tuple[Passage, 
     """
     passages: list[Passage] = []
     for section in document:
-        runs = groupby(section.blocks, lambda block: block.kind if block.kind in ("item", "row") else block.line)
+        runs = groupby(
+            section.blocks,
+            lambda block: block.kind if block.kind in ("item", "row") else block.line,
+        )
         for blocks in (list(run) for _, run in runs):
             if blocks[0].kind != "code":
                 text = "\n\n".join(block.text for block in blocks)
@@ -175,7 +188,11 @@ def document_passages(document: Sequence[Section], file: str) -> tuple[Passage, 
 
 def source_passages(facts: SourceFacts) -> tuple[Passage, ...]:
     """Docstrings and comments of a source that explain something, as passages below the code that they stand beside."""
-    return tuple(Passage(note.text, facts.path, note.line, note.beside) for note in facts.notes if not note.fault)
+    return tuple(
+        Passage(note.text, facts.path, note.line, note.beside)
+        for note in facts.notes
+        if not note.fault
+    )
 
 
 def concepts(
@@ -194,7 +211,9 @@ def concepts(
     language without any of the `reasons`, a passage of twice `min_words` that names two concepts relates them too.
     """
     anchor = Terms.of(anchors)
-    on_topic = (p for p in passages if not anchors or anchor.found(plain_text(f"{p.heading}\n{p.text}")))
+    on_topic = (
+        p for p in passages if not anchors or anchor.found(plain_text(f"{p.heading}\n{p.text}"))
+    )
     every = Terms.of(stem for stems in lexicon.values() for stem in stems)
     terms, reasoning = {name: Terms.of(stems) for name, stems in lexicon.items()}, Terms.of(reasons)
     discussed: dict[str, Passage] = {}
@@ -222,15 +241,23 @@ _MARKS = re.compile(r"[.,;:!?()|/\"“”„«»—–\n]+")
 def lacks_sentences(text: str, connectives: Sequence[str]) -> bool:
     """Whether a text is words in long rows, of which next to none connects others; unknown scripts never are."""
     spoken = words(plain_text(text))
-    known = [word for word in spoken if unicodedata.name(word[0], "").startswith(("LATIN", "CYRILLIC"))]
+    known = [
+        word for word in spoken if unicodedata.name(word[0], "").startswith(("LATIN", "CYRILLIC"))
+    ]
     rows = [row for row in _MARKS.split(plain_text(text)) if row.strip()]
-    if not connectives or len(known) < len(spoken) or len(spoken) < _LONG_STRETCH * max(1, len(rows)):
+    if (
+        not connectives
+        or len(known) < len(spoken)
+        or len(spoken) < _LONG_STRETCH * max(1, len(rows))
+    ):
         return False
     connecting = {fold(word) for word in connectives}
     return sum(word in connecting for word in known) < _FEW_CONNECTIVES * len(known)
 
 
-def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> Iterator[tuple[Passage, str, list[str]]]:
+def _discussing(
+    passages: Iterable[Passage], every: Terms, min_words: int
+) -> Iterator[tuple[Passage, str, list[str]]]:
     """Passages with enough own words, with their text and these words; each sentence counts once in all."""
     seen: set[str] = set()
     for passage in passages:
@@ -243,5 +270,7 @@ def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> It
         text = plain_text("\n".join(fresh))
         own = words(every.without(own_text("\n".join(fresh))))
         # The concepts' names stand among words, rather than being strewn or listed.
-        if 0 < every.count(text) <= measure(own) * _STUFFING_RATIO and measure(own) >= max(min_words, 1):
+        if 0 < every.count(text) <= measure(own) * _STUFFING_RATIO and measure(own) >= max(
+            min_words, 1
+        ):
             yield passage, text, own

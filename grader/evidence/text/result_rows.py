@@ -20,16 +20,36 @@ from grader.evidence.text.printed import NUMBER, with_short_runs
 from grader.recording.session import OutputLine
 
 _LOG_PREFIX = re.compile(r"^\[[A-Z]+\] \[[\d.]+\] \[[^\]]{1,200}\]: ")
-_UNITS_S = {"ns": 1e-9, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ms": 1e-3, "msec": 1e-3, "s": 1.0, "sec": 1.0}
+_UNITS_S = {
+    "ns": 1e-9,
+    "us": 1e-6,
+    "µs": 1e-6,
+    "μs": 1e-6,
+    "ms": 1e-3,
+    "msec": 1e-3,
+    "s": 1.0,
+    "sec": 1.0,
+}
 _UNIT = r"(?:ns|us|µs|μs|msec|ms|sec|s)(?![A-Za-z])"
-_LONG_UNITS = (("milli", 1e-3), ("micro", 1e-6), ("nano", 1e-9), ("second", 1.0), ("segundo", 1.0), ("sekunde", 1.0))
+_LONG_UNITS = (
+    ("milli", 1e-3),
+    ("micro", 1e-6),
+    ("nano", 1e-9),
+    ("second", 1.0),
+    ("segundo", 1.0),
+    ("sekunde", 1.0),
+)
 #: What a label says -> the words for it, as regular expressions. The first counts that fits: of what is counted, only
 #: what came.
 _KINDS: dict[str, re.Pattern[str]] = {
     kind: re.compile("|".join(words), re.IGNORECASE)
-    for kind, words in yaml.load(Path(__file__).with_name("lexicon.yaml").read_bytes(), yaml.CSafeLoader).items()
+    for kind, words in yaml.load(
+        Path(__file__).with_name("lexicon.yaml").read_bytes(), yaml.CSafeLoader
+    ).items()
 }
-_MEASURED = re.compile(rf"(?<![A-Za-z_\d.])({NUMBER})(?![\d.])\s*({_UNIT}|(?:milli|micro|nano|second)[a-z]*)?")
+_MEASURED = re.compile(
+    rf"(?<![A-Za-z_\d.])({NUMBER})(?![\d.])\s*({_UNIT}|(?:milli|micro|nano|second)[a-z]*)?"
+)
 _UNIT_IN_BRACKETS = re.compile(rf"[(\[]\s*({_UNIT})\s*[)\]]")
 _CELL_BORDER = r"[|│┃║,;\t]"
 _BORDER = re.compile(r"[|│┃║,;\t\n(){}\[\]，；、。]")
@@ -44,7 +64,9 @@ _DECIMAL_COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![\d,]|\.\d)")
 #: Who writes a thousand as 1000 means one by 1,000; dates and times do not tell.
 _UNGROUPED = re.compile(r"(?<![\d.,:/-])\d{4,6}(?!\d|[.,:/-]\d)")
 #: A comma that parts values: behind a word or a bracket, or with more than two values in a row.
-_COMMAS_PART = re.compile(r"[^\W\d],\d|[\"'\])}],|[\[({][^\[\](){}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,")
+_COMMAS_PART = re.compile(
+    r"[^\W\d],\d|[\"'\])}],|[\[({][^\[\](){}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,"
+)
 
 #: Characters of a line that are read.
 LINE_LIMIT = 1000
@@ -95,7 +117,10 @@ def result_row(
         behind = line[name_at.end() :] if name_at is not None else ""
         below = map(plain_numbers, lines[start + 1 : start + _MOST_LINES_OF_A_BLOCK])
         above = map(plain_numbers, reversed(lines[max(0, start - _HEADER_ABOVE) : start]))
-        fields = _from_table(line, above), _from_block(below, behind, [spelt(n) for n in (name, *others)])
+        fields = (
+            _from_table(line, above),
+            _from_block(below, behind, [spelt(n) for n in (name, *others)]),
+        )
         found.append([_row_of(output[start].t_ns, each) for each in fields])
     rows = [row for kind in zip(*found, strict=True) for row in kind if row is not None]
     return next((row for row in rows if row.mean_s is not None), rows[0] if rows else None)
@@ -124,12 +149,26 @@ def lines_naming(lines: Sequence[str], name: str, *, loosely: bool = False) -> l
     Its name stands there as a word of its own; loosely, it may be spelt otherwise, as ``Best Effort`` for
     ``best_effort``, and where lines begin with it, those alone count.
     """
-    begins = re.split(r"[\W_]+", name)[0].casefold() if loosely else name  # It is found much sooner than a pattern.
-    near = ((n, line) for n, line in enumerate(lines) if begins in (line.casefold() if loosely else line))
-    places = [(n, match) for n, line in near if (match := _spelt(name, loosely).search(line)) is not None]
-    first = [n for n, match in places if loosely and not re.search(r"[^\W_]", lines[n][: match.start()])]
+    begins = (
+        re.split(r"[\W_]+", name)[0].casefold() if loosely else name
+    )  # It is found much sooner than a pattern.
+    near = (
+        (n, line)
+        for n, line in enumerate(lines)
+        if begins in (line.casefold() if loosely else line)
+    )
+    places = [
+        (n, match) for n, line in near if (match := _spelt(name, loosely).search(line)) is not None
+    ]
+    first = [
+        n for n, match in places if loosely and not re.search(r"[^\W_]", lines[n][: match.start()])
+    ]
     about = first or [n for n, _ in places]
-    return about if len(about) <= _FIRST_LINES + _LAST_LINES else [*about[:_FIRST_LINES], *about[-_LAST_LINES:]]
+    return (
+        about
+        if len(about) <= _FIRST_LINES + _LAST_LINES
+        else [*about[:_FIRST_LINES], *about[-_LAST_LINES:]]
+    )
 
 
 @functools.lru_cache(maxsize=64)
@@ -160,7 +199,13 @@ class _Field(NamedTuple):
     def of(cls, label: str, measured: re.Match[str]) -> _Field:
         own_s = _unit_of(measured[2] or "")
         unit_s = own_s or _unit_of(label) or 1e-3
-        return cls(measured[1], _kind_of(label), unit_s, own_s is not None, _LETTER.search(label) is not None)
+        return cls(
+            measured[1],
+            _kind_of(label),
+            unit_s,
+            own_s is not None,
+            _LETTER.search(label) is not None,
+        )
 
     @property
     def is_count(self) -> bool:
@@ -192,7 +237,9 @@ def _row_of(t_ns: int, fields: Sequence[_Field]) -> ResultRow | None:
         mean, most = fields[1:3]  # As in a table without a header.
     elif mean is None and most is None:
         mean = said.get("latency")
-    mean_s, max_s = (float(each.number) * each.unit_s if each is not None else None for each in (mean, most))
+    mean_s, max_s = (
+        float(each.number) * each.unit_s if each is not None else None for each in (mean, most)
+    )
     rounding_s = rounding_of(mean.number, mean.unit_s) if mean is not None else 0.0
     return ResultRow(t_ns, int(float(count.number)), mean_s, max_s, rounding_s)
 
@@ -205,8 +252,15 @@ def _from_table(row: str, above: Iterable[str]) -> list[_Field]:
     cells = _cells(row)
     titles = next((each for line in above if _is_header(each := _cells(line), len(cells))), None)
     if titles is not None:
-        measured = ((title, _MEASURED.match(cell.lstrip("'\" "))) for title, cell in zip(titles, cells, strict=True))
-        return [_Field.of(title, match) for title, match in itertools.islice(measured, 1, None) if match is not None]
+        measured = (
+            (title, _MEASURED.match(cell.lstrip("'\" ")))
+            for title, cell in zip(titles, cells, strict=True)
+        )
+        return [
+            _Field.of(title, match)
+            for title, match in itertools.islice(measured, 1, None)
+            if match is not None
+        ]
     return []
 
 
@@ -225,13 +279,19 @@ def _is_header(titles: Sequence[str], width: int) -> bool:
 # -- lines and blocks ------------------------------------------------------------------------------
 
 
-def _from_block(lines: Iterable[str], behind: str, others: Sequence[re.Pattern[str]]) -> list[_Field]:
+def _from_block(
+    lines: Iterable[str], behind: str, others: Sequence[re.Pattern[str]]
+) -> list[_Field]:
     """Read what stands behind the name, and in the lines up to the next name: labelled numbers with their units."""
     own = itertools.takewhile(lambda line: not any(other.search(line) for other in others), lines)
     first = _labelled(behind)
     # What one line tells wholly, the next need not; a block goes on where it does not.
     row = _row_of(0, first)
-    return first if row is not None and row.mean_s is not None else _labelled("\n".join([behind, *own]))
+    return (
+        first
+        if row is not None and row.mean_s is not None
+        else _labelled("\n".join([behind, *own]))
+    )
 
 
 def _labelled(text: str) -> list[_Field]:

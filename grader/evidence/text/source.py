@@ -142,17 +142,30 @@ def _scopes(tree: ast.Module, file: Unit, rules: Rules) -> Iterator[_Scope]:
     """Yield classes and functions, the outer ones first; without recursion, as trees may be deep."""
     classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
     functions = [node for node in tree.body if isinstance(node, _FUNCTIONS) and node.name != "main"]
-    alone = classes if len(classes) == 1 else functions if not classes and len(functions) == 1 else []
+    alone = (
+        classes if len(classes) == 1 else functions if not classes and len(functions) == 1 else []
+    )
     stack: list[tuple[ast.AST, Unit, bool]] = [(tree, file, False)]
     while stack:
         node, unit, within = stack.pop()
         if isinstance(node, (*_FUNCTIONS, ast.ClassDef)):
             is_function = not isinstance(node, ast.ClassDef)
-            is_one_with = node in alone or within or (is_function and _speaks_for_itself(node, rules))
-            owner, unit = unit, unit if is_one_with else Unit(node.name, node.lineno, needed=node.name != "main")
+            is_one_with = (
+                node in alone or within or (is_function and _speaks_for_itself(node, rules))
+            )
+            owner, unit = (
+                unit,
+                unit if is_one_with else Unit(node.name, node.lineno, needed=node.name != "main"),
+            )
             within = within or is_function
             first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
-            yield _Scope(first, node.end_lineno or node.lineno, node.lineno, unit, owner is file and not is_function)
+            yield _Scope(
+                first,
+                node.end_lineno or node.lineno,
+                node.lineno,
+                unit,
+                owner is file and not is_function,
+            )
         inner = [child for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr)]
         stack += [(child, unit, within) for child in reversed(inner)]
 
@@ -160,7 +173,9 @@ def _scopes(tree: ast.Module, file: Unit, rules: Rules) -> Iterator[_Scope]:
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
 
-def _speaks_for_itself(node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef, rules: Rules) -> bool:
+def _speaks_for_itself(
+    node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef, rules: Rules
+) -> bool:
     body = node.body[1:] if ast.get_docstring(node) is not None else node.body
     lines = (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
     is_special = node.name.startswith("__") and node.name.endswith("__")
@@ -169,10 +184,17 @@ def _speaks_for_itself(node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassD
 
 def _units(file: Unit, scopes: Sequence[_Scope]) -> tuple[Unit, ...]:
     """Return all units; a file is explained by its classes too, and by `main` where it has nothing else."""
-    others = list({id(scope.unit): scope.unit for scope in scopes if scope.unit is not file}.values())
+    others = list(
+        {id(scope.unit): scope.unit for scope in scopes if scope.unit is not file}.values()
+    )
     if not any(unit.needed for unit in others):
         file.notes += [note for unit in others for note in unit.notes]
-    file.notes += [note for scope in scopes if scope.is_class and scope.unit is not file for note in scope.unit.notes]
+    file.notes += [
+        note
+        for scope in scopes
+        if scope.is_class and scope.unit is not file
+        for note in scope.unit.notes
+    ]
     return file, *others
 
 
@@ -193,7 +215,9 @@ def _strings(tree: ast.Module | None) -> Iterator[Note]:
                 lines = [line.strip() for line in text.strip().split("\n")]
                 is_code = len(finder.lines_of_code(lines)) == len(lines)
                 fault = "commented-out code" if is_code else ""
-                yield Note("docstring", text, node.lineno, node.end_lineno or node.lineno, fault=fault)
+                yield Note(
+                    "docstring", text, node.lineno, node.end_lineno or node.lineno, fault=fault
+                )
 
 
 def _comments(text: str, code: list[str]) -> Iterator[Note]:
@@ -203,7 +227,9 @@ def _comments(text: str, code: list[str]) -> Iterator[Note]:
         bodies = [body for _, _, body in block]
         first = block[0][0]
         if first <= _LAST_LICENCE_LINE and is_licence(bodies):
-            yield Note("comment", "\n".join(bodies), first, first + len(block) - 1, fault="a licence")
+            yield Note(
+                "comment", "\n".join(bodies), first, first + len(block) - 1, fault="a licence"
+            )
             continue
         switched_off = finder.lines_of_code([body.lstrip("#!:").strip() for body in bodies])
         marked = [(number in switched_off, number, body) for number, body in enumerate(bodies)]
@@ -213,7 +239,9 @@ def _comments(text: str, code: list[str]) -> Iterator[Note]:
             if any(character.isalnum() for character in said):
                 line, last = first + numbers[0], first + numbers[-1]
                 inline = bool(code[line - 1].strip())
-                yield Note("comment", said, line, last, inline, "commented-out code" if is_code else "")
+                yield Note(
+                    "comment", said, line, last, inline, "commented-out code" if is_code else ""
+                )
 
 
 def _blocks(text: str, code: list[str]) -> Iterator[list[tuple[int, int, str]]]:
@@ -226,7 +254,9 @@ def _blocks(text: str, code: list[str]) -> Iterator[list[tuple[int, int, str]]]:
             continue
         column = position - text.rfind("\n", 0, position) - 1
         follows = bool(block) and (line, column) == (block[-1][0] + 1, block[-1][1])
-        if block and not (follows and not code[line - 1].strip() and not code[block[-1][0] - 1].strip()):
+        if block and not (
+            follows and not code[line - 1].strip() and not code[block[-1][0] - 1].strip()
+        ):
             yield block
             block = []
         block.append((line, column, body[1:]))
@@ -241,7 +271,11 @@ def _fault(text: str, beside: str, rules: Rules, said: set[str]) -> str:
         return "a placeholder"
     if measure(found) < rules.min_words:
         return f"fewer than {rules.min_words} words"
-    known = {*words(beside[:1000]), *words(_HUMP.sub(" ", beside[:1000])), *map(fold, rules.fillers)}
+    known = {
+        *words(beside[:1000]),
+        *words(_HUMP.sub(" ", beside[:1000])),
+        *map(fold, rules.fillers),
+    }
     if set(found) <= known:
         return "repeats the code"
     form = " ".join(found)

@@ -62,4 +62,6 @@ def spans(text: str) -> list[re.Match[str]]:
 
 def blank_out(text: str) -> str:
     """`text` without comments, and with strings replaced by underscores, line for line."""
-    return _SPAN.sub(lambda span: "" if span["comment"] else "_" + "\n_" * span[0].count("\n"), text)
+    return _SPAN.sub(
+        lambda span: "" if span["comment"] else "_" + "\n_" * span[0].count("\n"), text
+    )

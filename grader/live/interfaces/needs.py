@@ -34,7 +34,9 @@ class Needed:
         return [*self.labs, *self.shipped, *self.students]
 
 
-def needed_interfaces(rubric: Rubric, submission: SubmissionRecord, sessions: Sequence[str]) -> Needed:
+def needed_interfaces(
+    rubric: Rubric, submission: SubmissionRecord, sessions: Sequence[str]
+) -> Needed:
     """Return the packages that a lab and a submission define, and those of the grader's own that they name.
 
     The lab's are needed where a session that is recorded, or something that was handed in, names one of them.
@@ -42,8 +44,14 @@ def needed_interfaces(rubric: Rubric, submission: SubmissionRecord, sessions: Se
     sources = [text for path, text in submission.texts.items() if path.endswith(_SOURCES)]
     shipped = shipped_for([rubric.text, *kept_lab.files_of(rubric).values(), *sources])
     named = [*sources, *(_texts_of(rubric.sessions[name], rubric) for name in sessions)]
-    ours = [package for package in rubric.interface_packages if any(package.name in text for text in named)]
-    return Needed(rubric.interface_packages if ours else [], shipped, list(interface_packages(submission)))
+    ours = [
+        package
+        for package in rubric.interface_packages
+        if any(package.name in text for text in named)
+    ]
+    return Needed(
+        rubric.interface_packages if ours else [], shipped, list(interface_packages(submission))
+    )
 
 
 def provide_interfaces(
@@ -87,7 +95,9 @@ def provide_interfaces(
 def _is_like_ours(interpreter: Path) -> bool:
     """Whether an interpreter can load what was compiled for the grader's own."""
     tell = "import sys; print(*sys.version_info[:2])"
-    return interpreter == OWN_INTERPRETER or ask_interpreter(interpreter, tell) == "{} {}\n".format(*sys.version_info)
+    return interpreter == OWN_INTERPRETER or ask_interpreter(interpreter, tell) == "{} {}\n".format(
+        *sys.version_info
+    )
 
 
 def _names(packages: Iterable[InterfacePackage]) -> set[str]:
@@ -101,9 +111,13 @@ def _note_problems(needed: Needed, built: Built, submission: SubmissionRecord) -
         if package.name not in _names(needed.students):
             continue
         if package.name in ours:
-            package.problems.append("a package of this name belongs to the lab; that one counts, not yours")
+            package.problems.append(
+                "a package of this name belongs to the lab; that one counts, not yours"
+            )
         elif package.name in built.invalid:
-            package.problems.append(f"`colcon build` cannot make its interfaces: {built.invalid[package.name]}")
+            package.problems.append(
+                f"`colcon build` cannot make its interfaces: {built.invalid[package.name]}"
+            )
         elif package.name in built.missing:
             package.problems.append(f"its interfaces were not built: {built.missing[package.name]}")
 
@@ -112,5 +126,7 @@ def _texts_of(spec: SessionSpec, rubric: Rubric) -> str:
     """Return what stands in a session's steps and in the lab's programs that it starts."""
     started = {step.parameters.get("reference") for step in spec.steps if step.kind == "start"}
     texts = kept_lab.files_of(rubric)
-    programs = [texts.get(rubric.reference[name].file, "") for name in sorted(filter(None, started))]
+    programs = [
+        texts.get(rubric.reference[name].file, "") for name in sorted(filter(None, started))
+    ]
     return json.dumps([step.parameters for step in spec.steps]) + "".join(programs)

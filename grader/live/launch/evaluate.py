@@ -50,7 +50,9 @@ def evaluation(*, native: bool) -> Any:
     if not native:
         sys.path.insert(0, str(STANDIN))
     sys.dont_write_bytecode = True
-    return importlib.import_module("grader_launching.native" if native else "launch._context").evaluate
+    return importlib.import_module(
+        "grader_launching.native" if native else "launch._context"
+    ).evaluate
 
 
 if __name__ == "__main__":

@@ -74,7 +74,9 @@ class Executor:
         self._states: dict[int, str] = {}
         self._entries: dict[int, dict[str, Any]] = {}
         self._deferred: list[Callable[[], None]] = []
-        self._queue: list[tuple[int, float, int, int, dict[str, Any] | None, Callable[[], None]]] = []
+        self._queue: list[
+            tuple[int, float, int, int, dict[str, Any] | None, Callable[[], None]]
+        ] = []
         self._order = itertools.count()
         self._clock_s, self._stage, self._ends_before, self._visited = 0.0, _AT_ONCE, 0, 0
         self._shut_down_in: int | None = None
@@ -95,10 +97,22 @@ class Executor:
             outcome, problem = problem_of(error, self.root, file, context.launch_configurations)
         if outcome == "ok":
             for name in sorted(set(given) - {entry["name"] for entry in self.found["arguments"]}):
-                self.warn(f"the argument '{name}' is given, but the launch file declares no such argument", None)
-        configurations = {n: v for n, v in context.launch_configurations.items() if isinstance(v, str)}
-        plan = {"schema": SCHEMA, "outcome": outcome, "problem": problem, "configurations": configurations}
-        plain: dict[str, Any] = _plain({**plan, **self.found, "parameter_files": self.files.texts}, 0)
+                self.warn(
+                    f"the argument '{name}' is given, but the launch file declares no such argument",
+                    None,
+                )
+        configurations = {
+            n: v for n, v in context.launch_configurations.items() if isinstance(v, str)
+        }
+        plan = {
+            "schema": SCHEMA,
+            "outcome": outcome,
+            "problem": problem,
+            "configurations": configurations,
+        }
+        plain: dict[str, Any] = _plain(
+            {**plan, **self.found, "parameter_files": self.files.texts}, 0
+        )
         return plain
 
     def _launch(self, context: Any, file: str, arguments: dict[str, str]) -> None:
@@ -120,7 +134,12 @@ class Executor:
             source = self._current
         file, line = getattr(source, "source_line", None) or (None, None)
         shown = None if file is None else relative(file, self.root)
-        found = {"when": self.when, **entry, "by" if "file" in entry else "file": shown, "line": line}
+        found = {
+            "when": self.when,
+            **entry,
+            "by" if "file" in entry else "file": shown,
+            "line": line,
+        }
         self.found[kind].append(found)
         return found
 
@@ -132,7 +151,9 @@ class Executor:
         """Warn of a file of parameters that is not there."""
         message = f"the parameter file '{path}' does not exist, so the node starts without it"
         if missing := missing_data_file(path, self.root):
-            message = f"the parameter file '{missing[0]}' is not installed, so the node starts without it"
+            message = (
+                f"the parameter file '{missing[0]}' is not installed, so the node starts without it"
+            )
             message += f": add to {missing[1]}: {missing[2]}"
         self.warn(message, source)
 
@@ -155,7 +176,9 @@ class Executor:
                 with blaming(entity):
                     self._visited += 1
                     if self._visited > ENTITY_LIMIT:
-                        raise LimitExceededError(f"the launch description has more than {ENTITY_LIMIT} actions")
+                        raise LimitExceededError(
+                            f"the launch description has more than {ENTITY_LIMIT} actions"
+                        )
                     self._current = entity
                     self.visit_all(entity.visit(context), context, entity, depth + 1)
             finally:
@@ -191,7 +214,11 @@ class Executor:
             self._deferred.pop(0)()
 
     def later(
-        self, work: Callable[[], None], when: dict[str, Any] | None, phase: int = _AT_ONCE, after_s: float = 0.0
+        self,
+        work: Callable[[], None],
+        when: dict[str, Any] | None,
+        phase: int = _AT_ONCE,
+        after_s: float = 0.0,
     ) -> None:
         """Queue something."""
         entry = (phase, self._clock_s + after_s, next(self._order), self._ends_before, when, work)
@@ -212,13 +239,17 @@ class Executor:
                     raise
                 source = SimpleNamespace(source_line=getattr(error, "launch_source", None))
                 self.warn(f"when this happens, it fails: {error}", source)
-        endless = LimitExceededError(f"the launch description gives rise to more than {EVENT_LIMIT} events")
+        endless = LimitExceededError(
+            f"the launch description gives rise to more than {EVENT_LIMIT} events"
+        )
         blame(endless, self._current)
         raise endless
 
     def _happen(self, event: Any, context: Any) -> None:
         if self._stage >= _EXITS and self._shut_down_in == _TIMED:
-            context._set_is_shutdown(False)  # processes may have ended before the time of the shutdown
+            context._set_is_shutdown(
+                False
+            )  # processes may have ended before the time of the shutdown
         for handler in list(context._event_handlers):
             if not handler.matches(event):
                 continue
@@ -229,7 +260,9 @@ class Executor:
                 with blaming(handler):
                     entities = handler.handle(event, context)
                     listed = entities if isinstance(entities, (list, tuple)) else [entities]
-                    self.visit_all([entity for entity in listed if entity is not None], context, handler)
+                    self.visit_all(
+                        [entity for entity in listed if entity is not None], context, handler
+                    )
             finally:
                 context._pop_locals()
 
@@ -270,7 +303,9 @@ class Executor:
             if self._ends_before < EXIT_LIMIT:
                 self.later(lambda: self._happen(event, context), when, _EXITS)
         else:
-            self.later(lambda: self._happen(event, context), {"on_completion_of": type(action).__name__})
+            self.later(
+                lambda: self._happen(event, context), {"on_completion_of": type(action).__name__}
+            )
 
     # -- what actions do ----------------------------------------------------------------------
 
@@ -287,7 +322,9 @@ class Executor:
             "name": str(action.name),
             "default": default,
             "description": str(private(action, "", "description", action.description) or ""),
-            "choices": None if action.choices is None else [str(choice) for choice in action.choices],
+            "choices": None
+            if action.choices is None
+            else [str(choice) for choice in action.choices],
             "included": len(self._open_includes) > 0,
         }
         self.note("arguments", entry, action)
@@ -302,7 +339,10 @@ class Executor:
             remedy = "Include another file, or put the include under a condition."
             message = f"'{relative(file, self.root)}' includes itself without end"
             raise mistake(LimitExceededError, message, "include_recursive", remedy)
-        given = {text_of(name, context): text_of(value, context) for name, value in action.launch_arguments}
+        given = {
+            text_of(name, context): text_of(value, context)
+            for name, value in action.launch_arguments
+        }
         self.note("includes", {"file": relative(file, self.root), "arguments": given}, action)
 
     def is_command_line(self, include: Any) -> bool:
@@ -321,8 +361,14 @@ class Executor:
 
         if private(action, "TimerAction", "canceled"):
             return
-        kept, before, local = dict(context.launch_configurations), self.when, dict(context.get_locals_as_dict())
-        if perform_typed_substitution(context, private(action, "TimerAction", "cancel_on_shutdown", True), bool):
+        kept, before, local = (
+            dict(context.launch_configurations),
+            self.when,
+            dict(context.get_locals_as_dict()),
+        )
+        if perform_typed_substitution(
+            context, private(action, "TimerAction", "cancel_on_shutdown", True), bool
+        ):
             self._timers.append(action)
 
         def fire() -> None:
@@ -343,7 +389,9 @@ class Executor:
         def begin() -> None:
             # The time is resolved in a task, when a scope around the timer has ended already.
             try:
-                period_s = max(0.0, float(perform_typed_substitution(context, action.period, float)))
+                period_s = max(
+                    0.0, float(perform_typed_substitution(context, action.period, float))
+                )
             except Exception as error:
                 message = f"the timer's period is resolved once the whole file was read, and then it fails: {error}"
                 self.warn(f"{message}; what waits for it never starts", action)
@@ -357,7 +405,11 @@ class Executor:
 
     def skip_coroutine(self, action: Any, context: Any) -> None:
         """Note that what `OpaqueCoroutine` would run is not evaluated."""
-        self.note("not_started", {"what": "OpaqueCoroutine", "why": "coroutines are not evaluated"}, action)
+        self.note(
+            "not_started",
+            {"what": "OpaqueCoroutine", "why": "coroutines are not evaluated"},
+            action,
+        )
 
     def follow_sim_time(self, action: Any, context: Any) -> None:
         """Warn of `SetUseSimTime`, of which no node gets anything."""
@@ -380,13 +432,20 @@ class Executor:
         name = str(details["name"])
         if id(action) in self._executed:
             message = f"the process '{name}' is started twice: the same action stands in two places"
-            raise mistake(RuntimeError, message, "started_twice", "Put each action into the description once.")
+            raise mistake(
+                RuntimeError, message, "started_twice", "Put each action into the description once."
+            )
         self._executed[id(action)] = action
         if context.is_shutdown:
             return
         if len(self.found["processes"]) >= PROCESS_LIMIT:
-            raise LimitExceededError(f"the launch description starts more than {PROCESS_LIMIT} processes")
-        entry = {"condition_note": self._condition_of.get(id(action), ""), **self._describer.process(action, context)}
+            raise LimitExceededError(
+                f"the launch description starts more than {PROCESS_LIMIT} processes"
+            )
+        entry = {
+            "condition_note": self._condition_of.get(id(action), ""),
+            **self._describer.process(action, context),
+        }
         entry = self._entries[id(action)] = self.note("processes", entry, action)
         on_exit = private(action, "ExecuteLocal", "on_exit")
         if on_exit is not None:
@@ -411,7 +470,9 @@ class Executor:
     def load(self, action: Any, context: Any) -> None:
         """Note the nodes that `LoadComposableNodes` would load into a container."""
         nodes = private(action, "LoadComposableNodes", "composable_node_descriptions") or []
-        wanted = [node for node in nodes if node.condition() is None or node.condition().evaluate(context)]
+        wanted = [
+            node for node in nodes if node.condition() is None or node.condition().evaluate(context)
+        ]
         target = private(action, "LoadComposableNodes", "target_container")
         components = [self._describer.component(node, context) for node in wanted]
         if id(target) in self._entries:
@@ -430,7 +491,9 @@ class Executor:
         from launch_ros.events.lifecycle import ChangeState
 
         change = OpaqueFunction(function=lambda context: self._change_state(action, context))
-        handler = EventHandler(matcher=lambda event: isinstance(event, ChangeState), entities=[change])
+        handler = EventHandler(
+            matcher=lambda event: isinstance(event, ChangeState), entities=[change]
+        )
         context.register_event_handler(handler)
         Node.execute(action, context)
         autostart = bool(private(action, "LifecycleNode", "autostart"))
@@ -438,7 +501,9 @@ class Executor:
             self._entries[id(action)]["autostart"] = autostart
         if not autostart:
             return None
-        started = LifecycleTransition(lifecycle_node_names=[action.node_name], transition_ids=[1, 3])
+        started = LifecycleTransition(
+            lifecycle_node_names=[action.node_name], transition_ids=[1, 3]
+        )
         started.source_line = action.source_line
         return [started]
 
@@ -457,7 +522,10 @@ class Executor:
             self.warn(f"{message}; it is '{state}' by then", event)
             return
         self._states[id(action)] = after
-        for transition, start, goal in ((label, before, meanwhile), ("transition_success", meanwhile, after)):
+        for transition, start, goal in (
+            (label, before, meanwhile),
+            ("transition_success", meanwhile, after),
+        ):
             labels = {"transition": transition, "start_state": start, "goal_state": goal}
             state_message = SimpleNamespace(
                 timestamp=0, **{key: SimpleNamespace(label=text) for key, text in labels.items()}

@@ -45,7 +45,9 @@ class PlanFiles:
             values = [p["value"] for p in process["parameters"] if isinstance(p.get("value"), str)]
             for text in [process["path"], *process["argv"], *process["env"].values(), *values]:
                 for path in (text, *text.split("=")[1:]):
-                    written = None if path in places or len(places) >= FILE_LIMIT else self._written(path)
+                    written = (
+                        None if path in places or len(places) >= FILE_LIMIT else self._written(path)
+                    )
                     if written is not None:
                         places[path] = self._added(path, written)
         for process in processes if places else ():

@@ -21,7 +21,9 @@ ELSEWHERE = "/opt/ros/jazzy"
 def _files_below(root: str) -> Iterator[Path]:
     seen = 0
     for folder, folders, names in os.walk(root):
-        folders[:] = sorted(name for name in folders if not name.startswith(".") and name != "__pycache__")
+        folders[:] = sorted(
+            name for name in folders if not name.startswith(".") and name != "__pycache__"
+        )
         for name in sorted(names):
             seen += 1
             if seen > MOST_FILES:
@@ -58,7 +60,11 @@ def missing_data_file(path: str, root: str) -> tuple[str, str, str] | None:
     for file, source, build in _in_packages(Path(path).name, root):
         if build == "setup.py":
             return file, build, f"data_files: ('{target}', ['{source}'])"
-        return file, build, f"install(DIRECTORY {source.parts[0]} DESTINATION share/${{PROJECT_NAME}})"
+        return (
+            file,
+            build,
+            f"install(DIRECTORY {source.parts[0]} DESTINATION share/${{PROJECT_NAME}})",
+        )
     return None
 
 
@@ -74,7 +80,11 @@ class SubmittedModules(MetaPathFinder):
             return None
         for file in _files_below(self._root):
             home = file.parent.parent
-            if file.name == "__init__.py" and file.parent.name == fullname and _installs_python(home):
+            if (
+                file.name == "__init__.py"
+                and file.parent.name == fullname
+                and _installs_python(home)
+            ):
                 return PathFinder.find_spec(fullname, [str(home)])
         return None
 
@@ -83,7 +93,9 @@ def _installs_python(folder: Path) -> bool:
     if not (folder / "package.xml").is_file():
         return False
     build = folder / "CMakeLists.txt"
-    by_cmake = build.is_file() and "ament_python_install_package" in build.read_text(errors="replace")
+    by_cmake = build.is_file() and "ament_python_install_package" in build.read_text(
+        errors="replace"
+    )
     return by_cmake or (folder / "setup.py").is_file()
 
 
@@ -121,14 +133,25 @@ def find_executable(executable: str, package: str, root: str) -> str:
     path = folder / executable
     if path.is_file() and os.access(path, os.X_OK):
         return str(path)
-    there = sorted(p.name for p in folder.iterdir() if p.is_file() and os.access(p, os.X_OK)) if folder.exists() else []
+    there = (
+        sorted(p.name for p in folder.iterdir() if p.is_file() and os.access(p, os.X_OK))
+        if folder.exists()
+        else []
+    )
     # Bare files are installed under their names without the ending too; one of both says enough.
-    listed = ", ".join(name for name in there if not name.endswith(".py") or name[:-3] not in there) or "nothing"
+    listed = (
+        ", ".join(name for name in there if not name.endswith(".py") or name[:-3] not in there)
+        or "nothing"
+    )
     entry = missing_entry_point(executable, root)
     close = difflib.get_close_matches(executable.removesuffix(".py"), there, n=1)
     meant = f"; did you mean '{close[0]}'?" if close else "."
     # Bare files have no setup.py; the one name that was meant is right with and without.
-    remedy = f"Write executable='{close[0]}'." if close else "Write the name of an executable that is installed."
+    remedy = (
+        f"Write executable='{close[0]}'."
+        if close
+        else "Write the name of an executable that is installed."
+    )
     message = f"executable '{executable}' not found in package '{package}'{meant} The package installs: {listed}"
     if not folder.exists():
         message = f"package '{package}' has no executables at all: its folder lib/{package} does not exist"

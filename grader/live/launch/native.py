@@ -69,7 +69,10 @@ def _replace(executor: Executor) -> None:
     }.items():
         _set(kind, "execute", lambda action, context, execute=execute: execute(action, context))
     _set(Action, "visit", lambda action, context: executor.visit_action(action, context))
-    declare, include = actions.DeclareLaunchArgument.execute, actions.IncludeLaunchDescription.execute
+    declare, include = (
+        actions.DeclareLaunchArgument.execute,
+        actions.IncludeLaunchDescription.execute,
+    )
 
     def note_argument(action: Any, context: Any) -> Any:
         executor.declare(action, context)

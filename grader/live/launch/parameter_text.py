@@ -10,8 +10,12 @@ from typing import Any
 _TRUE = frozenset(["Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"])
 _FALSE = frozenset(["N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"])
 _INTEGER = re.compile(r"\s*[+-]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)")
-_NUMBER = re.compile(r"\s*[+-]?((\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|inf|infinity|nan)", re.IGNORECASE)
-_HEXADECIMAL = re.compile(r"\s*[+-]?0[xX]([0-9a-fA-F]+(\.[0-9a-fA-F]*)?|\.[0-9a-fA-F]+)([pP][+-]?\d+)?")
+_NUMBER = re.compile(
+    r"\s*[+-]?((\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|inf|infinity|nan)", re.IGNORECASE
+)
+_HEXADECIMAL = re.compile(
+    r"\s*[+-]?0[xX]([0-9a-fA-F]+(\.[0-9a-fA-F]*)?|\.[0-9a-fA-F]+)([pP][+-]?\d+)?"
+)
 _DOTTED = re.compile(r"[+-]?\.(inf|Inf|INF)|\.(nan|NaN|NAN)")
 _LARGEST = 2**63
 #: Python refuses to read numbers of more than 4300 digits; those above the largest have 20.
@@ -39,9 +43,15 @@ def _value(event: Any, events: Iterator[Any]) -> Any:
     import yaml
 
     if isinstance(event, yaml.AliasEvent):
-        raise yaml.YAMLError(f"line {getattr(event.start_mark, 'line', 0) + 1}: a node cannot read aliases")
+        raise yaml.YAMLError(
+            f"line {getattr(event.start_mark, 'line', 0) + 1}: a node cannot read aliases"
+        )
     if isinstance(event, yaml.ScalarEvent):
-        return event.value if event.style in ("'", '"') or str(event.tag).endswith(":str") else scalar(event.value)
+        return (
+            event.value
+            if event.style in ("'", '"') or str(event.tag).endswith(":str")
+            else scalar(event.value)
+        )
     if isinstance(event, yaml.SequenceStartEvent):
         items: list[Any] = []
         while not isinstance(following := next(events), yaml.SequenceEndEvent):
@@ -49,7 +59,11 @@ def _value(event: Any, events: Iterator[Any]) -> Any:
         return items
     content: dict[str, Any] = {}
     while not isinstance(following := next(events), yaml.MappingEndEvent):
-        key = following.value if isinstance(following, yaml.ScalarEvent) else str(_value(following, events))
+        key = (
+            following.value
+            if isinstance(following, yaml.ScalarEvent)
+            else str(_value(following, events))
+        )
         content[key] = _value(next(events), events)
     return content
 

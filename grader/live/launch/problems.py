@@ -20,10 +20,23 @@ from .installed import missing_data_file, module_out_of_reach, own_packages
 from .jazzy import LATER, NAMES, RENAMED, SUBMODULES, homes_of, is_released
 
 _PACKAGES = ("launch", "launch_ros", "launch_xml", "launch_yaml", "ament_index_python")
-SUBSTITUTION_AS_TEXT = re.compile(r"<launch(_ros)?\.(substitutions|parameter_descriptions)[\w.]* object at 0x")
+SUBSTITUTION_AS_TEXT = re.compile(
+    r"<launch(_ros)?\.(substitutions|parameter_descriptions)[\w.]* object at 0x"
+)
 
 #: Programs that come with ROS or a simulator, and are not where this is evaluated.
-_ROS_PROGRAMS = ("xacro", "ros2", "rviz2", "colcon", "gz", "ign", "gazebo", "gzserver", "gzclient", "check_urdf")
+_ROS_PROGRAMS = (
+    "xacro",
+    "ros2",
+    "rviz2",
+    "colcon",
+    "gz",
+    "ign",
+    "gazebo",
+    "gzserver",
+    "gzclient",
+    "check_urdf",
+)
 _NOT_HERE = ("unsupported", "missing_module", "missing_package", "missing_program")
 
 Described = tuple[str, str, str]
@@ -38,7 +51,10 @@ class LimitExceededError(RuntimeError):
 class UnsupportedByStandin(ImportError):
     """The launch file uses something real that is not evaluated: not the student's fault."""
 
-    launch_kind, launch_remedy = "unsupported", "No change is needed: the grader cannot evaluate this part."
+    launch_kind, launch_remedy = (
+        "unsupported",
+        "No change is needed: the grader cannot evaluate this part.",
+    )
 
 
 def mistake(raised: type[BaseException], message: str, kind: str, remedy: str) -> Any:
@@ -69,7 +85,9 @@ def shown(value: Any) -> str:
     """A value for a message: what was written, where that can be told, and its type."""
     if value is None:
         return "None is given"
-    plain = isinstance(value, (str, int, float, list, tuple, dict, set)) and " object at 0x" not in repr(value)
+    plain = isinstance(
+        value, (str, int, float, list, tuple, dict, set)
+    ) and " object at 0x" not in repr(value)
     return f"{repr(value)[:120] if plain else 'what is given'} is of type '{type(value).__name__}'"
 
 
@@ -135,8 +153,14 @@ def _in_markup(remedy: str, file: str) -> str:
     """The remedy as the language of the file writes it."""
     if not file.endswith((".xml", ".yaml", ".yml")):
         return remedy
-    remedy = re.sub(r"(inside the expression: )\[.*\]", r"\1$(eval '\\'$(var name)\\' == \\'x\\'')", remedy)
-    form = r'<arg name="\1" default="..."/>' if file.endswith(".xml") else r"- arg: {name: \1, default: ...}"
+    remedy = re.sub(
+        r"(inside the expression: )\[.*\]", r"\1$(eval '\\'$(var name)\\' == \\'x\\'')", remedy
+    )
+    form = (
+        r'<arg name="\1" default="..."/>'
+        if file.endswith(".xml")
+        else r"- arg: {name: \1, default: ...}"
+    )
     return re.sub(r"DeclareLaunchArgument\('([^']*)', \.\.\.\)", form, remedy)
 
 
@@ -209,11 +233,17 @@ def _import(error: Any, root: str) -> Described | None:
         remedy = "Put it into the Python package of a ROS package, and import it as package.module."
         return "unknown_import", message, remedy
     message = f"the launch file imports '{module}', which is not installed where it is evaluated"
-    return "missing_module", message, "No change is needed if the module is installed where you launch."
+    return (
+        "missing_module",
+        message,
+        "No change is needed if the module is installed where you launch.",
+    )
 
 
 def _attribute(error: Any, _: str) -> Described | None:
-    match = re.search(r"module '((?:launch|launch_ros)[\w.]*)' has no attribute '(\w+)'", str(error))
+    match = re.search(
+        r"module '((?:launch|launch_ros)[\w.]*)' has no attribute '(\w+)'", str(error)
+    )
     return _unknown_name(match[2], match[1]) if match else None
 
 
@@ -224,7 +254,11 @@ def _unknown_name(name: str, module: str) -> Described:
         message = f"'{module}' has no '{name}' in ROS 2 Jazzy: it came with a later release"
         return "unknown_import", message, "Do without it."
     remedy = similar.strip() or "Look up the name in the documentation of ROS 2 Jazzy."
-    return "unknown_import", f"'{module}' has no '{name}'", f"Import it from '{homes[0]}'." if homes else remedy
+    return (
+        "unknown_import",
+        f"'{module}' has no '{name}'",
+        f"Import it from '{homes[0]}'." if homes else remedy,
+    )
 
 
 def _name(error: Any, _: str) -> Described:
@@ -244,7 +278,11 @@ def _package(error: Any, _: str) -> Described | None:
     if is_released(name):
         error.name = name
         message = f"the launch file needs the package '{name}', which is not installed where it is evaluated"
-        return "missing_package", message, "No change is needed if the package is installed where you launch."
+        return (
+            "missing_package",
+            message,
+            "No change is needed if the package is installed where you launch.",
+        )
     own, there = own_packages()
     listed = ", ".join(own[:8]) + (" …" if len(own) > 8 else "") if own else "no package"
     remedy = f"{near(name, own or there)}Write the name as in package.xml and setup.py."
@@ -258,7 +296,11 @@ def _file(error: Any, root: str) -> Described | None:
         return "file_not_found", message, "Give the path of a file."
     launched = path.endswith((".launch.py", "launch.xml"))
     included = launched or getattr(error, "launch_object", "") == "IncludeLaunchDescription"
-    what, kind = ("the included launch file", "include_not_found") if included else ("the file", "file_not_found")
+    what, kind = (
+        ("the included launch file", "include_not_found")
+        if included
+        else ("the file", "file_not_found")
+    )
     missing = missing_data_file(path, root)
     if missing is not None:
         message = f"{what} '{missing[0]}' is in the package, but {missing[1]} does not install it "
@@ -275,11 +317,18 @@ def missing_program(program: str | None) -> Described | None:
     if program not in _ROS_PROGRAMS:
         return None
     message = f"the launch file runs '{program}', which is not installed where it is evaluated"
-    return "missing_program", message, "No change is needed if the program is installed where you launch."
+    return (
+        "missing_program",
+        message,
+        "No change is needed if the program is installed where you launch.",
+    )
 
 
 def _not_found(error: Any, _: str) -> Described | None:
-    match = re.search(r"No such file or directory: '([^']*)'|executable '([^']*)' not found on the PATH", str(error))
+    match = re.search(
+        r"No such file or directory: '([^']*)'|executable '([^']*)' not found on the PATH",
+        str(error),
+    )
     error.__dict__["name"] = (match[1] or match[2]) if match else None
     return missing_program(error.__dict__["name"])
 
@@ -291,7 +340,14 @@ _BY_TYPE: list[tuple[Any, Callable[[Any, str], Described | None]]] = [
     (NameError, _name),
     (KeyError, _package),
     ((FileNotFoundError, IsADirectoryError), _file),
-    (SystemExit, lambda *_: ("exits", "the launch file ends the whole program", "Remove the call of exit().")),
+    (
+        SystemExit,
+        lambda *_: (
+            "exits",
+            "the launch file ends the whole program",
+            "Remove the call of exit().",
+        ),
+    ),
     (Exception, _not_found),
 ]
 
@@ -324,8 +380,16 @@ def _positional(match: re.Match[str], _: Any) -> str:
 _Remedy = str | Callable[[re.Match[str], Any], str]
 
 _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
-    (r"unexpected keyword argument '(\w+)'", "unknown_keyword", lambda match, _: keyword_remedy(match[1], ())),
-    (r"missing \d+ required keyword-only argument", "missing_keyword", "Give what is missing by its keyword."),
+    (
+        r"unexpected keyword argument '(\w+)'",
+        "unknown_keyword",
+        lambda match, _: keyword_remedy(match[1], ()),
+    ),
+    (
+        r"missing \d+ required keyword-only argument",
+        "missing_keyword",
+        "Give what is missing by its keyword.",
+    ),
     (r"missing \d+ required positional argument", "missing_argument", "Give what is missing."),
     (r"takes .* positional argument", "positional_argument", _positional),
     (
@@ -337,13 +401,25 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
     ),
     (r"object has no attribute 'items'$", "bad_pairs", "Give a dict: {'name': 'value'}."),
     (r"values to unpack", "bad_pairs", "Write launch_arguments as pairs: {...}.items()."),
-    (r"No closing quotation|No escaped character", "bad_text", "Close the quotes of the command line."),
-    (r"object is not iterable|can only concatenate list", "not_a_list", "Make it a list, even of one item."),
+    (
+        r"No closing quotation|No escaped character",
+        "bad_text",
+        "Close the quotes of the command line.",
+    ),
+    (
+        r"object is not iterable|can only concatenate list",
+        "not_a_list",
+        "Make it a list, even of one item.",
+    ),
     # What the original says.
     (
         r"^launch configuration '([^']*)' does not exist",
         "undefined_configuration",
         lambda match, known: configuration_remedy(match[1], known),
     ),
-    (r"[Rr]equired (launch )?argument '", "required_argument", "Give a default_value, or name:=value when launching."),
+    (
+        r"[Rr]equired (launch )?argument '",
+        "required_argument",
+        "Give a default_value, or name:=value when launching.",
+    ),
 ]

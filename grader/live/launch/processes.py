@@ -41,7 +41,10 @@ class Describer:
         """The entry of a process, which its action has prepared."""
         description, details = action.process_description, action.process_details
         words = [str(word) for word in details["cmd"]]
-        before, after = self._plan.initial_environment, {str(k): str(v) for k, v in (details["env"] or {}).items()}
+        before, after = (
+            self._plan.initial_environment,
+            {str(k): str(v) for k, v in (details["env"] or {}).items()},
+        )
         replaces = description.env is not None
         prefixed = len(words) - len(description.cmd)
         path, argv = words[prefixed], words[prefixed + 1 :]
@@ -61,7 +64,11 @@ class Describer:
             "prefix": words[:prefixed],
             "path": path,
             "argv": argv,
-            "env": {name: value for name, value in after.items() if replaces or before.get(name) != value},
+            "env": {
+                name: value
+                for name, value in after.items()
+                if replaces or before.get(name) != value
+            },
             "env_unset": [] if replaces else sorted(set(before) - set(after)),
             "env_replaces": replaces,
             "cwd": None if details["cwd"] is None else os.path.abspath(details["cwd"]),  # noqa: PTH100
@@ -100,14 +107,19 @@ class Describer:
         """Where the output goes, which `launch` itself checks; where it would log is no matter here."""
         from launch.logging import get_output_loggers
 
-        chosen = action.output if isinstance(action.output, dict) else text_of(action.output, context)
+        chosen = (
+            action.output if isinstance(action.output, dict) else text_of(action.output, context)
+        )
         try:
             get_output_loggers(action.process_details["name"], chosen)
         except OSError:
             return chosen
         if isinstance(chosen, str):
             return chosen
-        return {stream: [words] if isinstance(words, str) else sorted(words) for stream, words in chosen.items()}
+        return {
+            stream: [words] if isinstance(words, str) else sorted(words)
+            for stream, words in chosen.items()
+        }
 
     def _node(self, action: Any, words: list[str], context: Any) -> dict[str, Any]:
         """What a node has besides: its names, and the parameters and rules that stand on its command line."""
@@ -128,7 +140,9 @@ class Describer:
             "namespace": action.expanded_node_namespace if known else None,
             "parameters": self._parameters(words, name, action),
             "remappings": [list(rule) for rule in action.expanded_remapping_rules or []],
-            "parameter_files": {n: t for n, t in self._files.texts.items() if f"{{parameters}}/{n}" in words},
+            "parameter_files": {
+                n: t for n, t in self._files.texts.items() if f"{{parameters}}/{n}" in words
+            },
         }
         if words[0].startswith(f"{ELSEWHERE}/lib/{package}/") and not os.access(words[0], os.X_OK):
             node["absent"] = f"the package '{package}' is not installed where this is evaluated"
@@ -156,7 +170,9 @@ class Describer:
             text = self._files.text_of(path)
             content = parameter_text.read(text)
         except Exception as error:
-            message = f"the parameter file '{path}' cannot be read, so the node will not start: {error}"
+            message = (
+                f"the parameter file '{path}' cannot be read, so the node will not start: {error}"
+            )
             self._warn(message, action)
             return [{"file": path, "content": None}]
         self._files.labels[path] = label.strip("<>")
@@ -172,12 +188,16 @@ class Describer:
         import yaml
 
         if "!!python/" in text:
-            kind = text.partition("!!python/")[2].split()[0].partition(":")[2].removesuffix(".scalar")
+            kind = (
+                text.partition("!!python/")[2].split()[0].partition(":")[2].removesuffix(".scalar")
+            )
             message = f"the value of a parameter is a {kind}, which a node cannot read, so it will not start"
             self._warn(f"{message}; write float(...)", action)
             return
         written, read = _only_section(yaml.safe_load(text)) or {}, _only_section(content) or {}
-        self._warn_of_objects([value for value in written.values() if isinstance(value, str)], action)
+        self._warn_of_objects(
+            [value for value in written.values() if isinstance(value, str)], action
+        )
         for name, given in written.items():
             for item, became in zip(_listed(given), _listed(read.get(name)), strict=False):
                 if isinstance(item, str) and not isinstance(became, str):
@@ -221,13 +241,17 @@ class Describer:
             elif isinstance(item, Parameter):
                 found.append(_parameter(*item.evaluate(context)))
             else:
-                found.append({"file": str(item), "content": yaml.safe_load(self._files.text_of(str(item)))})
+                found.append(
+                    {"file": str(item), "content": yaml.safe_load(self._files.text_of(str(item)))}
+                )
         return found
 
     def _warn_of_objects(self, texts: Iterable[str], source: Any) -> None:
         if any(SUBSTITUTION_AS_TEXT.search(text) for text in texts):
             message = "str() or an f-string made text of a substitution before it has a value"
-            self._warn(f"{message}; write a list instead: ['text', LaunchConfiguration(...)]", source)
+            self._warn(
+                f"{message}; write a list instead: ['text', LaunchConfiguration(...)]", source
+            )
 
 
 def _listed(value: Any) -> list[Any]:
@@ -236,8 +260,14 @@ def _listed(value: Any) -> list[Any]:
 
 def _only_section(content: Any) -> dict[str, Any] | None:
     """The values of a file that `launch_ros` writes: one pattern, and under it names with their values."""
-    section = next(iter(content.values())) if isinstance(content, Mapping) and len(content) == 1 else None
-    values = section.get("ros__parameters") if isinstance(section, Mapping) and len(section) == 1 else None
+    section = (
+        next(iter(content.values())) if isinstance(content, Mapping) and len(content) == 1 else None
+    )
+    values = (
+        section.get("ros__parameters")
+        if isinstance(section, Mapping) and len(section) == 1
+        else None
+    )
     return dict(values) if isinstance(values, Mapping) else None
 
 

@@ -68,7 +68,12 @@ class CpuWatch:
             name = f"{run.name} {run.started_ns}"  # a program may be started twice
             if process is not self._running and process.alive and process.threads:
                 self._runs[name] = run
-                said = {"name": name, "core": run.core, "role": run.role, "threads": process.threads}
+                said = {
+                    "name": name,
+                    "core": run.core,
+                    "role": run.role,
+                    "threads": process.threads,
+                }
                 self._running.write((json.dumps(said) + "\n").encode())
 
     async def calm_s(self, since_ns: int) -> float:
@@ -112,7 +117,9 @@ class _Watched:
     clocks: list[int] = field(default_factory=list)
     more_ns: int = 0
     #: (time, CPU time until then), both in ns.
-    history: deque[tuple[int, int]] = field(default_factory=lambda: deque([(0, 0)], maxlen=_HISTORY))
+    history: deque[tuple[int, int]] = field(
+        default_factory=lambda: deque([(0, 0)], maxlen=_HISTORY)
+    )
     disturbed: list[list[int]] = field(default_factory=list)
 
     def open(self, threads: Iterable[int]) -> None:
@@ -120,7 +127,9 @@ class _Watched:
             if thread not in self.files:
                 with suppress(OSError):
                     self.files[thread] = os.open(f"/proc/{thread}/schedstat", os.O_RDONLY)
-                    time.clock_gettime_ns(clock := ~thread << 3 | 2)  # as clock_getcpuclockid(3) has it
+                    time.clock_gettime_ns(
+                        clock := ~thread << 3 | 2
+                    )  # as clock_getcpuclockid(3) has it
                     self.clocks.append(clock)  # since it is the first thread of a process
 
     def read(self, now_ns: int) -> tuple[int, int]:
@@ -160,8 +169,12 @@ class _Watched:
 
     def noted_since(self, t_ns: int) -> int:
         """Return for how long it was delayed since a time, as far as that is noted already."""
-        since = itertools.takewhile(lambda noted: noted[0] + noted[1] > t_ns, reversed(self.disturbed))
-        return sum(min(delay_ns, start_ns + length_ns - t_ns) for start_ns, length_ns, delay_ns in since)
+        since = itertools.takewhile(
+            lambda noted: noted[0] + noted[1] > t_ns, reversed(self.disturbed)
+        )
+        return sum(
+            min(delay_ns, start_ns + length_ns - t_ns) for start_ns, length_ns, delay_ns in since
+        )
 
     def calm_ns(self, since_ns: int, now_ns: int) -> int:
         """Return how much of a time lies between delays, without what they may have affected after them."""
@@ -177,7 +190,8 @@ class _Watched:
         if len(self.disturbed) > _MOST_KEPT:
             pairs = zip(self.disturbed[::2], self.disturbed[1::2], strict=False)
             self.disturbed = [
-                [first[0], last[0] + last[1] - first[0], first[2] + last[2]] for first, last in pairs
+                [first[0], last[0] + last[1] - first[0], first[2] + last[2]]
+                for first, last in pairs
             ] + self.disturbed[len(self.disturbed) // 2 * 2 :]
 
 
@@ -195,9 +209,13 @@ class _Watch:
             watched = self.watched.setdefault(name, _Watched(role))
             watched.core = core
             watched.open(threads)
-        wanted = core if core is not None else min(self._cores, default=min(os.sched_getaffinity(0)))
+        wanted = (
+            core if core is not None else min(self._cores, default=min(os.sched_getaffinity(0)))
+        )
         if wanted not in self._cores:
-            self._cores[wanted] = threading.Thread(target=self._watch_core, args=(wanted,), daemon=True)
+            self._cores[wanted] = threading.Thread(
+                target=self._watch_core, args=(wanted,), daemon=True
+            )
             self._cores[wanted].start()
 
     def calm_s(self, since_ns: int) -> float:
@@ -242,7 +260,9 @@ class _Watch:
         for watched in held:
             own = [w for w in held if w.role == "student" or w is watched]
             self._judge(watched, own, *waits[id(watched)], looked_ns, now_ns, stalled_ns)
-        for watched in [w for w in self.watched.values() if w.core not in (core, None) and stalled_ns]:
+        for watched in [
+            w for w in self.watched.values() if w.core not in (core, None) and stalled_ns
+        ]:
             # A stop of all makes another core's thread late by so much less as that had woken up later.
             more_ns = stalled_ns - watched.noted_since(looked_ns)
             if _LEAST_NS < more_ns < _PERIOD_S * 1e9 + _LEAST_NS:
@@ -252,7 +272,9 @@ class _Watch:
             self._judge(watched, [watched], *waited, looked_ns, now_ns, stalled_ns)
             is_time = is_first and now_ns // _RUNAWAY_NS > looked_ns // _RUNAWAY_NS
             if is_time and watched.used_since(now_ns - _RUNAWAY_NS) > _RUNAWAY_SHARE * _RUNAWAY_NS:
-                demote(watched.files)  # One of the grader's own, held to no core, that somebody floods.
+                demote(
+                    watched.files
+                )  # One of the grader's own, held to no core, that somebody floods.
 
     def _judge(
         self, watched: _Watched, own: list[_Watched], together_ns: int, longest_ns: int,

@@ -19,7 +19,12 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
-from grader.live.sandbox.namespaces import close_descriptors, end_with_parent, name_process, open_descriptors
+from grader.live.sandbox.namespaces import (
+    close_descriptors,
+    end_with_parent,
+    name_process,
+    open_descriptors,
+)
 
 #: The longest message of a program: a snapshot of a graph that somebody floods.
 _LONGEST_LINE_BYTES = 64 * 2**20
@@ -46,13 +51,19 @@ class ForkedProcess:
     """A fork, with the attributes of `asyncio.subprocess.Process` that a `RunningProcess` uses."""
 
     def __init__(
-        self, pid: int, stdin: asyncio.StreamWriter, stdout: asyncio.StreamReader, stderr: asyncio.StreamReader
+        self,
+        pid: int,
+        stdin: asyncio.StreamWriter,
+        stdout: asyncio.StreamReader,
+        stderr: asyncio.StreamReader,
     ) -> None:
         self.pid = pid
         self.stdin, self.stdout, self.stderr = stdin, stdout, stderr
         loop = asyncio.get_running_loop()
         self._status: asyncio.Future[int] = loop.create_future()
-        threading.Thread(target=self._reap, args=(loop,), name=f"waits for {pid}", daemon=True).start()
+        threading.Thread(
+            target=self._reap, args=(loop,), name=f"waits for {pid}", daemon=True
+        ).start()
 
     def _reap(self, loop: asyncio.AbstractEventLoop) -> None:
         status = os.waitstatus_to_exitcode(os.waitpid(self.pid, 0)[1])
@@ -74,7 +85,9 @@ async def start_forked(program: Program) -> ForkedProcess:
     for descriptor in (stdin, stdout, stderr):
         os.close(descriptor)
     loop = asyncio.get_running_loop()
-    protocol = asyncio.StreamReaderProtocol(asyncio.StreamReader())  # which knows when the pipe is full
+    protocol = asyncio.StreamReaderProtocol(
+        asyncio.StreamReader()
+    )  # which knows when the pipe is full
     transport, _ = await loop.connect_write_pipe(lambda: protocol, os.fdopen(to_it, "wb", 0))
     writer = asyncio.StreamWriter(transport, protocol, None, loop)
     return ForkedProcess(pid, writer, await read_pipe(from_it), await read_pipe(errors))
@@ -84,7 +97,9 @@ async def read_pipe(descriptor: int) -> asyncio.StreamReader:
     """Return what reads a pipe, and closes it at its end."""
     reader = asyncio.StreamReader(limit=_LONGEST_LINE_BYTES)
     protocol = asyncio.StreamReaderProtocol(reader)
-    await asyncio.get_running_loop().connect_read_pipe(lambda: protocol, os.fdopen(descriptor, "rb", 0))
+    await asyncio.get_running_loop().connect_read_pipe(
+        lambda: protocol, os.fdopen(descriptor, "rb", 0)
+    )
     return reader
 
 
@@ -128,4 +143,6 @@ def _leave_everything(program: Program, parent: int, descriptors: Sequence[int])
     os.chdir("/")
     sys.argv = [program.name]
     if program.address_space_bytes is not None:
-        resource.setrlimit(resource.RLIMIT_AS, (program.address_space_bytes, program.address_space_bytes))
+        resource.setrlimit(
+            resource.RLIMIT_AS, (program.address_space_bytes, program.address_space_bytes)
+        )

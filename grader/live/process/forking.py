@@ -44,7 +44,11 @@ class ForkingServer:
     """
 
     def __init__(
-        self, module: str, arguments: Sequence[str], environment: Mapping[str, str], folder: Path = Path("/")
+        self,
+        module: str,
+        arguments: Sequence[str],
+        environment: Mapping[str, str],
+        folder: Path = Path("/"),
     ) -> None:
         self._command = [sys.executable, "-I", "-m", module]
         self._arguments, self._environment, self._folder = arguments, environment, folder
@@ -100,7 +104,11 @@ class ForkingServer:
         return await read_pipe(reader)
 
 
-def serve(link: socket.socket, program_of: Callable[[bytes], Program], needed: Sequence[ForkingServer] = ()) -> None:
+def serve(
+    link: socket.socket,
+    program_of: Callable[[bytes], Program],
+    needed: Sequence[ForkingServer] = (),
+) -> None:
     """Fork a program for each request, until there will be no more; what still runs then is killed.
 
     A request comes with two descriptors, the program's standard output and error. `program_of` raises OSError where
@@ -114,7 +122,9 @@ def serve(link: socket.socket, program_of: Callable[[bytes], Program], needed: S
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(waking, warn_on_full_buffer=False)
     while True:
-        ready, _, _ = select.select([link.fileno(), woken, *(server.fileno() for server in needed)], [], [])
+        ready, _, _ = select.select(
+            [link.fileno(), woken, *(server.fileno() for server in needed)], [], []
+        )
         if any(server.fileno() in ready for server in needed):
             return
         if woken in ready:

@@ -113,10 +113,18 @@ class Guard:
     def _to_blame(self, limit: str) -> list[RunningProcess]:
         """Return the process that a signal has ended, else the one that takes, or lately took, most."""
         students = self._students()
-        killed = [p for p in students if not p.alive and p.run.exit_status in (137, -9) and p.run.limit is None]
+        killed = [
+            p
+            for p in students
+            if not p.alive and p.run.exit_status in (137, -9) and p.run.limit is None
+        ]
         alive = [p for p in students if p.alive]
-        largest = max(alive, key=lambda p: max(self._held.get(p, 0), _taken(p.descendants())[0]), default=None)
-        return (killed if limit == "memory" else []) or ([largest] if largest is not None else students[-1:])
+        largest = max(
+            alive, key=lambda p: max(self._held.get(p, 0), _taken(p.descendants())[0]), default=None
+        )
+        return (killed if limit == "memory" else []) or (
+            [largest] if largest is not None else students[-1:]
+        )
 
     async def _sum_up(self) -> None:
         alive = [p for p in self._students() if p.alive]
@@ -163,14 +171,22 @@ class Guard:
         for folder in self._areas.values():
             with suppress(OSError):
                 space = os.statvfs(folder)
-                full = "disk" if space.f_bavail == 0 else "files" if space.f_favail == 0 < space.f_files else None
+                full = (
+                    "disk"
+                    if space.f_bavail == 0
+                    else "files"
+                    if space.f_favail == 0 < space.f_files
+                    else None
+                )
                 for process in self._students():
                     if full is not None and process.alive:
                         process.run.limit = process.run.limit or full
 
     async def _walk_areas(self) -> None:
         size, count = await asyncio.to_thread(_written, list(self._areas.values()))
-        limit = "disk" if size > _MAX_WRITTEN_BYTES else "files" if count > _MAX_WRITTEN_FILES else None
+        limit = (
+            "disk" if size > _MAX_WRITTEN_BYTES else "files" if count > _MAX_WRITTEN_FILES else None
+        )
         if limit is not None:
             await self._end_all(limit)
         free_bytes = min(map(_free_bytes, self._areas.values()))

@@ -81,7 +81,9 @@ def _put_first(tid: int, flags: int = 0, nice: int = STANDING) -> None:
     """
     with suppress(OSError):
         for value in (nice, os.getpriority(os.PRIO_PROCESS, tid)):
-            attributes = struct.pack("=IIQiIQQQ", 48, _SCHED_NORMAL, flags, value, 0, _SLICE_NS, 0, 0)
+            attributes = struct.pack(
+                "=IIQiIQQQ", 48, _SCHED_NORMAL, flags, value, 0, _SLICE_NS, 0, 0
+            )
             if ctypes.CDLL(None).syscall(_SCHED_SETATTR, tid, attributes, 0) == 0:
                 return
 

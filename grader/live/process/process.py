@@ -14,7 +14,13 @@ from dataclasses import dataclass
 
 from grader.live.process.forked import ForkedProcess, Program, start_forked
 from grader.live.process.priority import STANDING, put_in_real_time, put_standing
-from grader.live.sandbox.machine import children_of, cpu_with_children_ns, descendants_of, read_bytes_of, tasks_of
+from grader.live.sandbox.machine import (
+    children_of,
+    cpu_with_children_ns,
+    descendants_of,
+    read_bytes_of,
+    tasks_of,
+)
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes and in lines; what comes after is counted and dropped.
@@ -77,8 +83,15 @@ class RunningProcess:
         self._room = room
         assert process.stdout is not None
         assert process.stderr is not None
-        reader = self._read(process.stdout, "stdout") if on_message is None else _hear(process.stdout, on_message)
-        self._readers = [asyncio.create_task(reader), asyncio.create_task(self._read(process.stderr, "stderr"))]
+        reader = (
+            self._read(process.stdout, "stdout")
+            if on_message is None
+            else _hear(process.stdout, on_message)
+        )
+        self._readers = [
+            asyncio.create_task(reader),
+            asyncio.create_task(self._read(process.stderr, "stderr")),
+        ]
         self.exited = asyncio.create_task(self._wait())
 
     @classmethod
@@ -159,7 +172,9 @@ class RunningProcess:
             return
         self._kept += len(cut) + 1
         self.run.output_dropped_bytes += len(line) - len(cut)
-        self.run.output.append(OutputLine(t_ns, stream, cut.rstrip(b"\r").decode("utf-8", "replace")))
+        self.run.output.append(
+            OutputLine(t_ns, stream, cut.rstrip(b"\r").decode("utf-8", "replace"))
+        )
 
     async def _wait(self) -> int:
         status = await self._process.wait()
@@ -170,7 +185,9 @@ class RunningProcess:
         for reader in self._readers:
             reader.cancel()
         self._note_last_usage()
-        if self._child_pid_fd is not None:  # A launch file may start more programs than one may have files open.
+        if (
+            self._child_pid_fd is not None
+        ):  # A launch file may start more programs than one may have files open.
             os.close(self._child_pid_fd)
         return status
 
@@ -194,7 +211,10 @@ class RunningProcess:
         if not self.alive or (self._pid() is None and await self.wait_exit(_TERMINATE_GRACE_S)):
             return
         self.sample_usage()
-        ways = ("interrupt", signal.SIGINT, timeout_s), ("terminate", signal.SIGTERM, _TERMINATE_GRACE_S)
+        ways = (
+            ("interrupt", signal.SIGINT, timeout_s),
+            ("terminate", signal.SIGTERM, _TERMINATE_GRACE_S),
+        )
         for ended_by, number, grace_s in ways:
             if (pid := self._pid()) is not None:
                 if number == signal.SIGINT:
@@ -254,7 +274,11 @@ class RunningProcess:
                     _hold_as_user(pid, core, user)
         root = self.root_pid()
         with suppress(OSError):
-            if root is not None and self.run.core != core and os.sched_getaffinity(self._pid() or root) == {core}:
+            if (
+                root is not None
+                and self.run.core != core
+                and os.sched_getaffinity(self._pid() or root) == {core}
+            ):
                 self.run.core, self.run.held_ns = core, time.time_ns()
 
     def sample_usage(self) -> None:
@@ -270,7 +294,11 @@ class RunningProcess:
             return
         cpu_ns, delay_ns = (sum(values) for values in zip(*self._usage.values(), strict=True))
         # Children that came and went between two looks are in the times of those that waited for them.
-        cpu_ns = max(cpu_ns, sum(map(cpu_with_children_ns, pids)), self.run.usage[-1].cpu_ns if self.run.usage else 0)
+        cpu_ns = max(
+            cpu_ns,
+            sum(map(cpu_with_children_ns, pids)),
+            self.run.usage[-1].cpu_ns if self.run.usage else 0,
+        )
         self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
 
     def lately_used(self) -> float:
@@ -289,7 +317,9 @@ class RunningProcess:
             pid, _, used = os.wait4(self._sandbox_pid, os.WNOHANG)
             last, cpu_ns = self.run.usage[-1], round((used.ru_utime + used.ru_stime) * 1e9)
             if pid and cpu_ns > last.cpu_ns:
-                self.run.usage.append(Usage(self.run.exited_ns or last.t_ns, cpu_ns, last.run_delay_ns))
+                self.run.usage.append(
+                    Usage(self.run.exited_ns or last.t_ns, cpu_ns, last.run_delay_ns)
+                )
 
 
 class PipeReader:
@@ -305,7 +335,9 @@ class PipeReader:
         with suppress(BlockingIOError):
             block = os.read(self._fd, _READ_BYTES)
             self._data += block
-            if not block or len(self._data) >= self._limit:  # Who writes on gets an error, and keeps nobody busy here.
+            if (
+                not block or len(self._data) >= self._limit
+            ):  # Who writes on gets an error, and keeps nobody busy here.
                 self.close()
 
     def so_far(self) -> str:
@@ -342,7 +374,14 @@ def _hold_as_user(pid: int, core: int, user: int) -> None:
     become = ["setpriv", f"--reuid={user}", f"--regid={user}", "--clear-groups", "--no-new-privs"]
     command = [*become, "taskset", "--all-tasks", "--cpu-list", "--pid", str(core), str(pid)]
     with suppress(OSError, subprocess.TimeoutExpired):
-        subprocess.run(command, check=False, timeout=_HOLD_S, stdin=subprocess.DEVNULL, capture_output=True, cwd="/")
+        subprocess.run(
+            command,
+            check=False,
+            timeout=_HOLD_S,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            cwd="/",
+        )
 
 
 def _scheduling_of(pid: int) -> dict[int, tuple[int, int]]:

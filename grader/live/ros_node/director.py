@@ -102,12 +102,16 @@ class Director:
     which are never taken for a misspelling of another.
     """
 
-    def __init__(self, folder: Path, name: str, domain_id: int, reference_nodes: set[str], expected: set[str]) -> None:
+    def __init__(
+        self, folder: Path, name: str, domain_id: int, reference_nodes: set[str], expected: set[str]
+    ) -> None:
         self._context = new_context(domain_id)
         self._node = silent_node("probe", self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
-        self._limit_bytes = min(DEFAULT_LIMIT_BYTES, shutil.disk_usage(folder).free // _SHARE_OF_FREE)
+        self._limit_bytes = min(
+            DEFAULT_LIMIT_BYTES, shutil.disk_usage(folder).free // _SHARE_OF_FREE
+        )
         self._recorder = Recorder(BagWriter(folder, name), domain_id, limit_bytes=self._limit_bytes)
         self._watch = GraphWatch(self._node, self._on_change, {*expected, *STANDARD_TOPICS})
         self._problems: list[str] = []
@@ -141,7 +145,9 @@ class Director:
         self._recorder.stop()
         unrecorded = self._recorder.unrecorded
         if self._limit_bytes < _ENOUGH_BYTES and any(left_out.messages for left_out in unrecorded):
-            self._problems.append(f"the disk had room for a recording of {self._limit_bytes / 1e6:.0f} MB only")
+            self._problems.append(
+                f"the disk had room for a recording of {self._limit_bytes / 1e6:.0f} MB only"
+            )
         for problem in self._problems + self._recorder.problems:
             _send("problems", problem)
         for left_out in unrecorded:
@@ -161,7 +167,9 @@ class Director:
         self._until(named, _FOREIGN_S if shared else 0.0)
         if foreign_nodes:
             who = ", ".join(named()[:5]) or "not known by name"
-            self._problems.append(f"before anything was started, there were other ROS nodes in its network: {who}")
+            self._problems.append(
+                f"before anything was started, there were other ROS nodes in its network: {who}"
+            )
 
     def _listen(self) -> None:
         """Take requests as they come; the session sends one only when the one before was answered."""
@@ -196,7 +204,9 @@ class Director:
         self._executor.spin_once(timeout_sec=_SPIN_S)
         self._watch.look()
 
-    def _until(self, condition: Callable[[], object], timeout_s: float, *, spins: bool = False) -> bool:
+    def _until(
+        self, condition: Callable[[], object], timeout_s: float, *, spins: bool = False
+    ) -> bool:
         deadline = Deadline(timeout_s)
         while not condition():
             if self._cancelled:
@@ -224,7 +234,9 @@ class Director:
         kind = next(k for k in AWAITED if request.get(k))
         wanted, wanted_type = request[kind], request.get("type")
         started_s = time.monotonic()
-        since_s: float | None = None  # when a node of the student's was first there without the wanted name
+        since_s: float | None = (
+            None  # when a node of the student's was first there without the wanted name
+        )
 
         def found() -> list[Candidate]:
             nonlocal since_s
@@ -241,7 +253,10 @@ class Director:
         is_there = self._until_up(wanted, found, float(request["timeout_s"]))
         waited = {"waited_s": round(time.monotonic() - started_s, 3)}
         if not is_there:
-            return "timeout", {**waited, "there": sorted({c.name for c in self._candidates(kind, wanted)})[:50]}
+            return "timeout", {
+                **waited,
+                "there": sorted({c.name for c in self._candidates(kind, wanted)})[:50],
+            }
         meant = min(found(), key=lambda c: (c.type != wanted_type, c.name != wanted))
         if meant.name != wanted:
             self._names[wanted] = meant.name
@@ -281,17 +296,27 @@ class Director:
         kind = interface_named(request["type"])
         # Compatible with every request. All messages are kept, since the student's side may be matched later
         # than ours, and then asks for those that it has missed.
-        offered = QoSProfile(depth=int(request["count"]), durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        context = new_context(self._domain_id)  # its own, since the student may use another type on this topic
+        offered = QoSProfile(
+            depth=int(request["count"]), durability=DurabilityPolicy.TRANSIENT_LOCAL
+        )
+        context = new_context(
+            self._domain_id
+        )  # its own, since the student may use another type on this topic
         node = silent_node("publisher", context)
         publisher = node.create_publisher(kind, topic, offered)
         self._record(topic, request["type"], "transient_local")
         data = serialize_message(_fill(kind(), request["message"]))
         sent = 0
         try:
-            students = [e for e in self._watch.last.endpoints if e.kind == "subscription" and e.topic == topic]
+            students = [
+                e
+                for e in self._watch.last.endpoints
+                if e.kind == "subscription" and e.topic == topic
+            ]
             # The recorder's subscription is one more.
-            matched = self._until(lambda: publisher.get_subscription_count() > len(students), _MATCH_S)
+            matched = self._until(
+                lambda: publisher.get_subscription_count() > len(students), _MATCH_S
+            )
             while sent < int(request["count"]):
                 publisher.publish(data)
                 sent += 1
@@ -305,31 +330,46 @@ class Director:
 
     # -- services -----------------------------------------------------------------------------
 
-    def _ready_client(self, service: str, service_type: str, number: int, timeout_s: float) -> Client[Any, Any] | None:
+    def _ready_client(
+        self, service: str, service_type: str, number: int, timeout_s: float
+    ) -> Client[Any, Any] | None:
         key = (service, service_type, number)
         if key not in self._clients:
             client = self._node.create_client(interface_named(service_type), service)
             client.configure_introspection(
-                self._node.get_clock(), QoSProfile(depth=_EVENTS_DEPTH), ServiceIntrospectionState.CONTENTS
+                self._node.get_clock(),
+                QoSProfile(depth=_EVENTS_DEPTH),
+                ServiceIntrospectionState.CONTENTS,
             )
             self._clients[key] = client
             events, events_type = f"{service}/_service_event", f"{service_type}_Event"
             self._record(events, events_type)
             self._until(lambda: self._recorder.matched(events, events_type) > number, _MATCH_S)
-        return self._clients[key] if self._until_up(service, self._clients[key].service_is_ready, timeout_s) else None
+        return (
+            self._clients[key]
+            if self._until_up(service, self._clients[key].service_is_ready, timeout_s)
+            else None
+        )
 
     def _record(self, topic: str, topic_type: str, durability: str = "volatile") -> None:
         """Have a topic of our own recorded, which no snapshot of the graph shows."""
         offered = Qos(reliability="reliable", durability=durability)
-        self._recorder.follow([Endpoint("publisher", topic, topic_type, "", f"{GRADER_NAMESPACE}/probe", "", offered)])
+        self._recorder.follow(
+            [Endpoint("publisher", topic, topic_type, "", f"{GRADER_NAMESPACE}/probe", "", offered)]
+        )
 
     def _do_call(self, request: Mapping[str, Any]) -> Answer:
         service = self._names.get(request["service"], request["service"])
         services = [s for s in self._watch.last.services if "/srv/" in s.type]
-        kind, timeout_s = _offered_type(services, service, request["type"]), float(request["timeout_s"])
+        kind, timeout_s = (
+            _offered_type(services, service, request["type"]),
+            float(request["timeout_s"]),
+        )
         briefly_s = min(timeout_s, _BRIEFLY_S)
         timeout_s = briefly_s if service in self._silent else timeout_s
-        clients = [self._ready_client(service, kind, n, briefly_s) for n in range(int(request["clients"]))]
+        clients = [
+            self._ready_client(service, kind, n, briefly_s) for n in range(int(request["clients"]))
+        ]
         if any(client is None for client in clients):
             return "timeout", {"service": service, "calls": [], "problem": "the service is not up"}
         message = interface_named(kind).Request()
@@ -366,15 +406,26 @@ class Director:
         return self._probes[key]
 
     def _do_send_goal(self, request: Mapping[str, Any]) -> Answer:
-        action, timeout_s = self._names.get(request["action"], request["action"]), float(request["timeout_s"])
+        action, timeout_s = (
+            self._names.get(request["action"], request["action"]),
+            float(request["timeout_s"]),
+        )
         kind = _offered_type(self._watch.last.actions, action, request["type"])
-        probe, about = self._probe(action, kind), {"action": action, "type": kind, "goals": list[Any]()}
+        probe, about = (
+            self._probe(action, kind),
+            {"action": action, "type": kind, "goals": list[Any]()},
+        )
         if not self._until_up(action, lambda: probe.ready, min(timeout_s, _BRIEFLY_S)):
             return "timeout", {**about, "problem": "the action server is not up"}
-        self._until(lambda: self._recorder.matched(f"{action}/_action/feedback", f"{kind}_FeedbackMessage"), _MATCH_S)
+        self._until(
+            lambda: self._recorder.matched(f"{action}/_action/feedback", f"{kind}_FeedbackMessage"),
+            _MATCH_S,
+        )
         self._until(lambda: False, _KNOWN_S)
         timeout_s = min(timeout_s, _BRIEFLY_S) if action in self._silent else timeout_s
-        given = (values for values in (request["goal"], request["newer_goal"]) if values is not None)
+        given = (
+            values for values in (request["goal"], request["newer_goal"]) if values is not None
+        )
         goals = [_fill(goal := probe.type.Goal(), _known(goal, values)) for values in given]
         step = GoalStep(probe, request, timeout_s, *goals)
         try:
@@ -386,11 +437,19 @@ class Director:
         self._silent |= {action} if result["goals"][0]["accepted"] is None else set()
         return step.outcome, {**about, **result}
 
-    def _ask(self, request: Mapping[str, Any], operation: str, package: str = "rcl_interfaces", **fields: Any) -> Any:
+    def _ask(
+        self,
+        request: Mapping[str, Any],
+        operation: str,
+        package: str = "rcl_interfaces",
+        **fields: Any,
+    ) -> Any:
         """Call one of the parameter services of a request's node, or of another package; None without an answer."""
         service_type = f"{package}/srv/{operation.title().replace('_', '')}"
         timeout_s = float(request["timeout_s"])
-        client = self._ready_client(f"{self._node_name(request)}/{operation}", service_type, 0, timeout_s)
+        client = self._ready_client(
+            f"{self._node_name(request)}/{operation}", service_type, 0, timeout_s
+        )
         if client is None:
             return None
         future = client.call_async(interface_named(service_type).Request(**fields))
@@ -410,10 +469,17 @@ class Director:
         if got is None:
             return "timeout", {"node": node, "problem": _NO_ANSWER}
         values = {
-            name: {"type": Parameter.Type(v.type).name.lower(), "value": plain(parameter_value_to_python(v))}
+            name: {
+                "type": Parameter.Type(v.type).name.lower(),
+                "value": plain(parameter_value_to_python(v)),
+            }
             for name, v in zip(names, got.values, strict=False)
         }
-        return "done", {"node": node, "declared": plain(declared[:_MOST_DECLARED]), "values": values}
+        return "done", {
+            "node": node,
+            "declared": plain(declared[:_MOST_DECLARED]),
+            "values": values,
+        }
 
     def _do_set_parameters(self, request: Mapping[str, Any]) -> Answer:
         """Set parameters; one of another type, or of a misspelt name, as the student has it.
@@ -427,8 +493,14 @@ class Director:
         if refused:
             held = self._held(request)
             for name in tuple(refused):
-                value, own = request["values"][name], name if name in held else _misspelt(name, request["values"], held)
-                if own is not None and self._refused(request, {own: in_type_of(held[own], value)}) == {}:
+                value, own = (
+                    request["values"][name],
+                    name if name in held else _misspelt(name, request["values"], held),
+                )
+                if (
+                    own is not None
+                    and self._refused(request, {own: in_type_of(held[own], value)}) == {}
+                ):
                     del refused[name]
                     meant |= {name: own} if own != name else {}
         if refused is None:
@@ -438,7 +510,9 @@ class Director:
 
     def _held(self, request: Mapping[str, Any]) -> dict[str, Any]:
         """Return the values of all of a node's parameters, as far as they are passed on."""
-        got = self._do_get_parameters({key: value for key, value in request.items() if key != "names"})[1]
+        got = self._do_get_parameters(
+            {key: value for key, value in request.items() if key != "names"}
+        )[1]
         return {name: entry["value"] for name, entry in got.get("values", {}).items()}
 
     def _set_invalid(self, request: Mapping[str, Any]) -> Answer:
@@ -448,13 +522,21 @@ class Director:
         """
         node, wanted, held = self._node_name(request), request["values"], self._held(request)
         before = {name: held[name] for name in wanted if name in held}
-        refused = self._refused(request, {n: in_type_of(before.get(n), v) for n, v in wanted.items()})
-        after = {n: v for n, v in self._held(request).items() if n in wanted} if refused is not None else {}
+        refused = self._refused(
+            request, {n: in_type_of(before.get(n), v) for n, v in wanted.items()}
+        )
+        after = (
+            {n: v for n, v in self._held(request).items() if n in wanted}
+            if refused is not None
+            else {}
+        )
         kept = {"node": node, "refused": refused or {}, "before": before, "after": after}
         if changed := {n: v for n, v in before.items() if n in after and after[n] != v}:
             self._refused(request, changed)
         answered = refused is not None and before.keys() == after.keys()
-        return ("done" if answered else "timeout"), plain(kept | ({} if answered else {"problem": _NO_ANSWER}))
+        return ("done" if answered else "timeout"), plain(
+            kept | ({} if answered else {"problem": _NO_ANSWER})
+        )
 
     def _do_change_state(self, request: Mapping[str, Any]) -> Answer:
         node, about = self._node_name(request), "lifecycle_msgs"
@@ -462,24 +544,33 @@ class Director:
         # By its label: an id that is not possible in the node's state ends a node of rclpy.
         transition = interface_named("lifecycle_msgs/msg/Transition")(label=request["transition"])
         called_ns = time.time_ns()
-        changed = self._ask(request, "change_state", about, transition=transition) if before is not None else None
+        changed = (
+            self._ask(request, "change_state", about, transition=transition)
+            if before is not None
+            else None
+        )
         answered_ns = time.time_ns()
         after = self._ask(request, "get_state", about) if changed is not None else None
         if before is None or changed is None or after is None:
             return "timeout", {"node": node, "problem": _NO_LIFECYCLE if before is None else _STUCK}
         states = {
-            key: state.current_state.label[:_LONGEST_LABEL] for key, state in (("before", before), ("after", after))
+            key: state.current_state.label[:_LONGEST_LABEL]
+            for key, state in (("before", before), ("after", after))
         }
         times = {"called_ns": called_ns, "answered_ns": answered_ns}
         return "done", {"node": node, "success": changed.success, **states, **times}
 
-    def _refused(self, request: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, str] | None:
+    def _refused(
+        self, request: Mapping[str, Any], values: Mapping[str, Any]
+    ) -> dict[str, str] | None:
         """Set parameters; returns the reasons for which some were refused, None if there was no answer."""
         given = [Parameter(n, value=v).to_parameter_msg() for n, v in values.items()]
         answer = self._ask(request, "set_parameters", parameters=given)
         if answer is None:
             return None
-        return {n: r.reason for n, r in zip(values, answer.results, strict=False) if not r.successful}
+        return {
+            n: r.reason for n, r in zip(values, answer.results, strict=False) if not r.successful
+        }
 
 
 def _misspelt(name: str, values: Mapping[str, Any], held: Mapping[str, Any]) -> str | None:
@@ -533,7 +624,11 @@ def _offered_type(offers: Iterable[ServiceEndpoint], name: str, wanted: str) -> 
 
 def _known(message: Any, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the values for which a message has a field: a student's type may lack some."""
-    return {name: value for name, value in values.items() if name in message.get_fields_and_field_types()}
+    return {
+        name: value
+        for name, value in values.items()
+        if name in message.get_fields_and_field_types()
+    }
 
 
 _ELEMENT = re.compile(r"(?<!\w)(\w+)/(\w+)")
@@ -546,7 +641,11 @@ def _fill(message: Any, values: Mapping[str, Any]) -> Any:
         elif isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping):
             # An array of messages, whose type stands as `sequence<package/Name>` or `package/Name[3]`.
             element = _ELEMENT.search(message.get_fields_and_field_types()[name])
-            made = interface_named("{}/msg/{}".format(*element.groups())) if element is not None else dict
+            made = (
+                interface_named("{}/msg/{}".format(*element.groups()))
+                if element is not None
+                else dict
+            )
             setattr(message, name, [_fill(made(), each) for each in value])
         else:
             setattr(message, name, value)

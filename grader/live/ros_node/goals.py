@@ -46,7 +46,9 @@ class ActionProbe:
         self._client = ActionClient(node, self.type, action)
         self._goals: dict[bytes, Goal] = {}
         message, topic = self.type.Impl.FeedbackMessage, f"{action}/_action/feedback"
-        node.create_subscription(message, topic, self._take_feedback, QoSProfile(depth=_FEEDBACK_DEPTH), raw=True)
+        node.create_subscription(
+            message, topic, self._take_feedback, QoSProfile(depth=_FEEDBACK_DEPTH), raw=True
+        )
 
     @property
     def ready(self) -> bool:
@@ -88,7 +90,9 @@ class Goal:
             "result": None,
             "cancel": None,
         }
-        client.send_goal_async(message, goal_uuid=UUID(uuid=list(self.id))).add_done_callback(self._answered)
+        client.send_goal_async(message, goal_uuid=UUID(uuid=list(self.id))).add_done_callback(
+            self._answered
+        )
 
     @property
     def under_way(self) -> bool:
@@ -99,7 +103,9 @@ class Goal:
     def over(self) -> bool:
         """Whether nothing more is to come of it: it was rejected, or its result is there and a cancelling answered."""
         ended = self.record["accepted"] is False or self.record["ended_ns"] is not None
-        return ended and (self.record["cancel"] is None or self.record["cancel"]["answered_ns"] is not None)
+        return ended and (
+            self.record["cancel"] is None or self.record["cancel"]["answered_ns"] is not None
+        )
 
     @property
     def accepted_for_s(self) -> float:
@@ -109,14 +115,23 @@ class Goal:
     def cancel(self) -> None:
         """Ask for it to be cancelled, if that was not done before."""
         if self.record["cancel"] is None:
-            self.record["cancel"] = {"sent_ns": time.time_ns(), "answered_ns": None, "accepted": None, "code": None}
+            self.record["cancel"] = {
+                "sent_ns": time.time_ns(),
+                "answered_ns": None,
+                "accepted": None,
+                "code": None,
+            }
             self._handle.cancel_goal_async().add_done_callback(self._cancel_answered)
 
     def take_feedback(self, kind: type, data: bytes, source_ns: int) -> None:
         """Note a message of feedback."""
         self.record["feedback_count"] += 1
         kept = self.record["feedback"]
-        if len(kept) < _MOST_FEEDBACK and len(data) <= _LARGEST_FEEDBACK_BYTES and self._room.left > 0:
+        if (
+            len(kept) < _MOST_FEEDBACK
+            and len(data) <= _LARGEST_FEEDBACK_BYTES
+            and self._room.left > 0
+        ):
             values = None
             with suppress(Exception):  # Whoever publishes without ROS may send what is no message.
                 values = plain(deserialize_message(data, kind).feedback, self._room)
@@ -134,7 +149,11 @@ class Goal:
         self._handle = future.result()
         stamp = self._handle.stamp
         stamp_ns = stamp.sec * 10**9 + stamp.nanosec
-        self.record |= {"answered_ns": time.time_ns(), "accepted": self._handle.accepted, "stamp_ns": stamp_ns}
+        self.record |= {
+            "answered_ns": time.time_ns(),
+            "accepted": self._handle.accepted,
+            "stamp_ns": stamp_ns,
+        }
         if self._handle.accepted:
             self._handle.get_result_async().add_done_callback(self._ended)
 
@@ -146,7 +165,11 @@ class Goal:
     def _cancel_answered(self, future: Any) -> None:
         response = future.result()
         accepted = any(bytes(info.goal_id.uuid) == self.id for info in response.goals_canceling)
-        self.record["cancel"] |= {"answered_ns": time.time_ns(), "accepted": accepted, "code": response.return_code}
+        self.record["cancel"] |= {
+            "answered_ns": time.time_ns(),
+            "accepted": accepted,
+            "code": response.return_code,
+        }
 
 
 def _status(number: int) -> str:
@@ -160,7 +183,12 @@ class GoalStep:
     """
 
     def __init__(
-        self, probe: ActionProbe, request: Mapping[str, Any], timeout_s: float, goal: Any, newer: Any = None
+        self,
+        probe: ActionProbe,
+        request: Mapping[str, Any],
+        timeout_s: float,
+        goal: Any,
+        newer: Any = None,
     ) -> None:
         self._probe, self._request, self._newer = probe, request, newer
         self._deadline, self._gone = Deadline(timeout_s), Deadline(_GONE_S)
@@ -173,24 +201,40 @@ class GoalStep:
         first = self.goals[0]
         if first.under_way and self._is_time_to_cancel(first):
             first.cancel()
-        if first.under_way and self._newer is not None and first.accepted_for_s >= self._request["newer_after_s"]:
+        if (
+            first.under_way
+            and self._newer is not None
+            and first.accepted_for_s >= self._request["newer_after_s"]
+        ):
             self.goals.append(self._probe.send(self._newer))
             self._newer = None
         if all(goal.over for goal in self.goals):
-            self._settled = self._settled or Deadline(_SETTLED_S if first.record["accepted"] else 0.0)
+            self._settled = self._settled or Deadline(
+                _SETTLED_S if first.record["accepted"] else 0.0
+            )
             self.outcome = "done" if self._settled.passed() else ""
         else:
             self._gone = self._gone if not self._probe.ready else Deadline(_GONE_S)
             # A server that is gone would never have answered, however busy the machine.
-            self.outcome = "timeout" if self._deadline.passed() else "failed" if self._gone.passed() else ""
+            self.outcome = (
+                "timeout" if self._deadline.passed() else "failed" if self._gone.passed() else ""
+            )
         return bool(self.outcome)
 
     def _is_time_to_cancel(self, goal: Goal) -> bool:
-        after_s, after_feedback = self._request["cancel_after_s"], self._request["cancel_after_feedback"]
+        after_s, after_feedback = (
+            self._request["cancel_after_s"],
+            self._request["cancel_after_feedback"],
+        )
         waited = after_s is not None and goal.accepted_for_s >= after_s
-        return waited or (after_feedback is not None and goal.record["feedback_count"] >= after_feedback)
+        return waited or (
+            after_feedback is not None and goal.record["feedback_count"] >= after_feedback
+        )
 
     def result(self) -> dict[str, Any]:
         """Return what came of its goals."""
         stall_ns = round(self._deadline.stall_s * 1e9)
-        return {"goals": [goal.finish() for goal in self.goals], **({"held_up_ns": stall_ns} if stall_ns else {})}
+        return {
+            "goals": [goal.finish() for goal in self.goals],
+            **({"held_up_ns": stall_ns} if stall_ns else {}),
+        }

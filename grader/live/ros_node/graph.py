@@ -48,7 +48,12 @@ T = TypeVar("T")
 def new_context(domain_id: int | None) -> rclpy.Context:
     """Make a context that leaves signals alone, of the environment's domain where none is given."""
     context = rclpy.Context()
-    rclpy.init(args=[], context=context, domain_id=domain_id, signal_handler_options=rclpy.SignalHandlerOptions.NO)
+    rclpy.init(
+        args=[],
+        context=context,
+        domain_id=domain_id,
+        signal_handler_options=rclpy.SignalHandlerOptions.NO,
+    )
     return context
 
 
@@ -153,14 +158,18 @@ def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
     ]
 
 
-def snapshot(node: Node, own_prefix: str, first: Collection[str], before: GraphSnapshot) -> GraphSnapshot:
+def snapshot(
+    node: Node, own_prefix: str, first: Collection[str], before: GraphSnapshot
+) -> GraphSnapshot:
     """Take a snapshot of the graph, without the endpoints of the process that `own_prefix` is of.
 
     Of too many topics those of `first` are looked at before all others. Where names are not known, those of the last
     snapshot stand in.
     """
     taken = GraphSnapshot(time.time_ns())
-    named = _readable(node.get_node_names_and_namespaces, [full.rsplit("/", 1)[::-1] for full in before.nodes])
+    named = _readable(
+        node.get_node_names_and_namespaces, [full.rsplit("/", 1)[::-1] for full in before.nodes]
+    )
     taken.nodes = sorted(full_name(namespace, name) for name, namespace in named)
     known = {*first, *(endpoint.topic for endpoint in before.endpoints)}
     topics = sorted(name for name, _ in _topics(node, known) if not is_reserved(name))
@@ -168,19 +177,32 @@ def snapshot(node: Node, own_prefix: str, first: Collection[str], before: GraphS
     for topic in topics[:MAX_TOPICS]:
         if len(taken.endpoints) >= MAX_ENDPOINTS:
             break
-        taken.endpoints += [e for e in _endpoints_of(node, topic) if not e.gid.startswith(own_prefix)]
+        taken.endpoints += [
+            e for e in _endpoints_of(node, topic) if not e.gid.startswith(own_prefix)
+        ]
     # Nodes are told apart by their names alone. In our namespace those with endpoints of others are kept.
     others = {endpoint.node for endpoint in taken.endpoints}
-    taken.endpoints = sorted(taken.endpoints[:MAX_ENDPOINTS], key=lambda e: (e.topic, e.kind, e.gid))
-    taken.nodes = [full for full in taken.nodes if not is_reserved(full) or full in others][:MAX_NODES]
+    taken.endpoints = sorted(
+        taken.endpoints[:MAX_ENDPOINTS], key=lambda e: (e.topic, e.kind, e.gid)
+    )
+    taken.nodes = [full for full in taken.nodes if not is_reserved(full) or full in others][
+        :MAX_NODES
+    ]
     for full in sorted(set(taken.nodes)):
         taken.services += _services_of(node.get_service_names_and_types_by_node, full)
         taken.clients += _services_of(node.get_client_names_and_types_by_node, full)
     if len(taken.nodes) > len(set(taken.nodes)):
         # Of several nodes of one name the middleware tells the services of one alone.
-        several, known = Counter(taken.nodes).most_common(1)[0][0], {service.name for service in taken.services}
+        several, known = (
+            Counter(taken.nodes).most_common(1)[0][0],
+            {service.name for service in taken.services},
+        )
         for found in _services_of(lambda *_: node.get_service_names_and_types(), several):
-            if found.name not in known and _TOPIC_NAME.fullmatch(found.name) and node.count_services(found.name):
+            if (
+                found.name not in known
+                and _TOPIC_NAME.fullmatch(found.name)
+                and node.count_services(found.name)
+            ):
                 taken.services.append(found)
     return taken
 
@@ -190,16 +212,24 @@ def _glance(node: Node) -> object:
     topics = _topics(node, ())
     handle, names = node.handle, [name for name, _ in topics[:MAX_TOPICS]]
     with handle:
-        counts = [(handle.get_count_publishers(name), handle.get_count_subscribers(name)) for name in names]
+        counts = [
+            (handle.get_count_publishers(name), handle.get_count_subscribers(name))
+            for name in names
+        ]
     nodes, services = (
-        _readable(ask, []) for ask in (node.get_node_names_and_namespaces, node.get_service_names_and_types)
+        _readable(ask, [])
+        for ask in (node.get_node_names_and_namespaces, node.get_service_names_and_types)
     )
     return nodes, topics, counts, services
 
 
-def _services_of(ask: Callable[[str, str], list[tuple[str, list[str]]]], full: str) -> list[ServiceEndpoint]:
+def _services_of(
+    ask: Callable[[str, str], list[tuple[str, list[str]]]], full: str
+) -> list[ServiceEndpoint]:
     namespace, name = full.rsplit("/", 1)
-    found = _readable(partial(ask, name, namespace or "/"), [])[:MAX_TOPICS]  # none where the node left in between
+    found = _readable(partial(ask, name, namespace or "/"), [])[
+        :MAX_TOPICS
+    ]  # none where the node left in between
     return [ServiceEndpoint(service, kind, full) for service, kinds in found for kind in kinds]
 
 
@@ -216,7 +246,9 @@ class GraphWatch:
     #: last is kept up.
     MAX_CHANGES, MAX_ENTRIES = 500, 50_000
 
-    def __init__(self, node: Node, on_change: Callable[[GraphSnapshot], None], first: set[str]) -> None:
+    def __init__(
+        self, node: Node, on_change: Callable[[GraphSnapshot], None], first: set[str]
+    ) -> None:
         self._node = node
         self.first = first
         self.own_prefix = gid_prefix_of(node)
@@ -242,7 +274,9 @@ class GraphWatch:
         if not self._changes or taken != replace(self.last, t_ns=taken.t_ns):
             self.last = taken
             self._changes += 1
-            self._entries += len(taken.nodes) + len(taken.endpoints) + len(taken.services) + len(taken.clients)
+            self._entries += (
+                len(taken.nodes) + len(taken.endpoints) + len(taken.services) + len(taken.clients)
+            )
             if not self._too_much:
                 self._on_change(taken)
         return self.last

@@ -96,13 +96,16 @@ def send(plan: LinkPlan) -> None:
         messages = [serialize_message(interface_named(topic.type)()) for topic in plan.topics]
         publishers = [
             [
-                node.create_publisher(interface_named(topic.type), _name(number, level), profile_of(topic.offered))
+                node.create_publisher(
+                    interface_named(topic.type), _name(number, level), profile_of(topic.offered)
+                )
                 for number, topic in enumerate(plan.topics)
             ]
             for level in range(len(plan.loss))
         ]
         compatible = [
-            qos_check_compatible(profile_of(t.offered), profile_of(t.requested))[0] != QoSCompatibility.ERROR
+            qos_check_compatible(profile_of(t.offered), profile_of(t.requested))[0]
+            != QoSCompatibility.ERROR
             for t in plan.topics
         ]
         end_s = time.monotonic() + _MATCH_S
@@ -115,7 +118,11 @@ def send(plan: LinkPlan) -> None:
         time.sleep(_KNOWN_S)
         for level, row in enumerate(publishers):
             _say("begin", level)
-            _say("sent", level, _publish(list(zip(row, messages, strict=True)), plan.rate_hz, plan.duration_s))
+            _say(
+                "sent",
+                level,
+                _publish(list(zip(row, messages, strict=True)), plan.rate_hz, plan.duration_s),
+            )
             if not sys.stdin.readline():
                 return
         _say("done")
@@ -173,7 +180,11 @@ class _Receiver:
         for number, topic in enumerate(self._plan.topics):
             kind = interface_named(topic.type)
             made = self._node.create_subscription(
-                kind, _name(number, level), lambda message: None, profile_of(topic.requested), raw=True
+                kind,
+                _name(number, level),
+                lambda message: None,
+                profile_of(topic.requested),
+                raw=True,
             )
             self.readers.append(_Reader(made.handle, kind, made, number, level, late))
         context = self._node.context.handle
@@ -190,7 +201,9 @@ class _Receiver:
 
     def received(self) -> list[list[dict[str, Any]]]:
         """Return for each topic and level what came, and what came to each subscription that joined late."""
-        found: list[list[dict[str, Any]]] = [[{"late": []} for _ in self._plan.loss] for _ in self._plan.topics]
+        found: list[list[dict[str, Any]]] = [
+            [{"late": []} for _ in self._plan.loss] for _ in self._plan.topics
+        ]
         for reader in self.readers:
             here = found[reader.number][reader.level]
             if reader.late:

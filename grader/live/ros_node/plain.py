@@ -30,7 +30,9 @@ def plain(value: Any, room: Room | None = None) -> Any:
     if isinstance(value, Mapping):
         return {str(name): plain(inner, room) for name, inner in value.items()}
     if hasattr(value, "get_fields_and_field_types"):
-        return {name: plain(getattr(value, name), room) for name in value.get_fields_and_field_types()}
+        return {
+            name: plain(getattr(value, name), room) for name in value.get_fields_and_field_types()
+        }
     if not isinstance(value, str) and hasattr(value, "__iter__"):
         return _elements(value, room)
     text = str(value)[: min(LONGEST_TEXT, room.left)]
@@ -40,5 +42,7 @@ def plain(value: Any, room: Room | None = None) -> Any:
 
 def _elements(value: Any, room: Room) -> list[Any]:
     # Those of an array have types of their own, which JSON does not know.
-    some = value[:MOST_ELEMENTS].tolist() if hasattr(value, "tolist") else islice(value, MOST_ELEMENTS)
+    some = (
+        value[:MOST_ELEMENTS].tolist() if hasattr(value, "tolist") else islice(value, MOST_ELEMENTS)
+    )
     return [plain(element, room) for element in some if room.left > 0]

@@ -54,7 +54,9 @@ class Player:
                 raise ImportError(f"{info.topic_type} has another definition here")
             kind = interface_named(info.topic_type)
             publisher = self._node.create_publisher(kind, info.topic, _offered(info.qos_text))
-        except Exception as problem:  # Names and types are a student's, and rcl has many ways to refuse them.
+        except (
+            Exception
+        ) as problem:  # Names and types are a student's, and rcl has many ways to refuse them.
             return f"not played: {problem}"
         self._publishers[info.topic, info.topic_type] = publisher
         return f"{info.count} messages, {info.topic_type}"
@@ -62,7 +64,9 @@ class Player:
     def await_subscription(self) -> None:
         """Wait until somebody subscribes to one of its topics, but not for long: nobody need."""
         deadline_s = time.monotonic() + _DISCOVERY_S
-        while time.monotonic() < deadline_s and not any(p.get_subscription_count() for p in self._publishers.values()):
+        while time.monotonic() < deadline_s and not any(
+            p.get_subscription_count() for p in self._publishers.values()
+        ):
             time.sleep(_LOOK_S)
         time.sleep(_KNOWN_S)
 
@@ -98,7 +102,9 @@ def _offered(qos_text: str) -> QoSProfile:
     """Return what all of a topic's recorded publishers offered, as far as it decides who receives."""
     profiles: list[dict[str, Any]] = yaml.safe_load(qos_text) or []
     reliable = all(profile.get("reliability") != "best_effort" for profile in profiles)
-    latched = bool(profiles) and all(profile.get("durability") == "transient_local" for profile in profiles)
+    latched = bool(profiles) and all(
+        profile.get("durability") == "transient_local" for profile in profiles
+    )
     return QoSProfile(
         depth=_DEPTH,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,

@@ -80,9 +80,14 @@ class _Line:
             history=HistoryPolicy.KEEP_LAST,
             depth=_DEPTH,
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-            durability=DurabilityPolicy.TRANSIENT_LOCAL if transient_local else DurabilityPolicy.VOLATILE,
+            durability=DurabilityPolicy.TRANSIENT_LOCAL
+            if transient_local
+            else DurabilityPolicy.VOLATILE,
         )
-        events, ignored = SubscriptionEventCallbacks(use_default_callbacks=False), lambda data, info: None
+        events, ignored = (
+            SubscriptionEventCallbacks(use_default_callbacks=False),
+            lambda data, info: None,
+        )
         self.subscriptions.append(
             self.node.create_subscription(
                 self.message_type, self.topic, ignored, profile, raw=True, event_callbacks=events
@@ -143,13 +148,19 @@ class Recorder:
         """How many publishers the recorder receives a topic from at this moment."""
         with self._lock:
             line = self._lines.get((topic, topic_type))
-            return 0 if line is None or line.stopped else int(line.subscriptions[-1].get_publisher_count())
+            return (
+                0
+                if line is None or line.stopped
+                else int(line.subscriptions[-1].get_publisher_count())
+            )
 
     def _leave_out(
         self, key: tuple[str, str], reason: str, limit: bool, messages: int = 0, size_bytes: int = 0
     ) -> None:
         if len(self.unrecorded) < _MOST_UNRECORDED:
-            self.unrecorded.append(RecordingGap(*key, time.time_ns(), messages, size_bytes, reason, limit))
+            self.unrecorded.append(
+                RecordingGap(*key, time.time_ns(), messages, size_bytes, reason, limit)
+            )
 
     # -- subscribing: on the caller's thread ---------------------------------------------------
 
@@ -201,7 +212,9 @@ class Recorder:
     def _node(self, level: int) -> Node:
         """The node whose participant holds the type number `level` of a topic."""
         if level >= _TYPES_PER_TOPIC:
-            raise _LimitReached(f"{_TYPES_PER_TOPIC} other types of this topic are recorded already")
+            raise _LimitReached(
+                f"{_TYPES_PER_TOPIC} other types of this topic are recorded already"
+            )
         if level == len(self._nodes):
             self._nodes.append(silent_node(f"{NODE_NAME}_{level}", new_context(self._domain_id)))
         return self._nodes[level]
@@ -241,7 +254,9 @@ class Recorder:
                 for subscription in line.subscriptions:
                     self._empty(line, subscription.handle.take_message)
 
-    def _empty(self, line: _Line, take: Callable[[type, bool], tuple[bytes, dict[str, Any]] | None]) -> None:
+    def _empty(
+        self, line: _Line, take: Callable[[type, bool], tuple[bytes, dict[str, Any]] | None]
+    ) -> None:
         # Never more at a time than the queue holds, so that one topic cannot keep the others waiting.
         for _ in range(_DEPTH):
             if line.stopped or (message := take(line.message_type, True)) is None:
@@ -257,7 +272,9 @@ class Recorder:
             self._cut(line)
             return
         received_ns = info["received_timestamp"]
-        self._writer.write(line.channel, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence)
+        self._writer.write(
+            line.channel, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence
+        )
         self._left_bytes -= cost_bytes
         line.written_bytes += cost_bytes
         line.count += 1

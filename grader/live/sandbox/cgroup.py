@@ -27,7 +27,12 @@ _ENTER = 'while [ "$1" != -- ]; do echo $$ > "$1/cgroup.procs" || exit 125; shif
 #: Files of the memory controller by version: its limit, that of swap (in version 1 of both together), what is taken,
 #: and how often it killed.
 _MEMORY_FILES = {
-    1: ("memory.limit_in_bytes", "memory.memsw.limit_in_bytes", "memory.usage_in_bytes", "memory.oom_control"),
+    1: (
+        "memory.limit_in_bytes",
+        "memory.memsw.limit_in_bytes",
+        "memory.usage_in_bytes",
+        "memory.oom_control",
+    ),
     2: ("memory.max", "memory.swap.max", "memory.current", "memory.events"),
 }
 
@@ -56,7 +61,9 @@ class SandboxCgroup:
         self._version = parents.version
         name = f"grade-{os.getuid()}-{label}"
         self._memory, self._processes = Path(parents.memory) / name, Path(parents.processes) / name
-        self._limit, self._swap, self._taken, self._kills = (self._memory / n for n in _MEMORY_FILES[parents.version])
+        self._limit, self._swap, self._taken, self._kills = (
+            self._memory / n for n in _MEMORY_FILES[parents.version]
+        )
         self._cpu = Path(parents.cpu) / name if parents.cpu is not None else None
 
     def make(self, memory_bytes: int = MEMORY_BYTES, processes: int = PROCESSES) -> None:
@@ -114,7 +121,11 @@ class SandboxCgroup:
             time.sleep(0.002)
 
     def _folders(self) -> list[Path]:
-        return [folder for folder in dict.fromkeys((self._memory, self._processes, self._cpu)) if folder is not None]
+        return [
+            folder
+            for folder in dict.fromkeys((self._memory, self._processes, self._cpu))
+            if folder is not None
+        ]
 
 
 def _counter(file: Path, name: str) -> int:
@@ -134,11 +145,22 @@ def cgroup_parents() -> list[CgroupParents]:
         # Where the same hierarchy shares out CPU time, a group in it would change how all threads are scheduled.
         apart = "cpuacct" in mounts and mounts["cpuacct"] != mounts.get("cpu")
         cpu = _within(mounts["cpuacct"], own.get("cpuacct", "/")) if apart else None
-        parents.append(CgroupParents(memory, pids, cpu if cpu is not None and os.access(cpu, os.W_OK) else None, 1))
+        parents.append(
+            CgroupParents(
+                memory, pids, cpu if cpu is not None and os.access(cpu, os.W_OK) else None, 1
+            )
+        )
     if "" in mounts:
         root = mounts[""]
-        parents += [CgroupParents(folder, folder, folder, 2) for folder in (root, _within(root, own.get("", "/")))]
-    return list(dict.fromkeys(p for p in parents if os.access(p.memory, os.W_OK) and os.access(p.processes, os.W_OK)))
+        parents += [
+            CgroupParents(folder, folder, folder, 2)
+            for folder in (root, _within(root, own.get("", "/")))
+        ]
+    return list(
+        dict.fromkeys(
+            p for p in parents if os.access(p.memory, os.W_OK) and os.access(p.processes, os.W_OK)
+        )
+    )
 
 
 def _within(mount: str, group: str) -> str:

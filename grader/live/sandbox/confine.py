@@ -73,7 +73,9 @@ def main() -> None:
     try:
         os.chdir(plan.cwd)  # as the student's user, who named it
     except OSError as error:
-        sys.exit(f"this cannot be started: its working folder {plan.cwd} cannot be entered: {error.strerror}")
+        sys.exit(
+            f"this cannot be started: its working folder {plan.cwd} cannot be entered: {error.strerror}"
+        )
     end_with_parent()
     program = FilterProgram.of(filter_program(own_spaces=False, own_user=plan.uid is not None))
     _prctl(_SET_SECCOMP, _FILTER_MODE, ctypes.addressof(program))
@@ -132,7 +134,9 @@ def _allow(ruleset: int, path: Path, access: int) -> None:
         try:
             if not stat.S_ISDIR(os.fstat(opened).st_mode):
                 access &= _OF_FILES
-            call("syscall", _ADD_RULE, ruleset, _PATH_BENEATH, struct.pack("=Qi", access, opened), 0)
+            call(
+                "syscall", _ADD_RULE, ruleset, _PATH_BENEATH, struct.pack("=Qi", access, opened), 0
+            )
         finally:
             os.close(opened)
 

@@ -64,9 +64,19 @@ def with_prefixes(environment: Mapping[str, str], prefixes: Sequence[str]) -> di
     Of two packages of a name, that of an earlier prefix counts, but what the environment has counts before all.
     """
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
-    below = {"AMENT_PREFIX_PATH": "", "PYTHONPATH": f"/lib/{version}/site-packages", "LD_LIBRARY_PATH": "/lib"}
-    paths = {name: [environment.get(name, ""), *(f"{p}{folder}" for p in prefixes)] for name, folder in below.items()}
-    return {**environment, **{name: ":".join(filter(None, parts)) for name, parts in paths.items() if any(parts)}}
+    below = {
+        "AMENT_PREFIX_PATH": "",
+        "PYTHONPATH": f"/lib/{version}/site-packages",
+        "LD_LIBRARY_PATH": "/lib",
+    }
+    paths = {
+        name: [environment.get(name, ""), *(f"{p}{folder}" for p in prefixes)]
+        for name, folder in below.items()
+    }
+    return {
+        **environment,
+        **{name: ":".join(filter(None, parts)) for name, parts in paths.items() if any(parts)},
+    }
 
 
 def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
@@ -83,7 +93,9 @@ def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
     }
 
 
-def student_environment(interpreter: Path, home: str, workspace: str, inside: str, domain_id: int) -> dict[str, str]:
+def student_environment(
+    interpreter: Path, home: str, workspace: str, inside: str, domain_id: int
+) -> dict[str, str]:
     """Environment of a student's process, with paths as it sees them.
 
     Where `interpreter` is of a virtual environment with the ROS wheels, these are set up.
@@ -124,7 +136,9 @@ def require_platform(interpreter: Path | None = None) -> None:
         return
     # In the environment that students' processes get: every submission would fail for want of rclpy.
     try:
-        if not ask_interpreter(interpreter, "import rclpy, std_msgs.msg, std_srvs.srv; print('imported')"):
+        if not ask_interpreter(
+            interpreter, "import rclpy, std_msgs.msg, std_srvs.srv; print('imported')"
+        ):
             raise ValueError("it does not answer")
     except ValueError as problem:
         raise PlatformError(
@@ -137,8 +151,19 @@ def require_platform(interpreter: Path | None = None) -> None:
 
 def versions() -> dict[str, str]:
     """Return the versions that a recording keeps."""
-    named = {"grader": grader.__version__, "python": platform.python_version(), "kernel": platform.release()}
-    for package in ("ros-jazzy-rclpy", "ros-fastrtps", "ros-rmw-fastrtps-cpp", "mcap", "rosbags", "numpy"):
+    named = {
+        "grader": grader.__version__,
+        "python": platform.python_version(),
+        "kernel": platform.release(),
+    }
+    for package in (
+        "ros-jazzy-rclpy",
+        "ros-fastrtps",
+        "ros-rmw-fastrtps-cpp",
+        "mcap",
+        "rosbags",
+        "numpy",
+    ):
         try:
             named[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:
@@ -213,7 +238,9 @@ def find_native_launch(interpreter: Path, choice: str) -> NativeLaunch | None:
     if choice == "standin":
         return None
     try:
-        return NativeLaunch(**json.loads(ask_interpreter(interpreter, _FIND_LAUNCH, isolated=False)))
+        return NativeLaunch(
+            **json.loads(ask_interpreter(interpreter, _FIND_LAUNCH, isolated=False))
+        )
     except (ValueError, TypeError) as problem:
         if choice == "auto":
             return None
@@ -237,7 +264,11 @@ def absent_modules(interpreter: Path, names: Sequence[str]) -> list[str] | None:
 
     Nothing of the submission is on its path, and no module is imported for it.
     """
-    own = [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")] if interpreter == OWN_INTERPRETER else []
+    own = (
+        [sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
+        if interpreter == OWN_INTERPRETER
+        else []
+    )
     unknown = [name for name in names if not own or PathFinder.find_spec(name, own) is None]
     try:
         return ask_interpreter(interpreter, _FIND, *unknown).split() if unknown else []
@@ -248,7 +279,9 @@ def absent_modules(interpreter: Path, names: Sequence[str]) -> list[str] | None:
 def interpreter_roots(interpreter: Path) -> list[Path]:
     """Folders that an interpreter needs to run: its virtual environment and the installation behind it."""
     real = interpreter.resolve().parent.parent
-    stdlib = Path(sysconfig.get_path("stdlib")).parent.parent if interpreter == OWN_INTERPRETER else real
+    stdlib = (
+        Path(sysconfig.get_path("stdlib")).parent.parent if interpreter == OWN_INTERPRETER else real
+    )
     # A link may lie anywhere, such as in ~/bin: what else is there is nobody's business.
     linked = [path.parent.parent for path in (interpreter, *_links_of(interpreter))]
     installed = [p for p in linked if (p / "pyvenv.cfg").is_file() or any(p.glob("lib*/python3*"))]
@@ -258,7 +291,11 @@ def interpreter_roots(interpreter: Path) -> list[Path]:
 def interpreter_links(interpreter: Path) -> dict[Path, str]:
     """Links on the way to the real program that lie in none of its folders -> what each of them says."""
     roots = interpreter_roots(interpreter)
-    apart = [link for link in _links_of(interpreter) if not any(link.is_relative_to(root) for root in roots)]
+    apart = [
+        link
+        for link in _links_of(interpreter)
+        if not any(link.is_relative_to(root) for root in roots)
+    ]
     return {link: str(link.readlink()) for link in apart}
 
 

@@ -21,7 +21,12 @@ from typing import Any
 import grader
 from grader.live.sandbox.cgroup import PROCESSES, CgroupParents, SandboxCgroup
 from grader.live.sandbox.confine import Confinement, confines_signals
-from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, interpreter_links, interpreter_roots
+from grader.live.sandbox.environment import (
+    INSIDE_FOLDER,
+    LAUNCHING_FOLDER,
+    interpreter_links,
+    interpreter_roots,
+)
 from grader.live.sandbox.machine import processes_of_user, tasks_of
 from grader.live.sandbox.namespaces import Form
 from grader.live.sandbox.seccomp import open_filter
@@ -73,7 +78,11 @@ class Level(str, Enum):
         return cls(word.replace("-", " "))
 
 
-_NAMESPACES = ("own network with loopback only", "own process ids", "sized private /tmp, /dev/shm and home")
+_NAMESPACES = (
+    "own network with loopback only",
+    "own process ids",
+    "sized private /tmp, /dev/shm and home",
+)
 _FILES = "no file may be changed but its own, and none read that is not needed"
 _FILTER = "no privileges, and a system call filter"
 _LIMITS = "limits on memory, processes, disk, files, output and time"
@@ -115,13 +124,22 @@ class Isolation:
     def _coverage(self) -> tuple[list[str], list[str]]:
         if self.namespaces:
             covers = [*_NAMESPACES, _FILES, _FILTER, _LIMITS]
-            return ([*covers, _ALL_TOGETHER], []) if self.level is Level.FULL else (covers, [_ALL_TOGETHER])
+            return (
+                ([*covers, _ALL_TOGETHER], [])
+                if self.level is Level.FULL
+                else (covers, [_ALL_TOGETHER])
+            )
         if self.level is Level.NONE:
             return ["limits on output and time"], [*_NAMESPACES, _FILES, _FILTER, _LIMITS]
-        covers, lacks = [_FILES, _FILTER, _LIMITS, "no connections by TCP"], [*_NAMESPACES, _ALL_TOGETHER]
+        covers, lacks = (
+            [_FILES, _FILTER, _LIMITS, "no connections by TCP"],
+            [*_NAMESPACES, _ALL_TOGETHER],
+        )
         lacks.append("UDP to other machines is not blocked")
         if not self.own_uid and os.geteuid() == 0:
-            lacks.append("a user id of its own: students' code runs as root, without its privileges")
+            lacks.append(
+                "a user id of its own: students' code runs as root, without its privileges"
+            )
         if not self.own_uid and not confines_signals():
             lacks.append("signals to the grader's processes")
         return covers, lacks
@@ -166,9 +184,16 @@ def first_student_uid() -> int:
     many, few = STUDENT_UIDS
     namespace = Path("/proc/self/ns/net").stat().st_ino
     first = many[namespace % (len(many) // _UIDS_OF_NETWORK) * _UIDS_OF_NETWORK]
-    mapped = [[int(word) for word in line.split()] for line in Path("/proc/self/uid_map").read_text().splitlines()]
+    mapped = [
+        [int(word) for word in line.split()]
+        for line in Path("/proc/self/uid_map").read_text().splitlines()
+    ]
     last = first + _UIDS_OF_NETWORK - 1
-    return first if any(start <= first and last < start + count for start, _, count in mapped) else few[0]
+    return (
+        first
+        if any(start <= first and last < start + count for start, _, count in mapped)
+        else few[0]
+    )
 
 
 @dataclass(frozen=True)
@@ -206,7 +231,10 @@ class Room:
     def seen(self, isolation: Isolation) -> dict[str, str]:
         """Return where a student's process sees its folders."""
         folders = {**self.areas, **self.tools}
-        return {target: target if isolation.namespaces else str(folder) for target, folder in folders.items()}
+        return {
+            target: target if isolation.namespaces else str(folder)
+            for target, folder in folders.items()
+        }
 
 
 @contextmanager
@@ -233,9 +261,14 @@ def confined(
         return
     if not isolation.namespaces:
         # It counts all of a user's threads.
-        others = sum(len(tasks_of(pid)) for pid in processes_of_user(os.getuid())) if uid is None else 0
+        others = (
+            sum(len(tasks_of(pid)) for pid in processes_of_user(os.getuid())) if uid is None else 0
+        )
         limits["nproc"] = PROCESSES + others
-        read, write = _readable(room), [*map(str, room.areas.values()), *(f"/dev/{name}" for name in _DEVICES)]
+        read, write = (
+            _readable(room),
+            [*map(str, room.areas.values()), *(f"/dev/{name}" for name in _DEVICES)],
+        )
         confinement = Confinement(list(command), dict(environment), cwd, read, write, uid, limits)
         yield confinement.argv(sys.executable), (), None
         return
@@ -247,26 +280,57 @@ def confined(
         os.set_blocking(info_read, False)
         seccomp = open_filter()
         passed.callback(os.close, seccomp)
-        arguments = ["bwrap", "--unshare-pid", "--unshare-ipc", "--unshare-uts", "--unshare-cgroup-try"]
-        arguments += ["--die-with-parent", "--new-session", "--info-fd", str(info_write), "--hostname", "lab"]
+        arguments = [
+            "bwrap",
+            "--unshare-pid",
+            "--unshare-ipc",
+            "--unshare-uts",
+            "--unshare-cgroup-try",
+        ]
+        arguments += [
+            "--die-with-parent",
+            "--new-session",
+            "--info-fd",
+            str(info_write),
+            "--hostname",
+            "lab",
+        ]
         arguments += ["--seccomp", str(seccomp)]
         if isolation.form is Form.USER:
             arguments += ["--unshare-user", "--uid", "1000", "--gid", "1000"]
             arguments += [] if isolation.old_bubblewrap else ["--disable-userns"]
         else:
             arguments += ["--cap-drop", "ALL"]
-            arguments += [word for name in ("SETUID", "SETGID", "SETPCAP") for word in ("--cap-add", f"CAP_{name}")]
+            arguments += [
+                word
+                for name in ("SETUID", "SETGID", "SETPCAP")
+                for word in ("--cap-add", f"CAP_{name}")
+            ]
         arguments += _file_system(room)
         # What launch files set, such as LD_PRELOAD or PATH, must not reach the programs that still have privileges.
         arguments += ["--clearenv", "--setenv", "PATH", _PATH_OF_TOOLS, "--chdir", cwd, "--"]
         if uid is not None:
-            arguments += ["setpriv", "--reuid", str(uid), "--regid", str(uid), "--clear-groups", "--inh-caps=-all"]
+            arguments += [
+                "setpriv",
+                "--reuid",
+                str(uid),
+                "--regid",
+                str(uid),
+                "--clear-groups",
+                "--inh-caps=-all",
+            ]
             arguments += ["--bounding-set=-all", "--no-new-privs"]
         arguments += _limited(limits, environment, command)
-        yield group.entering(arguments) if group is not None else arguments, (info_write, seccomp), info_read
+        yield (
+            group.entering(arguments) if group is not None else arguments,
+            (info_write, seccomp),
+            info_read,
+        )
 
 
-def _limited(limits: Mapping[str, int], environment: Mapping[str, str], command: Sequence[str]) -> list[str]:
+def _limited(
+    limits: Mapping[str, int], environment: Mapping[str, str], command: Sequence[str]
+) -> list[str]:
     variables = [f"{name}={value}" for name, value in environment.items()]
     # `env` would take a program with this sign in its path for one more variable.
     shell = ["sh", "-c", 'exec "$@"', "sh"] if "=" in command[0] else []
@@ -327,13 +391,24 @@ def _own_folders(roots: Sequence[Path]) -> list[Path]:
     if not (checkout / "rubric.yaml").is_file():
         return [package]
     folders = [p for p in checkout.iterdir() if p.is_dir() and not p.is_symlink()]
-    theirs = {checkout / name for name in ("bin", "lib", "lib64", "include", "share")} if checkout in roots else set()
-    return [p for p in sorted(folders) if p not in theirs and not any(root.is_relative_to(p) for root in roots)]
+    theirs = (
+        {checkout / name for name in ("bin", "lib", "lib64", "include", "share")}
+        if checkout in roots
+        else set()
+    )
+    return [
+        p
+        for p in sorted(folders)
+        if p not in theirs and not any(root.is_relative_to(p) for root in roots)
+    ]
 
 
 def _readable(room: Room) -> list[str]:
     """Return what a student's process may read where it sees the machine's own files, our own left out."""
-    found = [Path("/proc"), *(Path("/") / n for n in ("bin", "sbin", "lib", "lib32", "lib64", "libx32"))]
+    found = [
+        Path("/proc"),
+        *(Path("/") / n for n in ("bin", "sbin", "lib", "lib32", "lib64", "libx32")),
+    ]
     found += [Path("/etc") / name for name in _SETTINGS]
     queue = [Path("/usr"), *interpreter_roots(room.interpreter)]
     ours = _own_folders(queue)

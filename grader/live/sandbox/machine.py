@@ -37,7 +37,9 @@ def waited_us() -> int | None:
 
 
 def wait_for_calm(
-    most_s: float = _MOST_WAIT_S, period_s: float = 1.0, waited: Callable[[], int | None] = waited_us
+    most_s: float = _MOST_WAIT_S,
+    period_s: float = 1.0,
+    waited: Callable[[], int | None] = waited_us,
 ) -> bool:
     """Wait until processes of this machine wait for its cores in little of a period; False if that lasts too long."""
     end_s = time.monotonic() + most_s
@@ -89,7 +91,11 @@ def network_bytes(user: int | None = None) -> int:
     All networks of a machine share the memory for it, and no control group of version 1 counts it.
     """
     with suppress(OSError):
-        pages = re.findall(r"^(?:UDP|TCP): .*\bmem (\d+)", read_bytes_of("/proc/net/sockstat").decode(), re.MULTILINE)
+        pages = re.findall(
+            r"^(?:UDP|TCP): .*\bmem (\d+)",
+            read_bytes_of("/proc/net/sockstat").decode(),
+            re.MULTILINE,
+        )
         if sum(map(int, pages)) < _NOTABLE_PAGES:
             return 0
     return sum(_queued(Path("/proc/net") / name, user) for name in _TABLES)
@@ -97,7 +103,10 @@ def network_bytes(user: int | None = None) -> int:
 
 def _queued(table: Path, user: int | None) -> int:
     total = 0
-    with suppress(OSError, ValueError, IndexError), table.open(encoding="ascii", errors="replace") as lines:
+    with (
+        suppress(OSError, ValueError, IndexError),
+        table.open(encoding="ascii", errors="replace") as lines,
+    ):
         next(lines, None)
         for line in lines:
             words = line.split()
@@ -111,7 +120,10 @@ def available_share() -> float:
     """Return the share of the machine's memory that can still be had, 1 where that is not known."""
     with suppress(OSError, ValueError, ZeroDivisionError):
         text = Path("/proc/meminfo").read_text()
-        amounts = {name: int(amount) for name, amount in re.findall(r"^(\w+): +(\d+) kB", text, re.MULTILINE)}
+        amounts = {
+            name: int(amount)
+            for name, amount in re.findall(r"^(\w+): +(\d+) kB", text, re.MULTILINE)
+        }
         return amounts.get("MemAvailable", amounts["MemTotal"]) / amounts["MemTotal"]
     return 1.0
 

@@ -118,7 +118,14 @@ def adopt_orphans() -> None:
 
 def mount_tmpfs(target: str, size_bytes: int, files: int) -> None:
     """Mount an empty file system of a size of its own."""
-    call("mount", b"tmpfs", target.encode(), b"tmpfs", 0, f"size={size_bytes},nr_inodes={files},mode=0755".encode())
+    call(
+        "mount",
+        b"tmpfs",
+        target.encode(),
+        b"tmpfs",
+        0,
+        f"size={size_bytes},nr_inodes={files},mode=0755".encode(),
+    )
 
 
 def bring_loopback_up() -> None:
@@ -136,7 +143,9 @@ def use_up_process_ids(number: int) -> None:
     The identity that Fast DDS gives a participant is made of the process id and two random bytes.
     """
     for _ in range(number):
-        thread = threading.Thread(target=int)  # A thread has an id of the same kind, and is cheaper than a fork.
+        thread = threading.Thread(
+            target=int
+        )  # A thread has an id of the same kind, and is cheaper than a fork.
         thread.start()
         thread.join()
 

@@ -50,7 +50,9 @@ def filter_program(prefixes: Collection[bytes]) -> bytes:
         for place, word in enumerate(struct.unpack(">III", prefix)):
             steps += [step(_WORD, _PREFIX + 4 * place), step(_EQUAL, word, 0, 5 - 2 * place)]
         steps.append(_DROP)
-    return b"".join([*steps, step(_SET_X, _FIRST_PART), *_look_at_part(bool(prefixes)) * _MOST_PARTS, _PASS])
+    return b"".join(
+        [*steps, step(_SET_X, _FIRST_PART), *_look_at_part(bool(prefixes)) * _MOST_PARTS, _PASS]
+    )
 
 
 def _look_at_part(named: bool) -> list[bytes]:
@@ -59,14 +61,32 @@ def _look_at_part(named: bool) -> list[bytes]:
     gap = _unless_shorter(28)
     for high in (12, 14, 20, 22):  # of the first number, and of the one behind the last
         gap += [step(_HALF_AT_X, high), step(_EQUAL, 0, 1, 0), _DROP]
-    gap += [step(_BYTE_AT_X, 1), step(_ANY_BIT, 1, 0, 2), step(_BYTE_AT_X, 27), step(_EQUAL, 0, 3, 2)]
+    gap += [
+        step(_BYTE_AT_X, 1),
+        step(_ANY_BIT, 1, 0, 2),
+        step(_BYTE_AT_X, 27),
+        step(_EQUAL, 0, 3, 2),
+    ]
     gap += [step(_BYTE_AT_X, 24), step(_EQUAL, 0, 1, 0), _DROP]
     length = [step(_BYTE_AT_X, 1), step(_ANY_BIT, 1, 0, 8)]
-    length += [step(_BYTE_AT_X, 3), step(_SHIFT_LEFT, 8), step(_STORE, 0), step(_STORE_X, 1), step(_BYTE_AT_X, 2)]
+    length += [
+        step(_BYTE_AT_X, 3),
+        step(_SHIFT_LEFT, 8),
+        step(_STORE, 0),
+        step(_STORE_X, 1),
+        step(_BYTE_AT_X, 2),
+    ]
     length += [step(_STORED_TO_X, 0), step(_OR_X), step(_JUMP, 2)]
     length += [step(_STORE_X, 1), step(_HALF_AT_X, 2)]
     length += [step(_STORED_TO_X, 1), step(_ADD_X), step(_ADD, 4), step(_TO_X)]
-    return [*_unless_shorter(4), step(_BYTE_AT_X, 0), *source, step(_EQUAL, _GAP, 0, len(gap)), *gap, *length]
+    return [
+        *_unless_shorter(4),
+        step(_BYTE_AT_X, 0),
+        *source,
+        step(_EQUAL, _GAP, 0, len(gap)),
+        *gap,
+        *length,
+    ]
 
 
 def _unless_shorter(size: int) -> list[bytes]:
@@ -99,7 +119,9 @@ class PacketFilter:
                 _set(found, _SO_ATTACH_FILTER, program)
 
 
-def _udp_sockets(pid: int, known: set[tuple[int, str]]) -> Iterator[tuple[tuple[int, str], socket.socket]]:
+def _udp_sockets(
+    pid: int, known: set[tuple[int, str]]
+) -> Iterator[tuple[tuple[int, str], socket.socket]]:
     """Return the UDP sockets of a process that are not known yet, as copies of its descriptors, and know all of it."""
     folder = f"/proc/{pid}/fd"
     with suppress(OSError):
@@ -110,7 +132,9 @@ def _udp_sockets(pid: int, known: set[tuple[int, str]]) -> Iterator[tuple[tuple[
                     key = (pid, os.readlink(f"{folder}/{name}"))  # noqa: PTH115
                     if key in known or not key[1].startswith("socket:"):
                         continue
-                    found = socket.socket(fileno=call("syscall", _PIDFD_GETFD, handle, int(name), 0))
+                    found = socket.socket(
+                        fileno=call("syscall", _PIDFD_GETFD, handle, int(name), 0)
+                    )
                     known.add(key)
                     if (found.family, found.type) == (socket.AF_INET, socket.SOCK_DGRAM):
                         yield key, found

@@ -90,7 +90,9 @@ def _with_groups(found: Isolation, interpreter: Path) -> Isolation:
         if _limits_memory(full, interpreter):
             return full
     reason = "no control group for memory and processes can be made here"
-    return replace(found, remedy=f"For the level full, run as root on the machine itself: {reason}.")
+    return replace(
+        found, remedy=f"For the level full, run as root on the machine itself: {reason}."
+    )
 
 
 def _without_namespaces(interpreter: Path, remedy: str) -> Isolation:
@@ -138,7 +140,11 @@ def _try(isolation: Isolation, interpreter: Path) -> str | None:
     wanted = student_uid(isolation, 0)
     if (wanted is not None and int(uid) != wanted) or capabilities != "0":
         return f"the sandbox runs as user {uid} with capabilities {capabilities}"
-    return None if (no_new_privileges, seccomp, denied) == ("1", "2", "-1") else "the system call filter does not hold"
+    return (
+        None
+        if (no_new_privileges, seccomp, denied) == ("1", "2", "-1")
+        else "the system call filter does not hold"
+    )
 
 
 def _limits_memory(isolation: Isolation, interpreter: Path) -> bool:
@@ -157,16 +163,29 @@ def _limits_memory(isolation: Isolation, interpreter: Path) -> bool:
 
 
 def _run(
-    isolation: Isolation, interpreter: Path, program: str, slot: int = 0, group: SandboxCgroup | None = None
+    isolation: Isolation,
+    interpreter: Path,
+    program: str,
+    slot: int = 0,
+    group: SandboxCgroup | None = None,
 ) -> subprocess.CompletedProcess[str]:
     """Run a program as sessions run a student's, in a sandbox of its own."""
-    with tempfile.TemporaryDirectory(prefix=scratch_prefix(), ignore_cleanup_errors=True) as scratch:
+    with tempfile.TemporaryDirectory(
+        prefix=scratch_prefix(), ignore_cleanup_errors=True
+    ) as scratch:
         room = Room.below(Path(scratch), interpreter)
         room.make(Path(scratch))
         command, environment = [str(interpreter), "-c", program], {"PATH": "/usr/bin"}
         cwd = room.seen(isolation)[TEMPORARY]
         return run_confined(
-            isolation, room, command, environment=environment, slot=slot, cwd=cwd, timeout_s=_TIMEOUT_S, group=group
+            isolation,
+            room,
+            command,
+            environment=environment,
+            slot=slot,
+            cwd=cwd,
+            timeout_s=_TIMEOUT_S,
+            group=group,
         )
 
 
@@ -176,8 +195,13 @@ def _remedy(problem: str) -> str:
         if restricted.read_text().strip() == "1" and os.geteuid() != 0:
             return "This system restricts user namespaces (AppArmor): run with sudo."
     with suppress(OSError):
-        if Path("/proc/sys/user/max_user_namespaces").read_text().strip() == "0" and os.geteuid() != 0:
-            return "This system permits no user namespaces: sudo sysctl user.max_user_namespaces=10000"
+        if (
+            Path("/proc/sys/user/max_user_namespaces").read_text().strip() == "0"
+            and os.geteuid() != 0
+        ):
+            return (
+                "This system permits no user namespaces: sudo sysctl user.max_user_namespaces=10000"
+            )
     if Path("/.dockerenv").exists() or Path("/run/.containerenv").exists():
         return "In a container, namespaces need `--privileged`; or run on the machine itself."
     last = problem.splitlines()[-1][:200] if problem else "no reason was given"

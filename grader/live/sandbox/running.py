@@ -26,7 +26,9 @@ def run_confined(
 
     Raises `OSError` where it cannot be started, and `subprocess.TimeoutExpired` where it took too long and was ended.
     """
-    with confined(isolation, command, environment=environment, room=room, slot=slot, cwd=cwd, group=group) as (
+    with confined(
+        isolation, command, environment=environment, room=room, slot=slot, cwd=cwd, group=group
+    ) as (
         argv,
         passed,
         info,

@@ -44,12 +44,22 @@ def remove_tree(folder: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
     if folder.is_dir() and not folder.is_symlink():
         for command in (["chmod", "-R", "u+rwX"], ["rm", "-rf"]):
-            subprocess.run([*command, "--", str(folder)], check=False, capture_output=True, stdin=subprocess.DEVNULL)
+            subprocess.run(
+                [*command, "--", str(folder)],
+                check=False,
+                capture_output=True,
+                stdin=subprocess.DEVNULL,
+            )
 
 
 def _is_stale(path: Path) -> bool:
     named = _NAME.fullmatch(path.name)
-    if named is None or path.is_symlink() or path.lstat().st_uid != os.getuid() or int(named[1]) != _namespace():
+    if (
+        named is None
+        or path.is_symlink()
+        or path.lstat().st_uid != os.getuid()
+        or int(named[1]) != _namespace()
+    ):
         return False
     return _start_ticks(int(named[2])) != int(named[3])
 

@@ -24,7 +24,14 @@ _X32_BIT = 0x40000000
 # Offsets in the kernel's `struct seccomp_data`; of an argument, its lower half.
 _NUMBER, _ARCHITECTURE, _ARGUMENTS = 0, 4, 16
 
-_LOAD, _JUMP_EQUAL, _JUMP_AT_LEAST, _JUMP_ANY_BIT, _AND, _RETURN = 0x20, 0x15, 0x35, 0x45, 0x54, 0x06
+_LOAD, _JUMP_EQUAL, _JUMP_AT_LEAST, _JUMP_ANY_BIT, _AND, _RETURN = (
+    0x20,
+    0x15,
+    0x35,
+    0x45,
+    0x54,
+    0x06,
+)
 _ALLOW, _KILL_PROCESS, _ERRNO = 0x7FFF0000, 0x80000000, 0x00050000
 
 _SOCKET, _SOCKETPAIR, _IOCTL, _CLONE, _KILL, _CLONE3 = 41, 53, 16, 56, 62, 435
@@ -109,7 +116,9 @@ def filter_program(*, own_spaces: bool = True, own_user: bool = True) -> bytes:
     for number in sorted([*DENIED.values(), *(() if own_user else DENIED_TO_OWNERS.values())]):
         program += _answer_if(_JUMP_EQUAL, number, errno.EPERM)
     if not own_spaces:
-        program += _judge_argument(_KILL, 0, _answer_if(_JUMP_EQUAL, _ALL_PROCESSES, errno.EPERM), _ALLOW)
+        program += _judge_argument(
+            _KILL, 0, _answer_if(_JUMP_EQUAL, _ALL_PROCESSES, errno.EPERM), _ALLOW
+        )
     if not own_user:
         for number, flags in ((_OPEN, 1), (_OPENAT, 2)):
             cuts = [step(_AND, _CUTS), *_answer_if(_JUMP_EQUAL, _CUTS_BY_READING, errno.EPERM)]
@@ -117,7 +126,9 @@ def filter_program(*, own_spaces: bool = True, own_user: bool = True) -> bytes:
     program += _of_others()
     # Its flags lie in memory, where no filter can look; without it, libraries use `clone`.
     program += _answer_if(_JUMP_EQUAL, _CLONE3, errno.ENOSYS)
-    program += _judge_argument(_CLONE, 0, _answer_if(_JUMP_ANY_BIT, _NAMESPACES, errno.EPERM), _ALLOW)
+    program += _judge_argument(
+        _CLONE, 0, _answer_if(_JUMP_ANY_BIT, _NAMESPACES, errno.EPERM), _ALLOW
+    )
     for number, words in ((_IOCTL, _REQUESTS), (_FCNTL, _FILE_COMMANDS)):
         refused = [one for word in words for one in _answer_if(_JUMP_EQUAL, word, errno.EPERM)]
         program += _judge_argument(number, 1, refused, _ALLOW)
@@ -130,7 +141,11 @@ def _of_others() -> list[bytes]:
     """Deny changing limits and weights of others with the same user id, which may be the grader's own processes."""
     own = [step(_JUMP_EQUAL, _OWN_PROCESS, 0, 1), step(_RETURN, _ALLOW)]
     one = [step(_JUMP_EQUAL, _ONE_PROCESS, 0, 1 + len(own)), step(_LOAD, _ARGUMENTS + 8), *own]
-    usual = [one for way in _USUAL_SCHEDULING for one in (step(_JUMP_EQUAL, way, 0, 1), step(_RETURN, _ALLOW))]
+    usual = [
+        one
+        for way in _USUAL_SCHEDULING
+        for one in (step(_JUMP_EQUAL, way, 0, 1), step(_RETURN, _ALLOW))
+    ]
     return [
         *_judge_argument(_PRLIMIT, 0, own, _ERRNO | errno.EPERM),
         *_judge_argument(_SETPRIORITY, 0, one, _ERRNO | errno.EPERM),
@@ -140,7 +155,11 @@ def _of_others() -> list[bytes]:
 
 def _of_sockets(*, own_spaces: bool, local: bool) -> list[bytes]:
     """Permit sockets of some families."""
-    kind = [step(_LOAD, _ARGUMENTS + 8), step(_AND, _SOCKET_KIND), step(_JUMP_EQUAL, _DATAGRAM, 0, 1)]
+    kind = [
+        step(_LOAD, _ARGUMENTS + 8),
+        step(_AND, _SOCKET_KIND),
+        step(_JUMP_EQUAL, _DATAGRAM, 0, 1),
+    ]
     datagrams = [*kind, step(_RETURN, _ALLOW), step(_RETURN, _ERRNO | errno.EACCES)]
     program = []
     for number in (_SOCKET, _SOCKETPAIR):

@@ -8,12 +8,24 @@ from typing import Any
 
 from grader.live.process.process import RunningProcess
 from grader.recording.record import from_plain
-from grader.recording.session import GraphSnapshot, ProcessRun, Published, RecordingGap, SessionRecord, Trusted
+from grader.recording.session import (
+    GraphSnapshot,
+    ProcessRun,
+    Published,
+    RecordingGap,
+    SessionRecord,
+    Trusted,
+)
 
 _START_S = 20.0
 _STOP_S = 8.0
 #: What it reports: list of the record -> kind of its entries, if that is a dataclass.
-_REPORTED = {"graph": GraphSnapshot, "trusted": Trusted, "published": Published, "unrecorded": RecordingGap}
+_REPORTED = {
+    "graph": GraphSnapshot,
+    "trusted": Trusted,
+    "published": Published,
+    "unrecorded": RecordingGap,
+}
 
 #: Outcome and result of a request, or of a step.
 Answer = tuple[str, dict[str, Any]]
@@ -26,7 +38,9 @@ class DirectorClient:
 
     def __init__(self, record: SessionRecord) -> None:
         self._record = record
-        self.run = ProcessRun("director", "grader", ["python", "-m", "grader.live.ros_node.director"])
+        self.run = ProcessRun(
+            "director", "grader", ["python", "-m", "grader.live.ros_node.director"]
+        )
         self._answer: asyncio.Future[Answer] = asyncio.get_running_loop().create_future()
 
     async def wait_ready(self) -> None:
@@ -39,7 +53,9 @@ class DirectorClient:
         """Take a message of its, which is a line of JSON."""
         kind, what = json.loads(line)
         if kind != "answer":
-            getattr(self._record, kind).append(from_plain(_REPORTED[kind], what) if kind in _REPORTED else what)
+            getattr(self._record, kind).append(
+                from_plain(_REPORTED[kind], what) if kind in _REPORTED else what
+            )
         elif not self._answer.done():
             self._answer.set_result((what[0], what[1]))
 

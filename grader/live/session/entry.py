@@ -8,7 +8,9 @@ from collections.abc import Iterator, Sequence
 from grader.submission.python_source import parse_python
 
 #: What only a program calls that runs a node.
-_STARTING = frozenset(["spin", "spin_once", "spin_until_future_complete", "create_node", "MultiThreadedExecutor"])
+_STARTING = frozenset(
+    ["spin", "spin_once", "spin_until_future_complete", "create_node", "MultiThreadedExecutor"]
+)
 _RCLPY_INIT = "rclpy.init"
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 
@@ -25,10 +27,21 @@ def function_to_call(text: str, entry_points: Sequence[str] = ()) -> str | None:
         return None
     defined = [n for n in tree.body if isinstance(n, (*_FUNCTIONS, ast.ClassDef))]
     holding = {name: n for n in tree.body for name in _names_given_by(n)}
-    usual = [] if isinstance(holding.get("main"), (ast.Import, ast.ImportFrom, ast.ClassDef)) else ["main"]
-    meant = next((name for name in (*entry_points, *usual) if name.partition(".")[0] in holding), None)
+    usual = (
+        []
+        if isinstance(holding.get("main"), (ast.Import, ast.ImportFrom, ast.ClassDef))
+        else ["main"]
+    )
+    meant = next(
+        (name for name in (*entry_points, *usual) if name.partition(".")[0] in holding), None
+    )
     statements = [n for n in tree.body if n not in defined and n is not holding.get(meant or "")]
-    guards = (n for statement in statements if isinstance(statement, ast.If) for n in ast.walk(statement.test))
+    guards = (
+        n
+        for statement in statements
+        if isinstance(statement, ast.If)
+        for n in ast.walk(statement.test)
+    )
     if meant is None or any(isinstance(n, ast.Name) and n.id == "__name__" for n in guards):
         return None  # Under `if __name__ == ...` a file says itself how it is run.
     callers: dict[str, list[str]] = {}

@@ -25,11 +25,24 @@ from grader.live.process.forked import Program
 from grader.live.process.forking import ForkingServer, serve
 from grader.live.process.priority import put_self_first
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
-from grader.live.sandbox.namespaces import Form, end_with_parent, enter_own_mounts, enter_sandbox, name_process
+from grader.live.sandbox.namespaces import (
+    Form,
+    end_with_parent,
+    enter_own_mounts,
+    enter_sandbox,
+    name_process,
+)
 from grader.live.session.plan import SessionPlan
 from grader.recording.definitions import definition_of, type_hash_of
 
-_WITHOUT_ROS = ("grader.live.session.session", "grader.recording.bag", "mcap.writer", "numpy", "runpy", "yaml")
+_WITHOUT_ROS = (
+    "grader.live.session.session",
+    "grader.recording.bag",
+    "mcap.writer",
+    "numpy",
+    "runpy",
+    "yaml",
+)
 #: Used by every node, and by the director itself.
 _STANDARD_TYPES = (
     "rcl_interfaces/msg/Log",
@@ -76,8 +89,13 @@ class _Branch(ForkServer):
         self._of, self._form = of, form
 
     def _start(self, link: socket.socket) -> _Branch:
-        with Path(os.devnull).open("wb") as errors, suppress(ConnectionError):  # Then requests will have no answer.
-            socket.send_fds(self._of._link, [self.request(self._form)], [link.fileno(), errors.fileno()])
+        with (
+            Path(os.devnull).open("wb") as errors,
+            suppress(ConnectionError),
+        ):  # Then requests will have no answer.
+            socket.send_fds(
+                self._of._link, [self.request(self._form)], [link.fileno(), errors.fileno()]
+            )
         return self
 
     def wait(self, timeout: float) -> None:
@@ -111,7 +129,9 @@ def _program_of(request: bytes) -> Program:
     word, name, *types = map(os.fsdecode, request.split(b"\0"))
     form, plan = Form(word), Path(name)
     if not _loaded:
-        enter_own_mounts(form)  # Before: what is loaded has threads of its own, which keep a user from it.
+        enter_own_mounts(
+            form
+        )  # Before: what is loaded has threads of its own, which keep a user from it.
         _load_ros(types)
         _loaded.append(form)
         # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
@@ -119,7 +139,9 @@ def _program_of(request: bytes) -> Program:
         gc.enable()
     if not name:
         return Program("fork server", _serve_branch, trusted_environment(Path("/"), 0))
-    return Program("sandbox", partial(_run_in_sandbox, form, plan), trusted_environment(plan.parent, 0))
+    return Program(
+        "sandbox", partial(_run_in_sandbox, form, plan), trusted_environment(plan.parent, 0)
+    )
 
 
 #: The form of sandboxes for which all is loaded.
@@ -129,7 +151,9 @@ _loaded: list[Form] = []
 def _run_in_sandbox(form: Form, file: Path) -> None:
     from grader.live.session.session import run
 
-    plan: SessionPlan = pickle.loads(file.read_bytes())  # the grader's own, in a folder that nobody else may enter
+    plan: SessionPlan = pickle.loads(
+        file.read_bytes()
+    )  # the grader's own, in a folder that nobody else may enter
     enter_sandbox(form)
     name_process("session")
     run(plan)

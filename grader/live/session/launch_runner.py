@@ -25,7 +25,14 @@ from grader.live.process.process import PipeReader, RunningProcess
 from grader.live.sandbox.isolation import LAUNCHING, PARAMETERS, WORKSPACE
 from grader.live.sandbox.scratch import remove_tree
 from grader.live.session.student_sandbox import StudentSandbox
-from grader.recording.launch_plan import PARAMETERS_PLACEHOLDER, MalformedPlanError, Plan, Problem, Process, ros2_run
+from grader.recording.launch_plan import (
+    PARAMETERS_PLACEHOLDER,
+    MalformedPlanError,
+    Plan,
+    Problem,
+    Process,
+    ros2_run,
+)
 from grader.recording.session import OutputLine, ProcessRun
 from grader.submission.artifacts import MAX_TEXT_BYTES
 from grader.submission.beneath import is_regular_beneath
@@ -88,10 +95,14 @@ class LaunchRunner:
             problem = plan.problem
             if problem is None or len(worked_around) >= _MAX_REPAIRS:
                 break
-            repair = self._repair(problem, {**plan.configurations, **parameters["assume"]}, arguments)
+            repair = self._repair(
+                problem, {**plan.configurations, **parameters["assume"]}, arguments
+            )
             if not repair:
                 break
-            noted = {key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")}
+            noted = {
+                key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")
+            }
             worked_around.append({**noted, "repair": repair})
         return outcome, {"plan": plan.to_plain(), "mended": worked_around}
 
@@ -112,7 +123,9 @@ class LaunchRunner:
         if "/" in wanted and not problem.kind.endswith("_not_found"):
             return ""
         by_kind = {
-            "unknown_executable": lambda: self._put_executable(wanted, more[0]) if _LACKS in problem.message else "",
+            "unknown_executable": lambda: (
+                self._put_executable(wanted, more[0]) if _LACKS in problem.message else ""
+            ),
             "unknown_package": lambda: self._put_package(wanted),
             "unknown_keyword": lambda: self._rename_keyword(wanted, problem),
             "include_not_found": lambda: self._install_file(wanted, problem),
@@ -130,7 +143,11 @@ class LaunchRunner:
         return done
 
     def _put_executable(self, wanted: str, package: str) -> str:
-        folder = self._own_copy() / "install/lib" / (package if re.fullmatch(r"[A-Za-z]\w{0,200}", package) else "\n")
+        folder = (
+            self._own_copy()
+            / "install/lib"
+            / (package if re.fullmatch(r"[A-Za-z]\w{0,200}", package) else "\n")
+        )
         target = folder / wanted
         if not folder.is_dir() or target.exists():
             return ""
@@ -156,7 +173,9 @@ class LaunchRunner:
         """Put a file of the package into the share folder where the launch file looks for it."""
         folder = re.search(r"data_files: \('(share(?:/\w[\w.+-]*)+)', ", problem.remedy)
         source = self._own_copy() / "src" / wanted
-        if folder is None or not is_regular_beneath(self._own_copy() / "src", PurePosixPath(wanted)):
+        if folder is None or not is_regular_beneath(
+            self._own_copy() / "src", PurePosixPath(wanted)
+        ):
             return ""
         target = self._own_copy() / "install" / folder[1] / source.name
         target.parent.mkdir(parents=True, exist_ok=True)
@@ -168,14 +187,20 @@ class LaunchRunner:
         meant = re.search(r"'(\w{1,100})=?'", problem.remedy)
         name = PurePosixPath(problem.file or "").name
         # What a plan names is a student's: no pattern, and no more than anybody would write.
-        scripts = (path for path in self._own_copy().rglob("*.py") if path.name == name and path.is_file())
+        scripts = (
+            path for path in self._own_copy().rglob("*.py") if path.name == name and path.is_file()
+        )
         files = [path for path in scripts if path.stat().st_size <= MAX_TEXT_BYTES][:_MOST_RENAMED]
         if meant is None or not files:
             return ""
         for path in files:
             parts = re.split(r"(\W+)", path.read_text(encoding="utf-8", errors="surrogateescape"))
             for place, (word, behind) in enumerate(pairwise(parts)):
-                if word == wanted and behind.lstrip().startswith("=") and not behind.lstrip().startswith("=="):
+                if (
+                    word == wanted
+                    and behind.lstrip().startswith("=")
+                    and not behind.lstrip().startswith("==")
+                ):
                     parts[place] = meant[1]
             path.write_text("".join(parts), encoding="utf-8", errors="surrogateescape")
         return f"'{wanted}=' was read as '{meant[1]}='"
@@ -216,7 +241,9 @@ class LaunchRunner:
         environment = sandbox.environment({"PYTHONPATH": ""})
         if native is not None:
             environment |= native.environment(f"{sandbox.seen[WORKSPACE]}/install")
-        run = ProcessRun("launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command)
+        run = ProcessRun(
+            "launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command
+        )
         running = await sandbox.start_confined(
             run,
             environment,
@@ -229,7 +256,12 @@ class LaunchRunner:
         os.close(result_write)
         received: list[str] = []
         reader = PipeReader(result_read, _MAX_PLAN_BYTES, received.append)
-        request = {"file": f"{root}/{source}", "arguments": arguments, "root": root, "native": native is not None}
+        request = {
+            "file": f"{root}/{source}",
+            "arguments": arguments,
+            "root": root,
+            "native": native is not None,
+        }
         running.write(json.dumps(request).encode(), last=True)
         outcome = await _run_until(running, left_s)
         await running.kill()
@@ -256,7 +288,9 @@ class LaunchRunner:
                 await self._start(process)
             else:
                 self._later(self._start_when(process, process.when))
-        return "done", {"processes": [process.id for process in plan.processes if not process.absent]}
+        return "done", {
+            "processes": [process.id for process in plan.processes if not process.absent]
+        }
 
     def _write_files(self, plan: Plan) -> None:
         """Write the files that the launch file made, or had made, for its nodes."""
@@ -267,7 +301,9 @@ class LaunchRunner:
             path = self._sandbox.parameters / name
             with suppress(OSError, ValueError):  # a name that no file can have
                 path.write_text(self._placed(text), encoding="utf-8")
-                path.chmod(0o755 if text.startswith("#!") else 0o644)  # for the student's user, whatever the umask is
+                path.chmod(
+                    0o755 if text.startswith("#!") else 0o644
+                )  # for the student's user, whatever the umask is
 
     def _placed(self, text: str) -> str:
         return with_places(text, self._files, self._sandbox.seen[PARAMETERS])
@@ -285,7 +321,9 @@ class LaunchRunner:
             running = await self._sandbox.start(run, environment=environment, cwd=process.cwd)
         except (OSError, ValueError) as error:  # a command line that no system takes
             run.exited_ns, run.exit_status = run.started_ns, 127
-            run.output.append(OutputLine(run.started_ns, "stderr", f"this cannot be started: {error}"))
+            run.output.append(
+                OutputLine(run.started_ns, "stderr", f"this cannot be started: {error}")
+            )
             return
         if process.respawn and respawns < _MAX_RESPAWNS:
             self._later(self._restart(process, running, respawns + 1))
@@ -293,7 +331,11 @@ class LaunchRunner:
     def _free_name(self, wanted: str) -> str:
         """Return a name that no process of the session has: who took another's place would not be looked after."""
         taken = {"", *self._sandbox.processes, *self._sandbox.plan.reference}
-        return next(name for n in itertools.count() if (name := f"{wanted} ({n})" if n else wanted) not in taken)
+        return next(
+            name
+            for n in itertools.count()
+            if (name := f"{wanted} ({n})" if n else wanted) not in taken
+        )
 
     def _command(self, process: Process) -> list[str]:
         """Return the command line, with `ros2 run` and Python as they are found here."""
@@ -344,13 +386,17 @@ _LACKS = "found in package"
 
 def _meant(wanted: str, names: Iterable[str]) -> str | None:
     """Return the likest of some names, the first in the alphabet of several, if one is like enough."""
-    likest = min(sorted(names)[:_MOST_LIKENED], key=lambda name: -likeness(wanted, name), default="")
+    likest = min(
+        sorted(names)[:_MOST_LIKENED], key=lambda name: -likeness(wanted, name), default=""
+    )
     return likest if likest and likeness(wanted, likest) >= LEAST_RATIO else None
 
 
 def with_places(text: str, names: Container[str], folder: str) -> str:
     """Return a text in which each of the plan's own files stands under its path in a folder."""
-    return _OWN_FILE.sub(lambda match: f"{folder}/{match[1]}" if match[1] in names else match[0], text)
+    return _OWN_FILE.sub(
+        lambda match: f"{folder}/{match[1]}" if match[1] in names else match[0], text
+    )
 
 
 async def _run_until(running: RunningProcess, time_s: float, most: float = _MOST_EXTENDED) -> str:
@@ -372,8 +418,12 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
     why = ""
     try:
         # Half characters, which nobody could write to a file, are replaced.
-        plain = json.loads(json.dumps(json.loads(text), ensure_ascii=False).encode("utf-8", "replace"))
-        return Plan.from_plain(Plan.from_plain(plain).to_plain())  # what the recording keeps must be a plan too
+        plain = json.loads(
+            json.dumps(json.loads(text), ensure_ascii=False).encode("utf-8", "replace")
+        )
+        return Plan.from_plain(
+            Plan.from_plain(plain).to_plain()
+        )  # what the recording keeps must be a plan too
     except MalformedPlanError as malformed:
         why = f": {malformed}"
     except (ValueError, RecursionError):
@@ -381,16 +431,16 @@ def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, sour
     kind = "no_plan"
     if not in_time:
         kind = "too_slow"
-        message = f"was still busy after {timeout_s:g} s; it should describe processes and return at once"
+        message = (
+            f"was still busy after {timeout_s:g} s; it should describe processes and return at once"
+        )
         remedy = "Take out what waits or loops: `ros2 launch` reads the whole file before it starts anything."
     elif text.strip():
         message = f"gave no description that can be read{why}"
         remedy = "Return a LaunchDescription of a few entities, and write to no file descriptor but your own."
     elif run.limit is not None:
         message = f"was stopped at the limit of {run.limit}, before it gave a description"
-        remedy = (
-            "Take out what prints, writes or starts programs without end: `ros2 launch` reads the whole file first."
-        )
+        remedy = "Take out what prints, writes or starts programs without end: `ros2 launch` reads the whole file first."
     else:
         status = run.exit_status or 0
         number = status - 128 if status > 128 else -status

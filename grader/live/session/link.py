@@ -63,7 +63,9 @@ class _Way:
 class _End:
     """A program on its side of the link, with the sockets that stand there for the other side's."""
 
-    def __init__(self, ports: tuple[int, int], others: tuple[int, int], main: Callable[[], object], name: str) -> None:
+    def __init__(
+        self, ports: tuple[int, int], others: tuple[int, int], main: Callable[[], object], name: str
+    ) -> None:
         enter_own_network()
         bring_loopback_up()
         self.ports = ports
@@ -92,7 +94,10 @@ class _End:
         discovery, data = far.ports
         ports = (discovery, data, discovery)
         onward = (far.sockets[0], far.sockets[1], far.sockets[0])
-        return [_Way(s, o, port, port == data) for s, o, port in zip(self.sockets, onward, ports, strict=True)]
+        return [
+            _Way(s, o, port, port == data)
+            for s, o, port in zip(self.sockets, onward, ports, strict=True)
+        ]
 
 
 def _bound(address: str, port: int) -> socket.socket:
@@ -110,7 +115,9 @@ def _bound(address: str, port: int) -> socket.socket:
 class _Relay:
     """Carries packets between two ends, and what the one says to the other: when a level begins, and when it ends."""
 
-    def __init__(self, sender: _End, receiver: _End, loss: Sequence[float], delay_s: float, seed: int) -> None:
+    def __init__(
+        self, sender: _End, receiver: _End, loss: Sequence[float], delay_s: float, seed: int
+    ) -> None:
         self._sender, self._receiver = sender, receiver
         self._loss, self._delay_s = loss, delay_s
         self._losing = 0.0
@@ -194,7 +201,12 @@ def carry(plan: LinkPlan, delay_s: float, seed: int) -> None:
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     cpu_s = sum(each.ru_utime + each.ru_stime for each in used)
     late_ms = 1e3 * sorted(relay.late_s)[int(0.95 * len(relay.late_s))] if relay.late_s else 0.0
-    found = {"sent": sent, "received": received, "cpu_s": round(cpu_s, 3), "late_ms": round(late_ms, 2)}
+    found = {
+        "sent": sent,
+        "received": received,
+        "cpu_s": round(cpu_s, 3),
+        "late_ms": round(late_ms, 2),
+    }
     print(json.dumps(found), flush=True)
 
 
@@ -224,11 +236,17 @@ class Link:
         end_s = time.monotonic() + _KNOWN_S
         while not (known := self._look()) and time.monotonic() < end_s:
             await asyncio.sleep(_LOOK_S)
-        carried = [topic for topic in self.result.topics if topic.offered is not None and topic.requested is not None]
+        carried = [
+            topic
+            for topic in self.result.topics
+            if topic.offered is not None and topic.requested is not None
+        ]
         if carried:
             await self._carry(run, carried, seed, environment)
         elif not known:
-            self.result.problem = "none of the topics has both a publisher and a subscription of the student's"
+            self.result.problem = (
+                "none of the topics has both a publisher and a subscription of the student's"
+            )
         self._step.outcome = "failed" if self.result.problem else "done"
         self._step.result, self._step.ended_ns = asdict(self.result), time.time_ns()
         return run
@@ -242,7 +260,9 @@ class Link:
             linked = LinkedTopic(name, self._names.get(name, name))
             self.result.topics.append(linked)
             for kind, side in (("publisher", "offered"), ("subscription", "requested")):
-                found = next((e for e in endpoints if (e.kind, e.topic) == (kind, linked.topic)), None)
+                found = next(
+                    (e for e in endpoints if (e.kind, e.topic) == (kind, linked.topic)), None
+                )
                 claim = asked_for(found, claims) if found is not None else None
                 known.append(claim is not None)
                 if found is not None:
@@ -251,18 +271,26 @@ class Link:
         return all(known)
 
     async def _carry(
-        self, run: ProcessRun, carried: Sequence[LinkedTopic], seed: int, environment: Mapping[str, str]
+        self,
+        run: ProcessRun,
+        carried: Sequence[LinkedTopic],
+        seed: int,
+        environment: Mapping[str, str],
     ) -> None:
         parameters, said = self._step.parameters, list[bytes]()
         loss = [float(share) for share in parameters["loss"]]
-        plan = LinkPlan(carried, loss, float(parameters["rate_hz"]), float(parameters["duration_s"]))
+        plan = LinkPlan(
+            carried, loss, float(parameters["rate_hz"]), float(parameters["duration_s"])
+        )
         main = partial(carry, plan, self.result.delay_ms / 1e3, seed)
 
         def hear(line: bytes) -> None:
             said.append(line)
             running.put_standing()  # Now its timing counts; nobody else can give it work, so that it needs no watch.
 
-        running = await RunningProcess.fork(run, Program("link", main, environment, _TRUSTED_BYTES), on_message=hear)
+        running = await RunningProcess.fork(
+            run, Program("link", main, environment, _TRUSTED_BYTES), on_message=hear
+        )
         try:
             await asyncio.wait({running.exited})
         finally:

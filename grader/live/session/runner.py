@@ -58,14 +58,28 @@ def sessions_at_a_time(isolation: Isolation) -> int:
 
 
 #: By which steps name topics, services and nodes.
-_NAMING = ("node", "publisher", "subscription", "service", "action", "action_client", "first_message_on")
+_NAMING = (
+    "node",
+    "publisher",
+    "subscription",
+    "service",
+    "action",
+    "action_client",
+    "first_message_on",
+)
 
 
 def given_in_steps(rubric: Rubric, *keys: str, sessions: Sequence[str] | None = None) -> list[str]:
     """Return what steps of all or some sessions give under some keys: names, or by `type` those of interfaces."""
-    listed = rubric.sessions.values() if sessions is None else [rubric.sessions[name] for name in sessions]
+    listed = (
+        rubric.sessions.values()
+        if sessions is None
+        else [rubric.sessions[name] for name in sessions]
+    )
     steps = [step for session in listed for step in session.steps]
-    return sorted({str(step.parameters[key]) for step in steps for key in keys if step.parameters.get(key)})
+    return sorted(
+        {str(step.parameters[key]) for step in steps for key in keys if step.parameters.get(key)}
+    )
 
 
 class Scheduler(Protocol):
@@ -119,22 +133,32 @@ class SessionRunner:
     lacking: Mapping[str, str] = field(default_factory=dict)
 
     def record(
-        self, chosen: Sequence[str], on_progress: Callable[[Progress], None], *, at_a_time: int | None = None
+        self,
+        chosen: Sequence[str],
+        on_progress: Callable[[Progress], None],
+        *,
+        at_a_time: int | None = None,
     ) -> None:
         """Record the chosen sessions; returns when all have ended.
 
         One that cannot be run to its end leaves a recording that says so; nothing stays if the grader is asked to end.
         """
-        run_to_an_end(self._record_all(chosen, on_progress, at_a_time or sessions_at_a_time(self.isolation)))
+        run_to_an_end(
+            self._record_all(chosen, on_progress, at_a_time or sessions_at_a_time(self.isolation))
+        )
 
-    async def _record_all(self, chosen: Sequence[str], on_progress: Callable[[Progress], None], at_a_time: int) -> None:
+    async def _record_all(
+        self, chosen: Sequence[str], on_progress: Callable[[Progress], None], at_a_time: int
+    ) -> None:
         queue = sorted((self.rubric.sessions[name] for name in chosen), key=lambda s: -s.typical_s)
         slots = asyncio.Semaphore(at_a_time)
 
         async def one(spec: SessionSpec) -> None:
             if spec.typical_s + _START_S < queue[0].typical_s and self.scheduler is None:
                 await asyncio.sleep(_START_S)
-            async with slots if self.scheduler is None else self.scheduler.session_slot(spec, self.attempt):
+            async with (
+                slots if self.scheduler is None else self.scheduler.session_slot(spec, self.attempt)
+            ):
                 await self._record_one(spec, on_progress)
                 retried = " retry, as something was undecided" if self.attempt > 1 else ""
                 on_progress(Progress(spec.id, f"recorded{retried}", ended=True))
@@ -192,9 +216,13 @@ class SessionRunner:
             native=self.native,
         )
 
-    async def _run_sandbox(self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]) -> None:
+    async def _run_sandbox(
+        self, spec: SessionSpec, scratch: Path, on_progress: Callable[[Progress], None]
+    ) -> None:
         on_progress(Progress(spec.id, "starting"))
-        messages = await self.forks.start_sandbox(self.isolation.form, scratch / "plan", scratch / "stderr")
+        messages = await self.forks.start_sandbox(
+            self.isolation.form, scratch / "plan", scratch / "stderr"
+        )
         pid = asyncio.ensure_future(sandbox_pid(messages))
         try:
             await within(_follow(messages, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)
@@ -215,7 +243,10 @@ async def sandbox_pid(messages: asyncio.StreamReader) -> int:
 
 
 async def _follow(
-    messages: asyncio.StreamReader, pid: asyncio.Future[int], session: str, on_progress: Callable[[Progress], None]
+    messages: asyncio.StreamReader,
+    pid: asyncio.Future[int],
+    session: str,
+    on_progress: Callable[[Progress], None],
 ) -> None:
     """Pass on what a session reports, until its sandbox has ended."""
     await asyncio.shield(pid)

@@ -80,7 +80,10 @@ class Session:
             environment = trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id)
             self.sandbox.trusted.append(await self._watch.start(environment))
             put_self_first()
-            watchers = [asyncio.create_task(self._sample()), asyncio.create_task(self.sandbox.guard.watch())]
+            watchers = [
+                asyncio.create_task(self._sample()),
+                asyncio.create_task(self.sandbox.guard.watch()),
+            ]
             try:
                 await within(self._run_steps(), self.plan.timeout_s)
             except asyncio.TimeoutError:
@@ -103,7 +106,9 @@ class Session:
         alive = [process for process in self.sandbox.students() if process.alive]
         sampled_s = len(self.record.machine) * _SAMPLE_PERIOD_S
         if not alive or sampled_s < _SAMPLED_SHARE * (now_ns - self.record.started_ns) / 1e9:
-            self.record.problems.append(f"the session took longer than {self.plan.timeout_s:g} s and was stopped")
+            self.record.problems.append(
+                f"the session took longer than {self.plan.timeout_s:g} s and was stopped"
+            )
         for process in alive:
             await process.kill(limit="time")
 
@@ -118,9 +123,13 @@ class Session:
             elif process.alive:
                 await process.stop(2.0)
                 if process.run.ended_by != "interrupt":
-                    self.record.problems.append(f"the reference node {name} did not end when it was asked to")
+                    self.record.problems.append(
+                        f"the reference node {name} did not end when it was asked to"
+                    )
             elif process.run.role == "reference":
-                self.record.problems.append(f"the reference node {name} ended with status {process.run.exit_status}")
+                self.record.problems.append(
+                    f"the reference node {name} ended with status {process.run.exit_status}"
+                )
         await self._watch.stop()
         if self.director is not None:
             await self.director.stop()
@@ -136,10 +145,15 @@ class Session:
 
     def _environment(self) -> dict[str, str]:
         """Return that of the grader's own ROS nodes."""
-        return self.sandbox.with_interfaces(trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id))
+        return self.sandbox.with_interfaces(
+            trusted_environment(self.plan.scratch / "trusted", self.plan.domain_id)
+        )
 
     async def _start_trusted(
-        self, run: ProcessRun, main: Callable[[], object], hear: Callable[[bytes], None] | None = None
+        self,
+        run: ProcessRun,
+        main: Callable[[], object],
+        hear: Callable[[bytes], None] | None = None,
     ) -> RunningProcess:
         self.record.processes.append(run)
         program = Program(run.name, main, self._environment(), _TRUSTED_BYTES)
@@ -153,7 +167,9 @@ class Session:
 
         def direct() -> None:
             module = importlib.import_module("grader.live.ros_node.director")
-            module.Director(plan.folder, session, plan.domain_id, reference_nodes, set(plan.expected)).serve()
+            module.Director(
+                plan.folder, session, plan.domain_id, reference_nodes, set(plan.expected)
+            ).serve()
 
         director = DirectorClient(self.record)
         director.running = await self._start_trusted(director.run, direct, director.hear)
@@ -168,10 +184,14 @@ class Session:
             "names": self.record.names,
             "with": settings,
             # The student's, by topic, those of a process that died included.
-            "subscriptions": Counter(e.topic for e in self._students_endpoints() if e.kind == "subscription"),
+            "subscriptions": Counter(
+                e.topic for e in self._students_endpoints() if e.kind == "subscription"
+            ),
             "types": self._types(),
         }
-        run = ProcessRun(name, "reference", ["python", Path(spec["file"]).name, json.dumps(configuration)])
+        run = ProcessRun(
+            name, "reference", ["python", Path(spec["file"]).name, json.dumps(configuration)]
+        )
         # Not on the command line, which everybody can read where process ids are shared: the seed is in it.
         running = await self._start_trusted(run, partial(run_script, spec["file"], "-"))
         running.write(json.dumps(configuration).encode(), last=True)
@@ -181,13 +201,19 @@ class Session:
             self.record.problems.append(f"the reference node {name} did not become ready")
         running.put_standing()
         collect_trusted_messages(self.record)
-        prefix = next((trusted.gid_prefix for trusted in self.record.trusted if trusted.process == name), "")
+        prefix = next(
+            (trusted.gid_prefix for trusted in self.record.trusted if trusted.process == name), ""
+        )
         self._filter.protect(running.root_pid() or 0, prefix)
         return outcome, result
 
     def _types(self) -> dict[str, str]:
         """Return the types of the topics to which the student subscribes, which may not be the lab's."""
-        waits = [s for s in self.record.steps if s.kind == "wait_for" and s.parameters.get("subscription")]
+        waits = [
+            s
+            for s in self.record.steps
+            if s.kind == "wait_for" and s.parameters.get("subscription")
+        ]
         return {s.result["name"]: s.result["type"] for s in waits if "type" in s.result}
 
     async def _sample(self) -> None:
@@ -203,7 +229,9 @@ class Session:
         step = self.record.steps[-1]
         for process in processes:
             process.sample_usage()
-            if process.run.core is not None and (step.kind == "wait_exit" or step.parameters.get("extend_s")):
+            if process.run.core is not None and (
+                step.kind == "wait_exit" or step.parameters.get("extend_s")
+            ):
                 process.put_standing(MEASURED if process.lately_used() < _MODEST else STANDING)
         self._watch.follow(processes)
 
@@ -214,7 +242,10 @@ class Session:
             step.started_ns = time.time_ns()
             self.record.steps.append(step)
             with suppress(BrokenPipeError):
-                print(json.dumps({"text": words, "index": number, "of": len(self.plan.steps)}), flush=True)
+                print(
+                    json.dumps({"text": words, "index": number, "of": len(self.plan.steps)}),
+                    flush=True,
+                )
             # What is not done here is an operation of the director's.
             action = getattr(self, f"_step_{step.kind}", None) or partial(self._direct, step.kind)
             step.outcome, step.result = await action(step.parameters)
@@ -243,7 +274,10 @@ class Session:
         # Nodes that a student composed in one file all run; what the session needs for itself is kept from the others.
         sources = self.plan.sources
         composed = any(a != artifact and sources[a] == sources.get(artifact) for a in sources)
-        for wanted, new in {**parameters["remappings"], **(parameters["composed"] if composed else {})}.items():
+        for wanted, new in {
+            **parameters["remappings"],
+            **(parameters["composed"] if composed else {}),
+        }.items():
             arguments += ["-r", f"{self.record.names.get(wanted, wanted)}:={new}"]
         workspace = Path(self.sandbox.seen[WORKSPACE])
         command = [str(self.plan.interpreter), f"{workspace}/{wrapper}"]
@@ -275,7 +309,9 @@ class Session:
         cores = sorted(os.sched_getaffinity(0))
         for number, process in enumerate(self.sandbox.students()):
             if process.alive:
-                process.hold_to_core(cores[(self.plan.slot + number) % len(cores)], self.sandbox.uid)
+                process.hold_to_core(
+                    cores[(self.plan.slot + number) % len(cores)], self.sandbox.uid
+                )
                 process.put_standing()
                 self._look_at(process)
 
@@ -332,14 +368,18 @@ class Session:
 
     async def _step_interrupt(self, parameters: dict[str, Any]) -> Answer:
         everyone = parameters["process"] == "*"
-        chosen = [p for p in self.sandbox.students() if everyone or p.run.name == parameters["process"]]
+        chosen = [
+            p for p in self.sandbox.students() if everyone or p.run.name == parameters["process"]
+        ]
         if everyone:
             self._launch.end()
         alive = [p for p in chosen if p.alive]
         await asyncio.gather(*(p.stop(parameters["timeout_s"]) for p in alive))
         for process in alive:
             if process.run.interrupted_ns is None and process.run.ended_by in ("terminate", "kill"):
-                self.record.problems.append(f"{process.run.name} was not interrupted: its process was not found")
+                self.record.problems.append(
+                    f"{process.run.name} was not interrupted: its process was not found"
+                )
         ended = {p.run.name: p.run.ended_by for p in chosen}
         stubborn = [n for n, how in ended.items() if how in ("terminate", "kill")]
         return ("timeout" if stubborn else "done"), {"ended_by": ended}
@@ -349,14 +389,23 @@ class Session:
         if not self.plan.isolation.namespaces:
             problem = "this machine gives a session no networks of its own"
             return "failed", asdict(LinkResult(problem=problem))
-        link = Link(self.record.steps[-1], self._students_endpoints, self.sandbox.claims_so_far, self.record.names)
+        link = Link(
+            self.record.steps[-1],
+            self._students_endpoints,
+            self.sandbox.claims_so_far,
+            self.record.names,
+        )
         self._links.append(asyncio.create_task(link.run(self.record.seed, self._environment())))
         return "done", {}
 
     def _students_endpoints(self) -> list[Endpoint]:
         """Return those that are in the graph now."""
         ours = {spec["node"] for spec in self.plan.reference.values()}
-        return [e for e in self.record.graph[-1].endpoints if e.node not in ours] if self.record.graph else []
+        return (
+            [e for e in self.record.graph[-1].endpoints if e.node not in ours]
+            if self.record.graph
+            else []
+        )
 
     async def _step_wait_exit(self, parameters: dict[str, Any]) -> Answer:
         process = self.processes.get(parameters["process"])

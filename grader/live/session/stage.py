@@ -41,7 +41,13 @@ sys.argv[0] = source
 '''
 
 #: Where packages keep data files of a kind.
-_USUAL_FOLDERS = {".yaml": "config", ".yml": "config", ".rviz": "rviz", ".urdf": "urdf", ".xacro": "urdf"}
+_USUAL_FOLDERS = {
+    ".yaml": "config",
+    ".yml": "config",
+    ".rviz": "rviz",
+    ".urdf": "urdf",
+    ".xacro": "urdf",
+}
 
 _INIT = re.compile(r"(^|/)__init__\.py$")
 #: Folders that are looked through for modules.
@@ -60,7 +66,9 @@ sys.exit(operator.attrgetter({function!r})(module)())"""
 _RUN_MODULE = 'runpy.run_module({module!r}, run_name="__main__", alter_sys=True)'
 
 
-def stage(source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str) -> dict[str, str]:
+def stage(
+    source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str
+) -> dict[str, str]:
     """Make the workspace of a submission's folder, of which only the files listed in `record` are copied.
 
     Returns for each artifact the path of its wrapper in there.
@@ -120,10 +128,21 @@ class _Installation:
     def _packages_of_bare_files(self) -> list[PackageFact]:
         """Bare files stand for the lab's package, and for any other that their launch files name."""
         named = [m for text in self.record.texts.values() for m in _PACKAGE_ARGUMENT.findall(text)]
-        names = [p for p in dict.fromkeys([self.rubric.lab.package, *named]) if not is_released(p)][:20]
-        given = [(self.rubric.artifacts[artifact.name].executable, artifact.path) for artifact in self.record.artifacts]
-        parts = {executable: path for executable, path in given if executable is not None and path is not None}
-        others = [path for path in self.record.texts if path.endswith(".py") and not is_launch_file(path)]
+        names = [p for p in dict.fromkeys([self.rubric.lab.package, *named]) if not is_released(p)][
+            :20
+        ]
+        given = [
+            (self.rubric.artifacts[artifact.name].executable, artifact.path)
+            for artifact in self.record.artifacts
+        ]
+        parts = {
+            executable: path
+            for executable, path in given
+            if executable is not None and path is not None
+        }
+        others = [
+            path for path in self.record.texts if path.endswith(".py") and not is_launch_file(path)
+        ]
         # `ros2 run` knows them by the names that their entry points would have, or by their own.
         files = [PurePosixPath(path) for path in (*others, *parts.values())]
         programs = {name: str(file) for file in files for name in (file.name, file.stem)} | parts
@@ -133,7 +152,9 @@ class _Installation:
         for name, target in package.executables.items():
             program = self.folder / "install/lib" / package.name / name
             text = self._wrapper_of_entry(package, target)
-            if re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name) and self._take_room(program, len(text)):
+            if re.fullmatch(r"(?!\.{1,2}$)[\w.+-]{1,200}", name) and self._take_room(
+                program, len(text)
+            ):
                 _write(program, text)
         all_data = self._all_data(package.name, PurePosixPath(package.path))
         self._share(all_data if package.shared is None else package.shared.items())
@@ -143,9 +164,13 @@ class _Installation:
         shared = []
         for path in (PurePosixPath(file.path) for file in self.record.files):
             if path.is_relative_to(root) and _is_shared(inside := path.relative_to(root)):
-                usual = _USUAL_FOLDERS.get(path.suffix, "launch" if is_launch_file(path.name) else None)
+                usual = _USUAL_FOLDERS.get(
+                    path.suffix, "launch" if is_launch_file(path.name) else None
+                )
                 targets = [f"{usual}/{inside}"] if usual and len(inside.parts) == 1 else []
-                shared += [(f"share/{package}/{target}", str(path)) for target in (inside, *targets)]
+                shared += [
+                    (f"share/{package}/{target}", str(path)) for target in (inside, *targets)
+                ]
         return shared
 
     def _share(self, files: Iterable[tuple[str, str]]) -> None:
@@ -165,7 +190,12 @@ class _Installation:
     def _wrapper(self, target: str, root: PurePosixPath, source: str, run: str) -> str:
         packages = [folder for folder in self._python_path if folder != str(root)]
         return _WRAPPER.format(
-            interpreter=self.interpreter, target=target, root=str(root), source=source, run=run, packages=packages
+            interpreter=self.interpreter,
+            target=target,
+            root=str(root),
+            source=source,
+            run=run,
+            packages=packages,
         )
 
     def _wrapper_of_entry(self, package: PackageFact, target: str) -> str:
@@ -173,25 +203,38 @@ class _Installation:
             return self._wrapper_of_file(target)
         module, function = target.split(":", 1)
         source = module.replace(".", "/") + ".py"
-        return self._wrapper(target, PurePosixPath(package.path), source, _run_entry(module, function))
+        return self._wrapper(
+            target, PurePosixPath(package.path), source, _run_entry(module, function)
+        )
 
     # Many names may stand for one file, in packages within each other too, and it takes long to read.
     @cache  # noqa: B019
     def _wrapper_of_file(self, path: str, executable: str | None = None) -> str:
         file = PurePosixPath(path)
-        function = function_to_call(self.record.texts.get(path, ""), self._entry_points_of(file, executable))
+        function = function_to_call(
+            self.record.texts.get(path, ""), self._entry_points_of(file, executable)
+        )
         root = self._package_root(file)
         module = ".".join(file.relative_to(root).with_suffix("").parts)
         if root == file.parent or file.suffix != ".py":
-            root, run = file.parent, _RUN_FILE if function is None else _RUN_FILE_FUNCTION.format(function=function)
+            root, run = (
+                file.parent,
+                _RUN_FILE if function is None else _RUN_FILE_FUNCTION.format(function=function),
+            )
         else:
-            run = _RUN_MODULE.format(module=module) if function is None else _run_entry(module, function)
+            run = (
+                _RUN_MODULE.format(module=module)
+                if function is None
+                else _run_entry(module, function)
+            )
         return self._wrapper(path, root, str(file.relative_to(root)), run)
 
     def _entry_points_of(self, path: PurePosixPath, executable: str | None) -> list[str]:
         """Return the functions of a file that entry points of its package name, that of an executable first."""
         points = self._entry_points.get(path.with_suffix(""), [])
-        return [function for name, function in sorted(points, key=lambda point: point[0] != executable)]
+        return [
+            function for name, function in sorted(points, key=lambda point: point[0] != executable)
+        ]
 
     @cached_property
     def _entry_points(self) -> Mapping[PurePosixPath, list[tuple[str, str]]]:
@@ -213,7 +256,11 @@ class _Installation:
         """Folders whose modules a program finds besides its own, as in a sourced workspace: those of all packages."""
         if not self.record.packages:
             return []
-        inner = (self._package_root(PurePosixPath(path)) for path in sorted(self._files) if _INIT.search(path))
+        inner = (
+            self._package_root(PurePosixPath(path))
+            for path in sorted(self._files)
+            if _INIT.search(path)
+        )
         folders = [package.path for package in self.record.packages] + [str(root) for root in inner]
         return list(dict.fromkeys(folders))[:_MOST_FOLDERS]
 
@@ -239,4 +286,6 @@ def _write(path: Path, text: str, mode: int = 0o755) -> None:
 
 def _is_shared(inside: PurePosixPath) -> bool:
     """Whether a package's file belongs in its share folder: data rather than modules."""
-    return inside.suffix != ".py" or "launch" in inside.parts[0] or inside.name.endswith("launch.py")
+    return (
+        inside.suffix != ".py" or "launch" in inside.parts[0] or inside.name.endswith("launch.py")
+    )

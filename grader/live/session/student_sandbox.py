@@ -27,7 +27,12 @@ from grader.live.sandbox.isolation import (
     student_uid,
 )
 from grader.live.sandbox.machine import descendants_of
-from grader.live.sandbox.namespaces import adopt_orphans, bring_loopback_up, mount_tmpfs, use_up_process_ids
+from grader.live.sandbox.namespaces import (
+    adopt_orphans,
+    bring_loopback_up,
+    mount_tmpfs,
+    use_up_process_ids,
+)
 from grader.live.sandbox.scratch import remove_tree
 from grader.live.session.plan import SessionPlan
 from grader.live.student_tap.claims import claims_in
@@ -63,7 +68,10 @@ class StudentSandbox:
         self.trusted: list[RunningProcess] = []
         self._room = Room.below(plan.scratch, plan.interpreter)
         self.workspace, self.launch_workspace = self._room.areas[WORKSPACE], plan.scratch / "trial"
-        self.parameters, self.interfaces = self._room.tools[PARAMETERS], self._room.tools[INTERFACES]
+        self.parameters, self.interfaces = (
+            self._room.tools[PARAMETERS],
+            self._room.tools[INTERFACES],
+        )
         self._prefixes = sorted(plan.interfaces.iterdir()) if plan.interfaces is not None else []
         self.seen = self._room.seen(plan.isolation)
         #: Programs that never began, and how the session would be disturbed by that.
@@ -127,7 +135,11 @@ class StudentSandbox:
     def environment(self, more: Mapping[str, str]) -> dict[str, str]:
         """Return the environment of a student's process, with some variables more."""
         base = student_environment(
-            self.plan.interpreter, self.seen[HOME], self.seen[WORKSPACE], self.seen[INSIDE], self.plan.domain_id
+            self.plan.interpreter,
+            self.seen[HOME],
+            self.seen[WORKSPACE],
+            self.seen[INSIDE],
+            self.plan.domain_id,
         )
         found = with_prefixes(base, [f"{self.seen[INTERFACES]}/{p.name}" for p in self._prefixes])
         return {**found, "TMPDIR": self.seen[TEMPORARY], **more}
@@ -137,7 +149,11 @@ class StudentSandbox:
         return with_prefixes(environment, [str(self.interfaces / p.name) for p in self._prefixes])
 
     async def start(
-        self, run: ProcessRun, *, cwd: str | None = None, environment: Mapping[str, str] | None = None
+        self,
+        run: ProcessRun,
+        *,
+        cwd: str | None = None,
+        environment: Mapping[str, str] | None = None,
     ) -> RunningProcess:
         """Start one of the student's processes, confined and with the tap."""
         tap_read, tap_write = os.pipe()
@@ -149,7 +165,9 @@ class StudentSandbox:
             raise
         finally:
             os.close(tap_write)
-        self._taps[run.name] = PipeReader(tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text))
+        self._taps[run.name] = PipeReader(
+            tap_read, _MAX_CLAIM_BYTES, lambda text: self._note_claims(run, text)
+        )
         self.processes[run.name] = running
         return running
 
@@ -169,10 +187,16 @@ class StudentSandbox:
         It sees another `workspace` instead of the session's, and `folders` besides, if these are given.
         """
         self.record.processes.append(run)
-        if workspace is None and cwd is not None and PurePosixPath(cwd).is_relative_to(self.seen[WORKSPACE]):
+        if (
+            workspace is None
+            and cwd is not None
+            and PurePosixPath(cwd).is_relative_to(self.seen[WORKSPACE])
+        ):
             # An earlier program may have made of it what it liked, which must not keep this one from its beginning.
             try:
-                restore_way(self.workspace, PurePosixPath(cwd).relative_to(self.seen[WORKSPACE]), _OPEN)
+                restore_way(
+                    self.workspace, PurePosixPath(cwd).relative_to(self.seen[WORKSPACE]), _OPEN
+                )
             except OSError:
                 cwd = self.seen[WORKSPACE]
         room = replace(
@@ -211,7 +235,11 @@ class StudentSandbox:
 
     def claims_so_far(self) -> list[Claim]:
         """Return what the student's processes have asked rclpy for, those that run included."""
-        running = (claim for name, tap in self._taps.items() for claim in self._claims_in(name, tap.so_far()))
+        running = (
+            claim
+            for name, tap in self._taps.items()
+            for claim in self._claims_in(name, tap.so_far())
+        )
         return [*self.record.claims, *running]
 
     def note_unstarted(self, run: ProcessRun, what: str) -> None:

@@ -49,7 +49,12 @@ class Export:
 EXPORTS: Mapping[str, Export] = {
     export.name: export
     for export in (
-        Export("github-summary", "Markdown for GitHub's job summary", "summary.md", github_summary.render),
+        Export(
+            "github-summary",
+            "Markdown for GitHub's job summary",
+            "summary.md",
+            github_summary.render,
+        ),
         Export(
             "github-annotations",
             "GitHub workflow commands that mark lines of the student's files",
@@ -57,10 +62,19 @@ EXPORTS: Mapping[str, Export] = {
             github_annotations.render,
         ),
         Export("junit", "JUnit XML, as Jenkins and GitLab read it", "junit.xml", junit.render),
-        Export("gitlab-codequality", "GitLab's code quality report", "codequality.json", gitlab_codequality.render),
+        Export(
+            "gitlab-codequality",
+            "GitLab's code quality report",
+            "codequality.json",
+            gitlab_codequality.render,
+        ),
         Export("gradescope", "Gradescope's results.json", "gradescope.json", gradescope.render),
         Export(
-            "classroom50", "Classroom 50's result.json", "classroom50.json", classroom50.render, classroom50.VARIABLES
+            "classroom50",
+            "Classroom 50's result.json",
+            "classroom50.json",
+            classroom50.render,
+            classroom50.VARIABLES,
         ),
     )
 }
@@ -79,21 +93,44 @@ class ClassExport:
 CLASS_EXPORTS: Mapping[str, ClassExport] = {
     export.name: export
     for export in (
-        ClassExport("moodle", "grades for Moodle", f"{EXPORTED}/moodle.csv", gradebooks.MOODLE.render),
-        ClassExport("canvas", "grades for Canvas", f"{EXPORTED}/canvas.csv", gradebooks.CANVAS.render),
-        ClassExport("blackboard", "grades for Blackboard", f"{EXPORTED}/blackboard.csv", gradebooks.BLACKBOARD.render),
         ClassExport(
-            "brightspace", "grades for Brightspace", f"{EXPORTED}/brightspace.csv", gradebooks.BRIGHTSPACE.render
+            "moodle", "grades for Moodle", f"{EXPORTED}/moodle.csv", gradebooks.MOODLE.render
         ),
-        ClassExport("feedback", "reports, as Moodle and Canvas take them", f"{EXPORTED}/feedback.zip", feedback.render),
-        ClassExport("mail", "a mailbox with a mail a student", f"{EXPORTED}/mail.mbox", mail.mailbox),
+        ClassExport(
+            "canvas", "grades for Canvas", f"{EXPORTED}/canvas.csv", gradebooks.CANVAS.render
+        ),
+        ClassExport(
+            "blackboard",
+            "grades for Blackboard",
+            f"{EXPORTED}/blackboard.csv",
+            gradebooks.BLACKBOARD.render,
+        ),
+        ClassExport(
+            "brightspace",
+            "grades for Brightspace",
+            f"{EXPORTED}/brightspace.csv",
+            gradebooks.BRIGHTSPACE.render,
+        ),
+        ClassExport(
+            "feedback",
+            "reports, as Moodle and Canvas take them",
+            f"{EXPORTED}/feedback.zip",
+            feedback.render,
+        ),
+        ClassExport(
+            "mail", "a mailbox with a mail a student", f"{EXPORTED}/mail.mbox", mail.mailbox
+        ),
         ClassExport("eml", "the same mails as files", f"{EXPORTED}/mail.zip", mail.files),
     )
 }
 
 
 def render_export(
-    name: str, result: Result, *, path_prefix: str = "", environment: Mapping[str, str] | None = None
+    name: str,
+    result: Result,
+    *,
+    path_prefix: str = "",
+    environment: Mapping[str, str] | None = None,
 ) -> str:
     """Return a result in another system's form; raises GraderError if that needs a variable that is not set.
 

@@ -40,9 +40,13 @@ _FINE = Decimal("1e-9")
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
     """Return the file's text."""
     given = {key: line(environment[variable], 1000) for key, variable in _GIVEN.items()}
-    tests = [_test(check, *scores) for check, scores in zip(graded.checks, _scores(graded), strict=True)]
+    tests = [
+        _test(check, *scores) for check, scores in zip(graded.checks, _scores(graded), strict=True)
+    ]
     # When the last session ended; the runner puts the time of submission in its place.
-    ended_s = max((s["started_ns"] / 1e9 + s["duration_s"] for s in graded.sessions.values()), default=0.0)
+    ended_s = max(
+        (s["started_ns"] / 1e9 + s["duration_s"] for s in graded.sessions.values()), default=0.0
+    )
     plain = {
         "schema": SCHEMA,
         **given,
@@ -58,7 +62,10 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 def _scores(graded: Graded) -> list[tuple[int, int]]:
     """Return each check's score and maximum; what is open has earned no more than is known."""
     most = whole_scores([check.possible for check in graded.checks])
-    within = [int(check.earned) if check.open else limit for check, limit in zip(graded.checks, most, strict=True)]
+    within = [
+        int(check.earned) if check.open else limit
+        for check, limit in zip(graded.checks, most, strict=True)
+    ]
     exact = [
         max(_ZERO, min(Decimal(limit), check.possible, check.earned + check.given))
         for check, limit in zip(graded.checks, within, strict=True)
@@ -69,7 +76,10 @@ def _scores(graded: Graded) -> list[tuple[int, int]]:
     if wanted < earned:
         exact = [value * wanted / earned for value in exact]
     elif room > 0:
-        exact = [value + (m - value) * (wanted - earned) / room for value, m in zip(exact, within, strict=True)]
+        exact = [
+            value + (m - value) * (wanted - earned) / room
+            for value, m in zip(exact, within, strict=True)
+        ]
     return list(zip(whole_scores([value.quantize(_FINE) for value in exact]), most, strict=True))
 
 

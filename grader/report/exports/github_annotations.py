@@ -26,14 +26,24 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
         checks = [check for check in shown if _KINDS.get(check.outcome, "notice") == kind]
         commands += [_command(kind, check) for check in checks[:MOST_OF_A_KIND]]
         if len(checks) > MOST_OF_A_KIND:
-            commands.append(f"({len(checks) - MOST_OF_A_KIND} more of the kind {kind} are in the report.)")
+            commands.append(
+                f"({len(checks) - MOST_OF_A_KIND} more of the kind {kind} are in the report.)"
+            )
     return "".join(f"{command}\n" for command in commands)
 
 
 def _command(kind: str, check: GradedCheck) -> str:
     cost = f"−{points(check.lost)} points" if check.lost else "costs nothing"
-    properties = {"title": f"{line(check.title, _LONGEST_TITLE)} ({badge_of(check.outcome).word}, {cost})"}
+    properties = {
+        "title": f"{line(check.title, _LONGEST_TITLE)} ({badge_of(check.outcome).word}, {cost})"
+    }
     if check.location is not None:
-        properties = {"file": str(check.location.file), "line": str(check.location.line), **properties}
-    written = ",".join(f"{key}={command_property(value, 1000)}" for key, value in properties.items())
+        properties = {
+            "file": str(check.location.file),
+            "line": str(check.location.line),
+            **properties,
+        }
+    written = ",".join(
+        f"{key}={command_property(value, 1000)}" for key, value in properties.items()
+    )
     return f"::{kind} {written}::{command_data(full_text(check) or badge_of(check.outcome).word)}"

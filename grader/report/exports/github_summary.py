@@ -8,8 +8,23 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 from grader.report.escape import markdown_text
-from grader.report.exports.graded import MOST_REMARKS, Graded, GradedCheck, points_of, proof_lines, violation_texts
-from grader.report.views import BONUS, EXPLANATION, HEADING, adjustments_of, badge_of, bonus_lines, points
+from grader.report.exports.graded import (
+    MOST_REMARKS,
+    Graded,
+    GradedCheck,
+    points_of,
+    proof_lines,
+    violation_texts,
+)
+from grader.report.views import (
+    BONUS,
+    EXPLANATION,
+    HEADING,
+    adjustments_of,
+    badge_of,
+    bonus_lines,
+    points,
+)
 from grader.result import Outcome
 
 LONGEST_BYTES = 1024 * 1024
@@ -38,7 +53,9 @@ def _parts(graded: Graded) -> Iterable[str]:
     yield _criteria(graded)
     yield from _listed(BONUS, map(markdown_text, bonus_lines(graded)))
     judged = f"As judged: {points(graded.score.earned)}. With all adjustments: **{points(graded.final)}**."
-    yield from _listed("Adjustments", (markdown_text(view.text) for view in adjustments_of(graded)), judged)
+    yield from _listed(
+        "Adjustments", (markdown_text(view.text) for view in adjustments_of(graded)), judged
+    )
     yield from _listed(HEADING, map(markdown_text, violation_texts(graded)), EXPLANATION)
     lossy = [check for check in graded.lossy if check.outcome is not Outcome.NOT_REACHED]
     if lossy:
@@ -48,7 +65,9 @@ def _parts(graded: Graded) -> Iterable[str]:
     yield from _listed("Not tested, because of the above", missed)
     undecided = [_because(c, f"{points(c.undecided)} points") for c in graded.checks if c.open]
     yield from _listed("Undecided, not earned", undecided)
-    yield from _listed("Costs nothing, but worth knowing", map(markdown_text, graded.advisories[:MOST_REMARKS]))
+    yield from _listed(
+        "Costs nothing, but worth knowing", map(markdown_text, graded.advisories[:MOST_REMARKS])
+    )
     yield from _listed("On the grader's side", map(markdown_text, graded.problems[:MOST_REMARKS]))
     yield _all_checks(graded)
     yield _foot(graded)
@@ -56,7 +75,11 @@ def _parts(graded: Graded) -> Iterable[str]:
 
 def _head(graded: Graded) -> str:
     total = f"{points(graded.final)} of {points(graded.score.possible)} points"
-    lines = [f"# {markdown_text(graded.lab, 200)}: {total}", "", f"Submission {markdown_text(graded.submission, 200)}"]
+    lines = [
+        f"# {markdown_text(graded.lab, 200)}: {total}",
+        "",
+        f"Submission {markdown_text(graded.submission, 200)}",
+    ]
     if graded.still_undecided:
         lines += [
             "",
@@ -64,7 +87,10 @@ def _head(graded: Graded) -> str:
             "the next run may decide them, or the instructor.",
         ]
     if any(session["isolation"] == "none" for session in graded.sessions.values()):
-        lines += ["", "> **The submission's code ran unconfined.** The report says what would confine it."]
+        lines += [
+            "",
+            "> **The submission's code ran unconfined.** The report says what would confine it.",
+        ]
     return "\n".join(lines) + "\n"
 
 
@@ -73,7 +99,9 @@ def _criteria(graded: Graded) -> str:
     for criterion in graded.criteria:
         undecided = f" (+ {points(criterion.undecided)} undecided)" if criterion.undecided else ""
         share = f"{points(criterion.earned)} / {points(criterion.possible)}{undecided}"
-        rows.append(f"| {badge_of(criterion.outcome).sign} | {markdown_text(criterion.title)} | {share} |")
+        rows.append(
+            f"| {badge_of(criterion.outcome).sign} | {markdown_text(criterion.title)} | {share} |"
+        )
     return "\n".join(["| | Criterion | Points |", "|:-:|---|--:|", *rows]) + "\n"
 
 
@@ -115,4 +143,6 @@ def _foot(graded: Graded) -> str:
     if graded.rubric_sha256:
         facts.append(f"rubric {markdown_text(graded.rubric_sha256[:12])}")
     listed = f" ({'; '.join(facts)})" if facts else ""
-    return f"The evidence for each point is in `report.html`, among the files of this job{listed}.\n"
+    return (
+        f"The evidence for each point is in `report.html`, among the files of this job{listed}.\n"
+    )

@@ -62,21 +62,33 @@ class GradeBook:
                 wanted = ", ".join(column.heading for column in self.columns if column.is_key)
                 returned.left_out[f"none of these is known: {wanted}"].append(share.entry.name)
             elif any(times[key] > 1 for key in keys.items()):
-                returned.left_out["the same student stands behind several submissions"].append(share.entry.name)
+                returned.left_out["the same student stands behind several submissions"].append(
+                    share.entry.name
+                )
             else:
-                rows.append([keys.get(c.heading, "") if c.is_key else c.cell(share) for c in self.columns])
+                rows.append(
+                    [keys.get(c.heading, "") if c.is_key else c.cell(share) for c in self.columns]
+                )
         first = shares[0].result
-        heading = given.column or self.heading.format(lab=line(first.lab), points=points(first.score.possible))
+        heading = given.column or self.heading.format(
+            lab=line(first.lab), points=points(first.score.possible)
+        )
         others = ["" for _ in self.columns[1:-1]]
-        second: list[list[str | Decimal]] = [[self.second, *others, first.score.possible]] if self.second else []
+        second: list[list[str | Decimal]] = (
+            [[self.second, *others, first.score.possible]] if self.second else []
+        )
         head = [column.heading or heading for column in self.columns]
         returned.count = len(rows)
-        returned.content = csv_text([head, *second, *rows], csv.QUOTE_ALL).removeprefix(BYTE_ORDER_MARK).encode()
+        returned.content = (
+            csv_text([head, *second, *rows], csv.QUOTE_ALL).removeprefix(BYTE_ORDER_MARK).encode()
+        )
         return returned
 
     def _keys(self, share: Share) -> dict[str, str]:
         """Return by what the grade book finds a student, as far as that is known and can be written as it is."""
-        cells = {column.heading: str(column.cell(share)) for column in self.columns if column.is_key}
+        cells = {
+            column.heading: str(column.cell(share)) for column in self.columns if column.is_key
+        }
         return {heading: cell for heading, cell in cells.items() if cell and csv_cell(cell) == cell}
 
 
@@ -92,7 +104,11 @@ def _number(fact: str, share: Share, before: str = "") -> str:
 
 _POINTS = Column("", lambda share: share.result.final)
 _NAME = partial(_known, "name")
-_ID, _LOGIN, _EMAIL = partial(_known, "student_id"), partial(_known, "login"), partial(_known, "email")
+_ID, _LOGIN, _EMAIL = (
+    partial(_known, "student_id"),
+    partial(_known, "login"),
+    partial(_known, "email"),
+)
 
 
 MOODLE = GradeBook(

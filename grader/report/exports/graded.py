@@ -10,7 +10,15 @@ from pathlib import PurePosixPath
 
 from grader.report.escape import line, shown
 from grader.report.views import note_of, points
-from grader.result import BY_HAND, AdjustmentKind, CheckResult, CriterionResult, Location, Result, SessionProvenance
+from grader.result import (
+    BY_HAND,
+    AdjustmentKind,
+    CheckResult,
+    CriterionResult,
+    Location,
+    Result,
+    SessionProvenance,
+)
 
 #: No path is longer, and no name that matters.
 _LONGEST_NAME = 4096
@@ -69,7 +77,9 @@ class Graded(Result):
     @property
     def lossy(self) -> tuple[GradedCheck, ...]:
         """The checks that cost points, the costliest first."""
-        return tuple(sorted((check for check in self.checks if check.lost), key=lambda check: -check.lost))
+        return tuple(
+            sorted((check for check in self.checks if check.lost), key=lambda check: -check.lost)
+        )
 
     @property
     def sessions(self) -> Mapping[str, SessionProvenance]:
@@ -91,9 +101,13 @@ def graded(result: Result, path_prefix: str = "") -> Graded:
         # A person has looked at all of the criterion; what it got for each check is not known, unless it is excused.
         rest = check.possible - check.earned - undecided
         added = rest if criterion in excused else given.get(check.id, Decimal(0))
-        location = next(filter(None, (_in_repository(where, path_prefix) for where in check.where)), None)
+        location = next(
+            filter(None, (_in_repository(where, path_prefix) for where in check.where)), None
+        )
         is_open = check.id in open_ids
-        return GradedCheck(**{**vars(check), "undecided": undecided}, given=added, open=is_open, location=location)
+        return GradedCheck(
+            **{**vars(check), "undecided": undecided}, given=added, open=is_open, location=location
+        )
 
     criteria = []
     for criterion in result.criteria:
@@ -144,4 +158,6 @@ def full_text(check: GradedCheck) -> str:
     why = line(check.reason, 600)
     if check.open:
         why = f"Undecided, {points(check.undecided)} points are not earned before somebody has decided. {why}".strip()
-    return "\n".join([*([why] if why else []), *(f"{name}: {text}" for name, text in proof_lines(check))])
+    return "\n".join(
+        [*([why] if why else []), *(f"{name}: {text}" for name, text in proof_lines(check))]
+    )

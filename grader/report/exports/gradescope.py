@@ -16,7 +16,14 @@ from typing import Any
 
 from grader.json_text import json_text
 from grader.report.escape import line
-from grader.report.exports.graded import MOST_REMARKS, Graded, GradedCheck, GradedCriterion, full_text, violation_texts
+from grader.report.exports.graded import (
+    MOST_REMARKS,
+    Graded,
+    GradedCheck,
+    GradedCriterion,
+    full_text,
+    violation_texts,
+)
 from grader.report.views import BONUS, HEADING, adjustments_of, bonus_lines, points
 from grader.result import number
 
@@ -47,7 +54,9 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 
 
 def _overall(graded: Graded) -> list[str]:
-    lines = [f"{line(graded.lab)}: {points(graded.final)} of {points(graded.score.possible)} points"]
+    lines = [
+        f"{line(graded.lab)}: {points(graded.final)} of {points(graded.score.possible)} points"
+    ]
     if graded.still_undecided:
         lines.append(
             f"{points(graded.still_undecided)} points are undecided, and not earned before they are: "

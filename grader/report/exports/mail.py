@@ -40,7 +40,9 @@ def files(given: ReturnedClass) -> Returned:
     """Return an archive with a file for each mail, called after the submission and its place among the people."""
     returned = Returned()
     messages = _messages(given, returned)
-    returned.content = packed({f"{name}.eml": message.as_bytes(policy=SMTP) for name, message in messages})
+    returned.content = packed(
+        {f"{name}.eml": message.as_bytes(policy=SMTP) for name, message in messages}
+    )
     return returned
 
 
@@ -53,11 +55,16 @@ def _messages(given: ReturnedClass, returned: Returned) -> Iterator[tuple[str, E
         try:
             message = _message(share, report, given.sender)
         except (ValueError, IndexError, HeaderParseError):
-            returned.left_out["no address is known that mail can be sent to"].append(share.entry.name)
+            returned.left_out["no address is known that mail can be sent to"].append(
+                share.entry.name
+            )
             continue
         returned.count += 1
         place = share.entry.people.index(share.person) + 1
-        yield (share.entry.name if len(share.entry.people) == 1 else f"{share.entry.name}-{place}"), message
+        yield (
+            (share.entry.name if len(share.entry.people) == 1 else f"{share.entry.name}-{place}"),
+            message,
+        )
 
 
 def _message(share: Share, report: bytes, sender: str) -> EmailMessage:

@@ -77,7 +77,9 @@ def comment(result: Result) -> str:
     if result.bonus:
         total += f" {BONUS}: {'; '.join(bonus_lines(result))}."
     if losses := losses_of(graded(result))[:_MOST_NAMED]:
-        total += f" Fix first: {'; '.join(f'{loss.check.title} ({_gain(loss)})' for loss in losses)}."
+        total += (
+            f" Fix first: {'; '.join(f'{loss.check.title} ({_gain(loss)})' for loss in losses)}."
+        )
     return line(total, 480).translate(_MARKUP)
 
 
@@ -87,7 +89,9 @@ def plain_report(result: Result) -> str:
     lines = [line(result.lab), comment(result), "", "The points of each part, as judged:"]
     for part in view.criteria:
         undecided = f" ({points(part.undecided)} undecided)" if part.undecided else ""
-        lines.append(f"  {points(part.earned):>6} of {points(part.possible):<6} {line(part.title)}{undecided}")
+        lines.append(
+            f"  {points(part.earned):>6} of {points(part.possible):<6} {line(part.title)}{undecided}"
+        )
     for loss in losses_of(view)[:_MOST_LOSSES]:
         lines += ["", f"{line(loss.check.title)} ({_gain(loss)}): {line(loss.check.reason, 600)}"]
         lines += [line(loss.check.hint, 600)] if loss.check.hint else []

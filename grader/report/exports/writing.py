@@ -35,7 +35,9 @@ class ExportTarget:
         if name not in forms:
             raise ValueError(f"there is no export {name!r}; there are {', '.join(forms)}")
         if file.startswith(_DEVICES):
-            raise ValueError(f"{file} cannot be replaced by a file; {STANDARD_OUTPUT} is the standard output")
+            raise ValueError(
+                f"{file} cannot be replaced by a file; {STANDARD_OUTPUT} is the standard output"
+            )
         return cls(name, file or None)
 
     def path(self, results: Path) -> Path:
@@ -46,7 +48,9 @@ class ExportTarget:
         return self.name if self.file is None else f"{self.name}={self.file}"
 
 
-def write_exports(targets: Sequence[ExportTarget], result: Result, results: Path, path_prefix: str = "") -> list[Path]:
+def write_exports(
+    targets: Sequence[ExportTarget], result: Result, results: Path, path_prefix: str = ""
+) -> list[Path]:
     """Write a result's exports; returns the files. Raises GraderError if one of them cannot be made."""
     written = []
     for target in targets:
@@ -70,6 +74,8 @@ def write_export(target: ExportTarget, results: Path, content: bytes) -> list[Pa
         path.parent.mkdir(exist_ok=True)
         if path.parent.is_symlink():
             remedy = "Remove the link; nothing is written through one."
-            raise UsageError("the folder of the exports is a link", location=str(path.parent), remedy=remedy)
+            raise UsageError(
+                "the folder of the exports is a link", location=str(path.parent), remedy=remedy
+            )
     replace_file(path, content)
     return [path]

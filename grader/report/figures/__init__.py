@@ -40,4 +40,8 @@ def draw(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Figure | Non
     """Draw what a rubric asks for; None where nothing was recorded that could be shown."""
     assert isinstance(spec.parameters, FigureKind)
     figure = spec.parameters.draw(recorded, lab_folder)
-    return replace(figure, title=spec.title, session=spec.session, shows=spec.shows) if figure is not None else None
+    return (
+        replace(figure, title=spec.title, session=spec.session, shows=spec.shows)
+        if figure is not None
+        else None
+    )

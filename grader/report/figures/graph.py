@@ -13,7 +13,17 @@ from grader.evidence.recorded import Recorded
 from grader.lab import references as ref
 from grader.recording.session import Endpoint, asked_for, completed
 from grader.report.escape import line
-from grader.report.figures.svg import SINCE, Figure, FigureKind, duration, frame_in, padded, rule, tag, text
+from grader.report.figures.svg import (
+    SINCE,
+    Figure,
+    FigureKind,
+    duration,
+    frame_in,
+    padded,
+    rule,
+    tag,
+    text,
+)
 from grader.report.views import fields, literal
 
 _MOST_ENDPOINTS = 16
@@ -30,7 +40,10 @@ class Call:
     @classmethod
     def of(cls, recorded: Recorded, call: Mapping[str, Any]) -> Call:
         """Return one of a step's."""
-        start_s, latency_s = recorded.since_start_s(call["started_ns"]), (call["ended_ns"] - call["started_ns"]) / 1e9
+        start_s, latency_s = (
+            recorded.since_start_s(call["started_ns"]),
+            (call["ended_ns"] - call["started_ns"]) / 1e9,
+        )
         return cls(start_s, latency_s, call["response"])
 
     @property
@@ -49,7 +62,10 @@ class Call:
         style, _ = self.key
         if style == "call-accepted":
             return tag("circle", cx=x, cy=y, r=4, class_=style)
-        silent, refused = f"M{x - 4:.1f} {y - 4:.1f}l8 8m0 -8l-8 8", f"M{x:.1f} {y - 5:.1f}l5 5l-5 5l-5 -5z"
+        silent, refused = (
+            f"M{x - 4:.1f} {y - 4:.1f}l8 8m0 -8l-8 8",
+            f"M{x:.1f} {y - 5:.1f}l5 5l-5 5l-5 -5z",
+        )
         return tag("path", d=silent if self.response is None else refused, class_=style)
 
 
@@ -63,17 +79,31 @@ class Calls(FigureKind):
         record, service = recorded.record, recorded.used(self.service)
         groups = []
         for step in record.steps:
-            if step.kind == "call" and step.result.get("service") == service and step.result.get("calls"):
+            if (
+                step.kind == "call"
+                and step.result.get("service") == service
+                and step.result.get("calls")
+            ):
                 group = [Call.of(recorded, call) for call in step.result["calls"]]
-                groups.append((step.label or "call", fields(step.parameters.get("request", {})), group))
+                groups.append(
+                    (step.label or "call", fields(step.parameters.get("request", {})), group)
+                )
         calls = [call for _, _, group in groups for call in group]
         if not calls:
             return None
         answered = [call.latency_s for call in calls if call.response is not None]
         slowest = max(answered or [call.latency_s for call in calls])
-        start, end = min(call.start_s for call in calls), max(call.start_s + call.latency_s for call in calls)
+        start, end = (
+            min(call.start_s for call in calls),
+            max(call.start_s + call.latency_s for call in calls),
+        )
         marks = [
-            (at_s, ", ".join(f"{k} = {literal(v)}" for k, v in step.parameters.get("values", {}).items()))
+            (
+                at_s,
+                ", ".join(
+                    f"{k} = {literal(v)}" for k, v in step.parameters.get("values", {}).items()
+                ),
+            )
             for step in record.steps
             if step.kind == "set_parameters"
             and step.outcome == "done"
@@ -84,7 +114,10 @@ class Calls(FigureKind):
         def paint(width: int) -> tuple[float, list[Markup]]:
             x = padded([call.start_s for call in calls], 0.04, 0.02)
             frame = frame_in(width, 260, x, (0, slowest * 1.15 or 1e-3), top=52)
-            parts = [*frame.y_axis(4, scale), text(4, 16, f"time until the answer, {unit}", "start", "label")]
+            parts = [
+                *frame.y_axis(4, scale),
+                text(4, 16, f"time until the answer, {unit}", "start", "label"),
+            ]
             for n, (at_s, words) in enumerate(marks):
                 at, top = frame.px(at_s), frame.top - 6 - 14 * (n % 2)
                 parts.append(rule(at, top, at, frame.bottom, "mark"))
@@ -97,7 +130,9 @@ class Calls(FigureKind):
 
         silent = len(calls) - len(answered)
         caption = f"{len(calls)} calls of {line(service, 60)}; "
-        caption += f"the slowest answer took {duration(slowest)}." if answered else "none was answered."
+        caption += (
+            f"the slowest answer took {duration(slowest)}." if answered else "none was answered."
+        )
         caption += f" {silent} got no answer in time." if silent and answered else ""
         key = tuple(sorted({call.key for call in calls}, reverse=True))
         return Figure(caption, paint, key, table="calls_table", content=groups)

@@ -48,10 +48,20 @@ class Outcome:
     def of(cls, crossing: Crossing) -> Outcome:
         """Return the outcome of what was recorded."""
         numbers = [number for number, _ in crossing.received]
-        latencies = np.sort(np.array([latency_us for _, latency_us in crossing.received], dtype=float)) / 1e6
+        latencies = (
+            np.sort(np.array([latency_us for _, latency_us in crossing.received], dtype=float))
+            / 1e6
+        )
         served = sum(bool(got) for got in crossing.late)
         in_order = numbers == sorted(numbers)
-        return cls(crossing.loss, len(set(numbers)) / crossing.sent, latencies, in_order, len(crossing.late), served)
+        return cls(
+            crossing.loss,
+            len(set(numbers)) / crossing.sent,
+            latencies,
+            in_order,
+            len(crossing.late),
+            served,
+        )
 
     @property
     def median_s(self) -> float | None:
@@ -90,7 +100,9 @@ class LinkTable:
     @property
     def losses(self) -> list[float]:
         """The shares of packets that were lost."""
-        return [outcome.loss for outcome in next((p.outcomes for p in self.profiles if p.outcomes), ())]
+        return [
+            outcome.loss for outcome in next((p.outcomes for p in self.profiles if p.outcomes), ())
+        ]
 
 
 class Link(FigureKind):
@@ -98,10 +110,15 @@ class Link(FigureKind):
 
     step: ref.LinkLabel
     names: dict[str, ref.Topic] = Field(
-        default_factory=dict, description="Name by which the lab calls a topic -> topic; by default all by their own."
+        default_factory=dict,
+        description="Name by which the lab calls a topic -> topic; by default all by their own.",
     )
-    artifact: ref.Artifact | None = Field(None, description="Program whose printed line about each name is shown.")
-    explained_by: ref.CheckId | None = Field(None, description="Check that looked for where the student explains it.")
+    artifact: ref.Artifact | None = Field(
+        None, description="Program whose printed line about each name is shown."
+    )
+    explained_by: ref.CheckId | None = Field(
+        None, description="Check that looked for where the student explains it."
+    )
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
         """Draw for each topic and loss what arrived, and how late; or say why there is nothing to see."""
@@ -110,13 +127,25 @@ class Link(FigureKind):
             return None
         result = from_plain(LinkResult, step.result)
         names = {topic: name for name, topic in self.names.items()}
-        printed = [each.text[:LINE_LIMIT] for each in recorded.output_of(self.artifact)] if self.artifact else []
-        profiles = [_profile(topic, names.get(topic.name, topic.name), printed) for topic in result.topics]
+        printed = (
+            [each.text[:LINE_LIMIT] for each in recorded.output_of(self.artifact)]
+            if self.artifact
+            else []
+        )
+        profiles = [
+            _profile(topic, names.get(topic.name, topic.name), printed) for topic in result.topics
+        ]
         content = LinkTable(profiles, self.explained_by, result.problem)
         shown = [profile for profile in profiles if profile.outcomes]
         if not shown:
             return Figure(table="link", content=content)
-        return Figure(_caption(result, shown), lambda width: _paint(shown, width), _KEY, table="link", content=content)
+        return Figure(
+            _caption(result, shown),
+            lambda width: _paint(shown, width),
+            _KEY,
+            table="link",
+            content=content,
+        )
 
 
 _KEY = (
@@ -132,16 +161,29 @@ def percent(share: float) -> str:
 
 
 def _profile(topic: LinkedTopic, name: str, printed: Sequence[str]) -> Profile:
-    places = next((found for loosely in (False, True) if (found := lines_naming(printed, name, loosely=loosely))), [])
+    places = next(
+        (
+            found
+            for loosely in (False, True)
+            if (found := lines_naming(printed, name, loosely=loosely))
+        ),
+        [],
+    )
     outcomes = [Outcome.of(crossing) for crossing in topic.crossings if crossing.sent]
     said = line(printed[places[-1]], _PRINTED) if places else ""
-    return Profile(name, _words(topic.offered), _words(topic.requested), _problem(topic), outcomes, said)
+    return Profile(
+        name, _words(topic.offered), _words(topic.requested), _problem(topic), outcomes, said
+    )
 
 
 def _words(qos: Qos | None) -> str:
     if qos is None:
         return ""
-    depth = "history unknown, 10 used" if qos.history == "unknown" else f"{qos.history} {qos.depth or ''}".strip()
+    depth = (
+        "history unknown, 10 used"
+        if qos.history == "unknown"
+        else f"{qos.history} {qos.depth or ''}".strip()
+    )
     return ", ".join((qos.reliability, depth, qos.durability)).replace("_", " ")
 
 
@@ -149,7 +191,10 @@ def _problem(topic: LinkedTopic) -> str:
     if topic.offered is None or topic.requested is None:
         sides = {"publisher": topic.offered, "subscription": topic.requested}
         return f"There is no {' and no '.join(kind for kind, qos in sides.items() if qos is None)} on {topic.topic}."
-    policy = clash(Endpoint("subscription", topic.topic, topic.type, "", "", "", topic.requested), topic.offered)
+    policy = clash(
+        Endpoint("subscription", topic.topic, topic.type, "", "", "", topic.requested),
+        topic.offered,
+    )
     return f"The two sides are incompatible in {policy}: nothing can arrive." if policy else ""
 
 
@@ -158,7 +203,11 @@ def _caption(result: LinkResult, shown: Sequence[Profile]) -> str:
     arrived = []
     for profile in shown:
         outcome = next(each for each in profile.outcomes if each.loss == worst)
-        half = f", half of it within {svg.duration(outcome.median_s)}" if outcome.median_s is not None else ""
+        half = (
+            f", half of it within {svg.duration(outcome.median_s)}"
+            if outcome.median_s is not None
+            else ""
+        )
         arrived.append(f"{line(profile.name, 40)} {percent(outcome.share)}{half}")
     ordered = all(outcome.in_order for profile in shown for outcome in profile.outcomes)
     busy = (
@@ -177,7 +226,9 @@ def _caption(result: LinkResult, shown: Sequence[Profile]) -> str:
 def _paint(shown: Sequence[Profile], width: int) -> tuple[float, list[Markup]]:
     wide = width > svg.NARROW
     bars = Frame(*((74, 0, 400, 0) if wide else (40, 0, 150, 0)), (0, 1), (0, 1))
-    every = np.concatenate([outcome.latencies_s for profile in shown for outcome in profile.outcomes])
+    every = np.concatenate(
+        [outcome.latencies_s for profile in shown for outcome in profile.outcomes]
+    )
     known = np.log10(np.clip(every, _LOWEST_S, None)) if len(every) else np.array([-3.0, 0.0])
     bounds = (float(known.min()) - 0.1, float(known.max()) + 0.1)
     delays = Frame(*((460, 0, 820, 0) if wide else (196, 0, 336, 0)), bounds, (0, 1))
@@ -207,19 +258,26 @@ def _row(outcome: Outcome, middle: float, bars: Frame, delays: Frame, width: int
     wide = width > svg.NARROW
     share_x = bars.px(outcome.share)
     parts = [
-        svg.text(bars.left - 8, middle + 4, f"{percent(outcome.loss)}{' lost' if wide else ''}", "end"),
+        svg.text(
+            bars.left - 8, middle + 4, f"{percent(outcome.loss)}{' lost' if wide else ''}", "end"
+        ),
         svg.rect(bars.left, middle - 6, bars.right - bars.left, 12, "track"),
         svg.rect(bars.left, middle - 6, share_x - bars.left, 12, "bar"),
         svg.text(bars.right + 6, middle + 4, percent(outcome.share), "start", "label"),
     ]
     if outcome.median_s is not None:
-        marked = np.quantile(outcome.latencies_s, np.linspace(0, 1, min(_MARKS, len(outcome.latencies_s))))
+        marked = np.quantile(
+            outcome.latencies_s, np.linspace(0, 1, min(_MARKS, len(outcome.latencies_s)))
+        )
         places = [delays.px(math.log10(max(_LOWEST_S, value))) for value in marked]
         half = delays.px(math.log10(max(_LOWEST_S, outcome.median_s)))
         # Each from the one before it, which halves the text.
         moves = "".join(f"m{right - left:.1f}-10v10" for left, right in itertools.pairwise(places))
         path = f"M{places[0]:.1f} {middle - 5:.1f}v10{moves}"
-        parts += [svg.tag("path", d=path, class_="ticks"), svg.rule(half, middle - 8, half, middle + 8, "median")]
+        parts += [
+            svg.tag("path", d=path, class_="ticks"),
+            svg.rule(half, middle - 8, half, middle + 8, "median"),
+        ]
     else:
         parts.append(svg.text(delays.left, middle + 4, "nothing arrived", "start", "label"))
     for number in range(outcome.late):

@@ -29,14 +29,25 @@ class PlanTree(FigureKind):
             return None  # The checks say so.
         processes = plan.processes[:_MOST_ITEMS]
         environments = [
-            [(name, literal(value), "") for name, value in list(p.env.items())[:_MOST_ITEMS]] for p in processes
+            [(name, literal(value), "") for name, value in list(p.env.items())[:_MOST_ITEMS]]
+            for p in processes
         ]
-        shared = [e for e in environments[0] if all(e in other for other in environments)] if processes[1:] else []
+        shared = (
+            [e for e in environments[0] if all(e in other for other in environments)]
+            if processes[1:]
+            else []
+        )
         content = {
             "outcome": plan.outcome,
             "problem": plan.problem.message if plan.problem else "",
-            "arguments": [(a.name, _default(a), _location(a.file, a.line)) for a in plan.arguments[:_MOST_ITEMS]],
-            "includes": [(i.file, fields(i.arguments), _location(i.by, i.line)) for i in plan.includes[:_MOST_ITEMS]],
+            "arguments": [
+                (a.name, _default(a), _location(a.file, a.line))
+                for a in plan.arguments[:_MOST_ITEMS]
+            ],
+            "includes": [
+                (i.file, fields(i.arguments), _location(i.by, i.line))
+                for i in plan.includes[:_MOST_ITEMS]
+            ],
             "environment": shared,
             "processes": [
                 {
@@ -45,10 +56,14 @@ class PlanTree(FigureKind):
                     "where": _location(p.file, p.line),
                     "conditions": _conditions(p),
                     # A node's own arguments are those before the ones of ROS; of an executable they are what runs.
-                    "words": list(itertools.takewhile(lambda word: word != "--ros-args", p.argv[:_MOST_ITEMS]))
+                    "words": list(
+                        itertools.takewhile(lambda word: word != "--ros-args", p.argv[:_MOST_ITEMS])
+                    )
                     if p.kind != "executable"
                     else [],
-                    "parameters": [item for given in p.parameters[:_MOST_ITEMS] for item in _parameters(given)],
+                    "parameters": [
+                        item for given in p.parameters[:_MOST_ITEMS] for item in _parameters(given)
+                    ],
                     "environment": [e for e in environment if e not in shared],
                     "remappings": p.remappings[:_MOST_ITEMS],
                 }
@@ -62,7 +77,9 @@ class PlanTree(FigureKind):
                 )
                 for item in plan.not_started[:_MOST_ITEMS]
             ],
-            "warnings": [(w.message, _location(w.file, w.line)) for w in plan.warnings[:_MOST_ITEMS]],
+            "warnings": [
+                (w.message, _location(w.file, w.line)) for w in plan.warnings[:_MOST_ITEMS]
+            ],
         }
         return Figure(table="plan", content=content)
 
@@ -116,7 +133,9 @@ def _when(when: Mapping[str, Any]) -> str:
         moments.append(f"to {when['state']}")
     if "after_s" in when:
         since = when.get("since")
-        known = {k: v for k, v in since.items() if k != "since"} if isinstance(since, Mapping) else {}
+        known = (
+            {k: v for k, v in since.items() if k != "since"} if isinstance(since, Mapping) else {}
+        )
         later = f", {_when(known).replace('starts', 'counted from', 1)}" if known else ""
         moments.append(f"starts after {when['after_s']} s{later}")
     return " ".join(moments)
@@ -127,7 +146,11 @@ def _parameters(given: Parameter) -> list[Item]:
     if given.name is not None:
         return [(given.name, literal(given.value), given.type or "")]
     inside = [
-        (name, literal(value), f"{given.file}{'' if node.strip('/') in ('', '**') else f', for {node}'}")
+        (
+            name,
+            literal(value),
+            f"{given.file}{'' if node.strip('/') in ('', '**') else f', for {node}'}",
+        )
         for node, values in given.sections()
         for name, value in values.items()
     ]

@@ -69,7 +69,9 @@ class Motion:
     @property
     def off(self) -> Floats:
         """How far the last point is from that of the ghost, in each of the ghost's frames."""
-        apart: Floats = np.linalg.norm(self.solid[len(self.solid) - len(self.ghost) :, -1] - self.ghost[:, -1], axis=1)
+        apart: Floats = np.linalg.norm(
+            self.solid[len(self.solid) - len(self.ghost) :, -1] - self.ghost[:, -1], axis=1
+        )
         return apart
 
 
@@ -94,7 +96,9 @@ class Posture(FigureKind):
     """A robot in space, to be played: a line through points that a topic carries, x, y and z of each in m."""
 
     topics: dict[str, ref.Topic] = Field(
-        min_length=1, max_length=2, description="Role -> topic: first what is, then as a ghost what is to be."
+        min_length=1,
+        max_length=2,
+        description="Role -> topic: first what is, then as a ghost what is to be.",
     )
     field: ref.FieldPath
 
@@ -111,16 +115,26 @@ class Posture(FigureKind):
             until = np.append(solid.source_ns[1:], np.iinfo(np.int64).max)
             latest = (np.searchsorted(ghost.source_ns, until) - 1)[shown]
             beside = ghost.values[latest[latest >= 0]]
-        motion, unit_m = _whole(recorded.seconds(solid.source_ns[shown]), solid.values[shown], beside)
+        motion, unit_m = _whole(
+            recorded.seconds(solid.source_ns[shown]), solid.values[shown], beside
+        )
         key = tuple(zip(("line-0", "line-1"), self.topics, strict=False))
-        return Figure(_caption(motion, unit_m), lambda width: (_HEIGHT, _paint(motion)), key, content=motion)
+        return Figure(
+            _caption(motion, unit_m), lambda width: (_HEIGHT, _paint(motion)), key, content=motion
+        )
 
 
 def _in_space(stream: NumericStream | None) -> NumericStream | None:
     """Return the messages that can be drawn; None where they hold no points, or do not move."""
-    if stream is None or stream.values.shape[1] % 3 or not 6 <= stream.values.shape[1] <= 3 * _MOST_CHAIN:
+    if (
+        stream is None
+        or stream.values.shape[1] % 3
+        or not 6 <= stream.values.shape[1] <= 3 * _MOST_CHAIN
+    ):
         return None
-    near = (np.abs(stream.values) < _FAR_M).all(axis=1) & (np.abs(stream.source_ns - stream.received_ns) < FAR_NS)
+    near = (np.abs(stream.values) < _FAR_M).all(axis=1) & (
+        np.abs(stream.source_ns - stream.received_ns) < FAR_NS
+    )
     return stream.only(near) if near.sum() > 1 else None
 
 
@@ -130,7 +144,10 @@ def _whole(times_s: Floats, solid: Floats, ghost: Floats) -> tuple[Motion, float
     foot = solid[0, 0]
     radius = max(float(np.linalg.norm(solid - foot, axis=2).max()), 1e-6)
     unit_m = radius / _RADIUS_UNITS
-    frames = (np.rint(np.clip((rows - foot) / unit_m, -9999, 9999)).astype(np.int64) for rows in (solid, ghost))
+    frames = (
+        np.rint(np.clip((rows - foot) / unit_m, -9999, 9999)).astype(np.int64)
+        for rows in (solid, ghost)
+    )
     return Motion(np.rint(times_s * 1000).astype(np.int64), *frames), unit_m
 
 
@@ -149,7 +166,9 @@ def projected(points: Integers | Floats) -> Floats:
     up = np.array([-np.cos(turn) * np.sin(rise), -np.sin(turn) * np.sin(rise), np.cos(rise)])
     # The foot stands low in the picture, since a robot is above its floor, and in the middle where seen from above.
     scale, foot = 0.72 * _HEIGHT / _RADIUS_UNITS, (0.8 - 0.3 * Motion.view[1] / 90) * _HEIGHT
-    return np.stack((Motion.width / 2 + scale * (points @ right), foot - scale * (points @ up)), axis=-1)
+    return np.stack(
+        (Motion.width / 2 + scale * (points @ right), foot - scale * (points @ up)), axis=-1
+    )
 
 
 def _line(points: Floats, class_: str) -> Markup:
@@ -159,8 +178,13 @@ def _line(points: Floats, class_: str) -> Markup:
 def _paint(motion: Motion) -> list[Markup]:
     """Paint the still in the parts that the player moves: floor, shadow, the tip's ways, ghost, links and joints."""
     frame, first = motion.still, len(motion.solid) - len(motion.ghost)
-    posture, ghost = projected(motion.solid[frame]), projected(motion.ghost[frame - first : frame - first + 1])
-    recent = (motion.times_ms > motion.times_ms[frame] - _WAY_MS) & (motion.times_ms <= motion.times_ms[frame])
+    posture, ghost = (
+        projected(motion.solid[frame]),
+        projected(motion.ghost[frame - first : frame - first + 1]),
+    )
+    recent = (motion.times_ms > motion.times_ms[frame] - _WAY_MS) & (
+        motion.times_ms <= motion.times_ms[frame]
+    )
     parts = [
         _floor(),
         _line(projected(motion.solid[frame] * [1, 1, 0]), "shadow"),
@@ -170,7 +194,9 @@ def _paint(motion: Motion) -> list[Markup]:
     ]
     widths = np.linspace(_THICKEST, _THINNEST, max(2, motion.points - 1))
     for (a, b), thick in zip(itertools.pairwise(posture), widths, strict=False):
-        parts.append(tag("line", x1=a[0], y1=a[1], x2=b[0], y2=b[1], stroke_width=thick, class_="link"))
+        parts.append(
+            tag("line", x1=a[0], y1=a[1], x2=b[0], y2=b[1], stroke_width=thick, class_="link")
+        )
     parts += [tag("circle", cx=x, cy=y, r=2.2, class_="joint") for x, y in posture]
     return parts
 
@@ -181,4 +207,8 @@ def _floor() -> Markup:
     along = [[(at, reach[0], 0), (at, reach[-1], 0)] for at in reach]
     across = [[(y, x, z) for x, y, z in line] for line in along]
     lines = projected(np.array(along + across))
-    return tag("path", d="".join(f"M{a[0]:.0f} {a[1]:.0f}L{b[0]:.0f} {b[1]:.0f}" for a, b in lines), class_="floor")
+    return tag(
+        "path",
+        d="".join(f"M{a[0]:.0f} {a[1]:.0f}L{b[0]:.0f} {b[1]:.0f}" for a, b in lines),
+        class_="floor",
+    )

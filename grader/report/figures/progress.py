@@ -13,7 +13,18 @@ from markupsafe import Markup
 from grader.evidence.recorded import Recorded
 from grader.lab import references as ref
 from grader.report.escape import line
-from grader.report.figures.svg import MOST_POINTS, SINCE, Figure, FigureKind, frame_in, padded, rect, rule, tag, text
+from grader.report.figures.svg import (
+    MOST_POINTS,
+    SINCE,
+    Figure,
+    FigureKind,
+    frame_in,
+    padded,
+    rect,
+    rule,
+    tag,
+    text,
+)
 from grader.report.views import fields
 
 _MOST_ROWS = 16
@@ -50,7 +61,10 @@ def _figure(rows: Sequence[_Row], caption: str) -> Figure:
                 # What has no room in its span is said in the caption.
                 if wide > 7 * len(words):
                     parts.append(text(left + wide / 2, top + 11, words, class_="note"))
-            parts += [tag("circle", cx=frame.px(at), cy=top + _BAR + 5, r=1.6, class_="dot") for at in row.dots]
+            parts += [
+                tag("circle", cx=frame.px(at), cy=top + _BAR + 5, r=1.6, class_="dot")
+                for at in row.dots
+            ]
             for at, words in row.marks:
                 aside = ("end", -4) if frame.px(at) > width * 0.7 else ("start", 4)
                 parts += [
@@ -69,11 +83,19 @@ class Goals(FigureKind):
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
         """Draw a row for each goal: from when it was sent until it ended, with a dot for each feedback."""
-        steps = [s for s in recorded.record.steps if s.kind == "send_goal" and s.parameters["action"] == self.action]
-        sent = [(step, goal) for step in steps for goal in step.result.get("goals", ())][:_MOST_ROWS]
+        steps = [
+            s
+            for s in recorded.record.steps
+            if s.kind == "send_goal" and s.parameters["action"] == self.action
+        ]
+        sent = [(step, goal) for step in steps for goal in step.result.get("goals", ())][
+            :_MOST_ROWS
+        ]
         if not sent:
             return None
-        rows = [self._row(recorded, step.label or "goal", step.ended_ns, goal) for step, goal in sent]
+        rows = [
+            self._row(recorded, step.label or "goal", step.ended_ns, goal) for step, goal in sent
+        ]
         accepted = sum(goal["accepted"] is True for _, goal in sent)
         feedback = sum(goal["feedback_count"] for _, goal in sent)
         caption = f"{len(sent)} goals, {accepted} accepted, with {feedback} messages of feedback, a dot each."
@@ -81,7 +103,11 @@ class Goals(FigureKind):
 
     def _row(self, recorded: Recorded, label: str, waited_ns: int, goal: Mapping[str, Any]) -> _Row:
         since = recorded.since_start_s
-        ended_ns = goal["ended_ns"] or (goal["answered_ns"] if goal["accepted"] is False else None) or waited_ns
+        ended_ns = (
+            goal["ended_ns"]
+            or (goal["answered_ns"] if goal["accepted"] is False else None)
+            or waited_ns
+        )
         status = {True: str(goal["status"]), False: "rejected", None: "no answer"}[goal["accepted"]]
         result = f", {fields(goal['result'])}" if goal["accepted"] and goal["result"] else ""
         style = "call-accepted faint" if goal["accepted"] else "call-refused"
@@ -89,7 +115,10 @@ class Goals(FigureKind):
         cancel = goal["cancel"]
         marks = [(since(cancel["sent_ns"]), "cancel")] if cancel is not None else []
         return _Row(
-            f"{label}: {status}{result}", [(since(goal["sent_ns"]), since(ended_ns), "", style)], _thinned(dots), marks
+            f"{label}: {status}{result}",
+            [(since(goal["sent_ns"]), since(ended_ns), "", style)],
+            _thinned(dots),
+            marks,
         )
 
 
@@ -100,7 +129,9 @@ class States(FigureKind):
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
         """Draw a span for each state that transitions show, and a dot for each message."""
-        steps = [s for s in recorded.record.steps if s.kind == "change_state" and s.outcome == "done"]
+        steps = [
+            s for s in recorded.record.steps if s.kind == "change_state" and s.outcome == "done"
+        ]
         if not steps:
             return None
         since, record = recorded.since_start_s, recorded.record
@@ -112,9 +143,15 @@ class States(FigureKind):
             for begin, end, state in zip(begins, ends, states, strict=True)
         ]
         times = recorded.seconds(np.sort(recorded.stream(self.topic).source_ns))
-        asked = ", ".join(f"{step.parameters['transition']} → {step.result['after']}" for step in steps)
-        row = _Row(f"states, and messages on {recorded.used(self.topic)}", spans, _thinned(times.tolist()))
-        return _figure([row], f"{asked}. {len(times)} messages on {recorded.used(self.topic)}, a dot each.")
+        asked = ", ".join(
+            f"{step.parameters['transition']} → {step.result['after']}" for step in steps
+        )
+        row = _Row(
+            f"states, and messages on {recorded.used(self.topic)}", spans, _thinned(times.tolist())
+        )
+        return _figure(
+            [row], f"{asked}. {len(times)} messages on {recorded.used(self.topic)}, a dot each."
+        )
 
 
 def _thinned(times: Sequence[float]) -> Sequence[float]:

@@ -14,9 +14,18 @@ def scores_figure(spread: Spread) -> Figure:
     possible = float(spread.possible) or 1.0
 
     def paint(width: int) -> tuple[float, list[Markup]]:
-        frame = Frame(14, 44, width - 14, 250 - BOTTOM, (0, possible), (0, max(bar.count for bar in spread.bars)))
+        frame = Frame(
+            14,
+            44,
+            width - 14,
+            250 - BOTTOM,
+            (0, possible),
+            (0, max(bar.count for bar in spread.bars)),
+        )
         quarters = (spread.first_quartile, spread.median, spread.third_quartile)
-        low, middle, high = (frame.px(min(possible, max(0.0, float(quarter)))) for quarter in quarters)
+        low, middle, high = (
+            frame.px(min(possible, max(0.0, float(quarter)))) for quarter in quarters
+        )
         parts = [rect(low, frame.top - 10, high - low, frame.bottom - frame.top + 10, "quartiles")]
         for bar in spread.bars:
             if bar.count:
@@ -26,7 +35,9 @@ def scores_figure(spread: Spread) -> Figure:
                 parts.append(text(x + wide / 2, y - 6, str(bar.count), class_="note"))
         parts.append(rule(middle, frame.top - 16, middle, frame.bottom, "expected"))
         anchor = "end" if middle > width * 0.8 else "start" if middle < width * 0.2 else "middle"
-        parts.append(text(middle, frame.top - 24, f"median {tenths(spread.median)}", anchor, "label"))
+        parts.append(
+            text(middle, frame.top - 24, f"median {tenths(spread.median)}", anchor, "label")
+        )
         return 250, parts + frame.x_axis("points")
 
     caption = (

@@ -154,9 +154,13 @@ class Frame:
         low, high = self.y
         return self.bottom - (self.bottom - self.top) * (value - low) / ((high - low) or 1.0)
 
-    def path(self, times: Sequence[float] | Floats, values: Sequence[float] | Floats, class_: str) -> Markup:
+    def path(
+        self, times: Sequence[float] | Floats, values: Sequence[float] | Floats, class_: str
+    ) -> Markup:
         """Return a line through points."""
-        points = " ".join(f"{self.px(t):.1f},{self.py(v):.1f}" for t, v in zip(times, values, strict=True))
+        points = " ".join(
+            f"{self.px(t):.1f},{self.py(v):.1f}" for t, v in zip(times, values, strict=True)
+        )
         return tag("polyline", points=points, class_=class_)
 
     def y_axis(self, most: int, scale: float = 1.0) -> list[Markup]:
@@ -164,15 +168,23 @@ class Frame:
         parts = []
         for value in ticks(self.y[0] * scale, self.y[1] * scale, most):
             at = self.py(value / scale)
-            parts += [rule(self.left, at, self.right, at, "grid"), text(self.left - 7, at + 4, short(value), "end")]
+            parts += [
+                rule(self.left, at, self.right, at, "grid"),
+                text(self.left - 7, at + 4, short(value), "end"),
+            ]
         return parts
 
     def x_axis(self, label: str, scale: float = 1.0) -> list[Markup]:
         """Return the axis at the bottom with its numbers."""
         parts = [rule(self.left, self.bottom, self.right, self.bottom, "axis")]
-        for value in ticks(self.x[0] * scale, self.x[1] * scale, round((self.right - self.left) / 75)):
+        for value in ticks(
+            self.x[0] * scale, self.x[1] * scale, round((self.right - self.left) / 75)
+        ):
             at = self.px(value / scale)
-            parts += [rule(at, self.bottom, at, self.bottom + 4, "axis"), text(at, self.bottom + 17, short(value))]
+            parts += [
+                rule(at, self.bottom, at, self.bottom + 4, "axis"),
+                text(at, self.bottom + 17, short(value)),
+            ]
         return [*parts, text((self.left + self.right) / 2, self.bottom + 36, label, class_="label")]
 
     def log_axis(self, top: float, bottom: float, *, dense: bool) -> list[Markup]:
@@ -189,6 +201,8 @@ class Frame:
         return parts
 
 
-def frame_in(width: float, height: float, x: tuple[float, float], y: tuple[float, float], top: float) -> Frame:
+def frame_in(
+    width: float, height: float, x: tuple[float, float], y: tuple[float, float], top: float
+) -> Frame:
     """Return the frame of a picture of one frame."""
     return Frame(LEFT, top, width - RIGHT, height - BOTTOM, x, y)

@@ -53,19 +53,29 @@ class Intervals(ExpectedRate):
         scale, unit = (1.0, "s") if edges[-1] >= 1 else (1e3, "ms")
 
         def paint(width: int) -> tuple[float, list[Markup]]:
-            frame = svg.frame_in(width, 260, (edges[0], edges[-1]), (0, max(1, *counts) * 1.05), top=32)
+            frame = svg.frame_in(
+                width, 260, (edges[0], edges[-1]), (0, max(1, *counts) * 1.05), top=32
+            )
             parts = frame.y_axis(4)
             for left, right, count in zip(edges, edges[1:], counts, strict=False):
                 if count:
                     x, y = frame.px(left) + 0.5, frame.py(count)
-                    parts.append(svg.rect(x, y, max(1.0, frame.px(right) - x - 0.5), frame.bottom - y, "bar"))
+                    parts.append(
+                        svg.rect(x, y, max(1.0, frame.px(right) - x - 0.5), frame.bottom - y, "bar")
+                    )
             at = frame.px(expected)
             parts.append(svg.rule(at, frame.top - 8, at, frame.bottom, "expected"))
-            parts.append(svg.text(at, frame.top - 14, f"expected {svg.duration(expected)}", class_="note"))
+            parts.append(
+                svg.text(at, frame.top - 14, f"expected {svg.duration(expected)}", class_="note")
+            )
             if shorter := int(np.sum(intervals < edges[0])):
-                parts.append(svg.text(frame.left + 4, frame.top + 8, f"{shorter} shorter", "start", "note"))
+                parts.append(
+                    svg.text(frame.left + 4, frame.top + 8, f"{shorter} shorter", "start", "note")
+                )
             if longer := int(np.sum(intervals > edges[-1])):
-                parts.append(svg.text(frame.right, frame.top + 8, f"{longer} longer", "end", "note"))
+                parts.append(
+                    svg.text(frame.right, frame.top + 8, f"{longer} longer", "end", "note")
+                )
             label = f"time between messages on {line(recorded.used(self.topic), 30)}, {unit}"
             return 260, parts + frame.x_axis(label, scale)
 
@@ -93,13 +103,21 @@ class Rate(ExpectedRate):
         bottom = 0.0 if reach >= 0.5 * expected else expected - reach
 
         def paint(width: int) -> tuple[float, list[Markup]]:
-            frame = svg.frame_in(width, 260, (edges[0], edges[-1]), (bottom, expected + reach), top=32)
+            frame = svg.frame_in(
+                width, 260, (edges[0], edges[-1]), (bottom, expected + reach), top=32
+            )
             at = frame.py(expected)
             parts = [
                 *frame.y_axis(5),
                 svg.text(4, 16, "messages a second", "start", "label"),
                 svg.rule(frame.left, at, frame.right, at, "expected"),
-                svg.text(frame.right, frame.top - 6, f"dashed: expected {svg.short(expected)} Hz", "end", "note"),
+                svg.text(
+                    frame.right,
+                    frame.top - 6,
+                    f"dashed: expected {svg.short(expected)} Hz",
+                    "end",
+                    "note",
+                ),
                 frame.path(np.repeat(edges, 2)[1:-1], np.repeat(rates, 2), "line line-0"),
             ]
             return 260, parts + frame.x_axis(SINCE)
@@ -132,12 +150,16 @@ class Latency(FigureKind):
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
         """Draw each topic's latencies as a box over a strip of single messages, on a logarithmic axis."""
         streams = {recorded.used(topic): plausible(recorded.stream(topic)) for topic in self.topics}
-        delays = {topic: (s.received_ns - s.source_ns) / 1e9 for topic, s in streams.items() if len(s)}
+        delays = {
+            topic: (s.received_ns - s.source_ns) / 1e9 for topic, s in streams.items() if len(s)
+        }
         if not delays:
             return None
         # Of each topic some messages, in the order of arrival.
         few = {
-            t: d[np.unique(np.linspace(0, len(d) - 1, min(len(d), svg.MOST_POINTS // 2)).astype(int))]
+            t: d[
+                np.unique(np.linspace(0, len(d) - 1, min(len(d), svg.MOST_POINTS // 2)).astype(int))
+            ]
             for t, d in delays.items()
         }
         x = (
@@ -149,11 +171,15 @@ class Latency(FigureKind):
             row, top = 62, 8
             height = top + row * len(delays) + svg.BOTTOM + 4
             frame = Frame(14, top, width - svg.RIGHT, height - svg.BOTTOM, x, (0, 1))
-            parts = frame.log_axis(top, frame.bottom + 4, dense=width > svg.NARROW or x[1] - x[0] < 2)
+            parts = frame.log_axis(
+                top, frame.bottom + 4, dense=width > svg.NARROW or x[1] - x[0] < 2
+            )
             for n, (topic, all_s) in enumerate(delays.items()):
                 label = f"{line(topic, 40)} ({len(all_s)})"
                 parts.append(svg.text(frame.left, top + row * n + 14, label, "start", "label"))
-                parts += _box(frame, all_s, few[topic][:: 2 if width == svg.NARROW else 1], top + row * n + 34)
+                parts += _box(
+                    frame, all_s, few[topic][:: 2 if width == svg.NARROW else 1], top + row * n + 34
+                )
             middle = (frame.left + frame.right) / 2
             label = "from sending to the recorder (logarithmic)"
             return height, [*parts, svg.text(middle, frame.bottom + 36, label, class_="label")]
@@ -163,7 +189,9 @@ class Latency(FigureKind):
             f"95 % within {svg.duration(np.quantile(d, 0.95))}, longest {svg.duration(d.max())}."
             for topic, d in delays.items()
         )
-        return Figure(caption, paint, (("box", "middle half, line at the median"), ("dot", "single messages")))
+        return Figure(
+            caption, paint, (("box", "middle half, line at the median"), ("dot", "single messages"))
+        )
 
 
 #: A logarithmic axis has no place for what is less.
@@ -175,9 +203,14 @@ def _box(frame: Frame, delays: Floats, few: Floats, middle: float) -> list[Marku
     # The golden ratio spreads the points evenly over the strip's height without chance.
     heights = middle + 9 + 9 * (np.arange(len(few)) * 0.618034 % 1.0)
     places = [frame.px(math.log10(max(delay, _FLOOR_S))) for delay in few]
-    parts = [svg.tag("circle", cx=x, cy=y, r=1.6, class_="dot faint") for x, y in zip(places, heights, strict=True)]
+    parts = [
+        svg.tag("circle", cx=x, cy=y, r=1.6, class_="dot faint")
+        for x, y in zip(places, heights, strict=True)
+    ]
     bounds = np.quantile(delays, [0.05, 0.25, 0.5, 0.75, 0.95])
-    low, quarter, median, three_quarters, high = (frame.px(math.log10(max(b, _FLOOR_S))) for b in bounds)
+    low, quarter, median, three_quarters, high = (
+        frame.px(math.log10(max(b, _FLOOR_S))) for b in bounds
+    )
     return [
         *parts,
         svg.rule(low, middle, high, middle, "whisker"),

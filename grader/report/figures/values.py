@@ -56,7 +56,9 @@ class _Line:
         return frame.path(self.times[::step], self.values[::step], f"line line-{colour}")
 
 
-def _lines(recorded: Recorded, role: str, stream: NumericStream, indices: Sequence[int]) -> Iterator[_Line]:
+def _lines(
+    recorded: Recorded, role: str, stream: NumericStream, indices: Sequence[int]
+) -> Iterator[_Line]:
     """Give the lines of some elements, as far as they can be drawn to scale."""
     near = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
     for index in indices[:MOST_ELEMENTS]:
@@ -83,22 +85,33 @@ class Series(FigureKind):
             if stream is None:
                 continue
             length = stream.values.shape[1]
-            wanted = range(length) if self.indices is None else [i for i in self.indices if i < length]
+            wanted = (
+                range(length) if self.indices is None else [i for i in self.indices if i < length]
+            )
             left_out = max(left_out, len(wanted) - MOST_ELEMENTS)
             lines += _lines(recorded, role, stream, wanted)
         if not lines:
             return None
         roles = list(dict.fromkeys(line.role for line in lines))
-        key = tuple((f"line-{i % 4}", f"{role}: {recorded.used(self.topics[role])}") for i, role in enumerate(roles))
-        return Figure(self._caption(lines, left_out), lambda width: self._paint(lines, roles, width), key)
+        key = tuple(
+            (f"line-{i % 4}", f"{role}: {recorded.used(self.topics[role])}")
+            for i, role in enumerate(roles)
+        )
+        return Figure(
+            self._caption(lines, left_out), lambda width: self._paint(lines, roles, width), key
+        )
 
-    def _paint(self, lines: Sequence[_Line], roles: Sequence[str], width: int) -> tuple[float, list[Markup]]:
+    def _paint(
+        self, lines: Sequence[_Line], roles: Sequence[str], width: int
+    ) -> tuple[float, list[Markup]]:
         """Paint the frames one below the other, on one scale; elements that never move get a low one."""
         indices = sorted({line.index for line in lines})
         ends = [t for line in lines for t in (line.times[0], line.times[-1])]
         x = (min(ends), max(ends))
         moving = {line.index for line in lines if line.moves}
-        y = svg.padded([v for line in lines for v in (line.values.min(), line.values.max())], 0.08, 0.05)
+        y = svg.padded(
+            [v for line in lines for v in (line.values.min(), line.values.max())], 0.08, 0.05
+        )
         row = 220 if len(indices) == 1 else 130 if len(moving) == 2 else 88
         parts: list[Markup] = []
         top = float(svg.TOP + 8)
@@ -106,13 +119,24 @@ class Series(FigureKind):
             here = [line for line in lines if line.index == index]
             high = row if index in moving or len(indices) == 1 else 26
             middle = here[0].values[0]
-            frame = Frame(svg.LEFT, top, width - svg.RIGHT, top + high - 12, x, y if high > 26 else (middle, middle))
+            frame = Frame(
+                svg.LEFT,
+                top,
+                width - svg.RIGHT,
+                top + high - 12,
+                x,
+                y if high > 26 else (middle, middle),
+            )
             parts += frame.y_axis(4 if high > 100 else 3)
             parts += [line.path(frame, width, roles.index(line.role) % 4) for line in here]
             label = f"{self.field}[{index}]" + (f", {self.unit}" if self.unit and n == 0 else "")
-            parts.append(svg.text(frame.left + 6, top + (1 if high > 26 else 6), label, "start", "label"))
+            parts.append(
+                svg.text(frame.left + 6, top + (1 if high > 26 else 6), label, "start", "label")
+            )
             top += high
-        return top + svg.BOTTOM, parts + Frame(svg.LEFT, 0, width - svg.RIGHT, top, x, y).x_axis(SINCE)
+        return top + svg.BOTTOM, parts + Frame(svg.LEFT, 0, width - svg.RIGHT, top, x, y).x_axis(
+            SINCE
+        )
 
     def _caption(self, lines: Sequence[_Line], left_out: int) -> str:
         moving = [
@@ -130,8 +154,12 @@ class Series(FigureKind):
 class FieldOverTime(FigureKind):
     """Fields of messages over time in one picture, with the limits or the target that they have."""
 
-    lines: dict[str, NumbersOf] = Field(min_length=1, max_length=4, description="Name -> topic and field.")
-    limits: tuple[float, ...] = Field((), description="Values at which a dashed line is drawn: limits, or a target.")
+    lines: dict[str, NumbersOf] = Field(
+        min_length=1, max_length=4, description="Name -> topic and field."
+    )
+    limits: tuple[float, ...] = Field(
+        (), description="Values at which a dashed line is drawn: limits, or a target."
+    )
     unit: str = ""
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
@@ -148,17 +176,28 @@ class FieldOverTime(FigureKind):
         ends = [v for line in drawn for v in (line.values.min(), line.values.max())]
 
         def paint(width: int) -> tuple[float, list[Markup]]:
-            frame = svg.frame_in(width, 260, x, svg.padded([*map(float, ends), *self.limits], 0.06, 1e-3), top=30)
+            frame = svg.frame_in(
+                width, 260, x, svg.padded([*map(float, ends), *self.limits], 0.06, 1e-3), top=30
+            )
             parts = [*frame.y_axis(5), svg.text(4, 16, self.unit or "value", "start", "label")]
             for limit in self.limits:
-                parts.append(svg.rule(frame.left, frame.py(limit), frame.right, frame.py(limit), "expected"))
+                parts.append(
+                    svg.rule(frame.left, frame.py(limit), frame.right, frame.py(limit), "expected")
+                )
             parts += [line.path(frame, width, names.index(line.role)) for line in drawn]
             return 260, parts + frame.x_axis(SINCE)
 
-        ranges = (f"{line.role} {svg.short(line.values.min())} to {svg.short(line.values.max())}" for line in drawn)
+        ranges = (
+            f"{line.role} {svg.short(line.values.min())} to {svg.short(line.values.max())}"
+            for line in drawn
+        )
         dashed = f" Dashed: {', '.join(map(svg.short, self.limits))}." if self.limits else ""
-        key = tuple((f"line-{n}", f"{name}: {self.lines[name].field}") for n, name in enumerate(names))
-        return Figure(f"Range in {self.unit or 'numbers'}: {'; '.join(ranges)}.{dashed}", paint, key)
+        key = tuple(
+            (f"line-{n}", f"{name}: {self.lines[name].field}") for n, name in enumerate(names)
+        )
+        return Figure(
+            f"Range in {self.unit or 'numbers'}: {'; '.join(ranges)}.{dashed}", paint, key
+        )
 
 
 class Reports(FigureKind):
@@ -174,11 +213,16 @@ class Reports(FigureKind):
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
         """Draw reported numbers over the values that are right."""
-        reported = [r for r in reports(recorded, self.artifact, self.pattern) if abs(r.value) < _FAR]
+        reported = [
+            r for r in reports(recorded, self.artifact, self.pattern) if abs(r.value) < _FAR
+        ]
         plateaus = self._plateaus(recorded, lab_folder)
         if not reported and not plateaus:
             return None
-        shown = _thinned(recorded.seconds(np.array([r.t_ns for r in reported])), np.array([r.value for r in reported]))
+        shown = _thinned(
+            recorded.seconds(np.array([r.t_ns for r in reported])),
+            np.array([r.value for r in reported]),
+        )
         spans = [*shown[0], *(t for start_s, end_s, _ in plateaus for t in (start_s, end_s))]
         right = [value for _, _, value in plateaus]
         # One absurd report must not press all others flat.
@@ -191,28 +235,46 @@ class Reports(FigureKind):
             frame = svg.frame_in(width, 290, (min(spans), max(spans)), y_range, top=30)
             parts = [*frame.y_axis(5), svg.text(4, 16, self.unit or "value", "start", "label")]
             for start_s, end_s, value in plateaus:
-                parts.append(svg.rule(frame.px(start_s), frame.py(value), frame.px(end_s), frame.py(value), "plateau"))
+                parts.append(
+                    svg.rule(
+                        frame.px(start_s),
+                        frame.py(value),
+                        frame.px(end_s),
+                        frame.py(value),
+                        "plateau",
+                    )
+                )
             step = 2 if width == svg.NARROW and len(within) > svg.NARROW_POINTS else 1
             for t, v, near in list(zip(*shown, within, strict=True))[::step]:
                 if near:
-                    parts.append(svg.tag("circle", cx=frame.px(t), cy=frame.py(v), r=2.4, class_="dot"))
+                    parts.append(
+                        svg.tag("circle", cx=frame.px(t), cy=frame.py(v), r=2.4, class_="dot")
+                    )
             return 290, parts + frame.x_axis(SINCE)
 
         caption = f"{len(reported)} reported numbers"
         caption += f" and {len(right)} spans in which the right value is known." if right else "."
         caption += f" {far} lie far outside and are not drawn." if far else ""
-        return Figure(caption, paint, (("dot", "reported by the program"), ("plateau", "right value")))
+        return Figure(
+            caption, paint, (("dot", "reported by the program"), ("plateau", "right value"))
+        )
 
     def _plateaus(self, recorded: Recorded, lab_folder: Path) -> list[tuple[float, float, float]]:
         """Return the spans in which the right report is one value: start, end, value."""
         oracle = load_oracle(lab_folder, self.oracle)
         try:
-            plateaus = oracle(recorded.streams(self.streams, self.field), self.parameters, recorded.record.seed)
+            plateaus = oracle(
+                recorded.streams(self.streams, self.field), self.parameters, recorded.record.seed
+            )
         except Exception:
             # Commands and states that do not fit together are judged by the checks; here is no line to draw.
             return []
         return [
-            (recorded.since_start_s(s["start_ns"]), recorded.since_start_s(s["end_ns"]), float(s["value"]))
+            (
+                recorded.since_start_s(s["start_ns"]),
+                recorded.since_start_s(s["end_ns"]),
+                float(s["value"]),
+            )
             for s in plateaus[: svg.MOST_POINTS]
             if abs(s["value"]) < _FAR
         ]

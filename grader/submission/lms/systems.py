@@ -61,7 +61,9 @@ class System:
     #: Which fact of a `Person` its ids are, if a grade book knows them.
     id_is: str = ""
     #: Adds to what is known what it wrote down in files beside the entries.
-    details: Callable[[Mapping[str, Delivered], Read], Mapping[str, Delivered]] = lambda known, read: known
+    details: Callable[[Mapping[str, Delivered], Read], Mapping[str, Delivered]] = (
+        lambda known, read: known
+    )
 
 
 def is_table(name: str) -> bool:
@@ -77,7 +79,11 @@ def recognised(entries: Entries) -> tuple[System, Mapping[str, Delivered]] | Non
     fit = {name: is_folder for name, is_folder in entries.items() if len(name) <= _MOST_CHARACTERS}
     for system in SYSTEMS:
         known = system.match(fit)
-        others = [name for name in entries if name not in known and name not in system.own and not is_table(name)]
+        others = [
+            name
+            for name in entries
+            if name not in known and name not in system.own and not is_table(name)
+        ]
         if len(known) > len(others):
             return system, known
     return None
@@ -85,7 +91,11 @@ def recognised(entries: Entries) -> tuple[System, Mapping[str, Delivered]] | Non
 
 def _matches(pattern: str, entries: Entries, *, folders: bool) -> list[re.Match[str]]:
     """Return how the names of all folders, or all files, fit a pattern; without those that do not."""
-    found = (re.fullmatch(pattern, name, re.DOTALL) for name, is_folder in entries.items() if is_folder is folders)
+    found = (
+        re.fullmatch(pattern, name, re.DOTALL)
+        for name, is_folder in entries.items()
+        if is_folder is folders
+    )
     return [match for match in found if match is not None]
 
 
@@ -132,7 +142,10 @@ _CANVAS_AGAIN = re.compile(r"-\d{1,3}(?=(\.[^.]+)?$)")
 
 
 def _canvas(entries: Entries) -> dict[str, Delivered]:
-    found = {match: match.group("name", "id", "number", "typed") for match in _matches(_CANVAS, entries, folders=False)}
+    found = {
+        match: match.group("name", "id", "number", "typed")
+        for match in _matches(_CANVAS, entries, folders=False)
+    }
     times = Counter(found.values())
     delivered = {}
     for match, numbers in found.items():
@@ -142,7 +155,9 @@ def _canvas(entries: Entries) -> dict[str, Delivered]:
             # It shows what comes back under the name of what was handed in.
             back = match[0] if match["file"] else ""
             first_called = _CANVAS_AGAIN.sub("", file)
-            delivered[match[0]] = Delivered(student, match["id"], file, first_called, late, handback=back)
+            delivered[match[0]] = Delivered(
+                student, match["id"], file, first_called, late, handback=back
+            )
     return delivered
 
 
@@ -167,7 +182,9 @@ def _blackboard(entries: Entries) -> dict[str, Delivered]:
 def _common_title(heads: Collection[str]) -> str:
     """Return how all of them begin, up to an underscore."""
     first, last = min(heads, default=""), max(heads, default="")
-    alike = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False)))
+    alike = sum(
+        1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
+    )
     return first[: first.rfind("_", 0, alike) + 1]
 
 
@@ -192,7 +209,10 @@ def _brightspace_time(text: str) -> datetime | None:
         return None
     # Two digits each, or `121 PM` could be read as 12:01.
     day, half = text[: clock.start()].strip(), (clock[3] or "").strip()
-    forms = [f"{day_form} {'%I%M%p' if half else '%H%M'}" for day_form in ("%b %d, %Y", "%B %d, %Y", "%d %b, %Y")]
+    forms = [
+        f"{day_form} {'%I%M%p' if half else '%H%M'}"
+        for day_form in ("%b %d, %Y", "%B %d, %Y", "%d %b, %Y")
+    ]
     read = (_time(f"{day} {int(clock[1]):02}{clock[2]}{half}", form) for form in forms)
     return next((time for time in read if time is not None), None)
 
@@ -210,13 +230,20 @@ def _sakai(entries: Entries) -> dict[str, Delivered]:
 def _sakai_times(known: Mapping[str, Delivered], read: Read) -> Mapping[str, Delivered]:
     files = {entry: f"{entry}/timestamp.txt" for entry in known}
     texts = read(list(files.values()))
-    return {entry: replace(one, attempt_at=_sakai_time(texts.get(files[entry], ""))) for entry, one in known.items()}
+    return {
+        entry: replace(one, attempt_at=_sakai_time(texts.get(files[entry], "")))
+        for entry, one in known.items()
+    }
 
 
 def _sakai_time(text: str) -> datetime | None:
     """Read digits in UTC, such as `20260302224105123`, or ISO 8601 with an offset."""
     digits = re.fullmatch(r"\s*(\d{14})\d*\s*", text)
-    return _time(f"{digits[1]}+0000", "%Y%m%d%H%M%S%z") if digits is not None else moment_of(text.strip())
+    return (
+        _time(f"{digits[1]}+0000", "%Y%m%d%H%M%S%z")
+        if digits is not None
+        else moment_of(text.strip())
+    )
 
 
 # -- Gradescope: `submission_123/`, and who and when in `submission_metadata.yml` ------------------------------------
@@ -247,7 +274,10 @@ def _gradescope_people(known: Mapping[str, Delivered], read: Read) -> Mapping[st
 
 def _by(submitted: _Submitted, known: Delivered) -> Delivered:
     """Name those who handed something in together after all of them, with the number of the submission."""
-    people = tuple(Person(p.get("name", ""), p.get("sid", ""), email=p.get("email", "")) for p in submitted.people)
+    people = tuple(
+        Person(p.get("name", ""), p.get("sid", ""), email=p.get("email", ""))
+        for p in submitted.people
+    )
     ids = [person.student_id or person.email for person in people]
     names = [person.name or one for person, one in zip(people, ids, strict=True)]
     if len(names) > 1:

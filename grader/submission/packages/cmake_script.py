@@ -14,7 +14,9 @@ from typing import NamedTuple
 _COMMAND = re.compile(r"\b([A-Za-z_]\w*)\s*\(([^()]{0,10000})\)")
 _WORD = re.compile(r'"([^"]*)"|(\S+)')
 _VARIABLE = re.compile(r"\$\{(\w+)\}")
-_HERE = re.compile(r"\$\{(?:CMAKE_CURRENT_SOURCE_DIR|CMAKE_CURRENT_LIST_DIR|CMAKE_SOURCE_DIR|PROJECT_SOURCE_DIR)\}(/?)")
+_HERE = re.compile(
+    r"\$\{(?:CMAKE_CURRENT_SOURCE_DIR|CMAKE_CURRENT_LIST_DIR|CMAKE_SOURCE_DIR|PROJECT_SOURCE_DIR)\}(/?)"
+)
 _MOST_COMMANDS, _MOST_WORDS, _LONGEST_WORD = 2000, 500, 1000
 #: Commands after which nothing is known of the variable that they name in this place.
 _CHANGING = {"list": 1, "file": 1, "foreach": 0}
@@ -39,19 +41,36 @@ def installs_of(text: str, package: str, paths: Sequence[str]) -> Iterator[Insta
     for name, words in commands_of(text, package):
         kind, at = words[0] if words else "", len(words)
         if name == "ament_auto_package" and "INSTALL_TO_SHARE" in words:
-            kind, names, folder = "DIRECTORY", words[words.index("INSTALL_TO_SHARE") + 1 :], f"share/{package}"
-        elif name == "install" and kind in ("DIRECTORY", "FILES", "PROGRAMS") and "DESTINATION" in words[:-1]:
+            kind, names, folder = (
+                "DIRECTORY",
+                words[words.index("INSTALL_TO_SHARE") + 1 :],
+                f"share/{package}",
+            )
+        elif (
+            name == "install"
+            and kind in ("DIRECTORY", "FILES", "PROGRAMS")
+            and "DESTINATION" in words[:-1]
+        ):
             at = words.index("DESTINATION")
             names, folder = words[1:at], words[at + 1]
         else:
             continue
         named += len(names)
         unknown = named > _MOST_WORDS or any("$" in word for word in (*names, folder))
-        unknown |= kind == "DIRECTORY" and not {"PATTERN", "REGEX", "FILES_MATCHING"}.isdisjoint(words)
+        unknown |= kind == "DIRECTORY" and not {"PATTERN", "REGEX", "FILES_MATCHING"}.isdisjoint(
+            words
+        )
         is_programs = kind == "PROGRAMS" or folder.strip("/") == f"lib/{package}"
-        copied = {} if unknown else {target: file for n in names for target, file in _copied(n, kind, folder, paths)}
+        copied = (
+            {}
+            if unknown
+            else {target: file for n in names for target, file in _copied(n, kind, folder, paths)}
+        )
         if len(copied) == 1 and "RENAME" in words[at:-1]:
-            copied = {posixpath.join(folder, words[words.index("RENAME") + 1]): file for file in copied.values()}
+            copied = {
+                posixpath.join(folder, words[words.index("RENAME") + 1]): file
+                for file in copied.values()
+            }
         yield Installed(is_programs, None if unknown else copied)
 
 
@@ -94,7 +113,11 @@ def _put_in(word: str, variables: dict[str, list[str]]) -> str:
 
 def _copied(name: str, kind: str, folder: str, paths: Sequence[str]) -> Iterator[tuple[str, str]]:
     root = posixpath.normpath(name)
-    inside = [path for path in paths if root == "." or path.startswith(f"{root}/")] if kind == "DIRECTORY" else []
+    inside = (
+        [path for path in paths if root == "." or path.startswith(f"{root}/")]
+        if kind == "DIRECTORY"
+        else []
+    )
     above = root if name.endswith("/") else posixpath.dirname(root)
     for path in inside or [root]:
         below = path if not inside or above in ("", ".") else path[len(above) + 1 :]

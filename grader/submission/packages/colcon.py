@@ -13,7 +13,11 @@ from xml.etree import ElementTree
 from grader.recording.submission import PackageFact
 from grader.submission.packages.cmake_script import commands_of, installs_of
 from grader.submission.packages.interfaces import interface_problems
-from grader.submission.packages.setup_script import NotRecognisedError, data_files_of_setup, keyword_of_setup
+from grader.submission.packages.setup_script import (
+    NotRecognisedError,
+    data_files_of_setup,
+    keyword_of_setup,
+)
 
 _MOST_SCRIPTS = 200
 _MOST_PACKAGES = 100
@@ -28,7 +32,9 @@ def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
         folder = str(PurePosixPath(path).parent).removeprefix(".")
         package = _read_manifest(folder, texts.get(path, ""))
         above = _inside(package.path, "")
-        inside = [path.removeprefix(above) for path in paths if path.startswith(above)]  # relative to its folder
+        inside = [
+            path.removeprefix(above) for path in paths if path.startswith(above)
+        ]  # relative to its folder
         if package.build_type == "ament_python":
             _read_setup(package, texts, inside)
         else:
@@ -42,11 +48,18 @@ def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
 def _read_manifest(folder: str, text: str) -> PackageFact:
     fallback = PurePosixPath(folder).name or "package"
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        return PackageFact(fallback, folder, "ament_python", problems=["package.xml declares entities; it is not read"])
+        return PackageFact(
+            fallback,
+            folder,
+            "ament_python",
+            problems=["package.xml declares entities; it is not read"],
+        )
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as problem:
-        return PackageFact(fallback, folder, "ament_python", problems=[f"package.xml is not valid XML: {problem}"])
+        return PackageFact(
+            fallback, folder, "ament_python", problems=[f"package.xml is not valid XML: {problem}"]
+        )
     name = (root.findtext("name") or "").strip()
     build_type = (root.findtext("export/build_type") or "ament_cmake").strip()
     package = PackageFact(name or fallback, folder, build_type)
@@ -76,7 +89,9 @@ def _read_setup(package: PackageFact, texts: dict[str, str], inside: list[str]) 
         scripts += _scripts_of_config(config_text)
     _add_scripts(package, scripts)
     if not package.executables and not package.problems:
-        package.problems.append("setup.py declares no console_scripts, so `ros2 run` finds no executable")
+        package.problems.append(
+            "setup.py declares no console_scripts, so `ros2 run` finds no executable"
+        )
     is_broken = any("cannot be read" in problem for problem in package.problems)
     if setup_text is not None and not is_broken and "options.data_files" not in (config_text or ""):
         _note_shared(package, "setup.py", data_files_of_setup(setup_text, inside), inside)
@@ -84,16 +99,22 @@ def _read_setup(package: PackageFact, texts: dict[str, str], inside: list[str]) 
 
 def _add_scripts(package: PackageFact, scripts: list[str]) -> None:
     if len(scripts) > _MOST_SCRIPTS:
-        package.problems.append(f"there are {len(scripts)} entry points; only the first {_MOST_SCRIPTS} are installed")
+        package.problems.append(
+            f"there are {len(scripts)} entry points; only the first {_MOST_SCRIPTS} are installed"
+        )
     for script in scripts[:_MOST_SCRIPTS]:
         match = re.fullmatch(r"\s*([^=\s]+)\s*=\s*([\w.]+)\s*:\s*([\w.]+)\s*", script)
         if match and match[1] not in (".", ".."):
             package.executables[match[1]] = f"{match[2]}:{match[3]}"
         else:
-            package.problems.append(f"the entry point {script!r} is not of the form 'name = module:function'")
+            package.problems.append(
+                f"the entry point {script!r} is not of the form 'name = module:function'"
+            )
 
 
-def _note_shared(package: PackageFact, name: str, installed: dict[str, str] | None, inside: list[str]) -> None:
+def _note_shared(
+    package: PackageFact, name: str, installed: dict[str, str] | None, inside: list[str]
+) -> None:
     """Note what a file of a name installs below the prefix, and launch files that it does not."""
     by_cmake = package.build_type != "ament_python"
     if installed is None:
@@ -103,13 +124,21 @@ def _note_shared(package: PackageFact, name: str, installed: dict[str, str] | No
         )
         return
     there = set(inside)
-    package.shared = {target: _inside(package.path, file) for target, file in installed.items() if file in there}
-    gone = sorted(file for file in installed.values() if file not in there and "resource/" not in file)
+    package.shared = {
+        target: _inside(package.path, file) for target, file in installed.items() if file in there
+    }
+    gone = sorted(
+        file for file in installed.values() if file not in there and "resource/" not in file
+    )
     package.problems += [f"{name} installs {file}, which is not there" for file in gone[:3]]
     for file in (f for f in inside if is_launch_file(f) and f not in installed.values()):
         folder = str(PurePosixPath(file).parent).removeprefix(".")
         entry = f"('share/{package.name}/{folder or 'launch'}', ['{file}'])"
-        line = f"install(DIRECTORY {folder or '.'} DESTINATION share/${{PROJECT_NAME}})" if by_cmake else entry
+        line = (
+            f"install(DIRECTORY {folder or '.'} DESTINATION share/${{PROJECT_NAME}})"
+            if by_cmake
+            else entry
+        )
         package.problems.append(
             f"{name} does not install {file}, so `ros2 launch {package.name} {PurePosixPath(file).name}` "
             f"does not find it; add {line}" + ("" if by_cmake else " to data_files")
@@ -164,15 +193,23 @@ def _sections_of(text: str) -> configparser.ConfigParser:
 def _read_cmake(package: PackageFact, texts: dict[str, str], inside: list[str]) -> None:
     text = texts.get(_inside(package.path, "CMakeLists.txt"))
     if text is None:
-        package.problems.append("there is no CMakeLists.txt beside package.xml, so nothing is installed")
+        package.problems.append(
+            "there is no CMakeLists.txt beside package.xml, so nothing is installed"
+        )
         return
-    of_python = (words for name, words in commands_of(text, package.name) if name == "ament_python_install_package")
+    of_python = (
+        words
+        for name, words in commands_of(text, package.name)
+        if name == "ament_python_install_package"
+    )
     if any("SCRIPTS_DESTINATION" in words for words in of_python):
         _add_scripts(package, _scripts_of_config(texts.get(_inside(package.path, "setup.cfg"), "")))
     installs = list(installs_of(text, package.name, inside))
     if any(files is None for is_programs, files in installs if is_programs):
         _take_all(package, "CMakeLists.txt installs programs", inside)
-    for target, file in ((t, f) for is_programs, files in installs if is_programs for t, f in (files or {}).items()):
+    for target, file in (
+        (t, f) for is_programs, files in installs if is_programs for t, f in (files or {}).items()
+    ):
         if file in inside:
             package.executables[PurePosixPath(target).name] = _inside(package.path, file)
         else:
@@ -185,8 +222,14 @@ def _read_cmake(package: PackageFact, texts: dict[str, str], inside: list[str]) 
 
 def _take_all(package: PackageFact, what: str, inside: list[str]) -> None:
     """Take each Python file for an executable where nobody can say which are, and note it."""
-    package.problems.append(f"{what} in a way that the grader does not follow; it takes every Python file for one")
-    files = [PurePosixPath(path) for path in inside if path.endswith(".py") and not is_launch_file(path)]
-    for path in [file for file in files if file.name not in ("setup.py", "__init__.py")][:_MOST_SCRIPTS]:
+    package.problems.append(
+        f"{what} in a way that the grader does not follow; it takes every Python file for one"
+    )
+    files = [
+        PurePosixPath(path) for path in inside if path.endswith(".py") and not is_launch_file(path)
+    ]
+    for path in [file for file in files if file.name not in ("setup.py", "__init__.py")][
+        :_MOST_SCRIPTS
+    ]:
         package.executables.setdefault(path.name, _inside(package.path, str(path)))
         package.executables.setdefault(path.stem, _inside(package.path, str(path)))

@@ -31,7 +31,9 @@ def keyword_of_setup(text: str, name: str, paths: Sequence[str]) -> Any:
     would tell, or if it is wrong; SyntaxError, ValueError, RecursionError or MemoryError if Python refuses the file.
     """
     tree = parse_python(text)
-    setups = [node for node in ast.walk(tree) if isinstance(node, ast.Call) and _called(node) == "setup"]
+    setups = [
+        node for node in ast.walk(tree) if isinstance(node, ast.Call) and _called(node) == "setup"
+    ]
     if len(setups) != 1:
         raise NotRecognisedError
     given = {keyword.arg: keyword.value for keyword in setups[0].keywords}
@@ -101,15 +103,26 @@ class _Script:
             case ast.List(elts=items) | ast.Tuple(elts=items):
                 return [self.value(item) for item in items]
             case ast.Dict(keys=keys, values=values):
-                return {self.value(key): self.value(value) for key, value in zip(keys, values, strict=True)}
+                return {
+                    self.value(key): self.value(value)
+                    for key, value in zip(keys, values, strict=True)
+                }
             case ast.BinOp(left=left, op=ast.Add(), right=right):
                 return self.value(left) + self.value(right)
             case ast.JoinedStr(values=parts):
                 return "".join(str(self.value(part)) for part in parts)
             case ast.FormattedValue(value=inner, conversion=-1, format_spec=None):
                 return self.value(inner)
-            case ast.Call(args=arguments, keywords=[]) if (name := _called(node)) in ("join", "sorted", "glob"):
-                calls: dict[str, Callable[..., Any]] = {"join": posixpath.join, "sorted": sorted, "glob": self._globbed}
+            case ast.Call(args=arguments, keywords=[]) if (name := _called(node)) in (
+                "join",
+                "sorted",
+                "glob",
+            ):
+                calls: dict[str, Callable[..., Any]] = {
+                    "join": posixpath.join,
+                    "sorted": sorted,
+                    "glob": self._globbed,
+                }
                 return calls[name](*map(self.value, arguments))
             case _:
                 raise NotRecognisedError
@@ -121,7 +134,11 @@ class _Script:
         if "**" in wanted or self._patterns > _MOST_PATTERNS:
             raise NotRecognisedError
         split = ((path, path.split("/")) for path in self._paths)
-        return [path for path, parts in split if len(parts) == len(wanted) and all(map(_fits, parts, wanted))]
+        return [
+            path
+            for path, parts in split
+            if len(parts) == len(wanted) and all(map(_fits, parts, wanted))
+        ]
 
 
 def _called(call: ast.Call) -> str:

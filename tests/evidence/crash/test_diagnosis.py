@@ -18,7 +18,16 @@ from grader.recording.session import OutputLine
 from tests.thorough import part
 
 NODE_PROPERTIES = (
-    *("clients", "context", "default_callback_group", "executor", "guards", "handle", "publishers", "services"),
+    *(
+        "clients",
+        "context",
+        "default_callback_group",
+        "executor",
+        "guards",
+        "handle",
+        "publishers",
+        "services",
+    ),
     *("subscriptions", "timers", "waitables"),
 )
 FILES = ("joint_publisher.py", "src/lab/lab/arm_math.py", "README.md")
@@ -57,26 +66,71 @@ def told(final: str, library: str = "") -> Diagnosis:
     [
         ("ModuleNotFoundError: No module named 'rclpy'", "", "ros-not-sourced", "rclpy"),
         ("ModuleNotFoundError: No module named 'arm_math'", "", "missing-sibling", "arm_math"),
-        ("ModuleNotFoundError: No module named 'lab.arm_math'", "", "missing-sibling", "lab.arm_math"),
+        (
+            "ModuleNotFoundError: No module named 'lab.arm_math'",
+            "",
+            "missing-sibling",
+            "lab.arm_math",
+        ),
         ("ModuleNotFoundError: No module named 'pandas'", "", "missing-module", "pandas"),
         ("ModuleNotFoundError: No module named 'numppy'", "", "misspelt-module", "numppy"),
-        ("ModuleNotFoundError: No module named 'std_msgs.msgs'", "", "misspelt-module", "std_msgs.msgs"),
+        (
+            "ModuleNotFoundError: No module named 'std_msgs.msgs'",
+            "",
+            "misspelt-module",
+            "std_msgs.msgs",
+        ),
         (
             "ModuleNotFoundError: No module named 'my_robot_interfaces'",
             "",
             "missing-interface",
             "my_robot_interfaces",
         ),
-        ("ModuleNotFoundError: No module named 'geometry_mgs'", "", "misspelt-module", "geometry_mgs"),
+        (
+            "ModuleNotFoundError: No module named 'geometry_mgs'",
+            "",
+            "misspelt-module",
+            "geometry_mgs",
+        ),
         ("ModuleNotFoundError: No module named 'tf2_msgs'", "", "missing-interface", "tf2_msgs"),
-        ("ModuleNotFoundError: No module named 'tf2_msgs.msg'", "", "missing-interface", "tf2_msgs.msg"),
-        ("ModuleNotFoundError: No module named 'example_interfaces'", "", "missing-interface", "example_interfaces"),
+        (
+            "ModuleNotFoundError: No module named 'tf2_msgs.msg'",
+            "",
+            "missing-interface",
+            "tf2_msgs.msg",
+        ),
+        (
+            "ModuleNotFoundError: No module named 'example_interfaces'",
+            "",
+            "missing-interface",
+            "example_interfaces",
+        ),
         ("ModuleNotFoundError: No module named 'test_msgs'", "", "missing-interface", "test_msgs"),
         ("ModuleNotFoundError: No module named 'tf2_ros'", "", "missing-interface", "tf2_ros"),
-        ("ModuleNotFoundError: No module named 'lab_interfaces'", "", "missing-interface", "lab_interfaces"),
-        ("ModuleNotFoundError: No module named 'exmaple_interfaces'", "", "misspelt-module", "exmaple_interfaces"),
-        ("ModuleNotFoundError: No module named 'sdt_msgs.msg'", "", "misspelt-module", "sdt_msgs.msg"),
-        ("ModuleNotFoundError: No module named 'sensors_msgs.msg'", "", "misspelt-module", "sensors_msgs.msg"),
+        (
+            "ModuleNotFoundError: No module named 'lab_interfaces'",
+            "",
+            "missing-interface",
+            "lab_interfaces",
+        ),
+        (
+            "ModuleNotFoundError: No module named 'exmaple_interfaces'",
+            "",
+            "misspelt-module",
+            "exmaple_interfaces",
+        ),
+        (
+            "ModuleNotFoundError: No module named 'sdt_msgs.msg'",
+            "",
+            "misspelt-module",
+            "sdt_msgs.msg",
+        ),
+        (
+            "ModuleNotFoundError: No module named 'sensors_msgs.msg'",
+            "",
+            "misspelt-module",
+            "sensors_msgs.msg",
+        ),
         ("ModuleNotFoundError: No module named 'tf2_msg'", "", "misspelt-module", "tf2_msg"),
         (
             "ImportError: cannot import name 'QosProfile' from 'rclpy.qos' (/venv/rclpy/qos.py)",
@@ -201,7 +255,12 @@ def told(final: str, library: str = "") -> Diagnosis:
             "dept",
         ),
         ("AttributeError: BESTEFFORT", "", "qos-policy", "BESTEFFORT"),
-        ("AttributeError: BESTEFFORT. Did you mean: 'BEST_EFFORT'?", "", "qos-policy", "BESTEFFORT"),
+        (
+            "AttributeError: BESTEFFORT. Did you mean: 'BEST_EFFORT'?",
+            "",
+            "qos-policy",
+            "BESTEFFORT",
+        ),
         (
             "AttributeError: type object 'ReliabilityPolicy' has no attribute 'BESTEFFORT'",
             "",
@@ -242,7 +301,12 @@ def told(final: str, library: str = "") -> Diagnosis:
             "message-field",
             "data",
         ),
-        ("AssertionError: The 'success' field must be of type 'bool'", "", "message-field", "success"),
+        (
+            "AssertionError: The 'success' field must be of type 'bool'",
+            "",
+            "message-field",
+            "success",
+        ),
         (
             "TypeError: must be real number, not str",
             'std_msgs/msg/_float64_multi_array.py", line 185, in data',
@@ -255,8 +319,18 @@ def told(final: str, library: str = "") -> Diagnosis:
             "message-field",
             "",
         ),
-        ("NameError: name 'prnt' is not defined. Did you mean: 'print'?", "", "undefined-name", "prnt"),
-        ("NameError: name 'Float64MultiArrray' is not defined", "", "undefined-name", "Float64MultiArrray"),
+        (
+            "NameError: name 'prnt' is not defined. Did you mean: 'print'?",
+            "",
+            "undefined-name",
+            "prnt",
+        ),
+        (
+            "NameError: name 'Float64MultiArrray' is not defined",
+            "",
+            "undefined-name",
+            "Float64MultiArrray",
+        ),
         (
             "UnboundLocalError: cannot access local variable 'node' where it is not associated with a value",
             "",
@@ -271,7 +345,12 @@ def told(final: str, library: str = "") -> Diagnosis:
         ),
         ("AttributeError: 'NoneType' object has no attribute 'data'", "", "value-is-none", ""),
         ("TypeError: 'NoneType' object is not subscriptable", "", "value-is-none", ""),
-        ("AttributeError: 'Talker' object has no attribute 'count'", "", "missing-attribute", "count"),
+        (
+            "AttributeError: 'Talker' object has no attribute 'count'",
+            "",
+            "missing-attribute",
+            "count",
+        ),
         (
             "TypeError: RcutilsLogger.info() takes 2 positional arguments but 3 were given",
             "",
@@ -308,14 +387,19 @@ def test_known_exceptions_are_explained(final: str, library: str, kind: str, sub
 
 def test_the_trap_of_read_only_properties_is_explained_with_its_mend() -> None:
     """The student reads what a node's property is, and which name to use instead."""
-    diagnosis = told("AttributeError: property 'publishers' of 'QoSComparisonNode' object has no setter")
+    diagnosis = told(
+        "AttributeError: property 'publishers' of 'QoSComparisonNode' object has no setter"
+    )
     assert "self.publishers" in diagnosis.problem
     assert "self._my_publishers" in diagnosis.remedy
 
 
 def test_near_misses_are_named() -> None:
     """A misspelt name comes with the right one, of Python or of ROS."""
-    assert "QoSProfile" in told("ImportError: cannot import name 'QosProfile' from 'rclpy.qos' (q.py)").problem
+    assert (
+        "QoSProfile"
+        in told("ImportError: cannot import name 'QosProfile' from 'rclpy.qos' (q.py)").problem
+    )
     assert "print" in told("NameError: name 'prnt' is not defined. Did you mean: 'print'?").problem
     assert "numpy" in told("ModuleNotFoundError: No module named 'numppy'").remedy
     assert "BEST_EFFORT" in told("AttributeError: BESTEFFORT").problem
@@ -331,7 +415,10 @@ def test_near_misses_are_named() -> None:
 )
 def test_syntax_errors_point_at_their_line(text: str, kind: str, line: int) -> None:
     """The file that Python cannot read is named with the line."""
-    diagnosis = explain(lines(f'  File "/cell/ws/joint_publisher.py", line 2\n    a = (1,\n        ^\n{text}'), FILES)
+    diagnosis = explain(
+        lines(f'  File "/cell/ws/joint_publisher.py", line 2\n    a = (1,\n        ^\n{text}'),
+        FILES,
+    )
     assert diagnosis is not None
     assert (diagnosis.kind, diagnosis.file, diagnosis.line) == (kind, "joint_publisher.py", line)
 
@@ -402,7 +489,9 @@ def test_a_dead_context_is_a_mistake_only_before_the_interrupt() -> None:
 
 def test_an_interrupt_inside_a_call_explains_nothing_of_before() -> None:
     """It becomes another error there; where nobody stopped the node, that error is a mistake as any."""
-    output = raised("RuntimeError: Unable to convert call argument '0' to Python object", "rclpy/executors.py")
+    output = raised(
+        "RuntimeError: Unable to convert call argument '0' to Python object", "rclpy/executors.py"
+    )
     assert explain(output, FILES, interrupted_ns=0) is None
     assert explain(output, FILES) is not None
 
@@ -492,9 +581,9 @@ def test_advisories_cost_nothing_and_say_what_is_better() -> None:
 
 def test_who_calls_try_shutdown_is_not_told_to_call_it() -> None:
     """Ctrl-C can overtake rclpy between its own look at the context and the shutdown: nothing is to be done better."""
-    overtaken = SECOND_SHUTDOWN.replace("    rclpy.shutdown()\n", "    rclpy.try_shutdown()\n").replace(
-        ", in shutdown\n", ", in try_shutdown\n"
-    )
+    overtaken = SECOND_SHUTDOWN.replace(
+        "    rclpy.shutdown()\n", "    rclpy.try_shutdown()\n"
+    ).replace(", in shutdown\n", ", in try_shutdown\n")
     assert overtaken.count("try_shutdown") >= 2
     assert advisories(lines(overtaken)) == ()
 
@@ -519,14 +608,18 @@ def test_who_calls_try_shutdown_is_not_told_to_call_it() -> None:
 )
 def test_hostile_output_takes_bounded_time(piece: str) -> None:
     """A megabyte of anything is read in a bounded time."""
-    output = lines(("Traceback (most recent call last):\n" + piece * (1_000_000 // len(piece)))[:1_000_000])
+    output = lines(
+        ("Traceback (most recent call last):\n" + piece * (1_000_000 // len(piece)))[:1_000_000]
+    )
     started = time.process_time()
     explain(output, FILES)
     advisories(output)
     assert time.process_time() - started < 5, "ten times what an idle machine takes"
 
 
-@given(st.lists(st.tuples(st.sampled_from(["stdout", "stderr"]), st.text(max_size=60)), max_size=30))
+@given(
+    st.lists(st.tuples(st.sampled_from(["stdout", "stderr"]), st.text(max_size=60)), max_size=30)
+)
 def test_any_output_is_read(written: list[tuple[str, str]]) -> None:
     """No output raises."""
     output = [OutputLine(t, stream, text) for t, (stream, text) in enumerate(written)]
@@ -622,7 +715,9 @@ def test_real_rclpy_is_understood(tmp_path: Path, body: str, kind: str) -> None:
     script = tmp_path / "ws" / "talker.py"
     script.parent.mkdir()
     script.write_text(NODE + body, encoding="utf-8")
-    environment = dict(os.environ, HOME=str(tmp_path), ROS_AUTOMATIC_DISCOVERY_RANGE="OFF", ROS_DOMAIN_ID="93")
+    environment = dict(
+        os.environ, HOME=str(tmp_path), ROS_AUTOMATIC_DISCOVERY_RANGE="OFF", ROS_DOMAIN_ID="93"
+    )
     run = subprocess.run(
         [sys.executable, str(script)],
         capture_output=True,

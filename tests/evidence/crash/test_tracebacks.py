@@ -14,7 +14,10 @@ from tests.counted import calls_of
 
 def lines(text: str, stream: str = "stderr") -> list[OutputLine]:
     """A text as a process's output, a line every nanosecond."""
-    return [OutputLine(t, stream, line) for t, line in enumerate(textwrap.dedent(text).strip("\n").split("\n"))]
+    return [
+        OutputLine(t, stream, line)
+        for t, line in enumerate(textwrap.dedent(text).strip("\n").split("\n"))
+    ]
 
 
 PLAIN = """
@@ -33,15 +36,24 @@ def test_a_plain_traceback() -> None:
     """Type, message and frames are read, with or without marks under the code."""
     for text in (PLAIN, "\n".join(line for line in PLAIN.split("\n") if "^" not in line)):
         (raised,) = tracebacks(lines(text))
-        assert (raised.type, raised.message) == ("AttributeError", "'Talker' object has no attribute 'count'")
-        assert [(frame.line, frame.function) for frame in raised.frames] == [(9, "<module>"), (5, "main")]
+        assert (raised.type, raised.message) == (
+            "AttributeError",
+            "'Talker' object has no attribute 'count'",
+        )
+        assert [(frame.line, frame.function) for frame in raised.frames] == [
+            (9, "<module>"),
+            (5, "main"),
+        ]
 
 
 def test_log_lines_between_do_not_matter() -> None:
     """What other threads log in between is passed over, as is what stands on the other stream."""
     mixed: list[OutputLine] = []
     for line in lines(PLAIN):
-        mixed += [line, OutputLine(line.t_ns, "stderr", "[INFO] [1795185180.472679044] [talker]: still here")]
+        mixed += [
+            line,
+            OutputLine(line.t_ns, "stderr", "[INFO] [1795185180.472679044] [talker]: still here"),
+        ]
         mixed.append(OutputLine(line.t_ns, "stdout", "ValueError: printed by the student"))
     (raised,) = tracebacks(mixed)
     assert raised.name == "AttributeError"
@@ -50,7 +62,9 @@ def test_log_lines_between_do_not_matter() -> None:
 
 def test_colours_and_launch_prefixes_are_taken_off() -> None:
     """Output under a launch carries the process's name before each line."""
-    decorated = [OutputLine(0, "stderr", f"[talker-1] \x1b[35m{line.text}\x1b[0m") for line in lines(PLAIN)]
+    decorated = [
+        OutputLine(0, "stderr", f"[talker-1] \x1b[35m{line.text}\x1b[0m") for line in lines(PLAIN)
+    ]
     (raised,) = tracebacks(decorated)
     assert raised.frames[-1].function == "main"
 
@@ -177,7 +191,11 @@ def test_paths_in_a_sandbox_mean_files_of_the_submission(path: str, file: str | 
 
 def test_endless_tracebacks_are_read_in_few_steps() -> None:
     """Of twenty thousand frames only the deepest are compared with the submission's two thousand files."""
-    said = ["Traceback (most recent call last):", *['  File "/lib/other.py", line 1, in f'] * 20_000, "ValueError: x"]
+    said = [
+        "Traceback (most recent call last):",
+        *['  File "/lib/other.py", line 1, in f'] * 20_000,
+        "ValueError: x",
+    ]
     (raised,) = tracebacks([OutputLine(n, "stderr", line) for n, line in enumerate(said)])
     files = [f"package{n}/other{n}.py" for n in range(2000)]
     assert calls_of(lambda: student_frame(raised.frames, files)) < 20_000

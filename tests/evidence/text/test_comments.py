@@ -16,7 +16,10 @@ def notes(text: str) -> tuple[Note, ...]:
 
 def kinds(*lines: str) -> list[str]:
     """Faults of comments that stand on lines of their own below code; "explains" for none."""
-    return [note.fault or "explains" for note in notes("x = 1\n\n" + "\n".join(f"# {line}" for line in lines) + "\n")]
+    return [
+        note.fault or "explains"
+        for note in notes("x = 1\n\n" + "\n".join(f"# {line}" for line in lines) + "\n")
+    ]
 
 
 @pytest.mark.parametrize(
@@ -76,7 +79,12 @@ def test_prose_explains_in_any_language(text: str) -> None:
         ["if self.x:", "    return True", "else:", "    pass"],
         ["try:", "    rclpy.spin(node)", "except KeyboardInterrupt:", "    pass"],
         ["@property", "def f(self):", "    return self._f"],
-        ["self.pub = self.create_publisher(", "    Float64MultiArray,", "    '/joint_commands',", "    10)"],
+        [
+            "self.pub = self.create_publisher(",
+            "    Float64MultiArray,",
+            "    '/joint_commands',",
+            "    10)",
+        ],
     ],
     ids=lambda lines: lines[0][:20],
 )
@@ -97,7 +105,17 @@ def test_code_between_prose_is_distinguished() -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["", "-----------", "==== Publisher ====", "x", "TODO", "TODO: implement", "FIXME", "noqa: E501", "type: ignore"],
+    [
+        "",
+        "-----------",
+        "==== Publisher ====",
+        "x",
+        "TODO",
+        "TODO: implement",
+        "FIXME",
+        "noqa: E501",
+        "type: ignore",
+    ],
 )
 def test_what_explains_nothing(text: str) -> None:
     """Rules, headings of a word, words for tools, and bare tasks are told apart from explanations."""
@@ -106,7 +124,10 @@ def test_what_explains_nothing(text: str) -> None:
 
 def test_repeated_comments_count_once() -> None:
     """The second of two equal texts explains nothing, whatever its punctuation, in another file too."""
-    files = {"a.py": "# Store the command.\nx = 1\n", "b.py": "# store the command\ny = 1\n# Another remark\nz = 2\n"}
+    files = {
+        "a.py": "# Store the command.\nx = 1\n",
+        "b.py": "# store the command\ny = 1\n# Another remark\nz = 2\n",
+    }
     assert [note.fault for f in read_sources(files) for note in f.notes] == ["", "said before", ""]
 
 

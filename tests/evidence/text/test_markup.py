@@ -96,7 +96,9 @@ def test_restructured_text() -> None:
 
 def test_plain_text_with_bold_and_html_headings() -> None:
     """A line in bold and an HTML heading are headings too."""
-    assert outline("**Publisher**\nSends things.\n\n<h2 align='center'>Service</h2>\nAnswers.\n") == [
+    assert outline(
+        "**Publisher**\nSends things.\n\n<h2 align='center'>Service</h2>\nAnswers.\n"
+    ) == [
         ("Publisher", 6, [("paragraph", 2)]),
         ("Service", 2, [("paragraph", 5)]),
     ]
@@ -122,7 +124,9 @@ def test_own_text_is_what_the_author_wrote() -> None:
     assert code_spans("run `a b` or ``c``") == ["a b", "c"]
 
 
-@pytest.mark.parametrize("text", ["", "\n\n", "#", "```", "|", "---", "***", "- ", "> ", "=\n=", ".. x::", "<!--"])
+@pytest.mark.parametrize(
+    "text", ["", "\n\n", "#", "```", "|", "---", "***", "- ", "> ", "=\n=", ".. x::", "<!--"]
+)
 def test_scraps_are_survived(text: str) -> None:
     """A README of one sign is a README."""
     assert len(read_markdown(text)) <= 1

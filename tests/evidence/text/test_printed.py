@@ -22,7 +22,9 @@ def said(*lines: str, stream: str = "stdout") -> list[OutputLine]:
     return [OutputLine(at(1.0), stream, line) for line in lines]
 
 
-def vector_of(output: list[OutputLine], label: str, after_ns: int | None = None) -> list[float] | None:
+def vector_of(
+    output: list[OutputLine], label: str, after_ns: int | None = None
+) -> list[float] | None:
     """Give the values of the last vector behind a label."""
     found = printed_vector(output, [label], after_ns)
     return list(found.values) if found is not None else None
@@ -49,7 +51,9 @@ def test_a_vector_is_found_however_it_is_printed(lines: list[str]) -> None:
     assert vector_of(said(*lines), "Mean") == pytest.approx([0.1, 0.2, 0.3])
 
 
-@pytest.mark.parametrize("lines", [[], ["Mean: 0.1"], ["Max: [0.1]"], ["Mean: [0.1 0.2"], ["Meaning [", "x"]])
+@pytest.mark.parametrize(
+    "lines", [[], ["Mean: 0.1"], ["Max: [0.1]"], ["Mean: [0.1 0.2"], ["Meaning [", "x"]]
+)
 def test_where_there_is_no_vector_none_is_found(lines: list[str]) -> None:
     """Another label, a single number or a bracket that never closes are none."""
     assert vector_of(said(*lines), "Mean") is None
@@ -60,19 +64,57 @@ def test_where_there_is_no_vector_none_is_found(lines: list[str]) -> None:
     [
         (["Mean: 0.1, 0.2, 0.3 rad"], "vector"),
         (["Mean error (rad): (0.1, 0.2, 0.3)"], "vector"),
-        (["j1: mean (rad) = 0.1, max = 9", "j2: mean (rad) = 0.2", "j3: mean (rad) = 0.3"], "lines"),
-        (["Joint   Mean     Max", "  0     0.1     9.0", "  1     0.2     9.0", "  2     0.3     9.0"], "table"),
-        (["| joint | mean | max |", "|---|---|---|", "| a | 0.1 | 9 |", "| b | 0.2 | 9 |", "| c | 0.3 | 9 |"], "table"),
-        (["joint mean[rad] max", "J 0 0.1 9.0", "J 1 0.2 9.0", "J 2 0.3 9.0", "", "Done 1 2 3"], "table"),
+        (
+            ["j1: mean (rad) = 0.1, max = 9", "j2: mean (rad) = 0.2", "j3: mean (rad) = 0.3"],
+            "lines",
+        ),
+        (
+            [
+                "Joint   Mean     Max",
+                "  0     0.1     9.0",
+                "  1     0.2     9.0",
+                "  2     0.3     9.0",
+            ],
+            "table",
+        ),
+        (
+            [
+                "| joint | mean | max |",
+                "|---|---|---|",
+                "| a | 0.1 | 9 |",
+                "| b | 0.2 | 9 |",
+                "| c | 0.3 | 9 |",
+            ],
+            "table",
+        ),
+        (
+            ["joint mean[rad] max", "J 0 0.1 9.0", "J 1 0.2 9.0", "J 2 0.3 9.0", "", "Done 1 2 3"],
+            "table",
+        ),
         (["      j0    j1    j2", "Mean  0.1   0.2   0.3", "Max   9     9     9"], "vector"),
         (["│ Mean │ 0.1 │ 0.2 │ 0.3 │"], "vector"),
         (["joint  mean |e|  max |e|", "0  0.1  9.0", "1  0.2  9.0", "2  0.3  9.0"], "table"),
         (["j1: mean=0.1, max=9.0", "j2: mean=0.2, max=9.0", "j3: mean=0.3, max=9.0"], "lines"),
         (
-            ["Joint 1", "  Mean: 0.1 rad", "  Max: 9 rad", "Joint 2", "  Mean: 0.2 rad", "Joint 3", "  Mean: 0.3 rad"],
+            [
+                "Joint 1",
+                "  Mean: 0.1 rad",
+                "  Max: 9 rad",
+                "Joint 2",
+                "  Mean: 0.2 rad",
+                "Joint 3",
+                "  Mean: 0.3 rad",
+            ],
             "lines",
         ),
-        (["joint 0 mean error: 0.1 max error: 9", "joint 1 mean error: 0.2 max error: 9", "x mean: 0.3 y: 1"], "lines"),
+        (
+            [
+                "joint 0 mean error: 0.1 max error: 9",
+                "joint 1 mean error: 0.2 max error: 9",
+                "x mean: 0.3 y: 1",
+            ],
+            "lines",
+        ),
     ],
 )
 def test_other_forms_count_after_ctrl_c(lines: list[str], form: str) -> None:
@@ -92,7 +134,13 @@ def test_one_number_is_no_column() -> None:
 
 @pytest.mark.parametrize(
     ("numbers", "rounding"),
-    [("0.12 0.3 1.", 0.005), ("0.123 0.3", 0.0005), ("0.1 0.2", 0.0), ("1 2", 0.0), ("1.2e-01 3.0e-02", 0.0)],
+    [
+        ("0.12 0.3 1.", 0.005),
+        ("0.123 0.3", 0.0005),
+        ("0.1 0.2", 0.0),
+        ("1 2", 0.0),
+        ("1.2e-01 3.0e-02", 0.0),
+    ],
 )
 def test_rounding_is_half_of_the_last_place(numbers: str, rounding: float) -> None:
     """Numpy leaves out trailing zeros, so the number with most places tells; less than two say nothing."""
@@ -104,7 +152,11 @@ def test_rounding_is_half_of_the_last_place(numbers: str, rounding: float) -> No
 def test_labels_do_not_reach_into_each_other() -> None:
     """Each label finds its own vector."""
     output = said("Error Statistics:", "Mean: [1. 2.]", "Max: [3. 4.]", "RMS: [5. 6.]")
-    assert [vector_of(output, label) for label in ("Mean", "Max", "RMS")] == [[1, 2], [3, 4], [5, 6]]
+    assert [vector_of(output, label) for label in ("Mean", "Max", "RMS")] == [
+        [1, 2],
+        [3, 4],
+        [5, 6],
+    ]
 
 
 def test_standard_output_comes_before_the_log() -> None:
@@ -142,7 +194,12 @@ def test_no_text_breaks_it(text: str) -> None:
 
 def test_reports_are_read_until_the_interrupt(tmp_path: Path) -> None:
     """Each line's first group counts, with its time; statistics after Ctrl-C do not."""
-    lines = [(1.0, "RMS tracking error: 0.1234 rad"), (1.5, "other"), (2.0, "RMS: 1e-3"), (21.0, "RMS: 9.0")]
+    lines = [
+        (1.0, "RMS tracking error: 0.1234 rad"),
+        (1.5, "other"),
+        (2.0, "RMS: 1e-3"),
+        (21.0, "RMS: 9.0"),
+    ]
     recorded = Session(tmp_path).process("it", lines).recorded()
     found = reports(recorded, "it", [PATTERN])
     assert [(r.t_ns, r.value) for r in found] == [(at(1.0), 0.1234), (at(2.0), 0.001)]

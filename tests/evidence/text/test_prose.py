@@ -233,7 +233,9 @@ def test_a_language_without_reason_words_is_accepted_at_length() -> None:
     "texts",
     [
         ["reliable, best_effort, latency, delay, sensor, command"],
-        ["`QoSProfile(reliability=RELIABLE, depth=10)  # because latency of the sensor matters to us all`"],
+        [
+            "`QoSProfile(reliability=RELIABLE, depth=10)  # because latency of the sensor matters to us all`"
+        ],
         [
             "reliable latency lost sensor command because best effort delay drop newest reliable "
             "latency one two three four"
@@ -253,7 +255,9 @@ def test_lists_and_stuffing_discuss_nothing(texts: list[str]) -> None:
 
 def test_repeated_passages_count_once() -> None:
     """The same paragraph twice is one."""
-    text = "For sensor data best effort is enough because the newest sample replaces a lost one soon."
+    text = (
+        "For sensor data best effort is enough because the newest sample replaces a lost one soon."
+    )
     assert len(discussion(text, text).related) == 1
 
 

@@ -59,7 +59,10 @@ def output(text: str) -> list[OutputLine]:
 @pytest.mark.parametrize("text", FAST_AND_SLOW)
 def test_results_are_read_however_they_are_printed(text: str) -> None:
     """Count, mean and maximum in seconds, each of its own row."""
-    fast, slow = result_row(output(text), "fast", ["slow"]), result_row(output(text), "slow", ["fast"])
+    fast, slow = (
+        result_row(output(text), "fast", ["slow"]),
+        result_row(output(text), "slow", ["fast"]),
+    )
     assert fast is not None
     assert slow is not None
     assert [fast.count, fast.mean_s, fast.max_s] == pytest.approx([998, 0.0005, 0.002])
@@ -86,7 +89,15 @@ def test_what_is_not_said_is_not_made_up(text: str, count: int, mean_s: float | 
 
 
 @pytest.mark.parametrize(
-    "text", ["", "fast", "fast: depth 1, best effort", "breakfast: 998 msgs", "fast_2: 998 msgs", "fast took 10.0 s"]
+    "text",
+    [
+        "",
+        "fast",
+        "fast: depth 1, best effort",
+        "breakfast: 998 msgs",
+        "fast_2: 998 msgs",
+        "fast took 10.0 s",
+    ],
 )
 def test_where_nothing_is_said_there_is_no_row(text: str) -> None:
     """A name within another word, or without a count, is none."""
@@ -114,7 +125,12 @@ def test_no_text_breaks_it(before: str, behind: str) -> None:
 
 @pytest.mark.parametrize(
     "line",
-    ["fast 1 2 3", "| fast | 1 | 2 | 3 |", "fast received 1 avg 1 ms max", "fast " + "1msgs avg1ms " * 500],
+    [
+        "fast 1 2 3",
+        "| fast | 1 | 2 | 3 |",
+        "fast received 1 avg 1 ms max",
+        "fast " + "1msgs avg1ms " * 500,
+    ],
 )
 def test_endless_results_are_read_in_few_steps(line: str) -> None:
     """Of twenty thousand lines about a thing only the first and the last are read closely."""
@@ -136,7 +152,9 @@ def test_the_last_results_count_behind_thousands_of_lines_with_the_name() -> Non
 def test_a_count_beyond_all_numbers_breaks_nothing(cell: str) -> None:
     """A cell of a table that means infinity, or a part of a message, is not taken for so many messages."""
     said = ["profile | msgs | mean (ms) | max (ms)", f"fast | {cell} | 0.5 | 2.0"]
-    row = result_row([OutputLine(n, "stdout", line) for n, line in enumerate(said)], "fast", ["slow"])
+    row = result_row(
+        [OutputLine(n, "stdout", line) for n, line in enumerate(said)], "fast", ["slow"]
+    )
     assert row is None or row.mean_s is None or row.count > 10**9
 
 
@@ -183,7 +201,9 @@ def test_labels_stand_before_their_numbers_or_behind_them(line: str) -> None:
     assert row.max_s == pytest.approx(0.00215)
 
 
-@pytest.mark.parametrize("name", ["BEST_EFFORT", "Best Effort", "best-effort", "BestEffort", "/test_Best_Effort"])
+@pytest.mark.parametrize(
+    "name", ["BEST_EFFORT", "Best Effort", "best-effort", "BestEffort", "/test_Best_Effort"]
+)
 def test_a_name_may_be_spelt_otherwise(name: str) -> None:
     """In capitals, apart or with hyphens it is the same name, if that is asked for; rows that begin with it count."""
     text = f"sensor_data ({name}): 9 msgs, avg 9 ms, max 9 ms\n{name}: 998 msgs, avg 0.5 ms, max 2.0 ms"

@@ -48,7 +48,9 @@ def main():
 
 def facts(text: str, path: str = "src/joint_publisher.py") -> SourceFacts:
     """Facts of one file."""
-    return read_sources({path: text}, Rules(fillers=("the", "class", "function"), placeholders=("^todo", "^add ")))[0]
+    return read_sources(
+        {path: text}, Rules(fillers=("the", "class", "function"), placeholders=("^todo", "^add "))
+    )[0]
 
 
 def explained(source: SourceFacts) -> dict[str, bool]:
@@ -68,8 +70,14 @@ def test_a_class_is_one_with_its_file_and_short_functions_with_their_class() -> 
             '        """Compute the next positions and publish them."""',
             "        # The phase goes on, so that nothing jumps",
         ),
-        ('        """Compute the next positions and publish them."""', "        'Positions of the next tick.'"),
-        ("    def on_timer(self):", "    # Called a hundred times a second\n    def on_timer(self):"),
+        (
+            '        """Compute the next positions and publish them."""',
+            "        'Positions of the next tick.'",
+        ),
+        (
+            "    def on_timer(self):",
+            "    # Called a hundred times a second\n    def on_timer(self):",
+        ),
         ("        self.t += 0.01", "        self.t += 0.01  # seconds since the start"),
     ],
 )
@@ -86,7 +94,9 @@ def test_comments_in_the_constructor_explain_the_class() -> None:
     bare = DOCUMENTED.replace('"""Publish joint commands for the arm."""', "")
     bare = bare.replace('    """Node that sends a sine wave to the first two joints."""\n', "")
     assert not explained(facts(bare))["joint_publisher.py"]
-    assert explained(facts(bare.replace("self.t = 0.0", "self.t = 0.0  # starts at rest")))["joint_publisher.py"]
+    assert explained(facts(bare.replace("self.t = 0.0", "self.t = 0.0  # starts at rest")))[
+        "joint_publisher.py"
+    ]
 
 
 @pytest.mark.parametrize(
@@ -105,9 +115,9 @@ def test_comments_in_the_constructor_explain_the_class() -> None:
 )
 def test_docstrings_that_say_nothing_do_not_count(docstring: str) -> None:
     """Placeholders, names, crumbs and repeats are told from docstrings that explain."""
-    assert not explained(facts(DOCUMENTED.replace("Compute the next positions and publish them.", docstring)))[
-        "on_timer"
-    ]
+    assert not explained(
+        facts(DOCUMENTED.replace("Compute the next positions and publish them.", docstring))
+    )["on_timer"]
 
 
 @pytest.mark.parametrize(
@@ -124,7 +134,9 @@ def test_docstrings_that_say_nothing_do_not_count(docstring: str) -> None:
 )
 def test_docstrings_count_in_any_language(docstring: str) -> None:
     """A docstring explains in any language."""
-    assert explained(facts(DOCUMENTED.replace("Compute the next positions and publish them.", docstring)))["on_timer"]
+    assert explained(
+        facts(DOCUMENTED.replace("Compute the next positions and publish them.", docstring))
+    )["on_timer"]
 
 
 def test_several_classes_and_functions_stand_for_themselves() -> None:
@@ -132,10 +144,16 @@ def test_several_classes_and_functions_stand_for_themselves() -> None:
     two = "class A:\n    'Sends the commands.'\n    x = 1\n\n\nclass B:\n    y = 2\n"
     assert explained(facts(two)) == {"joint_publisher.py": True, "A": True, "B": False}
     long = "    a = 1\n    b = 2\n    c = 3\n    d = 4\n    return a + b + c + d\n"
-    several = f"def f():\n    'Adds the weights.'\n{long}\n\ndef g():\n{long}\n\ndef main():\n{long}"
+    several = (
+        f"def f():\n    'Adds the weights.'\n{long}\n\ndef g():\n{long}\n\ndef main():\n{long}"
+    )
     assert explained(facts(several)) == {"joint_publisher.py": False, "f": True, "g": False}
-    assert explained(facts(f"def only():\n    'Adds the weights.'\n{long}")) == {"joint_publisher.py": True}
-    assert explained(facts(f"def main():\n    # Adds the weights\n{long}")) == {"joint_publisher.py": True}
+    assert explained(facts(f"def only():\n    'Adds the weights.'\n{long}")) == {
+        "joint_publisher.py": True
+    }
+    assert explained(facts(f"def main():\n    # Adds the weights\n{long}")) == {
+        "joint_publisher.py": True
+    }
 
 
 @pytest.mark.parametrize(

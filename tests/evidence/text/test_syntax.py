@@ -25,7 +25,9 @@ def test_comments_agree_with_tokenize(path: Path) -> None:
         for token in tokenize.generate_tokens(io.StringIO(text).readline)
         if token.type == tokenize.COMMENT
     ]
-    assert [(text.count("\n", 0, s.start()) + 1, s[0]) for s in spans(text) if s["comment"]] == expected
+    assert [
+        (text.count("\n", 0, s.start()) + 1, s[0]) for s in spans(text) if s["comment"]
+    ] == expected
 
 
 def test_quotes_inside_strings_do_not_end_them() -> None:

@@ -6,7 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.text.words import Terms, fold, is_placeholder, normal_form, sentences, substance
+from grader.evidence.text.words import (
+    Terms,
+    fold,
+    is_placeholder,
+    normal_form,
+    sentences,
+    substance,
+)
 
 PATTERNS = (r"^\W*todo\b",)
 

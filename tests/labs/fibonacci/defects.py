@@ -42,20 +42,30 @@ _NO_GOALS = (("goals", "4"), ("work", "6"), ("cancelled", "4"), ("preempted", "3
 
 DEFECTS = {
     "solution": Defect(),
-    "misspelt_name": Defect((('"/fibonacci"', '"/fibonaci"'),), (("offered", "1.8"),), "named /fibonaci"),
+    "misspelt_name": Defect(
+        (('"/fibonacci"', '"/fibonaci"'),), (("offered", "1.8"),), "named /fibonaci"
+    ),
     "no_execute_callback": Defect(
         (("execute_callback=self.execute", "execute_callback=None"),),
         (("offered", "3"), *_NO_GOALS),
         "Failed to register goal execution callback: not callable",
     ),
     "never_answers": Defect(
-        ((f"return {_DECIDE}", "time.sleep(600)"),), _NO_GOALS, "neither accepted nor rejected within 6.0 s"
+        ((f"return {_DECIDE}", "time.sleep(600)"),),
+        _NO_GOALS,
+        "neither accepted nor rejected within 6.0 s",
     ),
-    "returns_no_response": Defect(((_DECIDE, "goal.order >= 0"),), _NO_GOALS, "goal_callback returns no GoalResponse"),
-    "rejects_all": Defect((("goal.order >= 0", "goal.order >= 1000"),), _NO_GOALS, "Every goal is rejected."),
+    "returns_no_response": Defect(
+        ((_DECIDE, "goal.order >= 0"),), _NO_GOALS, "goal_callback returns no GoalResponse"
+    ),
+    "rejects_all": Defect(
+        (("goal.order >= 0", "goal.order >= 1000"),), _NO_GOALS, "Every goal is rejected."
+    ),
     "accepts_all": Defect(((_CALLBACK, ""),), (("goals", "2"),), "Every goal is accepted."),
     "no_feedback": Defect(
-        (("            handle.publish_feedback(feedback)\n", ""),), (("work", "2.4"),), "No feedback"
+        (("            handle.publish_feedback(feedback)\n", ""),),
+        (("work", "2.4"),),
+        "No feedback",
     ),
     "wrong_numbers": Defect(
         (("feedback.sequence[-1] + feedback.sequence[-2]", "2 * feedback.sequence[-1]"),),
@@ -74,16 +84,28 @@ DEFECTS = {
         (("work", "3.6"),),
         "IndexError in server.py",
     ),
-    "blocked": Defect((("MultiThreadedExecutor(4)", "None"),), _NO_GOALS[2:], "spin with a MultiThreadedExecutor"),
-    "refuses_to_cancel": Defect(
-        (("            cancel_callback=lambda goal: CancelResponse.ACCEPT,\n", ""),), _NO_GOALS[2:3], "was refused"
+    "blocked": Defect(
+        (("MultiThreadedExecutor(4)", "None"),), _NO_GOALS[2:], "spin with a MultiThreadedExecutor"
     ),
-    "never_canceled": Defect(((_CANCELED, ""),), (("cancelled", "2"),), "Call goal_handle.canceled() before"),
+    "refuses_to_cancel": Defect(
+        (("            cancel_callback=lambda goal: CancelResponse.ACCEPT,\n", ""),),
+        _NO_GOALS[2:3],
+        "was refused",
+    ),
+    "never_canceled": Defect(
+        ((_CANCELED, ""),), (("cancelled", "2"),), "Call goal_handle.canceled() before"
+    ),
     "ignores_cancel": Defect(
-        (("handle.is_cancel_requested", "False"),), _NO_GOALS[2:3], "look at goal_handle.is_cancel_requested"
+        (("handle.is_cancel_requested", "False"),),
+        _NO_GOALS[2:3],
+        "look at goal_handle.is_cancel_requested",
     ),
     "late_cancel": Defect(
-        ((_CANCELED, f"                time.sleep(0.7)\n{_CANCELED}"),), (("cancelled", "2"),), "Look for it more often"
+        ((_CANCELED, f"                time.sleep(0.7)\n{_CANCELED}"),),
+        (("cancelled", "2"),),
+        "Look for it more often",
     ),
-    "not_preempted": Defect((("self.newest is not handle", "False"),), _NO_GOALS[3:], "call goal_handle.abort()"),
+    "not_preempted": Defect(
+        (("self.newest is not handle", "False"),), _NO_GOALS[3:], "call goal_handle.abort()"
+    ),
 }

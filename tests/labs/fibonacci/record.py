@@ -45,7 +45,9 @@ def judged(recordings: Path) -> Result:
 def keep(name: str, recordings: Path) -> None:
     """Pack recordings beside this file."""
     for path in recordings.rglob("*.json"):
-        path.write_text(path.read_text(encoding="utf-8").replace(sys.prefix, ENVIRONMENT), encoding="utf-8")
+        path.write_text(
+            path.read_text(encoding="utf-8").replace(sys.prefix, ENVIRONMENT), encoding="utf-8"
+        )
     with tarfile.open(FOLDER / "recordings" / f"{name}.tar.xz", "w:xz") as archive:
         archive.add(recordings, ".")
 
@@ -60,7 +62,9 @@ def main() -> None:
             print(name, result.score.earned, flush=True)
             for check in result.checks:
                 if check.earned < check.possible:
-                    print(f"  {check.id} {check.outcome.value} {check.earned} of {check.possible}: {check.measured}")
+                    print(
+                        f"  {check.id} {check.outcome.value} {check.earned} of {check.possible}: {check.measured}"
+                    )
                     print(f"    {check.reason} {check.hint}")
             keep(name, recordings)
 

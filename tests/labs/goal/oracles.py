@@ -13,7 +13,9 @@ def speed(streams, parameters, seed):
     z, w = pose.values[:, 5], pose.values[:, 6]
     error = np.arctan2(way[:, 1], way[:, 0]) - 2 * np.arctan2(z, w)
     distance = np.hypot(way[:, 0], way[:, 1])
-    speeds = np.minimum(0.4, parameters.get("gain", 0.8) * distance) * np.maximum(0.0, np.cos(error))
+    speeds = np.minimum(0.4, parameters.get("gain", 0.8) * distance) * np.maximum(
+        0.0, np.cos(error)
+    )
     speeds[distance < 0.02] = 0.0
     speeds[known < 0] = np.nan
     return {"times_ns": pose.source_ns, "values": speeds}

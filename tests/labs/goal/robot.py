@@ -29,7 +29,9 @@ def play(configuration: Configuration, settings: RobotSettings, stop: StopReques
             nonlocal command
             command = message
 
-        subscription = reference.node.create_subscription(Twist, configuration.name("/cmd_vel"), hear, 10)
+        subscription = reference.node.create_subscription(
+            Twist, configuration.name("/cmd_vel"), hear, 10
+        )
         states = reference.open_publisher(Odometry, configuration.name("/odom"), 10)
         print("ready", flush=True)
         reference.wait_until_recorded(stop, 5.0)
@@ -50,7 +52,10 @@ def play(configuration: Configuration, settings: RobotSettings, stop: StopReques
             state.header.frame_id = "odom"
             state.header.stamp = reference.node.get_clock().now().to_msg()
             state.pose.pose.position.x, state.pose.pose.position.y = x, y
-            state.pose.pose.orientation.z, state.pose.pose.orientation.w = math.sin(yaw / 2), math.cos(yaw / 2)
+            state.pose.pose.orientation.z, state.pose.pose.orientation.w = (
+                math.sin(yaw / 2),
+                math.cos(yaw / 2),
+            )
             states.publish(state)
             count += 1
 

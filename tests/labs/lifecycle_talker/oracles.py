@@ -4,7 +4,9 @@ from collections.abc import Mapping
 from typing import Any
 
 
-def straight_line(request: Mapping[str, Any], parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:
+def straight_line(
+    request: Mapping[str, Any], parameters: Mapping[str, Any], seed: int
+) -> dict[str, Any]:
     """Plan three poses from the origin to the goal."""
     goal = request["goal"]["pose"]["position"]
     found = {}

@@ -37,7 +37,9 @@ LABS = InterfacePackage(
         "action/Count.action": "int32 order\n---\nReading last\n---\nint32[] so_far\n",
     },
 )
-STUDENTS = InterfacePackage("team_msgs", {"msg/Pair.msg": "lab_msgs/Reading[2] readings\nstring name 'both'\n"})
+STUDENTS = InterfacePackage(
+    "team_msgs", {"msg/Pair.msg": "lab_msgs/Reading[2] readings\nstring name 'both'\n"}
+)
 
 USE = """
 import json
@@ -82,9 +84,16 @@ def built(folder: Path, isolation: Isolation, *packages: InterfacePackage) -> tu
 
 def run(program: str, found: Built) -> str:
     """Run a program that finds what was built, as students' do."""
-    environment = with_prefixes(ros_environment(Path(sys.prefix)), [str(prefix) for prefix in found.prefixes.values()])
+    environment = with_prefixes(
+        ros_environment(Path(sys.prefix)), [str(prefix) for prefix in found.prefixes.values()]
+    )
     done = subprocess.run(
-        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=False, cwd="/"
+        [sys.executable, "-c", program],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd="/",
     )
     assert done.returncode == 0, done.stderr
     return done.stdout
@@ -106,7 +115,11 @@ def test_one_that_waits_for_others_says_so(tmp_path: Path, cache: Path) -> None:
         fcntl.flock(held, fcntl.LOCK_EX)
         with pytest.raises(Said):
             provide(
-                [InterfacePackage("slow_msgs", {"msg/A.msg": "int8 x\n"})], tmp_path, Isolation(Level.NONE), None, say
+                [InterfacePackage("slow_msgs", {"msg/A.msg": "int8 x\n"})],
+                tmp_path,
+                Isolation(Level.NONE),
+                None,
+                say,
             )
 
 
@@ -114,7 +127,15 @@ def test_messages_services_and_actions_are_built_once(tmp_path: Path, isolation:
     """With defaults, constants, and types of another package; the second time they come from the cache."""
     first, took_s = built(tmp_path / "1", isolation, STUDENTS, LABS)
     assert (first.missing, first.invalid) == ({}, {})
-    assert json.loads(run(USE, first)) == [1.5, [1.0, 2.0, 3.0], 7.25, "both", "metre per second", 0, True]
+    assert json.loads(run(USE, first)) == [
+        1.5,
+        [1.0, 2.0, 3.0],
+        7.25,
+        "both",
+        "metre per second",
+        0,
+        True,
+    ]
     again, again_s = built(tmp_path / "2", isolation, STUDENTS, LABS)
     assert again_s < took_s / 10, f"{again_s:.2f} s of {took_s:.2f} s"
     assert json.loads(run(USE, again))[0] == 1.5
@@ -125,12 +146,18 @@ def test_two_gradings_build_the_same_once(tmp_path: Path, isolation: Isolation) 
     """The second waits, and takes what the first has built."""
     package = InterfacePackage("both_msgs", {"msg/Both.msg": "int8 x\n"})
     with ThreadPoolExecutor(2) as threads:
-        several = list(threads.map(lambda n: built(tmp_path / str(n), isolation, package)[0], range(2)))
+        several = list(
+            threads.map(lambda n: built(tmp_path / str(n), isolation, package)[0], range(2))
+        )
     assert sorted(found.took_s > 0 for found in several) == [False, True]
-    assert all(run("from both_msgs.msg import Both; print(Both().x)", found) == "0\n" for found in several)
+    assert all(
+        run("from both_msgs.msg import Both; print(Both().x)", found) == "0\n" for found in several
+    )
 
 
-def test_a_change_of_what_a_package_uses_builds_it_anew(tmp_path: Path, isolation: Isolation) -> None:
+def test_a_change_of_what_a_package_uses_builds_it_anew(
+    tmp_path: Path, isolation: Isolation
+) -> None:
     """Its own code holds that of what it uses."""
     other = InterfacePackage("lab_msgs", {"msg/Reading.msg": "float64 value 4.5\n"})
     found, _ = built(tmp_path / "1", isolation, STUDENTS, other)
@@ -150,12 +177,19 @@ HARMLESS = [
 
 def test_comments_do_not_reach_the_compiler(tmp_path: Path, isolation: Isolation) -> None:
     """Nothing of them is in what is generated; that would be executed by the grader's own recorder."""
-    harm = InterfacePackage("harm_msgs", {f"msg/Harm{n}.msg": text for n, text in enumerate(HARMLESS)})
-    found, _ = built(tmp_path / "1", isolation, harm)
-    assert run("import harm_msgs.msg; print([getattr(harm_msgs.msg, f'Harm{n}')().x for n in range(5)])", found) == (
-        "[0, 0, 0, 0, 0]\n"
+    harm = InterfacePackage(
+        "harm_msgs", {f"msg/Harm{n}.msg": text for n, text in enumerate(HARMLESS)}
     )
-    made = [path for path in found.prefixes["harm_msgs"].rglob("*") if path.is_file() and path.suffix != ".msg"]
+    found, _ = built(tmp_path / "1", isolation, harm)
+    assert run(
+        "import harm_msgs.msg; print([getattr(harm_msgs.msg, f'Harm{n}')().x for n in range(5)])",
+        found,
+    ) == ("[0, 0, 0, 0, 0]\n")
+    made = [
+        path
+        for path in found.prefixes["harm_msgs"].rglob("*")
+        if path.is_file() and path.suffix != ".msg"
+    ]
     assert made
     assert not [path for path in made if b"hostile_code" in path.read_bytes()]
 
@@ -182,13 +216,17 @@ def test_what_the_grader_does_not_build_is_nobodys_fault(
     text: str, word: str, tmp_path: Path, isolation: Isolation
 ) -> None:
     """It is missing, with the reason, and a person decides."""
-    found, _ = built(tmp_path / "1", isolation, InterfacePackage("harm_msgs", {"msg/Harm.msg": text}))
+    found, _ = built(
+        tmp_path / "1", isolation, InterfacePackage("harm_msgs", {"msg/Harm.msg": text})
+    )
     assert word in found.missing["harm_msgs"]
     assert not found.prefixes
 
 
 @pytest.mark.parametrize(("text", "word"), INVALID.values(), ids=INVALID)
-def test_what_colcon_would_refuse_is_a_mistake(text: str, word: str, tmp_path: Path, isolation: Isolation) -> None:
+def test_what_colcon_would_refuse_is_a_mistake(
+    text: str, word: str, tmp_path: Path, isolation: Isolation
+) -> None:
     """So is what uses it."""
     harm = InterfacePackage("harm_msgs", {"msg/Harm.msg": text})
     user = InterfacePackage("user_msgs", {"msg/Use.msg": "harm_msgs/Harm x\n"})
@@ -200,7 +238,9 @@ def test_what_colcon_would_refuse_is_a_mistake(text: str, word: str, tmp_path: P
 @pytest.mark.parametrize("name", ["std_msgs", "numpy", "json", "grader"])
 def test_what_is_installed_counts(name: str, tmp_path: Path, isolation: Isolation) -> None:
     """Nobody's package takes the place of one that the grader uses."""
-    found, _ = built(tmp_path / "1", isolation, InterfacePackage(name, {"msg/String.msg": "int8 data\n"}))
+    found, _ = built(
+        tmp_path / "1", isolation, InterfacePackage(name, {"msg/String.msg": "int8 data\n"})
+    )
     assert "counts" in found.missing[name]
 
 
@@ -209,8 +249,12 @@ def test_a_mistake_of_the_labs_is_not_a_students(tmp_path: Path, isolation: Isol
     wrong = InterfacePackage("lab_msgs", {"msg/Reading.msg": "float64 Value\n"})
     record = SubmissionRecord("s", absent_modules=[])
     needed = Needed([wrong], [], [STUDENTS])
-    lacking = provide_interfaces(needed, read_rubric(None), record, tmp_path, isolation, OWN_INTERPRETER)
-    assert set(record.not_built or {}) == set(record.absent_modules or ()) == {"lab_msgs", "team_msgs"}
+    lacking = provide_interfaces(
+        needed, read_rubric(None), record, tmp_path, isolation, OWN_INTERPRETER
+    )
+    assert (
+        set(record.not_built or {}) == set(record.absent_modules or ()) == {"lab_msgs", "team_msgs"}
+    )
     assert lacking == {}, "no session of this lab needs it"
 
 
@@ -218,14 +262,19 @@ def test_the_first_of_a_name_counts(tmp_path: Path, isolation: Isolation) -> Non
     """A lab's package stands before a student's of its name."""
     mine = InterfacePackage("lab_msgs", {"msg/Reading.msg": "int8 forged\n"})
     found, _ = built(tmp_path / "1", isolation, LABS, mine)
-    assert run("from lab_msgs.msg import Reading; print(hasattr(Reading(), 'forged'))", found) == "False\n"
+    assert (
+        run("from lab_msgs.msg import Reading; print(hasattr(Reading(), 'forged'))", found)
+        == "False\n"
+    )
 
 
 @pytest.mark.skipif(not THOROUGH, reason="it waits for the end of the time that reading may take")
 def test_definitions_that_take_for_ever_are_given_up(tmp_path: Path, isolation: Isolation) -> None:
     """The pattern for names of constants that rosidl has tries every way to split a long one."""
     text = f"int8 {'A' * 60}_!=1\nint8 x\n"
-    found, took_s = built(tmp_path / "1", isolation, InterfacePackage("harm_msgs", {"msg/Harm.msg": text}))
+    found, took_s = built(
+        tmp_path / "1", isolation, InterfacePackage("harm_msgs", {"msg/Harm.msg": text})
+    )
     assert "harm_msgs" in {**found.missing, **found.invalid}
     assert took_s < 60
 
@@ -236,7 +285,9 @@ def test_without_a_compiler_it_is_missing(
     """Which is nobody's fault; but what the cache has is there."""
     built(tmp_path / "1", isolation, LABS)
     monkeypatch.setenv("PATH", str(tmp_path))
-    found, _ = built(tmp_path / "2", isolation, LABS, InterfacePackage("new_msgs", {"msg/New.msg": "int8 x\n"}))
+    found, _ = built(
+        tmp_path / "2", isolation, LABS, InterfacePackage("new_msgs", {"msg/New.msg": "int8 x\n"})
+    )
     assert list(found.prefixes) == ["lab_msgs"]
     assert "cc" in found.missing["new_msgs"]
 

@@ -68,8 +68,14 @@ def test_transforms_are_composed_and_interpolated(tf2_ros: Any) -> None:
     assert pose(halfway) == pytest.approx((2.0, 0.0, math.pi / 4))
     latest = buffer.lookup_transform("base", "map", Time())
     assert pose(latest) == pytest.approx((0.0, 3.0, -math.pi / 2))
-    assert (latest.header.frame_id, latest.child_frame_id, latest.header.stamp.sec) == ("base", "map", 12)
-    assert pose(buffer.lookup_transform("map", "odom", Time(seconds=500))) == pytest.approx((1.0, 0.0, 0.0))
+    assert (latest.header.frame_id, latest.child_frame_id, latest.header.stamp.sec) == (
+        "base",
+        "map",
+        12,
+    )
+    assert pose(buffer.lookup_transform("map", "odom", Time(seconds=500))) == pytest.approx(
+        (1.0, 0.0, 0.0)
+    )
 
 
 @pytest.mark.parametrize(
@@ -125,7 +131,9 @@ def test_a_quaternion_that_is_a_little_off_is_taken(tf2_ros: Any) -> None:
         sent = stamped("odom", "base", 7.0, 0.0, at_s)
         sent.transform.rotation.w = length
         buffer.set_transform(sent, "test")
-        assert pose(buffer.lookup_transform("odom", "base", Time(seconds=at_s))) == pytest.approx((7.0, 0.0, 0.0))
+        assert pose(buffer.lookup_transform("odom", "base", Time(seconds=at_s))) == pytest.approx(
+            (7.0, 0.0, 0.0)
+        )
 
 
 def test_what_it_lacks_is_missing_as_a_package_is(tf2_ros: Any) -> None:
@@ -136,10 +144,14 @@ def test_what_it_lacks_is_missing_as_a_package_is(tf2_ros: Any) -> None:
         driving(tf2_ros).transform_full()
 
 
-def test_a_package_of_its_name_does_not_take_its_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_package_of_its_name_does_not_take_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The lab's nodes import it too, and would not start."""
     monkeypatch.setenv("PATH", str(tmp_path))  # no compiler
-    built = provide([InterfacePackage("tf2_ros", {"msg/A.msg": "int8 x\n"})], tmp_path, Isolation(Level.NONE))
+    built = provide(
+        [InterfacePackage("tf2_ros", {"msg/A.msg": "int8 x\n"})], tmp_path, Isolation(Level.NONE)
+    )
     assert "counts" in built.missing["tf2_ros"]
 
 

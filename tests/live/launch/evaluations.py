@@ -18,7 +18,8 @@ STANDIN = LAUNCHING / "standin"
 #: The real `launch` and `launch_ros` of Jazzy, which are no part of the project.
 ORIGINAL = Path(os.environ.get("REAL_LAUNCH", ROOT.parent / "shared" / "real-launch"))
 needs_the_original = pytest.mark.skipif(
-    not (ORIGINAL / "launch").is_dir(), reason=f"the real launch is not at {ORIGINAL} (REAL_LAUNCH names another place)"
+    not (ORIGINAL / "launch").is_dir(),
+    reason=f"the real launch is not at {ORIGINAL} (REAL_LAUNCH names another place)",
 )
 
 # Each request is evaluated in a child of its own, so that they share nothing but the imports; the original reads its
@@ -66,7 +67,11 @@ def original_environment(prefix: Path) -> dict[str, str]:
 
 
 def plans_of(
-    requests: Sequence[dict[str, Any]], surroundings: dict[str, str], *, path: Path = STANDIN, native: bool = False
+    requests: Sequence[dict[str, Any]],
+    surroundings: dict[str, str],
+    *,
+    path: Path = STANDIN,
+    native: bool = False,
 ) -> list[dict[str, Any]]:
     """The plans of requests in their order; an empty one where the evaluation died.
 
@@ -78,7 +83,14 @@ def plans_of(
         Evaluate as on a ROS machine, whatever `launch` that is.
     """
     done = subprocess.run(
-        [sys.executable, "-c", _BATCH, str(LAUNCHING / "evaluate.py"), str(path), "native" if native else "standin"],
+        [
+            sys.executable,
+            "-c",
+            _BATCH,
+            str(LAUNCHING / "evaluate.py"),
+            str(path),
+            "native" if native else "standin",
+        ],
         input=json.dumps(list(requests)),
         capture_output=True,
         text=True,

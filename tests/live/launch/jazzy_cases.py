@@ -4,7 +4,17 @@
 
 from __future__ import annotations
 
-from tests.live.launch.launch_cases import BODY_LINE, FOOTER, HEADER, NODE, OTHER, Case, body, fails, whole
+from tests.live.launch.launch_cases import (
+    BODY_LINE,
+    FOOTER,
+    HEADER,
+    NODE,
+    OTHER,
+    Case,
+    body,
+    fails,
+    whole,
+)
 
 WILD = "/**:\n  ros__parameters:\n    {}\n"
 LIFECYCLE = (
@@ -16,7 +26,9 @@ LIFECYCLE = (
 
 def lifecycle(name: str, entities: str, **expect: object) -> Case:
     """A case with the names of lifecycle nodes."""
-    return Case(name, LIFECYCLE + HEADER + entities + FOOTER, {"outcome": "ok", **expect.pop("expect", {})})  # type: ignore[dict-item]
+    return Case(
+        name, LIFECYCLE + HEADER + entities + FOOTER, {"outcome": "ok", **expect.pop("expect", {})}
+    )  # type: ignore[dict-item]
 
 
 PATHS = [
@@ -76,7 +88,11 @@ PATHS = [
         "talker(parameters=[{'a': __import__('pathlib').Path('/x')}])",
         "bad_parameter_value",
     ),
-    fails("a path of one substitution without a list", "PathJoinSubstitution(Value('a'))", "not_a_list"),
+    fails(
+        "a path of one substitution without a list",
+        "PathJoinSubstitution(Value('a'))",
+        "not_a_list",
+    ),
 ]
 
 TIMERS = [
@@ -318,7 +334,11 @@ VALUES = [
     fails("a list in a list of numbers", "talker(parameters=[{'a': [[1, 2], [3]]}])", "bad_text"),
     fails("a set", "talker(parameters=[{'a': {1, 2}}])", "bad_parameter_value"),
     fails("a complex number", "talker(parameters=[{'a': 1j}])", "bad_parameter_value"),
-    fails("an array of numpy", "talker(parameters=[{'a': __import__('numpy').zeros(2)}])", "bad_parameter_value"),
+    fails(
+        "an array of numpy",
+        "talker(parameters=[{'a': __import__('numpy').zeros(2)}])",
+        "bad_parameter_value",
+    ),
     body(
         "a float of numpy, which a node cannot read",
         "talker(parameters=[{'a': __import__('numpy').float64(1.5)}])",
@@ -418,7 +438,10 @@ HANDLERS = [
         "a chain of three",
         "*(lambda a, b, c: [a, RegisterEventHandler(OnProcessExit(target_action=a, on_exit=[b])), "
         "RegisterEventHandler(OnProcessExit(target_action=b, on_exit=[c]))])(talker(name='a'), talker(name='b'), talker(name='c'))",
-        expect={"processes.1.when": {"on_exit_of": "talker-1"}, "processes.2.when": {"on_exit_of": "talker-2"}},
+        expect={
+            "processes.1.when": {"on_exit_of": "talker-1"},
+            "processes.2.when": {"on_exit_of": "talker-2"},
+        },
     ),
     body(
         "a handler that was unregistered does nothing",
@@ -516,7 +539,12 @@ LIFECYCLES = [
     Case(
         "a lifecycle node in XML",
         "<launch>\n<lifecycle_node pkg='demo' exec='talker' name='t' namespace='' autostart='true'/>\n</launch>",
-        {"outcome": "ok", "processes.0.kind": "lifecycle_node", "processes.0.autostart": True, "len transitions": 2},
+        {
+            "outcome": "ok",
+            "processes.0.kind": "lifecycle_node",
+            "processes.0.autostart": True,
+            "len transitions": 2,
+        },
         filename="x.launch.xml",
     ),
     body(
@@ -535,7 +563,10 @@ LIFECYCLES = [
     body(
         "nodes are loaded into a container by its name",
         "LoadComposableNodes(target_container='/r/c', composable_node_descriptions=[ComposableNode(package='p', plugin='p::N')])",
-        expect={"loaded_components.0.container": "/r/c", "loaded_components.0.components.0.plugin": "p::N"},
+        expect={
+            "loaded_components.0.container": "/r/c",
+            "loaded_components.0.components.0.plugin": "p::N",
+        },
     ),
 ]
 
@@ -543,7 +574,9 @@ LIFECYCLES = [
 def xml(name: str, text: str, /, _files: dict[str, str] | None = None, **expect: object) -> Case:
     """A case that is an XML launch file."""
     wanted = {"outcome": "ok", **expect.pop("expect", {})}  # type: ignore[dict-item]
-    return Case(name, f"<launch>\n{text}\n</launch>", wanted, files=_files or {}, filename="x.launch.xml")
+    return Case(
+        name, f"<launch>\n{text}\n</launch>", wanted, files=_files or {}, filename="x.launch.xml"
+    )
 
 
 def yaml(name: str, text: str, /, **expect: object) -> Case:
@@ -619,7 +652,10 @@ MARKUP = [
     xml(
         "XML: an empty args is one empty argument",
         "<node pkg='demo' exec='talker' args=''/><node pkg='demo' exec='talker' args='-a  $(env NO_SUCH b) $(env NO_SUCH c)d'/>",
-        expect={"processes.0.argv": ["", "--ros-args"], "processes.1.argv": ["-a", "b", "cd", "--ros-args"]},
+        expect={
+            "processes.0.argv": ["", "--ros-args"],
+            "processes.1.argv": ["-a", "b", "cd", "--ros-args"],
+        },
     ),
     xml(
         "XML: a needed process",
@@ -641,7 +677,17 @@ MARKUP = [
         "<set_parameter name='a' value='1'/><set_remap from='x' to='y'/><set_env name='A_B' value='c'/><append_env name='A_B' value='d'/>"
         "<push-ros-namespace namespace='r'/><node pkg='demo' exec='talker' name='t'/>",
         expect={
-            "processes.0.argv": ["--ros-args", "-r", "__node:=t", "-r", "__ns:=/r", "-p", "a:=1", "-r", "x:=y"],
+            "processes.0.argv": [
+                "--ros-args",
+                "-r",
+                "__node:=t",
+                "-r",
+                "__ns:=/r",
+                "-p",
+                "a:=1",
+                "-r",
+                "x:=y",
+            ],
             "processes.0.env": {"A_B": "c:d"},
         },
     ),
@@ -656,9 +702,21 @@ MARKUP = [
         {"p.yaml": WILD.format("a: $(var r)")},
         expect={"processes.0.parameters.0.content": {"/**": {"ros__parameters": {"a": 5}}}},
     ),
-    xml("XML: an unknown word for on_exit", "<node pkg='demo' exec='talker' on_exit='die'/>", expect=bad("bad_markup")),
-    xml("XML: both if and unless", "<log message='x' if='true' unless='false'/>", expect=bad("bad_markup")),
-    xml("XML: a substitution that is not closed", "<log message='$(var a'/>", expect=bad("bad_markup")),
+    xml(
+        "XML: an unknown word for on_exit",
+        "<node pkg='demo' exec='talker' on_exit='die'/>",
+        expect=bad("bad_markup"),
+    ),
+    xml(
+        "XML: both if and unless",
+        "<log message='x' if='true' unless='false'/>",
+        expect=bad("bad_markup"),
+    ),
+    xml(
+        "XML: a substitution that is not closed",
+        "<log message='$(var a'/>",
+        expect=bad("bad_markup"),
+    ),
     xml("XML: a substitution without a name", "<log message='$()'/>", expect=bad("bad_markup")),
     xml(
         "XML: a type and parameters inside",
@@ -681,7 +739,11 @@ MARKUP = [
         expect=bad("bad_markup"),
     ),
     xml("XML: a node without exec", "<node pkg='demo'/>", expect=bad("bad_markup")),
-    xml("XML: an unknown package", "<node pkg='demmo' exec='talker'/>", expect=bad("unknown_package")),
+    xml(
+        "XML: an unknown package",
+        "<node pkg='demmo' exec='talker'/>",
+        expect=bad("unknown_package"),
+    ),
     Case(
         "XML in a file called .launch",
         "<launch><log message='x'/></launch>",
@@ -703,7 +765,12 @@ MARKUP = [
     yaml(
         "YAML: types of values are YAML's own",
         "- node: {pkg: demo, exec: talker, param: [{name: a, value: 1}, {name: b, value: '1'}, {name: c, value: [1, 2]}, {name: d, value: 1.5}]}\n",
-        expect={"parameter 0 a": 1, "parameter 0 b": "1", "parameter 0 c": [1, 2], "parameter 0 d": 1.5},
+        expect={
+            "parameter 0 a": 1,
+            "parameter 0 b": "1",
+            "parameter 0 c": [1, 2],
+            "parameter 0 d": 1.5,
+        },
     ),
     yaml(
         "YAML: a timer, a group, an include",
@@ -724,7 +791,10 @@ MARKUP = [
     xml(
         "XML: text without quotes in an expression",
         "<arg name='a' default='x'/>\n<node pkg='demo' exec='talker' if=\"$(eval '$(var a) == \\'x\\'')\"/>",
-        expect={**bad("bad_expression", 3), "problem.remedy has": "$(eval '\\'$(var name)\\' == \\'x\\'')"},
+        expect={
+            **bad("bad_expression", 3),
+            "problem.remedy has": "$(eval '\\'$(var name)\\' == \\'x\\'')",
+        },
     ),
     xml(
         "XML: true in an expression of Python",
@@ -732,7 +802,11 @@ MARKUP = [
         expect={**bad("bad_expression", 2), "problem.remedy has": "True and False"},
     ),
     yaml("YAML: a number as a name", "- let: {name: a, value: 1}\n", expect=bad("bad_markup")),
-    yaml("YAML: an item with two keys", "- log: {message: x}\n  let: {name: a, value: b}\n", expect=bad("bad_markup")),
+    yaml(
+        "YAML: an item with two keys",
+        "- log: {message: x}\n  let: {name: a, value: b}\n",
+        expect=bad("bad_markup"),
+    ),
 ]
 
 #: What is said of a text that `launch` itself refuses with an error of its grammar.
@@ -758,11 +832,19 @@ _TAKEN = {
 
 GRAMMAR = [
     *(
-        xml(f"XML: {name}", f'<log message="{text}"/>', expect=bad("bad_markup", **{"problem.message has": said}))
+        xml(
+            f"XML: {name}",
+            f'<log message="{text}"/>',
+            expect=bad("bad_markup", **{"problem.message has": said}),
+        )
         for name, (text, said) in _REFUSED.items()
     ),
     *(
-        xml(f"XML: {name}", f'<let name="k" value="v"/><log message="{text}"/>', expect={"logs.0.message": said})
+        xml(
+            f"XML: {name}",
+            f'<let name="k" value="v"/><log message="{text}"/>',
+            expect={"logs.0.message": said},
+        )
         for name, (text, said) in _TAKEN.items()
     ),
     xml(
@@ -776,7 +858,11 @@ GRAMMAR = [
         expect=bad("bad_markup", **{"problem.remedy has": "namespace="}),
     ),
     *(
-        xml(f"XML: {text}, which ROS 1 knew", text, expect=bad("bad_markup", **{"problem.remedy has": said}))
+        xml(
+            f"XML: {text}, which ROS 1 knew",
+            text,
+            expect=bad("bad_markup", **{"problem.remedy has": said}),
+        )
         for text, said in (
             ("<arg name='a' value='5'/>", "default="),
             ("<node pkg='demo' exec='talker' required='true'/>", "on_exit='shutdown'"),
@@ -909,13 +995,23 @@ SHAPES_OF_YAML = [
         expect=bad("bad_markup", **{"problem.remedy has": "dash"}),
     ),
     yaml(
-        "YAML: an empty list of parameters", "- node: {pkg: demo, exec: talker, param: []}\n", expect=bad("bad_markup")
+        "YAML: an empty list of parameters",
+        "- node: {pkg: demo, exec: talker, param: []}\n",
+        expect=bad("bad_markup"),
     ),
     yaml("YAML: an empty list of children", "- group: {children: []}\n", expect={"processes": []}),
     yaml("YAML: a group without children", "- group: {scoped: true}\n", expect=bad("bad_markup")),
-    yaml("YAML: a group as a list", "- group: [{log: {message: x}}]\n", expect={"logs.0.message": "x"}),
+    yaml(
+        "YAML: a group as a list",
+        "- group: [{log: {message: x}}]\n",
+        expect={"logs.0.message": "x"},
+    ),
     yaml("YAML: an action that holds nothing", "- shutdown:\n", expect=bad("bad_markup")),
-    yaml("YAML: actions that are no list", "  node: {pkg: demo, exec: talker}\n", expect=bad("bad_markup", 1)),
+    yaml(
+        "YAML: actions that are no list",
+        "  node: {pkg: demo, exec: talker}\n",
+        expect=bad("bad_markup", 1),
+    ),
     yaml(
         "YAML: an anchor and what is merged",
         "- node: &a {pkg: demo, exec: talker, name: x}\n- node: {<<: *a, name: y}\n",
@@ -976,8 +1072,17 @@ NAMES = [
         "bad_target",
     ),
     fails("respawn as text", "talker(respawn='true')", "bad_type"),
-    fails("an executable without a package and no path", "Node(package='demo', executable=None)", "bad_text"),
-    whole("a name of an old release", "from launch.some_actions_type import SomeActionsType\n", "unknown_import", 1),
+    fails(
+        "an executable without a package and no path",
+        "Node(package='demo', executable=None)",
+        "bad_text",
+    ),
+    whole(
+        "a name of an old release",
+        "from launch.some_actions_type import SomeActionsType\n",
+        "unknown_import",
+        1,
+    ),
     Case(
         "LaunchIntrospector and the logging of launch can be imported",
         "import logging\nfrom launch import LaunchDescription, LaunchIntrospector, logging as launch_logging\n"
@@ -985,7 +1090,11 @@ NAMES = [
         "def generate_launch_description():\n    ld = LaunchDescription([])\n    LaunchIntrospector().format_launch_description(ld)\n    return ld\n",
         {"outcome": "ok"},
     ),
-    body("a node that names nothing", "talker()", expect={"processes.0.argv": NODE, "processes.0.namespace": None}),
+    body(
+        "a node that names nothing",
+        "talker()",
+        expect={"processes.0.argv": NODE, "processes.0.namespace": None},
+    ),
 ]
 
 READ_BY_NODES = [
@@ -1012,7 +1121,16 @@ READ_BY_NODES = [
         },
         expect={
             "effective 0": {
-                **{"a": 100.0, "b": 8, "c": True, "d": "y", "e": "1_000", "f": "2024-01-01", "g": "1:30", "h": "5"},
+                **{
+                    "a": 100.0,
+                    "b": 8,
+                    "c": True,
+                    "d": "y",
+                    "e": "1_000",
+                    "f": "2024-01-01",
+                    "g": "1:30",
+                    "h": "5",
+                },
                 **{"i": float("inf"), "j": 31, "k": [1.0, 2000.0], "l": "~", "5": True},
             }
         },
@@ -1027,7 +1145,10 @@ READ_BY_NODES = [
         "parameters among the arguments come before the launch file's own",
         "talker(parameters=[{'b': 3}], arguments=['x', '--ros-args', '-p', 'a:=1e2', '-p', 'b:=2', '--params-file', HERE + '/p.yaml'])",
         _files={"p.yaml": "/**:\n  ros__parameters: {c: y}\n"},
-        expect={"effective 0": {"a": 100.0, "b": 3, "c": True}, "processes.0.parameters.0.type": "double"},
+        expect={
+            "effective 0": {"a": 100.0, "b": 3, "c": True},
+            "processes.0.parameters.0.type": "double",
+        },
     ),
     body(
         "a composable node's missing file of parameters",
@@ -1038,27 +1159,55 @@ READ_BY_NODES = [
     body(
         "a delay that is no number is found out when the process is to start again",
         "talker(respawn=True, respawn_delay='2.0', respawn_max_retries=Value('n', default='3'))",
-        expect={"processes.0.respawn_delay_s": 0.0, "processes.0.respawn_max_retries": -1, "len warnings": 2},
+        expect={
+            "processes.0.respawn_delay_s": 0.0,
+            "processes.0.respawn_max_retries": -1,
+            "len warnings": 2,
+        },
     ),
     body(
         "a time-out without a value is found out when the launch ends",
         "talker(sigterm_timeout=Value('no_such'), sigkill_timeout='7')",
-        expect={"processes.0.sigterm_timeout_s": 5.0, "processes.0.sigkill_timeout_s": 7.0, "len warnings": 1},
+        expect={
+            "processes.0.sigterm_timeout_s": 5.0,
+            "processes.0.sigkill_timeout_s": 7.0,
+            "len warnings": 1,
+        },
     ),
 ]
 
 #: What is to be said of common slips: entities, kind, and a word of the message or the remedy.
 _SLIPS = {
-    "text and a substitution added": ("talker(name='a' + Value('x'))", "substitution_too_early", "['text'"),
-    "a substitution and text added": ("talker(name=Value('x') + 'a')", "substitution_too_early", "['text'"),
+    "text and a substitution added": (
+        "talker(name='a' + Value('x'))",
+        "substitution_too_early",
+        "['text'",
+    ),
+    "a substitution and text added": (
+        "talker(name=Value('x') + 'a')",
+        "substitution_too_early",
+        "['text'",
+    ),
     "a substitution in os.path.join": (
         "LogInfo(msg=os.path.join('a', Value('x')))",
         "substitution_too_early",
         "PathJoin",
     ),
-    "float() of a substitution": ("talker(parameters=[{'a': float(Value('x'))}])", "substitution_too_early", "perform"),
-    "a function that takes no context": ("OpaqueFunction(function=lambda: [])", "positional_argument", "context"),
-    "an action for an event": ("EmitEvent(event=Shutdown())", "not_an_event", "launch.events.Shutdown()"),
+    "float() of a substitution": (
+        "talker(parameters=[{'a': float(Value('x'))}])",
+        "substitution_too_early",
+        "perform",
+    ),
+    "a function that takes no context": (
+        "OpaqueFunction(function=lambda: [])",
+        "positional_argument",
+        "context",
+    ),
+    "an action for an event": (
+        "EmitEvent(event=Shutdown())",
+        "not_an_event",
+        "launch.events.Shutdown()",
+    ),
     "a handler that was never registered": (
         "UnregisterEventHandler(OnProcessStart(on_start=[]))",
         "exception",
@@ -1070,16 +1219,28 @@ _SLIPS = {
         "bad_type",
         "List[...]",
     ),
-    "a list where one number is wanted": ("TimerAction(period=[5], actions=[])", "bad_type", "not a list"),
+    "a list where one number is wanted": (
+        "TimerAction(period=[5], actions=[])",
+        "bad_type",
+        "not a list",
+    ),
     "a number as a text": ("LogInfo(msg=TextSubstitution(text=5))", "bad_text", "Give text"),
-    "a list as the name of an argument": ("Arg(['a'], default_value='x')", "exception", "unhashable"),
+    "a list as the name of an argument": (
+        "Arg(['a'], default_value='x')",
+        "exception",
+        "unhashable",
+    ),
     "a folder where a file is wanted": (
         "IncludeLaunchDescription(PythonLaunchDescriptionSource(HERE))",
         "file_not_found",
         "folder",
     ),
     "a called function": ("OpaqueFunction(function=talker())", "bad_type", "without calling it"),
-    "exec= for executable=": ("Node(package='demo', exec='talker')", "unknown_keyword", "'executable='"),
+    "exec= for executable=": (
+        "Node(package='demo', exec='talker')",
+        "unknown_keyword",
+        "'executable='",
+    ),
     "a keyword of another class": (
         "LogInfo(msg=EnvironmentVariable('A', default='x'))",
         "unknown_keyword",
@@ -1185,9 +1346,18 @@ _WHOLE = {
 _IMPORTS = "from launch import *; from launch.actions import *; from launch.event_handlers import *; from launch_ros.actions import *\n"
 
 SLIPS = [
-    *(fails(name, entities, kind, expect={"problem has": said}) for name, (entities, kind, said) in _SLIPS.items()),
     *(
-        whole(name, _IMPORTS + text, kind, line, expect={"problem.remedy has": said, "problem.file": "x_launch.py"})
+        fails(name, entities, kind, expect={"problem has": said})
+        for name, (entities, kind, said) in _SLIPS.items()
+    ),
+    *(
+        whole(
+            name,
+            _IMPORTS + text,
+            kind,
+            line,
+            expect={"problem.remedy has": said, "problem.file": "x_launch.py"},
+        )
         for name, (text, kind, line, said) in _WHOLE.items()
     ),
     Case(
@@ -1201,7 +1371,11 @@ SLIPS = [
         "from robot.parts import generate_launch_description\n",
         {"outcome": "ok", "processes.0.name": "n1"},
         files={
-            **{"ws/robot/package.xml": "<package/>", "ws/robot/setup.py": "", "ws/robot/robot/__init__.py": ""},
+            **{
+                "ws/robot/package.xml": "<package/>",
+                "ws/robot/setup.py": "",
+                "ws/robot/robot/__init__.py": "",
+            },
             "ws/robot/robot/parts.py": OTHER,
         },
     ),
@@ -1218,7 +1392,11 @@ SLIPS = [
         "a Python package that its ROS package does not install",
         "import parts\n",
         {"outcome": "error", "problem.kind": "unknown_import"},
-        files={"parts/__init__.py": "", "package.xml": "<package/>", "CMakeLists.txt": "project(robot)\n"},
+        files={
+            "parts/__init__.py": "",
+            "package.xml": "<package/>",
+            "CMakeLists.txt": "project(robot)\n",
+        },
     ),
     *(
         fails(name, entities, kind, expect={"outcome": "not_assessable", "problem.module": program})

@@ -51,7 +51,9 @@ class Case:
     filename: str = "x_launch.py"
 
 
-def body(name: str, entities: str, /, _arguments: Any = None, _files: Any = None, **expect: Any) -> Case:
+def body(
+    name: str, entities: str, /, _arguments: Any = None, _files: Any = None, **expect: Any
+) -> Case:
     """A case whose launch file is the common header around some entities."""
     expect = {"outcome": "ok", **expect.pop("expect", {}), **expect}
     return Case(name, HEADER + entities + FOOTER, expect, _arguments or {}, _files or {})
@@ -60,14 +62,26 @@ def body(name: str, entities: str, /, _arguments: Any = None, _files: Any = None
 def fails(name: str, entities: str, kind: str, line: int | None = BODY_LINE, **expect: Any) -> Case:
     """A case whose entities have a mistake, on their first line unless told otherwise."""
     arguments, files = expect.pop("_arguments", {}), expect.pop("_files", {})
-    wanted = {"outcome": "error", "problem.kind": kind, "problem.file": "x_launch.py", "problem.line": line}
-    return Case(name, HEADER + entities + FOOTER, {**wanted, **expect.pop("expect", {})}, arguments, files)
+    wanted = {
+        "outcome": "error",
+        "problem.kind": kind,
+        "problem.file": "x_launch.py",
+        "problem.line": line,
+    }
+    return Case(
+        name, HEADER + entities + FOOTER, {**wanted, **expect.pop("expect", {})}, arguments, files
+    )
 
 
 def whole(name: str, text: str, kind: str, line: int | None, **expect: Any) -> Case:
     """A case with a mistake in the file as a whole."""
     outcome = expect.pop("outcome", "error")
-    wanted = {"outcome": outcome, "problem.kind": kind, "problem.line": line, **expect.pop("expect", {})}
+    wanted = {
+        "outcome": outcome,
+        "problem.kind": kind,
+        "problem.line": line,
+        **expect.pop("expect", {}),
+    }
     return Case(name, text, wanted)
 
 
@@ -91,7 +105,11 @@ ARGUMENTS = [
         "talker(), talker()",
         expect={"processes.0.id": "talker-1", "processes.1.id": "talker-2"},
     ),
-    body("exec_name labels the process", "talker(exec_name='mine')", expect={"processes.0.id": "mine-1"}),
+    body(
+        "exec_name labels the process",
+        "talker(exec_name='mine')",
+        expect={"processes.0.id": "mine-1"},
+    ),
     body(
         "a default is used",
         "Arg('a', default_value='1'), talker(name=['n', Value('a')])",
@@ -135,8 +153,17 @@ ARGUMENTS = [
         "Arg('a', condition=IfCondition('1'))",
         "required_argument",
     ),
-    fails("a value outside the choices", "Arg('a', choices=['x'])", "invalid_choice", _arguments={"a": "q"}),
-    fails("a default outside the choices", "Arg('a', default_value='q', choices=['x'])", "invalid_choice"),
+    fails(
+        "a value outside the choices",
+        "Arg('a', choices=['x'])",
+        "invalid_choice",
+        _arguments={"a": "q"},
+    ),
+    fails(
+        "a default outside the choices",
+        "Arg('a', default_value='q', choices=['x'])",
+        "invalid_choice",
+    ),
     fails("an empty list of choices", "Arg('a', choices=[])", "invalid_choice"),
     fails(
         "an undefined configuration",
@@ -236,7 +263,11 @@ PARAMETERS = [
         "talker(parameters=[{'a': [1, 2.5]}])",
         expect={"parameter 0 a": [1.0, 2.5], "processes.0.parameters.0.type": "double_array"},
     ),
-    body("a list of texts", "talker(parameters=[{'a': ['x', '1']}])", expect={"parameter 0 a": ["x", "1"]}),
+    body(
+        "a list of texts",
+        "talker(parameters=[{'a': ['x', '1']}])",
+        expect={"parameter 0 a": ["x", "1"]},
+    ),
     body(
         "a tuple of bools",
         "talker(parameters=[{'a': (True, False)}])",
@@ -261,7 +292,13 @@ PARAMETERS = [
         "without a namespace the file is for any node",
         "talker(name='t', parameters=[{'a': 1}])",
         expect={
-            "processes.0.argv": ["--ros-args", "-r", "__node:=t", "--params-file", "{parameters}/t_1.yaml"],
+            "processes.0.argv": [
+                "--ros-args",
+                "-r",
+                "__node:=t",
+                "--params-file",
+                "{parameters}/t_1.yaml",
+            ],
             "parameter_files": {"t_1.yaml": "/**:\n  ros__parameters:\n    a: 1\n"},
         },
     ),
@@ -419,7 +456,16 @@ NODES = [
     body(
         "ros_arguments come before the rest",
         "talker(ros_arguments=['--log-level', 'debug'], name='t')",
-        expect={"processes.0.argv": ["--ros-args", "--log-level", "debug", "--ros-args", "-r", "__node:=t"]},
+        expect={
+            "processes.0.argv": [
+                "--ros-args",
+                "--log-level",
+                "debug",
+                "--ros-args",
+                "-r",
+                "__node:=t",
+            ]
+        },
     ),
     body(
         "arguments given as one text fall apart into letters",
@@ -427,7 +473,9 @@ NODES = [
         expect={"processes.0.argv": ["-", "v", "--ros-args"]},
     ),
     body("output defaults to the log", "talker()", expect={"processes.0.output": "log"}),
-    body("output to the screen", "talker(output='screen')", expect={"processes.0.output": "screen"}),
+    body(
+        "output to the screen", "talker(output='screen')", expect={"processes.0.output": "screen"}
+    ),
     body(
         "output by stream",
         "talker(output={'both': {'screen', 'log'}})",
@@ -454,7 +502,11 @@ NODES = [
         "talker(prefix='nice -n 5')",
         expect={"processes.0.prefix": ["nice", "-n", "5"], "processes.0.id": "nice-1"},
     ),
-    body("additional_env", "talker(additional_env={'A_B': 'c'})", expect={"processes.0.env": {"A_B": "c"}}),
+    body(
+        "additional_env",
+        "talker(additional_env={'A_B': 'c'})",
+        expect={"processes.0.env": {"A_B": "c"}},
+    ),
     body(
         "SetEnvironmentVariable",
         "SetEnvironmentVariable('A_B', 'c'), talker()",
@@ -476,7 +528,11 @@ NODES = [
         expect={"processes.0.env": {}},
     ),
     body("the working folder", "talker(cwd='/tmp')", expect={"processes.0.cwd": "/tmp"}),
-    body("a working folder with a step upwards", "talker(cwd='/tmp/a/..')", expect={"processes.0.cwd": "/tmp"}),
+    body(
+        "a working folder with a step upwards",
+        "talker(cwd='/tmp/a/..')",
+        expect={"processes.0.cwd": "/tmp"},
+    ),
     body(
         "a node may have a dotted executable name",
         "Node(package='demo', executable='talker.py')",
@@ -560,7 +616,11 @@ NODES = [
         "unknown_executable",
         expect={"problem.remedy has": "chmod"},
     ),
-    fails("a package without executables", "Node(package='empty', executable='x')", "unknown_executable"),
+    fails(
+        "a package without executables",
+        "Node(package='empty', executable='x')",
+        "unknown_executable",
+    ),
     fails("the same node twice", "*[talker()] * 2", "started_twice"),
     fails(
         "a lifecycle node without a namespace",
@@ -667,7 +727,11 @@ FLOW = [
     body(
         "a timer",
         "TimerAction(period=2.0, actions=[talker()]), talker(name='now')",
-        expect={"processes.0.name": "now", "processes.0.when": None, "processes.1.when": {"after_s": 2.0}},
+        expect={
+            "processes.0.name": "now",
+            "processes.0.when": None,
+            "processes.1.when": {"after_s": 2.0},
+        },
     ),
     body(
         "timers come by their time",
@@ -797,19 +861,29 @@ FLOW = [
 ]
 
 SUBSTITUTIONS = [
-    body("texts are joined", "LogInfo(msg=['a', TextSubstitution(text='b')])", expect={"logs.0.message": "ab"}),
+    body(
+        "texts are joined",
+        "LogInfo(msg=['a', TextSubstitution(text='b')])",
+        expect={"logs.0.message": "ab"},
+    ),
     body(
         "a default of a configuration",
         "LogInfo(msg=Value('none', default='d'))",
         expect={"logs.0.message": "d"},
     ),
-    body("a path", "LogInfo(msg=PathJoinSubstitution(['a', 'b', 'c.x']))", expect={"logs.0.message": "a/b/c.x"}),
+    body(
+        "a path",
+        "LogInfo(msg=PathJoinSubstitution(['a', 'b', 'c.x']))",
+        expect={"logs.0.message": "a/b/c.x"},
+    ),
     body(
         "an absolute part begins the path anew",
         "LogInfo(msg=PathJoinSubstitution(['a', '/b']))",
         expect={"logs.0.message": "/b"},
     ),
-    body("an expression", "LogInfo(msg=PythonExpression(['2 ** 3']))", expect={"logs.0.message": "8"}),
+    body(
+        "an expression", "LogInfo(msg=PythonExpression(['2 ** 3']))", expect={"logs.0.message": "8"}
+    ),
     body(
         "an expression knows math",
         "LogInfo(msg=PythonExpression(['floor(pi)']))",
@@ -863,7 +937,11 @@ SUBSTITUTIONS = [
         "EqualsSubstitution('a', 'b'), NotEqualsSubstitution('a', 'b')])",
         expect={"logs.0.message": "truetruefalsetrue"},
     ),
-    body("one of two", "LogInfo(msg=IfElseSubstitution('true', 'a', 'b'))", expect={"logs.0.message": "a"}),
+    body(
+        "one of two",
+        "LogInfo(msg=IfElseSubstitution('true', 'a', 'b'))",
+        expect={"logs.0.message": "a"},
+    ),
     body(
         "an anonymous name stays the same",
         "LogInfo(msg=[EqualsSubstitution(AnonName('a'), AnonName('a'))])",
@@ -879,21 +957,31 @@ SUBSTITUTIONS = [
         "LogInfo(msg=[ThisLaunchFile()]), LogInfo(msg=ThisLaunchFileDir())",
         expect={"logs.0.message ends": "/x_launch.py"},
     ),
-    fails("an unknown package's share folder", "LogInfo(msg=FindPackageShare('nope'))", "unknown_package"),
+    fails(
+        "an unknown package's share folder",
+        "LogInfo(msg=FindPackageShare('nope'))",
+        "unknown_package",
+    ),
     fails(
         "an undefined environment variable",
         "LogInfo(msg=EnvironmentVariable('NO_SUCH'))",
         "undefined_variable",
     ),
     fails("a command that fails", "LogInfo(msg=Command('false'))", "command_failed"),
-    fails("a command that is not there", "LogInfo(msg=Command('no_such_program_here'))", "command_failed"),
+    fails(
+        "a command that is not there",
+        "LogInfo(msg=Command('no_such_program_here'))",
+        "command_failed",
+    ),
     fails(
         "an expression with an unquoted text",
         "Arg('m', default_value='sim'), LogInfo(msg=PythonExpression([Value('m'), ' == 1']))",
         "bad_expression",
         expect={"problem.message has": "the expression was: sim == 1"},
     ),
-    fails("a name given by position to FindExecutable", "FindExecutable('sh')", "positional_argument"),
+    fails(
+        "a name given by position to FindExecutable", "FindExecutable('sh')", "positional_argument"
+    ),
 ]
 
 OTHER = HEADER + "    Arg('b', default_value='1'), talker(name=['n', Value('b')])" + FOOTER
@@ -1007,7 +1095,12 @@ WHOLE = [
         expect={"problem.remedy has": "genarate_launch_description"},
     ),
     whole("no return", "def generate_launch_description():\n    pass\n", "wrong_return", 1),
-    whole("a list is returned", "def generate_launch_description():\n    return []\n", "wrong_return", 1),
+    whole(
+        "a list is returned",
+        "def generate_launch_description():\n    return []\n",
+        "wrong_return",
+        1,
+    ),
     whole("an exception at load", "x = 1\nraise ValueError('no')\n", "exception", 2),
     whole(
         "a name error",
@@ -1032,7 +1125,12 @@ WHOLE = [
         outcome="not_assessable",
         expect={"problem.module": "moveit_configs_utils"},
     ),
-    whole("a misspelt module", "from launch.action import DeclareLaunchArgument\n", "unknown_import", 1),
+    whole(
+        "a misspelt module",
+        "from launch.action import DeclareLaunchArgument\n",
+        "unknown_import",
+        1,
+    ),
     whole(
         "a module that does not exist",
         "from launch.acctions import Node\n",
@@ -1092,7 +1190,11 @@ WHOLE = [
         "    return ld\n",
         {"outcome": "ok", "processes.0.name": "n1"},
     ),
-    Case("what the file prints does not disturb", "print('{\"outcome\": 1}')\n" + RETURN, {"outcome": "ok"}),
+    Case(
+        "what the file prints does not disturb",
+        "print('{\"outcome\": 1}')\n" + RETURN,
+        {"outcome": "ok"},
+    ),
 ]
 
 XML = """<launch>
@@ -1205,7 +1307,12 @@ def generate_launch_description():
     share = get_package_share_directory('{}')
     return LaunchDescription([IncludeLaunchDescription(PythonLaunchDescriptionSource(share + '/launch/{}'))])
 """
-PACKAGE = {"pkg/package.xml": "<package/>", "pkg/setup.py": "", "pkg/demo/speaker.py": "", "pkg/demo/__init__.py": ""}
+PACKAGE = {
+    "pkg/package.xml": "<package/>",
+    "pkg/setup.py": "",
+    "pkg/demo/speaker.py": "",
+    "pkg/demo/__init__.py": "",
+}
 
 MISTAKES = [
     fails(
@@ -1221,9 +1328,19 @@ MISTAKES = [
         expect={"problem.remedy has": "'name='", "problem.message has": "Node() got"},
     ),
     fails("a remapping as text", "talker(remappings=['a:=b'])", "bad_remapping"),
-    fails("a pair of texts instead of a list of pairs", "talker(remappings=('a', 'b'))", "bad_remapping"),
-    fails("a condition that says yes", "LogInfo(msg='x', condition=IfCondition('yes'))", "bad_condition"),
-    fails("a condition that is a bool", "LogInfo(msg='x', condition=IfCondition(True))", "bad_text"),
+    fails(
+        "a pair of texts instead of a list of pairs",
+        "talker(remappings=('a', 'b'))",
+        "bad_remapping",
+    ),
+    fails(
+        "a condition that says yes",
+        "LogInfo(msg='x', condition=IfCondition('yes'))",
+        "bad_condition",
+    ),
+    fails(
+        "a condition that is a bool", "LogInfo(msg='x', condition=IfCondition(True))", "bad_text"
+    ),
     fails(
         "a file that includes itself, by its short name",
         "IncludeLaunchDescription(PythonLaunchDescriptionSource(__file__))",
@@ -1255,7 +1372,10 @@ MISTAKES = [
         "Node(package='demo', executable='speaker')",
         "unknown_executable",
         _files=PACKAGE,
-        expect={"problem.remedy has": '"speaker = demo.speaker:main"', "problem.message has": "pkg/demo/speaker.py"},
+        expect={
+            "problem.remedy has": '"speaker = demo.speaker:main"',
+            "problem.message has": "pkg/demo/speaker.py",
+        },
     ),
     Case(
         "an included file that is not installed",
@@ -1271,12 +1391,21 @@ MISTAKES = [
     Case(
         "a package of ROS that is not here",
         DEPENDS.format("ros_gz_sim", "gz_sim.launch.py"),
-        {"outcome": "not_assessable", "problem.kind": "missing_package", "problem.module": "ros_gz_sim"},
+        {
+            "outcome": "not_assessable",
+            "problem.kind": "missing_package",
+            "problem.module": "ros_gz_sim",
+        },
     ),
     body(
         "a node of a package of ROS that is not here",
         "Node(package='rviz2', executable='rviz2'), talker()",
-        expect={"len processes": 2, "processes.0.absent has": "'rviz2'", "processes.1.absent": "", "warnings": []},
+        expect={
+            "len processes": 2,
+            "processes.0.absent has": "'rviz2'",
+            "processes.1.absent": "",
+            "warnings": [],
+        },
     ),
     body(
         "a container of components is not here",
@@ -1287,13 +1416,23 @@ MISTAKES = [
     Case(
         "an attribute of ROS 1",
         "<launch>\n<node pkg='demo' type='talker'/>\n</launch>",
-        {"outcome": "error", "problem.kind": "bad_markup", "problem.line": 2, "problem.remedy has": "exec="},
+        {
+            "outcome": "error",
+            "problem.kind": "bad_markup",
+            "problem.line": 2,
+            "problem.remedy has": "exec=",
+        },
         filename="x.xml",
     ),
     Case(
         "a substitution of ROS 1",
         "<launch>\n<log message='$(find demo)'/>\n</launch>",
-        {"outcome": "error", "problem.kind": "bad_markup", "problem.line": 2, "problem.remedy has": "find-pkg-share"},
+        {
+            "outcome": "error",
+            "problem.kind": "bad_markup",
+            "problem.line": 2,
+            "problem.remedy has": "find-pkg-share",
+        },
         filename="x.xml",
     ),
     Case(
@@ -1322,4 +1461,14 @@ MISTAKES = [
     ),
 ]
 
-CASES = [*MISTAKES, *ARGUMENTS, *PARAMETERS, *NODES, *FLOW, *SUBSTITUTIONS, *INCLUDES, *WHOLE, *MARKUP]
+CASES = [
+    *MISTAKES,
+    *ARGUMENTS,
+    *PARAMETERS,
+    *NODES,
+    *FLOW,
+    *SUBSTITUTIONS,
+    *INCLUDES,
+    *WHOLE,
+    *MARKUP,
+]

@@ -7,7 +7,19 @@ from typing import Any
 
 from grader.recording.launch_plan import Plan
 
-_KEYS = ("id", "kind", "package", "name", "namespace", "when", "env", "cwd", "shell", "emulate_tty", "respawn")
+_KEYS = (
+    "id",
+    "kind",
+    "package",
+    "name",
+    "namespace",
+    "when",
+    "env",
+    "cwd",
+    "shell",
+    "emulate_tty",
+    "respawn",
+)
 
 
 def _plain(text: str) -> str:
@@ -19,7 +31,13 @@ def _process(plain: dict[str, Any], parameters: dict[str, Any], *, lines: bool) 
     env = {name: _plain(value) for name, value in plain["env"].items()}
     words = [_plain(word) for word in [*plain.get("prefix", ()), plain["path"], *plain["argv"]]]
     kept = [env if key == "env" else plain.get(key) for key in _KEYS]
-    return [*kept, words, _plain(repr(parameters)), plain.get("remappings") or [], plain["line"] if lines else None]
+    return [
+        *kept,
+        words,
+        _plain(repr(parameters)),
+        plain.get("remappings") or [],
+        plain["line"] if lines else None,
+    ]
 
 
 def outline(plan: dict[str, Any], *, lines: bool) -> dict[str, Any]:
@@ -29,7 +47,18 @@ def outline(plan: dict[str, Any], *, lines: bool) -> dict[str, Any]:
         _process(plain, process.effective_parameters("/node"), lines=lines)
         for plain, process in zip(plan["processes"], read.processes, strict=True)
     ]
-    kinds = {"logs": ("message", "when"), "includes": ("file", "arguments"), "shutdowns": ("reason", "when")}
-    listed = {kind: [[entry[k] for k in keys] for entry in plan[kind]] for kind, keys in kinds.items()}
+    kinds = {
+        "logs": ("message", "when"),
+        "includes": ("file", "arguments"),
+        "shutdowns": ("reason", "when"),
+    }
+    listed = {
+        kind: [[entry[k] for k in keys] for entry in plan[kind]] for kind, keys in kinds.items()
+    }
     declared = [(a["name"], a["default"], a["line"] if lines else None) for a in plan["arguments"]]
-    return {"processes": processes, "arguments": declared, "configurations": plan["configurations"], **listed}
+    return {
+        "processes": processes,
+        "arguments": declared,
+        "configurations": plan["configurations"],
+        **listed,
+    }

@@ -24,7 +24,12 @@ robot1:
 
 
 def python(
-    name: str, text: str, /, _files: Mapping[str, str] | None = None, _arguments: Any = None, **more: Any
+    name: str,
+    text: str,
+    /,
+    _files: Mapping[str, str] | None = None,
+    _arguments: Any = None,
+    **more: Any,
 ) -> Case:
     """A case that is a Python launch file."""
     expect = {"outcome": "ok", **more.pop("expect", {})}
@@ -297,7 +302,11 @@ def generate_launch_description():
         LogInfo(msg=launch.substitutions.LaunchConfiguration('who')),
     ])
 """,
-        expect={"parameter 0 who": "world", "arguments.0.description": "whom to greet", "logs.0.message": "world"},
+        expect={
+            "parameter 0 who": "world",
+            "arguments.0.description": "whom to greet",
+            "logs.0.message": "world",
+        },
     ),
     python(
         "actions added one by one, an argument used before it is declared",
@@ -545,7 +554,18 @@ def generate_launch_description():
         ExecuteProcess(cmd='ros2 run demo listener'.split(), output='screen'),
     ])
 """,
-        expect={"processes.0.argv": ["run", "demo", "talker", "--ros-args", "-r", "__node:=t", "-p", "rate:=5.0"]},
+        expect={
+            "processes.0.argv": [
+                "run",
+                "demo",
+                "talker",
+                "--ros-args",
+                "-r",
+                "__node:=t",
+                "-p",
+                "rate:=5.0",
+            ]
+        },
     ),
     python(
         "rosbag and a topic, as extra processes",
@@ -695,7 +715,11 @@ def generate_launch_description():
     ])
 """,
         _arguments={"mode": "fast"},
-        expect={"len processes": 2, "processes.0.executable": "listener", "processes.1.name": "fast"},
+        expect={
+            "len processes": 2,
+            "processes.0.executable": "listener",
+            "processes.1.name": "fast",
+        },
     ),
     python(
         "a condition on an argument that says yes",
@@ -755,7 +779,11 @@ def generate_launch_description():
     talker = Node(package='demo', executable='talker'),
     return LaunchDescription([talker])
 """,
-        expect={"outcome": "error", "problem.kind": "not_an_action", "problem.message has": "tuple"},
+        expect={
+            "outcome": "error",
+            "problem.kind": "not_an_action",
+            "problem.message has": "tuple",
+        },
     ),
     python(
         "nodes without a list around them",
@@ -805,7 +833,11 @@ from launch_ros.actions import Node
 def generate_launch_description():
     return LaunchDescription([Node(package='demo', executable='talker', args=['-v'])])
 """,
-        expect={"outcome": "error", "problem.kind": "unknown_keyword", "problem.remedy has": "'arguments='"},
+        expect={
+            "outcome": "error",
+            "problem.kind": "unknown_keyword",
+            "problem.remedy has": "'arguments='",
+        },
     ),
     python(
         "the launch service run from the file itself, under a guard",
@@ -919,4 +951,13 @@ launch:
     ),
 ]
 
-CASES = [BRINGUP, MULTISIM, EXAMPLE_SUBSTITUTIONS, EVENT_HANDLERS, LOOP, NAMESPACED_PARAMS, *MEDLEY, *MARKUP]
+CASES = [
+    BRINGUP,
+    MULTISIM,
+    EXAMPLE_SUBSTITUTIONS,
+    EVENT_HANDLERS,
+    LOOP,
+    NAMESPACED_PARAMS,
+    *MEDLEY,
+    *MARKUP,
+]

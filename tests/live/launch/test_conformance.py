@@ -27,7 +27,9 @@ CASES = [*launch_cases.CASES, *jazzy_cases.CASES, *student_cases.CASES]
 
 def make_prefix(folder: Path) -> Path:
     """An ament prefix with the packages that the cases speak of."""
-    prefix = make_package(folder / "prefix", "demo", "talker", "listener", "talker.py", "not_executable")
+    prefix = make_package(
+        folder / "prefix", "demo", "talker", "listener", "talker.py", "not_executable"
+    )
     return make_package(prefix, "empty")
 
 
@@ -46,7 +48,9 @@ def plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     requests = []
     for number, case in enumerate(CASES):
         root = folder / f"case_{number}"
-        requests.append({"file": str(write(case, root)), "arguments": dict(case.arguments), "root": str(root)})
+        requests.append(
+            {"file": str(write(case, root)), "arguments": dict(case.arguments), "root": str(root)}
+        )
     found = plans_of(requests, environment(make_prefix(folder)))
     return {case.name: plan for case, plan in zip(CASES, found, strict=True)}
 
@@ -78,7 +82,11 @@ def found(plan: Mapping[str, Any], path: str) -> Any:
         return len(found(plan, path[4:]))
     if path.startswith("parameter "):
         _, process, name = path.split(" ")
-        values = [p["value"] for p in plan["processes"][int(process)]["parameters"] if p.get("name") == name]
+        values = [
+            p["value"]
+            for p in plan["processes"][int(process)]["parameters"]
+            if p.get("name") == name
+        ]
         return values[-1] if values else f"no parameter {name}"
     if path.startswith("effective "):
         return Plan.from_plain(plan).processes[int(path[10:])].effective_parameters()
@@ -96,7 +104,9 @@ def mismatch(plan: Mapping[str, Any], path: str, expected: Any) -> str:
     except (KeyError, IndexError, TypeError) as error:
         return f"{path}: nothing there ({error!r})"
     if way == "has":
-        same = expected in (json.dumps(value, ensure_ascii=False) if isinstance(value, dict) else value)
+        same = expected in (
+            json.dumps(value, ensure_ascii=False) if isinstance(value, dict) else value
+        )
     elif way == "ends":
         same = str(value).endswith(expected)
     else:
@@ -114,8 +124,12 @@ def test_there_are_enough_cases() -> None:
 def test_the_plan_is_as_documented(case: Case, plans: dict[str, Any]) -> None:
     """A launch file has the plan, or the problem, that its case expects."""
     plan = plans[case.name]
-    wrong = [text for path, expected in case.expect.items() if (text := mismatch(plan, path, expected))]
-    assert not wrong, "\n".join([*wrong, f"problem: {plan['problem']}", f"warnings: {plan['warnings']}"])
+    wrong = [
+        text for path, expected in case.expect.items() if (text := mismatch(plan, path, expected))
+    ]
+    assert not wrong, "\n".join(
+        [*wrong, f"problem: {plan['problem']}", f"warnings: {plan['warnings']}"]
+    )
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
@@ -125,7 +139,9 @@ def test_a_plan_survives_the_round_trip(case: Case, plans: dict[str, Any]) -> No
     assert Plan.from_plain(json.loads(json.dumps(plan.to_plain()))).to_plain() == plan.to_plain()
 
 
-@pytest.mark.parametrize("case", [c for c in CASES if c.expect["outcome"] == "error"], ids=lambda case: case.name)
+@pytest.mark.parametrize(
+    "case", [c for c in CASES if c.expect["outcome"] == "error"], ids=lambda case: case.name
+)
 def test_a_problem_says_what_where_and_how(case: Case, plans: dict[str, Any]) -> None:
     """A problem names the student's file and has a message and a remedy that do not speak of the grader."""
     problem = plans[case.name]["problem"]
@@ -138,7 +154,9 @@ def test_a_problem_says_what_where_and_how(case: Case, plans: dict[str, Any]) ->
 def test_the_script_writes_the_plan_apart_from_prints(tmp_path: Path) -> None:
     """What the launch file prints goes to standard output, and the plan to its own descriptor."""
     file = tmp_path / "x_launch.py"
-    file.write_text(next(c.text for c in CASES if c.name == "what the file prints does not disturb"))
+    file.write_text(
+        next(c.text for c in CASES if c.name == "what the file prints does not disturb")
+    )
     plan, printed = evaluate(file, make_prefix(tmp_path))
     assert plan["outcome"] == "ok"
     assert printed == '{"outcome": 1}\n'
@@ -163,5 +181,10 @@ def test_an_evaluation_is_quick(tmp_path: Path) -> None:
         plan, _printed = evaluate(file, prefix)
         after = os.times()
         assert len(plan["processes"]) == 10
-        took_s.append(after.children_user + after.children_system - before.children_user - before.children_system)
+        took_s.append(
+            after.children_user
+            + after.children_system
+            - before.children_user
+            - before.children_system
+        )
     assert min(took_s) < 0.3

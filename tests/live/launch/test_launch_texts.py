@@ -48,7 +48,9 @@ def launch_files(draw: st.DrawFn) -> tuple[str, str]:
     pieces, (begins, ends) = PIECES[suffix].split("¦"), AROUND[suffix]
     inner = st.one_of(
         st.lists(st.sampled_from(pieces), max_size=25).map("".join),
-        st.tuples(st.sampled_from(pieces), st.integers(2, 3000)).map(lambda pair: pair[0] * pair[1]),
+        st.tuples(st.sampled_from(pieces), st.integers(2, 3000)).map(
+            lambda pair: pair[0] * pair[1]
+        ),
         st.text(max_size=200),
     )
     return suffix, draw(st.one_of(inner, inner.map(lambda text: f"{begins}{text}{ends}")))

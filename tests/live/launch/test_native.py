@@ -29,13 +29,20 @@ from tests.live.launch.evaluations import (  # noqa: E402
 
 def make_prefix(folder: Path) -> Path:
     """Make an ament prefix with the executables of the solution's launch file."""
-    return make_package(folder, "physical_ai_textbook", "joint_publisher", "joint_subscriber", "robot_service")
+    return make_package(
+        folder, "physical_ai_textbook", "joint_publisher", "joint_subscriber", "robot_service"
+    )
 
 
 def evaluate(root: Path, file: str, prefix: Path, *, native: bool, **arguments: str) -> Plan:
     """Evaluate a launch file; natively with the original on the path."""
     read, write_end = os.pipe()
-    request = {"file": str(root / file), "arguments": arguments, "root": str(root), "native": native}
+    request = {
+        "file": str(root / file),
+        "arguments": arguments,
+        "root": str(root),
+        "native": native,
+    }
     done = subprocess.run(
         [sys.executable, str(LAUNCHING / "evaluate.py"), str(write_end)],
         input=json.dumps(request),
@@ -55,7 +62,9 @@ def evaluate(root: Path, file: str, prefix: Path, *, native: bool, **arguments: 
 
 def essence(plan: Plan) -> list[Any]:
     """What both ways of evaluating must agree on."""
-    nodes = [(p.id, p.kind, p.package, p.runs, p.called, p.full_name, p.when) for p in plan.processes]
+    nodes = [
+        (p.id, p.kind, p.package, p.runs, p.called, p.full_name, p.when) for p in plan.processes
+    ]
     arguments = [(a.name, a.default, a.description) for a in plan.arguments]
     return [plan.outcome, nodes, arguments, dict(plan.configurations)]
 
@@ -66,7 +75,9 @@ def test_both_ways_give_the_same_plan(arguments: dict[str, str], tmp_path: Path)
     """The solution's launch file has the same nodes and arguments."""
     prefix = make_prefix(tmp_path / "prefix")
     root = ROOT / "reference/solution"
-    ours, native = (evaluate(root, "robot_launch.py", prefix, native=n, **arguments) for n in (False, True))
+    ours, native = (
+        evaluate(root, "robot_launch.py", prefix, native=n, **arguments) for n in (False, True)
+    )
     assert len(native.processes) == 3
     assert essence(native) == essence(ours)
 

@@ -60,7 +60,9 @@ FIXTURES = sorted(
 )
 
 
-def both(requests: list[dict[str, Any]], prefix: Path) -> list[tuple[dict[str, Any], dict[str, Any]]]:
+def both(
+    requests: list[dict[str, Any]], prefix: Path
+) -> list[tuple[dict[str, Any], dict[str, Any]]]:
     """The plans of the stand-in and of the original."""
     ours = plans_of(requests, environment(prefix))
     theirs = plans_of(requests, original_environment(prefix), path=ORIGINAL, native=True)
@@ -75,7 +77,11 @@ def difference(ours: dict[str, Any], theirs: dict[str, Any], *, lines: bool) -> 
     if outcome != "ok":
         return ""
     found, expected = outline(ours, lines=lines), outline(theirs, lines=lines)
-    return "; ".join(f"{key}: {found[key]}, originally {expected[key]}" for key in found if found[key] != expected[key])
+    return "; ".join(
+        f"{key}: {found[key]}, originally {expected[key]}"
+        for key in found
+        if found[key] != expected[key]
+    )
 
 
 # In parts, each in one test: an evaluation is quick, and to begin an interpreter is not.
@@ -89,7 +95,10 @@ def test_the_cases_are_as_in_the_original(part: int, tmp_path: Path) -> None:
         file = str(conformance.write(case, root))
         requests.append({"file": file, "arguments": dict(case.arguments), "root": str(root)})
     plans = both(requests, conformance.make_prefix(tmp_path))
-    found = {c.name: difference(*pair, lines=c.filename.endswith(".py")) for c, pair in zip(cases, plans, strict=True)}
+    found = {
+        c.name: difference(*pair, lines=c.filename.endswith(".py"))
+        for c, pair in zip(cases, plans, strict=True)
+    }
     assert {name: text for name, text in found.items() if text} == {}
 
 
@@ -97,9 +106,14 @@ def test_the_fixtures_are_as_in_the_original(tmp_path: Path) -> None:
     """The launch file of each fixture has the same plan, or the same kind of outcome."""
     names = ("joint_publisher", "joint_subscriber", "robot_service")
     prefix = make_package(tmp_path / "prefix", "physical_ai_textbook", *names)
-    requests = [{"file": str(ROOT / f), "arguments": {}, "root": str((ROOT / f).parent)} for f in FIXTURES]
+    requests = [
+        {"file": str(ROOT / f), "arguments": {}, "root": str((ROOT / f).parent)} for f in FIXTURES
+    ]
     plans = both(requests, prefix)
-    found = {str(f): difference(*pair, lines=f.suffix == ".py") for f, pair in zip(FIXTURES, plans, strict=True)}
+    found = {
+        str(f): difference(*pair, lines=f.suffix == ".py")
+        for f, pair in zip(FIXTURES, plans, strict=True)
+    }
     assert len(found) > 20
     assert {name: text for name, text in found.items() if text} == {}
 
@@ -176,6 +190,10 @@ def test_every_public_name_of_the_original_can_be_imported(tmp_path: Path) -> No
 
 def test_what_is_no_name_of_the_original_cannot_be_imported(tmp_path: Path) -> None:
     """An import of a name that no module of the original has fails, in a sub-module too."""
-    wrong = {"launch.actions.timer_action": ["Timer"], "launch.actions": ["ForEach"], "launch.condition": ["When"]}
+    wrong = {
+        "launch.actions.timer_action": ["Timer"],
+        "launch.actions": ["ForEach"],
+        "launch.condition": ["When"],
+    }
     expected = [f"{title}.{name}" for title, names in wrong.items() for name in names]
     assert _ask(_UNKNOWN, STANDIN, environment(tmp_path), json.dumps(wrong)) == expected

@@ -53,7 +53,9 @@ _CORE = min(os.sched_getaffinity(0))
 def program(source: str, **more: Any) -> Iterator[subprocess.Popen[str]]:
     """Run a program until the end of the context."""
     command = [sys.executable, "-c", source]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **more) as process:
+    with subprocess.Popen(
+        command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, **more
+    ) as process:
         try:
             yield process
         finally:
@@ -173,9 +175,16 @@ def test_a_runaway_does_not_go_before_all_others() -> None:
         follow(watch, "it", "grader", it.pid, None)
         put_in_real_time([it.pid])
         deadline_s = time.monotonic() + 5
-        while any(os.sched_getscheduler(t) & os.SCHED_RR for t in threads_of(it.pid)) and time.monotonic() < deadline_s:
-            follow(watch, "it", "grader", it.pid, None)  # as a session does, for threads that came later
+        while (
+            any(os.sched_getscheduler(t) & os.SCHED_RR for t in threads_of(it.pid))
+            and time.monotonic() < deadline_s
+        ):
+            follow(
+                watch, "it", "grader", it.pid, None
+            )  # as a session does, for threads that came later
             time.sleep(0.05)
-        assert {os.sched_getscheduler(t) & ~os.SCHED_RESET_ON_FORK for t in threads_of(it.pid)} == {os.SCHED_OTHER}
+        assert {os.sched_getscheduler(t) & ~os.SCHED_RESET_ON_FORK for t in threads_of(it.pid)} == {
+            os.SCHED_OTHER
+        }
         assert it.poll() is None
         assert seen(watch)["it"] is not None

@@ -38,14 +38,18 @@ asyncio.run(run())
 def forked(main: str, limit: int | None = None) -> tuple[int, str, str]:
     """Fork a program that the text defines as `main`; returns status, output and errors."""
     program = PROGRAM.format(main=main, limit=limit)
-    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True
+    )
     status, said, errors = run.stdout.split("|", 2)
     return int(status), said, errors
 
 
 def test_a_fork_has_its_own_environment_and_pipes() -> None:
     """It reads its input, has no arguments but its name, and sees only the environment that it was given."""
-    status, said, _ = forked("def main(): print(sys.argv, dict(os.environ), sys.stdin.read().strip(), os.getcwd())")
+    status, said, _ = forked(
+        "def main(): print(sys.argv, dict(os.environ), sys.stdin.read().strip(), os.getcwd())"
+    )
     assert (status, said) == (0, "['a fork'] {'ONLY': 'this'} a line /\n")
 
 
@@ -111,8 +115,13 @@ def test_a_fork_ends_with_the_process_that_it_comes_from() -> None:
 told = 2
 """,
         limit=None,
-    ).replace("said, errors =", "print((await process.stderr.read(9)).decode(), flush=True); said, errors =")
-    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+    ).replace(
+        "said, errors =",
+        "print((await process.stderr.read(9)).decode(), flush=True); said, errors =",
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         fork = int(process.stdout.readline())
         assert Path(f"/proc/{fork}").exists()

@@ -63,7 +63,9 @@ class Server:
     @property
     def children(self) -> list[str]:
         """Process ids of what it has started and not waited for."""
-        return Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        return (
+            Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        )
 
     def end(self) -> int:
         """Ask it for no more; returns its exit status, and fails where it does not end."""

@@ -28,7 +28,14 @@ def watched(area: Path, *, sized: bool = False) -> tuple[ProcessRun, list[str]]:
         running = await RunningProcess.start(
             record, [sys.executable, "-c", "import time; time.sleep(60)"], environment={}, cwd="/"
         )
-        watch = Guard(lambda: [running], None, {"/tmp": area}, sized=sized, user=None, on_problem=problems.append)
+        watch = Guard(
+            lambda: [running],
+            None,
+            {"/tmp": area},
+            sized=sized,
+            user=None,
+            on_problem=problems.append,
+        )
         await watch.look()
         await running.kill()
 
@@ -67,7 +74,9 @@ def test_folders_that_are_closed_to_us_are_too_many(tmp_path: Path) -> None:
     assert record.limit == "files"
 
 
-def test_where_memory_runs_out_nobody_is_blamed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_memory_runs_out_nobody_is_blamed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The process is ended before the machine is, and the session says why it decides nothing."""
     assert 0 < available_share() <= 1
     monkeypatch.setattr(guard, "_LEAST_AVAILABLE", 1.1)
@@ -76,7 +85,9 @@ def test_where_memory_runs_out_nobody_is_blamed(tmp_path: Path, monkeypatch: pyt
     assert problems == ["the machine ran out of memory while it was recorded"]
 
 
-def test_where_the_disk_runs_out_nobody_is_blamed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_where_the_disk_runs_out_nobody_is_blamed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Files that are open and have no name stand in no folder: the process is ended before the disk is full."""
     monkeypatch.setattr(guard, "_LEAST_FREE", 1.1)
     record, problems = watched(tmp_path)
@@ -89,15 +100,26 @@ STRAYS = "for i in $(seq 20); do (sleep 60 &); done; echo left; sleep 60"
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can give programs a user of their own")
-def test_processes_that_got_away_count_and_end(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_processes_that_got_away_count_and_end(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """Where programs share process ids with others, those of their user that are below none of them are theirs too."""
     monkeypatch.setattr(guard, "PROCESSES", 20)
     user, record = 64290, ProcessRun("it", "student", [])
 
     async def look() -> None:
         command = ["setpriv", "--reuid", str(user), "--clear-groups", "sh", "-c", STRAYS]
-        running = await RunningProcess.start(record, command, environment={"PATH": os.defpath}, cwd="/")
-        watch = Guard(lambda: [running], None, {"/tmp": tmp_path}, sized=False, user=user, on_problem=lambda _: None)
+        running = await RunningProcess.start(
+            record, command, environment={"PATH": os.defpath}, cwd="/"
+        )
+        watch = Guard(
+            lambda: [running],
+            None,
+            {"/tmp": tmp_path},
+            sized=False,
+            user=user,
+            on_problem=lambda _: None,
+        )
         while not record.output:
             await asyncio.sleep(0.05)
         await watch.look()

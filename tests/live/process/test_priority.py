@@ -29,7 +29,10 @@ print(os.getpriority(os.PRIO_PROCESS, 0), subprocess.check_output([sys.executabl
 def may_raise() -> bool:
     """Whether this process may give itself a better nice value."""
     tried = "import os; os.setpriority(os.PRIO_PROCESS, 0, -1)"
-    return subprocess.run([sys.executable, "-c", tried], capture_output=True, check=False).returncode == 0
+    return (
+        subprocess.run([sys.executable, "-c", tried], capture_output=True, check=False).returncode
+        == 0
+    )
 
 
 @contextmanager
@@ -57,7 +60,9 @@ def test_what_stands_goes_before_what_starts() -> None:
 def test_children_of_a_session_do_not_inherit_its_priority() -> None:
     """What a session's process starts begins as any other."""
     # In a session of its own: with autogroups it weighs all of its session, which would be that of all tests.
-    said = subprocess.check_output([sys.executable, "-c", _FIRST], text=True, start_new_session=True).split()
+    said = subprocess.check_output(
+        [sys.executable, "-c", _FIRST], text=True, start_new_session=True
+    ).split()
     assert said == [str(STANDING) if may_raise() else str(nice_of(0)), str(max(0, nice_of(0)))]
 
 
@@ -83,6 +88,8 @@ print(told() == before)
 
 def test_grade_goes_first_only_while_it_runs() -> None:
     """The weight of the session, which is that of a terminal, is given back."""
-    said = subprocess.check_output([sys.executable, "-c", _FOR_A_WHILE], text=True, start_new_session=True).split()
+    said = subprocess.check_output(
+        [sys.executable, "-c", _FOR_A_WHILE], text=True, start_new_session=True
+    ).split()
     weighed = str(STANDING) if may_raise() and said[1] != "0" else "0"
     assert said == [str(STANDING if may_raise() else nice_of(0)), weighed, "True"]

@@ -9,7 +9,13 @@ import sys
 
 import pytest
 
-from grader.live.process.process import MAX_OUTPUT_BYTES, MAX_OUTPUT_LINES, OutputRoom, PipeReader, RunningProcess
+from grader.live.process.process import (
+    MAX_OUTPUT_BYTES,
+    MAX_OUTPUT_LINES,
+    OutputRoom,
+    PipeReader,
+    RunningProcess,
+)
 from grader.live.sandbox.machine import descendants_of
 from grader.recording.session import ProcessRun
 
@@ -52,8 +58,14 @@ def test_lines_are_kept_up_to_a_number() -> None:
 def test_long_output_is_kept_up_to_a_size() -> None:
     """Of eight megabytes one is kept, whole lines of it."""
     record = run("import os; [os.write(1, (b'x' * 1023 + b'\\n') * 64) for _ in range(128)]")
-    assert MAX_OUTPUT_BYTES - 2048 < sum(len(line.text) + 1 for line in record.output) <= MAX_OUTPUT_BYTES
-    assert record.output_dropped_bytes == 128 * 64 * 1024 - sum(len(line.text) + 1 for line in record.output)
+    assert (
+        MAX_OUTPUT_BYTES - 2048
+        < sum(len(line.text) + 1 for line in record.output)
+        <= MAX_OUTPUT_BYTES
+    )
+    assert record.output_dropped_bytes == 128 * 64 * 1024 - sum(
+        len(line.text) + 1 for line in record.output
+    )
 
 
 def test_processes_of_a_session_share_their_room() -> None:
@@ -66,7 +78,9 @@ def test_processes_of_a_session_share_their_room() -> None:
 
 def test_a_child_of_any_thread_is_found() -> None:
     """It belongs to the process although not its first thread has started it, and although its own first has ended."""
-    with subprocess.Popen([sys.executable, "-c", _HIDDEN], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", _HIDDEN], stdout=subprocess.PIPE, text=True
+    ) as process:
         try:
             assert process.stdout is not None
             child = int(process.stdout.readline())
@@ -84,7 +98,9 @@ def test_who_writes_without_end_to_a_pipe_is_cut_off() -> None:
     async def read() -> int:
         reading, writing = os.pipe()
         PipeReader(reading, 10**6, told.append)
-        process = await asyncio.create_subprocess_exec(sys.executable, "-c", program, str(writing), pass_fds=(writing,))
+        process = await asyncio.create_subprocess_exec(
+            sys.executable, "-c", program, str(writing), pass_fds=(writing,)
+        )
         os.close(writing)
         return await asyncio.wait_for(process.wait(), 60)
 
@@ -120,14 +136,21 @@ asyncio.run(hold())
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root starts processes of other users")
-@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason="with one core there is nothing to choose")
+@pytest.mark.skipif(
+    len(os.sched_getaffinity(0)) < 2, reason="with one core there is nothing to choose"
+)
 def test_a_process_of_another_user_is_held_to_a_core_where_root_may_not_do_so() -> None:
     """In a container, root lacks the capability for it, and does it as that user."""
     container = ["setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice", "--"]
     command = [*container, sys.executable, "-c", _HOLDS]
     paths = os.pathsep.join(path for path in sys.path if path)
     said = subprocess.run(
-        command, env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True, timeout=60, check=True
+        command,
+        env={**os.environ, "PYTHONPATH": paths},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
     )
     cores = str(len(os.sched_getaffinity(0)))
     assert said.stdout.split() == [cores, cores, "1"]
@@ -159,7 +182,12 @@ def test_a_program_is_found_however_its_sandbox_tells_of_it() -> None:
     async def interrupted() -> None:
         command = [sys.executable, "-c", _TOLD_IN_PIECES, str(tells)]
         running = await RunningProcess.start(
-            record, command, environment={"PATH": os.defpath}, cwd="/", pass_fds=(tells,), child_pid_fd=told
+            record,
+            command,
+            environment={"PATH": os.defpath},
+            cwd="/",
+            pass_fds=(tells,),
+            child_pid_fd=told,
         )
         await running.stop(20)
 
@@ -187,7 +215,9 @@ def test_what_children_used_that_came_and_went_counts() -> None:
 
     async def used_ns() -> int:
         run = ProcessRun("it", "student", [])
-        running = await RunningProcess.start(run, [sys.executable, "-c", _SHORT_LIVES], environment={}, cwd="/")
+        running = await RunningProcess.start(
+            run, [sys.executable, "-c", _SHORT_LIVES], environment={}, cwd="/"
+        )
         while not run.output:
             await asyncio.sleep(0.01)
         running.sample_usage()

@@ -19,7 +19,9 @@ def test_a_deadline_passes_when_its_time_is_over() -> None:
 
 def test_the_time_in_which_nobody_looked_does_not_count() -> None:
     """Who stalled for longer than the whole time may look again, as what was waited for may be there."""
-    assert looks(3.0, 0.0, 0.1, 5.1, 5.2, *(5.2 + 0.2 * n for n in range(1, 15))) == [False] * 16 + [True]
+    assert looks(3.0, 0.0, 0.1, 5.1, 5.2, *(5.2 + 0.2 * n for n in range(1, 15))) == [
+        False
+    ] * 16 + [True]
 
 
 def test_standing_still_is_left_out_up_to_a_limit() -> None:

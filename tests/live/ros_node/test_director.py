@@ -128,7 +128,11 @@ def test_a_topic_of_another_type_is_found_as_such(tmp_path: Path) -> None:
         ],
     )
     (wait,) = steps_of(recorded, "wait_for")
-    assert (wait.outcome, wait.result["name"], wait.result["type"]) == ("done", "/joint_commands", TEXT)
+    assert (wait.outcome, wait.result["name"], wait.result["type"]) == (
+        "done",
+        "/joint_commands",
+        TEXT,
+    )
     assert recorded.record.names == {}
     assert set(recorded.stream("/joint_commands").field("data")) == {"1.0"}
 
@@ -181,7 +185,10 @@ def test_calls_are_kept_with_their_responses_and_latencies(tmp_path: Path) -> No
     assert 1 <= len(slow.result["calls"]) <= 6, "no call may start after at_most_s"
     assert all(one["ended_ns"] - one["started_ns"] >= 0.2e9 for one in slow.result["calls"])
     assert (absent.outcome, absent.result["calls"]) == ("timeout", [])
-    assert (never.outcome, [one["response"] for one in never.result["calls"]]) == ("timeout", [None, None])
+    assert (never.outcome, [one["response"] for one in never.result["calls"]]) == (
+        "timeout",
+        [None, None],
+    )
     assert never.ended_ns - never.started_ns < 20e9, "it was asked more than twice"
 
 
@@ -199,12 +206,16 @@ def test_calls_of_the_grader_are_in_the_bag(tmp_path: Path) -> None:
     with AnyReader([tmp_path / "results" / "recordings" / "only"]) as reader:
         connections = [c for c in reader.connections if c.topic == "/quick/_service_event"]
         assert [c.msgtype for c in connections] == ["std_srvs/srv/SetBool_Event"]
-        events: list[Any] = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(connections)]
+        events: list[Any] = [
+            reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(connections)
+        ]
     kinds = {0: "request", 3: "response"}
     told = [kinds[event.info.event_type] for event in events if event.info.event_type in kinds]
     assert told == ["request", "response"] * 3
     assert all(event.request[0].data is True for event in events if event.info.event_type == 0)
-    assert all(event.response[0].message == "at once" for event in events if event.info.event_type == 3)
+    assert all(
+        event.response[0].message == "at once" for event in events if event.info.event_type == 3
+    )
 
 
 # -- parameters -------------------------------------------------------------------------------
@@ -230,7 +241,12 @@ def test_parameters_are_read_and_set(tmp_path: Path) -> None:
             {"wait_for": {"node": "/student", "timeout_s": 20}},
             {"get_parameters": {"node": "/student", "names": names}},
             {"set_parameters": {"node": "/student", "values": {"limit": 2.5}}},
-            {"set_parameters": {"node": "/student", "values": {"limit": 3, "fixed": 8, "safe": False, "absent": 1}}},
+            {
+                "set_parameters": {
+                    "node": "/student",
+                    "values": {"limit": 3, "fixed": 8, "safe": False, "absent": 1},
+                }
+            },
             {"get_parameters": {"node": "student", "names": names}},
             {"get_parameters": {"node": "/absent", "names": names, "timeout_s": 0.5}},
         ],
@@ -268,7 +284,12 @@ def test_a_misspelt_parameter_is_set_as_meant(tmp_path: Path) -> None:
             {"wait_for": {"node": "/student", "timeout_s": 20}},
             {"set_parameters": {"node": "/student", "values": {"safety_enabled": False}}},
             {"set_parameters": {"node": "/student", "values": {"unlike_all": "x"}}},
-            {"get_parameters": {"node": "/student", "names": ["safety_check", "verbose", "use_sim_time"]}},
+            {
+                "get_parameters": {
+                    "node": "/student",
+                    "names": ["safety_check", "verbose", "use_sim_time"],
+                }
+            },
         ],
     )
     meant, unlike = steps_of(recorded, "set_parameters")
@@ -292,10 +313,23 @@ def test_what_a_node_takes_that_it_should_refuse_is_set_back(tmp_path: Path) -> 
         node(UNGUARDED),
         [
             {"wait_for": {"node": "/student", "timeout_s": 20}},
-            {"set_parameters": {"node": "/student", "values": {"limit": -3, "mode": "fly"}, "refusal_expected": True}},
+            {
+                "set_parameters": {
+                    "node": "/student",
+                    "values": {"limit": -3, "mode": "fly"},
+                    "refusal_expected": True,
+                }
+            },
             {"get_parameters": {"node": "/student", "names": ["limit", "mode"]}},
             {"change_state": {"node": "/student", "transition": "configure", "timeout_s": 1}},
-            {"set_parameters": {"node": "/absent", "values": {"a": 1}, "refusal_expected": True, "timeout_s": 0.5}},
+            {
+                "set_parameters": {
+                    "node": "/absent",
+                    "values": {"a": 1},
+                    "refusal_expected": True,
+                    "timeout_s": 0.5,
+                }
+            },
         ],
     )
     invalid, absent = steps_of(recorded, "set_parameters")
@@ -336,7 +370,15 @@ def test_a_publication_reaches_every_kind_of_subscription(tmp_path: Path) -> Non
         node(SUBSCRIPTIONS),
         [
             {"wait_for": {"subscription": "/orders", "type": TEXT, "timeout_s": 20}},
-            {"publish": {"topic": "/orders", "type": TEXT, "message": {"data": "go"}, "count": 100, "rate_hz": 50}},
+            {
+                "publish": {
+                    "topic": "/orders",
+                    "type": TEXT,
+                    "message": {"data": "go"},
+                    "count": 100,
+                    "rate_hz": 50,
+                }
+            },
         ],
     )
     (publish,) = steps_of(recorded, "publish")
@@ -347,7 +389,9 @@ def test_a_publication_reaches_every_kind_of_subscription(tmp_path: Path) -> Non
     assert recorded.stream("/orders").field("data") == ["go"] * 100
     taken = json.loads(texts(recorded)[0])
     assert (taken["volatile"], taken["transient"]) == (100, 100)
-    assert taken["best_effort"] >= 10, "only what came before the student's side was matched may be missing"
+    assert taken["best_effort"] >= 10, (
+        "only what came before the student's side was matched may be missing"
+    )
 
 
 OFFERED = """
@@ -360,7 +404,10 @@ OFFERED = """
 
 def test_snapshots_hold_qos_gid_and_type_hash(tmp_path: Path) -> None:
     """A snapshot tells of each endpoint its node, type, type hash, gid and the policies that discovery carries."""
-    waits = [{"wait_for": {"publisher": topic, "type": TEXT, "timeout_s": 20}} for topic in ("/latched", "/lossy")]
+    waits = [
+        {"wait_for": {"publisher": topic, "type": TEXT, "timeout_s": 20}}
+        for topic in ("/latched", "/lossy")
+    ]
     waits.append({"wait_for": {"subscription": "/input", "type": FLOATS, "timeout_s": 20}})
     recorded = record_one(tmp_path, node(OFFERED), waits)
     assert not recorded.record.problems
@@ -381,14 +428,18 @@ def test_snapshots_hold_qos_gid_and_type_hash(tmp_path: Path) -> None:
     assert len({e.gid[:24] for e in (latched, lossy, heard)}) == 1
     assert all(re.fullmatch(r"RIHS01_[0-9a-f]{64}", e.type_hash) for e in (latched, lossy, heard))
     assert latched.type_hash == lossy.type_hash != heard.type_hash
-    assert not [n for snapshot in recorded.record.graph for n in snapshot.nodes if n.startswith("/_grader")]
+    assert not [
+        n for snapshot in recorded.record.graph for n in snapshot.nodes if n.startswith("/_grader")
+    ]
 
 
 def test_a_wait_ends_when_the_student_has(tmp_path: Path) -> None:
     """What a dead process could bring is not waited for."""
     source = node("        self.create_timer(1.0, lambda: 1 / 0)")
     wait = {"wait_for": {"publisher": "/joint_commands", "type": FLOATS, "timeout_s": 120}}
-    recorded = record_one(tmp_path, source, [wait, wait, {"call": {"service": "/x", "type": SET_BOOL}}])
+    recorded = record_one(
+        tmp_path, source, [wait, wait, {"call": {"service": "/x", "type": SET_BOOL}}]
+    )
     first, second = steps_of(recorded, "wait_for")
     assert (first.outcome, second.outcome) == ("cancelled", "cancelled")
     run = recorded.process("node")
@@ -418,7 +469,15 @@ def test_what_is_missing_is_waited_for_briefly_until_something_changes(tmp_path:
     """A session in which a service is missing took 66 s; but what is started, or comes up, may bring it yet."""
     wait = {"wait_for": {"service": "/late", "type": SET_BOOL, "timeout_s": 4}}
     call = {"call": {"service": "/late", "type": SET_BOOL, "timeout_s": 4}}
-    go = {"publish": {"topic": "/go", "type": TEXT, "message": {"data": "go"}, "count": 1, "rate_hz": 10}}
+    go = {
+        "publish": {
+            "topic": "/go",
+            "type": TEXT,
+            "message": {"data": "go"},
+            "count": 1,
+            "rate_hz": 10,
+        }
+    }
     recorded = record_one(
         tmp_path,
         node(LATE),
@@ -426,7 +485,12 @@ def test_what_is_missing_is_waited_for_briefly_until_something_changes(tmp_path:
             {"wait_for": {"node": "/student", "timeout_s": 20}},
             *[wait, call, wait],
             {"start": {"student": "node", "name": "second", "remappings": {"/go": "/other"}}},
-            *[wait, go, {"wait_for": {"service": "/late", "type": SET_BOOL, "timeout_s": 20}}, call],
+            *[
+                wait,
+                go,
+                {"wait_for": {"service": "/late", "type": SET_BOOL, "timeout_s": 20}},
+                call,
+            ],
             {"interrupt": {"process": "second", "timeout_s": 30}},
         ],
     )
@@ -442,16 +506,23 @@ def test_what_is_missing_is_waited_for_briefly_until_something_changes(tmp_path:
 
 def test_services_of_nodes_with_one_name_are_all_seen(tmp_path: Path) -> None:
     """The middleware tells those of one of them alone, which one by chance."""
-    source = node("        self.create_service(SetBool, '/first', lambda request, response: response)")
+    source = node(
+        "        self.create_service(SetBool, '/first', lambda request, response: response)"
+    )
     recorded = record_one(
         tmp_path,
         source,
         [
             {"start": {"student": "node", "name": "second", "remappings": {"/first": "/second"}}},
-            *[{"wait_for": {"service": name, "type": SET_BOOL, "timeout_s": 10}} for name in ("/first", "/second")],
+            *[
+                {"wait_for": {"service": name, "type": SET_BOOL, "timeout_s": 10}}
+                for name in ("/first", "/second")
+            ],
             {"wait_for": {"service": "/first", "type": SET_BOOL, "timeout_s": 10}},
             {"interrupt": {"process": "second", "timeout_s": 30}},
         ],
     )
     assert [step.outcome for step in steps_of(recorded, "wait_for")] == ["done"] * 3
-    assert {service.node for graph in recorded.record.graph for service in graph.services} == {"/student"}
+    assert {service.node for graph in recorded.record.graph for service in graph.services} == {
+        "/student"
+    }

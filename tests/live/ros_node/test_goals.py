@@ -58,7 +58,9 @@ WAIT = {"wait_for": {"action": "/fibonacci", "type": KIND, "timeout_s": 20}}
 
 def server(body: str, kind: str = "Fibonacci") -> str:
     """Return the source of a server; the body is that of its execute callback."""
-    return SERVER.replace("TYPE", kind).replace("BODY", "\n".join(" " * 8 + line for line in body.strip().split("\n")))
+    return SERVER.replace("TYPE", kind).replace(
+        "BODY", "\n".join(" " * 8 + line for line in body.strip().split("\n"))
+    )
 
 
 def goal(**more: Any) -> dict[str, Any]:
@@ -95,12 +97,16 @@ def test_goals_are_kept_with_all_that_comes_of_them(tmp_path: Path) -> None:
         goal(goal={"order": 100}, timeout_s=1.0),
     ]
     recorded = record_one(tmp_path, server(HONEST), steps)
-    assert recorded.record.names == {"/fibonacci": "/fibonaci"}, "the service of a nearer name is no action"
+    assert recorded.record.names == {"/fibonacci": "/fibonaci"}, (
+        "the service of a nearer name is no action"
+    )
     plain, cancelled, newer, endless = sent(recorded)
     (first,) = plain.result["goals"]
     assert (plain.outcome, first["accepted"], first["status"]) == ("done", True, "succeeded")
     assert first["result"] == {"sequence": [1, 2, 3]}
-    assert [message["values"]["sequence"] for message in first["feedback"]] == [list(range(n)) for n in range(5)]
+    assert [message["values"]["sequence"] for message in first["feedback"]] == [
+        list(range(n)) for n in range(5)
+    ]
     assert first["feedback_count"] == 5
     assert first["sent_ns"] <= first["stamp_ns"] <= first["answered_ns"] <= first["ended_ns"]
     times = [message["t_ns"] for message in first["feedback"]]
@@ -129,7 +135,9 @@ def test_feedback_and_status_are_in_the_bag(tmp_path: Path) -> None:
         }
     identifier = step.result["goals"][0]["goal_id"]
     feedback: list[Any] = messages["/fibonaci/_action/feedback"]
-    assert [list(message.feedback.sequence) for message in feedback] == [list(range(n)) for n in range(5)]
+    assert [list(message.feedback.sequence) for message in feedback] == [
+        list(range(n)) for n in range(5)
+    ]
     assert {bytes(message.goal_id.uuid).hex() for message in feedback} == {identifier}
     statuses: list[Any] = messages["/fibonaci/_action/status"]
     assert [message.status_list[0].status for message in statuses] == [1, 2, 4]
@@ -244,7 +252,9 @@ def test_a_students_client_has_a_reference_server(tmp_path: Path) -> None:
     plain = {
         "lab": {"id": "T", "title": "A test", "points": 0},
         "artifacts": {"node": {"file": "node.py"}},
-        "reference": {"server": {"file": "server.py", "node": "/reference", "settings": "server.py:Settings"}},
+        "reference": {
+            "server": {"file": "server.py", "node": "/reference", "settings": "server.py:Settings"}
+        },
         "sessions": {
             "only": {
                 "steps": [
@@ -268,9 +278,14 @@ def test_a_students_client_has_a_reference_server(tmp_path: Path) -> None:
     assert recorded.record.names == {"/fibonacci": "/fibonaci"}
     values = {
         topic: [list(each) for each in recorded.stream(topic).field(field) if each is not None]
-        for topic, field in (("/fibonaci/_action/feedback", "feedback.sequence"), ("/fibonacci/results", "sequence"))
+        for topic, field in (
+            ("/fibonaci/_action/feedback", "feedback.sequence"),
+            ("/fibonacci/results", "sequence"),
+        )
     }
     assert values == {"/fibonaci/_action/feedback": [[1]], "/fibonacci/results": [[42]]}
     assert recorded.stream("/fibonacci/goals").field("order") == [7]
     assert recorded.stream("/fibonaci/_action/status").field("status_list[0].status")[-1] == 4
-    assert [claim.name for claim in recorded.record.claims if claim.kind == "action_client"] == ["/fibonaci"]
+    assert [claim.name for claim in recorded.record.claims if claim.kind == "action_client"] == [
+        "/fibonaci"
+    ]

@@ -54,7 +54,9 @@ def node(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
     context.shutdown()
 
 
-def test_of_a_graph_that_grows_without_end_some_snapshots_and_the_last_are_handed_on(node: Node) -> None:
+def test_of_a_graph_that_grows_without_end_some_snapshots_and_the_last_are_handed_on(
+    node: Node,
+) -> None:
     """What is kept of the graph has a bound, and how it is at the end is known."""
     told: list[GraphSnapshot] = []
     watch = _ShortWatch(node, told.append, set())
@@ -76,10 +78,14 @@ def test_of_a_graph_that_grows_without_end_some_snapshots_and_the_last_are_hande
 
 def topics_in(graph: GraphSnapshot) -> int:
     """Count the topics that the other process has opened."""
-    return len({endpoint.topic for endpoint in graph.endpoints if endpoint.topic.startswith("/many/")})
+    return len(
+        {endpoint.topic for endpoint in graph.endpoints if endpoint.topic.startswith("/many/")}
+    )
 
 
-@pytest.mark.parametrize("name", ["unittest/__main__/X", "unittest/srv/X", "std_srvs/srv/None", "../srv/X", "x"])
+@pytest.mark.parametrize(
+    "name", ["unittest/__main__/X", "unittest/srv/X", "std_srvs/srv/None", "../srv/X", "x"]
+)
 def test_a_type_that_no_package_defines_is_not_imported(name: str) -> None:
     """Who announces a service of such a type has no module of its name executed, which could end this process."""
     with pytest.raises(ImportError, match="no installed package defines"):

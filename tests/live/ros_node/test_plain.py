@@ -27,7 +27,9 @@ class Message:
 
 def test_messages_within_messages_are_mappings() -> None:
     """Arrays are lists of plain numbers, and texts stay as they are."""
-    inner = Message(x=1.5, raw=array.array("i", [1, 2]), fixed=np.array([1.5, 2.5], np.float32), text="a")
+    inner = Message(
+        x=1.5, raw=array.array("i", [1, 2]), fixed=np.array([1.5, 2.5], np.float32), text="a"
+    )
     assert plain(Message(one=inner, several=[inner, True])) == {
         "one": {"x": 1.5, "raw": [1, 2], "fixed": [1.5, 2.5], "text": "a"},
         "several": [{"x": 1.5, "raw": [1, 2], "fixed": [1.5, 2.5], "text": "a"}, True],

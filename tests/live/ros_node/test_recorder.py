@@ -22,7 +22,11 @@ from grader.recording.bag import Bag, Stream, recover
 
 pytestmark = pytest.mark.live
 
-FLOATS, TEXT, EVENT = "std_msgs/msg/Float64MultiArray", "std_msgs/msg/String", "std_srvs/srv/SetBool_Event"
+FLOATS, TEXT, EVENT = (
+    "std_msgs/msg/Float64MultiArray",
+    "std_msgs/msg/String",
+    "std_srvs/srv/SetBool_Event",
+)
 RATES_HZ = {"/rate_1": 1, "/rate_10": 10, "/rate_100": 100, "/rate_1000": 1000}
 BURST_HZ, BURST_COUNT = 5000, 7500
 LATE_COUNT = 350
@@ -178,7 +182,10 @@ rclpy.shutdown()
 def alone(command: list[str]) -> list[str]:
     """Command that runs in a network namespace of its own where the system permits it."""
     wrapper = ["unshare", "--net", "--map-root-user"]
-    if shutil.which("unshare") and subprocess.run([*wrapper, "true"], capture_output=True).returncode == 0:
+    if (
+        shutil.which("unshare")
+        and subprocess.run([*wrapper, "true"], capture_output=True).returncode == 0
+    ):
         return [*wrapper, "sh", "-c", 'ip link set lo up && exec "$@"', "sh", *command]
     return command
 
@@ -208,7 +215,12 @@ def record(folder: Path, domain_id: int, **setting: Any) -> dict[str, Any]:
 
 def publishers(node: str, log: Path, *entries: dict[str, Any], **more: Any) -> list[str]:
     """Arguments that run a node with publishers."""
-    return ["-c", PUBLISHERS, json.dumps({"node": node, "publishers": list(entries), **more}), str(log)]
+    return [
+        "-c",
+        PUBLISHERS,
+        json.dumps({"node": node, "publishers": list(entries), **more}),
+        str(log),
+    ]
 
 
 class Recorded:
@@ -221,7 +233,10 @@ class Recorded:
             for topic, rate in RATES_HZ.items()
         ]
         burst = {"topic": "/burst", "kind": "floats", "rate_hz": BURST_HZ, "count": BURST_COUNT}
-        mixed = [{"topic": "/mixed", "kind": kind, "rate_hz": 100, "count": 100} for kind in ("text", "floats")]
+        mixed = [
+            {"topic": "/mixed", "kind": kind, "rate_hz": 100, "count": 100}
+            for kind in ("text", "floats")
+        ]
         self.printed = record(
             self.folder,
             71,
@@ -306,7 +321,13 @@ def test_a_weaker_publisher_that_joins_is_recorded_too(tmp_path: Path) -> None:
     A flood beside them would fill the socket, and what a best-effort subscription then misses is not sent again.
     """
     firm = {"topic": "/late", "kind": "text", "rate_hz": 70, "count": LATE_COUNT}
-    weak = {"topic": "/late", "kind": "text", "rate_hz": 50, "count": 50, "reliability": "BEST_EFFORT"}
+    weak = {
+        "topic": "/late",
+        "kind": "text",
+        "rate_hz": 50,
+        "count": 50,
+        "reliability": "BEST_EFFORT",
+    }
     record(
         tmp_path / "bag",
         74,
@@ -329,8 +350,16 @@ def test_log_and_service_events_are_recorded(recorded: Recorded) -> None:
     assert events.topic_type == EVENT
     # A client notes its request (0, request sent) and the answer (3, response received).
     kinds = events.field("info.event_type")
-    sent = [value for kind, value in zip(kinds, events.field("request.0.data"), strict=True) if kind == 0]
-    answers = [value for kind, value in zip(kinds, events.field("response.0.message"), strict=True) if kind == 3]
+    sent = [
+        value
+        for kind, value in zip(kinds, events.field("request.0.data"), strict=True)
+        if kind == 0
+    ]
+    answers = [
+        value
+        for kind, value in zip(kinds, events.field("response.0.message"), strict=True)
+        if kind == 3
+    ]
     assert sent == [True, False, True]
     assert answers == ["set to True", "set to False", "set to True"]
 
@@ -341,7 +370,9 @@ def test_all_readers_agree(recorded: Recorded) -> None:
     with AnyReader([recorded.folder]) as reader:
         for connection, time_ns, data in reader.messages():
             key = connection.topic, connection.msgtype
-            theirs.setdefault(key, []).append((time_ns, reader.deserialize(data, connection.msgtype)))
+            theirs.setdefault(key, []).append(
+                (time_ns, reader.deserialize(data, connection.msgtype))
+            )
     raw: dict[tuple[str, str], list[tuple[int, int, int, bytes]]] = {}
     with (recorded.folder / "session.mcap").open("rb") as file:
         for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages():
@@ -360,7 +391,9 @@ def test_all_readers_agree(recorded: Recorded) -> None:
         )
         assert sorted(raw.get(key, [])) == sorted(zip(*columns, strict=True))
         ours = zip(stream.received_ns.tolist(), map(repr, stream.messages), strict=True)
-        assert sorted((time_ns, repr(value)) for time_ns, value in theirs.get(key, [])) == sorted(ours)
+        assert sorted((time_ns, repr(value)) for time_ns, value in theirs.get(key, [])) == sorted(
+            ours
+        )
         assert all(message is not None for message in stream.messages)
 
 
@@ -390,7 +423,11 @@ def test_limits_and_unknown_types_are_reported(tmp_path: Path) -> None:
         73,
         programs=[publishers("talker", tmp_path / "log.json", flood, calm)],
         limits={"limit_bytes": 1_000_000},
-        extra=[("/strange", "nowhere/msg/Thing"), ("/worse", "../../msg/Thing"), ("not a name", TEXT)],
+        extra=[
+            ("/strange", "nowhere/msg/Thing"),
+            ("/worse", "../../msg/Thing"),
+            ("not a name", TEXT),
+        ],
     )
     bag = Bag.open(tmp_path / "bag")
     assert 0 < len(bag.stream("/flood")) < 100
@@ -402,6 +439,7 @@ def test_limits_and_unknown_types_are_reported(tmp_path: Path) -> None:
     assert (messages, limit) == (len(bag.stream("/flood")), True)
     assert size_bytes > sum(map(len, bag.stream("/flood").data))
     assert all(
-        reason and (count, size, of_limit) == (0, 0, False) for count, size, reason, of_limit in left_out.values()
+        reason and (count, size, of_limit) == (0, 0, False)
+        for count, size, reason, of_limit in left_out.values()
     )
     assert printed["problems"] == []

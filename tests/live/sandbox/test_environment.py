@@ -8,7 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from grader.live.sandbox.environment import interpreter_links, interpreter_roots, student_environment
+from grader.live.sandbox.environment import (
+    interpreter_links,
+    interpreter_roots,
+    student_environment,
+)
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
@@ -53,9 +57,16 @@ def test_a_link_in_somebodys_home_does_not_open_the_home(tmp_path: Path, install
 
 def test_what_a_program_left_at_home_does_not_run_in_the_next(tmp_path: Path) -> None:
     """An interpreter outside of any virtual environment reads what lies in its user's home; a student's does not."""
-    python = Path(sys.base_prefix, "bin", f"python{sys.version_info.major}.{sys.version_info.minor}")
+    python = Path(
+        sys.base_prefix, "bin", f"python{sys.version_info.major}.{sys.version_info.minor}"
+    )
     environment = student_environment(python, str(tmp_path), "/ws", "/inside", 0)
-    own = Path(tmp_path, ".local/lib", f"python{sys.version_info.major}.{sys.version_info.minor}", "site-packages")
+    own = Path(
+        tmp_path,
+        ".local/lib",
+        f"python{sys.version_info.major}.{sys.version_info.minor}",
+        "site-packages",
+    )
     own.mkdir(parents=True)
     Path(own, "left.pth").write_text("import os; os.write(1, b'it runs')\n")
     run = subprocess.run([python, "-c", "pass"], env=environment, capture_output=True, check=True)

@@ -21,7 +21,14 @@ from grader.evidence.crash.diagnosis import ended_by_limit
 from grader.evidence.recorded import Recorded
 from grader.live.sandbox import environment
 from grader.live.sandbox.confine import confines_signals, landlock_version
-from grader.live.sandbox.isolation import STUDENT_UIDS, Isolation, Level, Room, confined, first_student_uid
+from grader.live.sandbox.isolation import (
+    STUDENT_UIDS,
+    Isolation,
+    Level,
+    Room,
+    confined,
+    first_student_uid,
+)
 from grader.live.sandbox.namespaces import Form
 from grader.live.sandbox.probing import probe_isolation, require
 from grader.live.sandbox.seccomp import DENIED
@@ -167,7 +174,9 @@ def run_at(level: Level, folder: Path, source: str, *, wait_s: float = 60.0) -> 
         {"wait_exit": {"process": "node", "timeout_s": wait_s}},
         {"interrupt": {"process": "node", "timeout_s": 1}},
     ]
-    return record_at(make_lab(folder, {"node": source}, {"only": steps}, timeout_s=90), isolation_of(level))
+    return record_at(
+        make_lab(folder, {"node": source}, {"only": steps}, timeout_s=90), isolation_of(level)
+    )
 
 
 def process_of(recorded: Recorded) -> ProcessRun:
@@ -186,8 +195,15 @@ def test_what_a_student_may_and_may_not_do(level: Level, tmp_path: Path) -> None
     head += f"NUMBERS, NAMESPACES = {sorted(DENIED.values())!r}, {level is not Level.REDUCED!r}\n"
     tries = TRIES
     if level is not Level.REDUCED:  # Its own processes and sockets are all that it sees.
-        elsewhere = ('"all processes"', '"services of the same user"', '"a connection', '"cutting a file')
-        tries = "\n".join(line for line in TRIES.splitlines() if not line.strip().startswith(elsewhere))
+        elsewhere = (
+            '"all processes"',
+            '"services of the same user"',
+            '"a connection',
+            '"cutting a file',
+        )
+        tries = "\n".join(
+            line for line in TRIES.splitlines() if not line.strip().startswith(elsewhere)
+        )
     recorded = run_at(level, tmp_path, head + tries)
     said = texts(recorded)
     assert said, [line.text for line in process_of(recorded).output]
@@ -303,10 +319,17 @@ time.sleep(60)
 
 @pytest.mark.parametrize("level", [Level.FULL, Level.NO_CGROUP], ids=lambda level: level.value)
 @pytest.mark.parametrize("place", HIDDEN)
-def test_memory_is_found_where_one_does_not_look_at_once(place: str, level: Level, tmp_path: Path) -> None:
+def test_memory_is_found_where_one_does_not_look_at_once(
+    place: str, level: Level, tmp_path: Path
+) -> None:
     """It counts whichever thread or child has taken it, and also where the kernel keeps it."""
     run = process_of(run_at(level, tmp_path, HIDDEN[place]))
-    assert run.limit == "memory", (run.limit, run.ended_by, run.exit_status, [line.text for line in run.output][-3:])
+    assert run.limit == "memory", (
+        run.limit,
+        run.ended_by,
+        run.exit_status,
+        [line.text for line in run.output][-3:],
+    )
 
 
 def test_a_launch_files_variables_reach_no_program_with_privileges(tmp_path: Path) -> None:
@@ -314,7 +337,9 @@ def test_a_launch_files_variables_reach_no_program_with_privileges(tmp_path: Pat
     variables = {"LD_PRELOAD": "/ws/theirs.so", "PATH": "/ws/theirs"}
     for form in (Form.ROOT, Form.USER):
         with confined(
-            Isolation(Level.NO_CGROUP, form, first_uid=first_student_uid() if form is Form.ROOT else None),
+            Isolation(
+                Level.NO_CGROUP, form, first_uid=first_student_uid() if form is Form.ROOT else None
+            ),
             ["node", "--talk"],
             environment=variables,
             room=Room({"/ws": tmp_path}, {}, PYTHON),
@@ -326,7 +351,15 @@ def test_a_launch_files_variables_reach_no_program_with_privileges(tmp_path: Pat
             os.close(info)
         begins = argv.index("env")
         assert not [word for word in argv[:begins] if "theirs" in word]
-        assert argv[begins:] == ["env", "-i", "--", "LD_PRELOAD=/ws/theirs.so", "PATH=/ws/theirs", "node", "--talk"]
+        assert argv[begins:] == [
+            "env",
+            "-i",
+            "--",
+            "LD_PRELOAD=/ws/theirs.so",
+            "PATH=/ws/theirs",
+            "node",
+            "--talk",
+        ]
         assert "setpriv" not in argv[begins:]
 
 
@@ -336,7 +369,12 @@ def test_what_takes_too_much_is_stopped_and_named(limit: str, level: Level, tmp_
     """Memory over several processes, processes, disk, files and output end at their limits, which are named."""
     recorded = run_at(level, tmp_path, BOMBS[limit])
     run = process_of(recorded)
-    assert run.limit == limit, (run.limit, run.ended_by, run.exit_status, [line.text for line in run.output][-3:])
+    assert run.limit == limit, (
+        run.limit,
+        run.ended_by,
+        run.exit_status,
+        [line.text for line in run.output][-3:],
+    )
     # Whoever has killed a child of it for want of memory, the program as a whole is ended.
     assert limit != "memory" or ended_by_limit(run), (run.ended_by, run.exit_status)
     assert recorded.record.complete
@@ -372,18 +410,27 @@ def test_only_the_program_that_took_too_much_is_ended(level: Level, tmp_path: Pa
         {"start": {"student": "node"}},
         {"wait_exit": {"process": "node", "timeout_s": 40}},
     ]
-    lab = make_lab(tmp_path, {"calm": CALM, "node": TAKES_BY_A_CHILD}, {"only": steps}, timeout_s=90)
+    lab = make_lab(
+        tmp_path, {"calm": CALM, "node": TAKES_BY_A_CHILD}, {"only": steps}, timeout_s=90
+    )
     recorded = record_at(lab, isolation_of(level))
     calm, bomb = recorded.process("calm"), process_of(recorded)
     assert calm is not None
-    assert (bomb.limit, ended_by_limit(bomb), calm.limit, calm.ended_by) == ("memory", True, None, "kill")
+    assert (bomb.limit, ended_by_limit(bomb), calm.limit, calm.ended_by) == (
+        "memory",
+        True,
+        None,
+        "kill",
+    )
     assert recorded.record.steps[-1].outcome == "done"
 
 
 def test_a_run_that_requires_more_than_there_is_is_refused() -> None:
     """The refusal names both levels and the remedy; equal or better levels are let through."""
     reduced = Isolation(Level.REDUCED, remedy="Install bubblewrap.")
-    with pytest.raises(IsolationError, match="'reduced' only, and 'no cgroup' is required") as caught:
+    with pytest.raises(
+        IsolationError, match="'reduced' only, and 'no cgroup' is required"
+    ) as caught:
         require(reduced, Level.NO_CGROUP)
     assert "Install bubblewrap." in caught.value.remedy
     for level in (Level.REDUCED, Level.NONE):
@@ -423,7 +470,9 @@ def test_students_code_that_would_run_as_root_is_reported_or_refused(tmp_path: P
 
 def first_uid_in(namespaces: list[str]) -> int:
     """Return the first user id of students in new namespaces."""
-    program = "from grader.live.sandbox.isolation import first_student_uid; print(first_student_uid())"
+    program = (
+        "from grader.live.sandbox.isolation import first_student_uid; print(first_student_uid())"
+    )
     paths = os.pathsep.join(path for path in sys.path if path)
     said = subprocess.run(
         ["unshare", *namespaces, sys.executable, "-c", program],

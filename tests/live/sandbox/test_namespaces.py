@@ -30,7 +30,9 @@ enter_sandbox(Form.{form})
 def in_cell(body: str) -> subprocess.CompletedProcess[str]:
     """Run the text as the first process of a cell."""
     program = PROGRAM.format(form=FORM, body=body)
-    return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -54,12 +56,16 @@ print([name for _, name in socket.if_nameindex()])
 def test_mounts_of_a_sandbox_are_seen_nowhere_else(tmp_path: Path) -> None:
     """What its first process mounts stays in the cell."""
     mount = f'subprocess.run(["mount", "-t", "tmpfs", "none", {str(tmp_path)!r}], check=True)'
-    run = in_cell(f"import subprocess; {mount}; print({str(tmp_path)!r} in Path('/proc/self/mounts').read_text())")
+    run = in_cell(
+        f"import subprocess; {mount}; print({str(tmp_path)!r} in Path('/proc/self/mounts').read_text())"
+    )
     assert run.stdout.strip() == "True", run.stderr
     assert str(tmp_path) not in Path("/proc/self/mounts").read_text(encoding="utf-8")
 
 
-@pytest.mark.parametrize(("body", "status"), [("sys.exit(7)", 7), ("os.kill(outside, 0)", 1), ("", 0)])
+@pytest.mark.parametrize(
+    ("body", "status"), [("sys.exit(7)", 7), ("os.kill(outside, 0)", 1), ("", 0)]
+)
 def test_the_process_outside_ends_as_the_first_one_does(body: str, status: int) -> None:
     """Its status is passed on; from within, processes outside cannot be named."""
     assert in_cell(body).returncode == status
@@ -69,7 +75,9 @@ def test_a_sandbox_ends_with_the_process_outside() -> None:
     """When that is killed, all in the sandbox end, also those with a session of their own."""
     body = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True); print('up', flush=True); "
     program = PROGRAM.format(form=FORM, body=body + "time.sleep(600)")
-    with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE, text=True) as process:
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True
+    ) as process:
         assert process.stdout is not None
         assert process.stdout.readline() == "up\n"
         os.kill(process.pid, signal.SIGKILL)

@@ -23,7 +23,9 @@ def part(kind: int, body: bytes, order: str = "<") -> bytes:
 
 def gap(first: int, beyond: int, order: str = "<") -> bytes:
     """Give the part that declares messages irrelevant."""
-    numbers = struct.pack(f"{order}iIiII", first >> 32, first % 2**32, beyond >> 32, beyond % 2**32, 0)
+    numbers = struct.pack(
+        f"{order}iIiII", first >> 32, first % 2**32, beyond >> 32, beyond % 2**32, 0
+    )
     return part(0x08, bytes(4) + WRITER + numbers, order)
 
 
@@ -66,12 +68,16 @@ def arrives(ours: socket.socket, sender: socket.socket, packet: bytes) -> bool:
         (HEAD + THEIRS + gap(-(2**40), 9), False),
     ],
 )
-def test_what_a_gap_may_span(sockets: tuple[socket.socket, socket.socket], packet: bytes, passes: bool) -> None:
+def test_what_a_gap_may_span(
+    sockets: tuple[socket.socket, socket.socket], packet: bytes, passes: bool
+) -> None:
     """No more numbers than a session can have, wherever it stands in the packet, in either order of bytes."""
     assert arrives(*sockets, packet) == passes
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="sockets are marked by root only, or in a network of one's own")
+@pytest.mark.skipif(
+    os.geteuid() != 0, reason="sockets are marked by root only, or in a network of one's own"
+)
 @pytest.mark.parametrize("packet", [HEAD + OURS + DATA, HEAD + THEIRS + TIME + OTHER_SOURCE + DATA])
 def test_a_name_of_the_graders_comes_from_the_grader_only(
     sockets: tuple[socket.socket, socket.socket], packet: bytes

@@ -59,7 +59,9 @@ def test_entry_points_say_which_function_is_meant() -> None:
     assert function_to_call(MAIN, ["gone"]) == "main"
 
 
-@pytest.mark.parametrize("text", ["x = 1\n", "def main(:\n", "\0", MAIN + "x = " + "-" * 5000 + "1\n"])
+@pytest.mark.parametrize(
+    "text", ["x = 1\n", "def main(:\n", "\0", MAIN + "x = " + "-" * 5000 + "1\n"]
+)
 def test_text_without_such_a_function_is_run_as_it_is(text: str) -> None:
     """That also goes for text that is no Python, which breaks nothing."""
     assert function_to_call(text) is None

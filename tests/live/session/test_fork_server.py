@@ -104,7 +104,9 @@ def test_why_no_sandbox_can_be_made_is_reported(tmp_path: Path) -> None:
     run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     if run.stderr.startswith("no namespaces"):
         pytest.skip(run.stderr)
-    assert run.stdout.count("a session cannot be started here: [Errno 2] mount: No such file") == 2, run.stderr
+    assert (
+        run.stdout.count("a session cannot be started here: [Errno 2] mount: No such file") == 2
+    ), run.stderr
 
 
 def test_sandboxes_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path: Path) -> None:

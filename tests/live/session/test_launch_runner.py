@@ -35,9 +35,17 @@ def test_what_is_kept_of_a_plan_is_a_plan() -> None:
         value: object = float("nan")
         for _ in range(depth):
             value = {"a": value}
-        plain = {"schema": PLAN_SCHEMA, "outcome": "ok", "processes": [{"id": "a-1", "path": "a", "output": value}]}
+        plain = {
+            "schema": PLAN_SCHEMA,
+            "outcome": "ok",
+            "processes": [{"id": "a-1", "path": "a", "output": value}],
+        }
         plan = _read_plan(
-            json.dumps(plain), in_time=True, timeout_s=1.0, run=ProcessRun("it", "student", []), source=""
+            json.dumps(plain),
+            in_time=True,
+            timeout_s=1.0,
+            run=ProcessRun("it", "student", []),
+            source="",
         )
         assert (plan.problem.kind if plan.problem is not None else None) == kind
         assert Plan.from_plain(plan.to_plain()) is not None
@@ -46,7 +54,11 @@ def test_what_is_kept_of_a_plan_is_a_plan() -> None:
 def test_a_plans_own_files_are_placed_in_one_pass() -> None:
     """Each file that the plan brings is found under its whole name, however many files and texts there are."""
     names = {f"arm_{n}.yaml" for n in range(2000)}
-    texts = ["{parameters}/arm_1.yaml:{parameters}/arm_12.yaml.", "{parameters}/else.yaml", *["x" * 20] * 100_000]
+    texts = [
+        "{parameters}/arm_1.yaml:{parameters}/arm_12.yaml.",
+        "{parameters}/else.yaml",
+        *["x" * 20] * 100_000,
+    ]
     began_s = time.process_time()
     placed = [with_places(text, names, "/p") for text in texts]
     assert time.process_time() - began_s < 5.0
@@ -56,8 +68,12 @@ def test_a_plans_own_files_are_placed_in_one_pass() -> None:
 _COMPUTES = "import time\nwhile time.process_time() < float({s}):\n    pass"
 
 
-@pytest.mark.parametrize(("cpu_s", "most", "outcome"), [(0.5, 100, "done"), (60, 100, "failed"), (60, 2, "timeout")])
-def test_waits_for_a_core_are_not_a_launch_files_time(cpu_s: float, most: float, outcome: str) -> None:
+@pytest.mark.parametrize(
+    ("cpu_s", "most", "outcome"), [(0.5, 100, "done"), (60, 100, "failed"), (60, 2, "timeout")]
+)
+def test_waits_for_a_core_are_not_a_launch_files_time(
+    cpu_s: float, most: float, outcome: str
+) -> None:
     """What computes for less than it may has all the time that others keep it from the core; what does not, has not.
 
     Where they keep it from the core for too long, nobody can tell.
@@ -66,7 +82,9 @@ def test_waits_for_a_core_are_not_a_launch_files_time(cpu_s: float, most: float,
 
     async def run() -> str:
         command = ["taskset", "--cpu-list", core, sys.executable, "-c", _COMPUTES.format(s=cpu_s)]
-        started = await RunningProcess.start(ProcessRun("it", "student", []), command, environment={}, cwd="/")
+        started = await RunningProcess.start(
+            ProcessRun("it", "student", []), command, environment={}, cwd="/"
+        )
         # Reading Python from the disk is neither computing nor waiting for a core: there is time for that besides.
         found = await _run_until(started, 1.5, most)
         await started.kill()
@@ -75,7 +93,9 @@ def test_waits_for_a_core_are_not_a_launch_files_time(cpu_s: float, most: float,
     spins = ["taskset", "--cpu-list", core, sys.executable, "-c", "while True: pass"]
     with ExitStack() as others:
         for _ in range(4):  # each a group of its own to the scheduler, as the program is
-            others.callback(others.enter_context(subprocess.Popen(spins, start_new_session=True)).kill)
+            others.callback(
+                others.enter_context(subprocess.Popen(spins, start_new_session=True)).kill
+            )
         assert asyncio.run(run()) == outcome
 
 
@@ -90,13 +110,17 @@ def runner(tmp_path: Path) -> LaunchRunner:
         "arm_lab/talk.py": "def main():\n    pass\n",
         "robot.launch.py": "Node(a=1)\n" * 1000,
     }
-    record = SubmissionRecord("ann", files=[FileFact(path, len(text), "") for path, text in files.items()])
+    record = SubmissionRecord(
+        "ann", files=[FileFact(path, len(text), "") for path, text in files.items()]
+    )
     for path, text in files.items():
         (tmp_path / "sub" / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "sub" / path).write_text(text, encoding="utf-8")
     record.texts, record.packages = files, find_packages(files, list(files))
     record.artifacts = [ArtifactFact("publisher", "arm_lab/talk.py", "arm_lab/talk.py", "name")]
-    executables = stage(tmp_path / "sub", record, read_rubric(None), tmp_path / "staged", sys.executable)
+    executables = stage(
+        tmp_path / "sub", record, read_rubric(None), tmp_path / "staged", sys.executable
+    )
     scratch = tmp_path / "scratch"
     plan = SessionPlan(
         SessionRecord("launch"), [], tmp_path, scratch, tmp_path / "staged", executables, {}, {}, [],
@@ -108,17 +132,25 @@ def runner(tmp_path: Path) -> LaunchRunner:
     return LaunchRunner(sandbox)
 
 
-def test_what_it_writes_for_its_nodes_can_be_read_whatever_the_umask_is(tmp_path: Path, runner: LaunchRunner) -> None:
+def test_what_it_writes_for_its_nodes_can_be_read_whatever_the_umask_is(
+    tmp_path: Path, runner: LaunchRunner
+) -> None:
     """Where the grader is root, the student's user is another."""
     (tmp_path / "room").mkdir()
     room, before = Room.below(tmp_path / "room", Path(sys.executable)), os.umask(0o077)
     try:
         room.make(tmp_path / "room")
         runner._sandbox.parameters = room.tools[PARAMETERS]
-        runner._write_files(Plan(outcome="ok", parameter_files={"arm.yaml": "a: 1", "arm.sh": "#!/bin/sh"}))
+        runner._write_files(
+            Plan(outcome="ok", parameter_files={"arm.yaml": "a: 1", "arm.sh": "#!/bin/sh"})
+        )
     finally:
         os.umask(before)
-    made = [room.tools[PARAMETERS], room.tools[INTERFACES], *sorted(room.tools[PARAMETERS].iterdir())]
+    made = [
+        room.tools[PARAMETERS],
+        room.tools[INTERFACES],
+        *sorted(room.tools[PARAMETERS].iterdir()),
+    ]
     assert [path.stat().st_mode & 0o777 for path in made] == [0o755, 0o755, 0o755, 0o644]
 
 
@@ -127,11 +159,17 @@ def _lacking(name: str) -> Problem:
 
 
 def _not_installed(folder: str) -> Problem:
-    return Problem("file_not_found", "'robot.launch.py' does not exist", remedy=f"data_files: ('{folder}', [...])")
+    return Problem(
+        "file_not_found",
+        "'robot.launch.py' does not exist",
+        remedy=f"data_files: ('{folder}', [...])",
+    )
 
 
 def _misnamed(meant: str) -> Problem:
-    return Problem("unknown_keyword", "no keyword 'a'", "robot.launch.py", remedy=f"Write '{meant}=' instead.")
+    return Problem(
+        "unknown_keyword", "no keyword 'a'", "robot.launch.py", remedy=f"Write '{meant}=' instead."
+    )
 
 
 @pytest.mark.parametrize(
@@ -140,16 +178,28 @@ def _misnamed(meant: str) -> Problem:
         pytest.param(_lacking("talkk"), True, id="likely executable"),
         pytest.param(_lacking("é" * 200), False, id="executable of 400 bytes"),
         pytest.param(Problem("unknown_package", "package 'arms' not found"), True, id="package"),
-        pytest.param(Problem("unknown_package", f"package '{'é' * 200}' not found"), False, id="package of 400 bytes"),
-        pytest.param(Problem("unknown_package", "package '.artifacts' not found"), False, id="folder of the stage's"),
+        pytest.param(
+            Problem("unknown_package", f"package '{'é' * 200}' not found"),
+            False,
+            id="package of 400 bytes",
+        ),
+        pytest.param(
+            Problem("unknown_package", "package '.artifacts' not found"),
+            False,
+            id="folder of the stage's",
+        ),
         pytest.param(_not_installed("share/arm_lab/more"), True, id="file"),
-        pytest.param(_not_installed("share/arm_lab/launch/robot.launch.py"), False, id="file as folder"),
+        pytest.param(
+            _not_installed("share/arm_lab/launch/robot.launch.py"), False, id="file as folder"
+        ),
         pytest.param(_not_installed("share" + "/a" * 4000), False, id="folder that none can make"),
         pytest.param(_misnamed("name"), True, id="keyword"),
         pytest.param(_misnamed("b" * 3_000_000), False, id="keyword of megabytes"),
     ],
 )
-def test_what_cannot_be_repaired_leaves_all_as_it_was(runner: LaunchRunner, problem: Problem, repaired: bool) -> None:
+def test_what_cannot_be_repaired_leaves_all_as_it_was(
+    runner: LaunchRunner, problem: Problem, repaired: bool
+) -> None:
     """Whatever a plan asks for, nothing is raised that would end the session, and nothing grows without bound."""
     workspace = runner._sandbox.workspace
     before = {path: path.read_bytes() for path in workspace.rglob("*") if path.is_file()}

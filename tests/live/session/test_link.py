@@ -45,7 +45,10 @@ except KeyboardInterrupt:
     rclpy.try_shutdown()
 """
 STEPS: list[dict[str, Any]] = [
-    *({"wait_for": {"publisher": topic, "type": TEXT, "timeout_s": 20}} for topic in ("/lossy", "/kept", "/split")),
+    *(
+        {"wait_for": {"publisher": topic, "type": TEXT, "timeout_s": 20}}
+        for topic in ("/lossy", "/kept", "/split")
+    ),
     {
         "link": {
             "topics": ["/lossy", "/kept", "/split", "/alone"],
@@ -106,28 +109,45 @@ def recorded_in(environment: Environment, folder: Path) -> SessionRecord:
     return read_session(lab.results / "submission" / "recordings" / "only")
 
 
-@pytest.mark.parametrize("environment", [Environment.USER, Environment.ROOT] if os.geteuid() == 0 else [None])
-def test_profiles_do_on_the_link_what_they_are_for(environment: Environment | None, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "environment", [Environment.USER, Environment.ROOT] if os.geteuid() == 0 else [None]
+)
+def test_profiles_do_on_the_link_what_they_are_for(
+    environment: Environment | None, tmp_path: Path
+) -> None:
     """As root and as an ordinary user, with no process and no file left."""
     record = recorded_in(environment or Environment.USER, tmp_path)
     assert record.problems == []
     require_what_profiles_promise(record)
 
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root can take the means from a command that it starts")
+@pytest.mark.skipif(
+    os.geteuid() != 0, reason="only root can take the means from a command that it starts"
+)
 def test_where_there_are_no_networks_it_is_left_out(tmp_path: Path) -> None:
     """As in a plain container: the step says why, and the rest of the session goes on."""
-    (found,) = (step for step in recorded_in(Environment.CONTAINER, tmp_path).steps if step.kind == "link")
+    (found,) = (
+        step for step in recorded_in(Environment.CONTAINER, tmp_path).steps if step.kind == "link"
+    )
     assert found.outcome == "failed"
     assert found.result["problem"] == "this machine gives a session no networks of its own"
 
 
 def test_the_profiles_are_the_students(tmp_path: Path) -> None:
     """Reliability and durability as announced, history and depth as the running program asked for."""
-    step = {"link": {**STEPS[-1]["link"], "topics": ["/lossy", "/kept"], "duration_s": 0.1}, "label": "link"}
+    step = {
+        "link": {**STEPS[-1]["link"], "topics": ["/lossy", "/kept"], "duration_s": 0.1},
+        "label": "link",
+    }
     record = record_one(tmp_path, TOOL, [*STEPS[:-1], step]).record
-    offered = {name: topic.offered for name, topic in linked(record)[1].items() if topic.offered is not None}
-    policies = {name: (q.reliability, q.durability, q.history, q.depth) for name, q in offered.items()}
+    offered = {
+        name: topic.offered
+        for name, topic in linked(record)[1].items()
+        if topic.offered is not None
+    }
+    policies = {
+        name: (q.reliability, q.durability, q.history, q.depth) for name, q in offered.items()
+    }
     assert policies["/lossy"] == ("best_effort", "volatile", "keep_last", 50)
     assert policies["/kept"][:3] == ("reliable", "transient_local", "keep_all")
     # None of its nodes was seen in the session's graph, nor its messages: it has networks of its own.
@@ -140,4 +160,6 @@ def test_without_topics_of_two_sides_the_step_says_so(tmp_path: Path) -> None:
     record = record_one(tmp_path, TOOL, [*STEPS[:-1], step]).record
     (found,) = (step for step in record.steps if step.kind == "link")
     assert found.outcome == "failed"
-    assert found.result["problem"].startswith("none of the topics has both a publisher and a subscription")
+    assert found.result["problem"].startswith(
+        "none of the topics has both a publisher and a subscription"
+    )

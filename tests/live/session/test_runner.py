@@ -53,7 +53,9 @@ pytestmark = pytest.mark.live
 
 START: dict[str, Any] = {"start": {"student": "talker"}}
 HEARD: dict[str, Any] = {"wait_for": {"publisher": "/chatter", "type": TEXT, "timeout_s": 20}}
-OBSERVE: dict[str, Any] = {"observe": {"duration_s": 0.5, "first_message_on": "/chatter", "timeout_s": 20}}
+OBSERVE: dict[str, Any] = {
+    "observe": {"duration_s": 0.5, "first_message_on": "/chatter", "timeout_s": 20}
+}
 INTERRUPT: dict[str, Any] = {"interrupt": {"process": "talker"}}
 
 
@@ -88,7 +90,9 @@ def test_callers_environment_reaches_no_process_of_a_sandbox(tmp_path: Path) -> 
     """Whatever the caller has exported, the node runs as ever and sees none of it."""
     shadow = tmp_path / "hostile"
     (shadow / "rclpy").mkdir(parents=True)
-    (shadow / "rclpy" / "__init__.py").write_text("raise SystemExit('the wrong rclpy')\n", encoding="utf-8")
+    (shadow / "rclpy" / "__init__.py").write_text(
+        "raise SystemExit('the wrong rclpy')\n", encoding="utf-8"
+    )
     (shadow / "profiles.xml").write_text("this is no XML", encoding="utf-8")
     hostile = {
         "PYTHONPATH": str(shadow),
@@ -108,10 +112,14 @@ def test_callers_environment_reaches_no_process_of_a_sandbox(tmp_path: Path) -> 
     lab = make_lab(tmp_path, {"talker": source}, {"only": steps}, checks=[published("/chatter")])
     caller = environment(own_temporary_folder(tmp_path), **hostile)
     caller.pop("HOME", None)
-    run = subprocess.run(command(lab), env=caller, capture_output=True, text=True, timeout=90, check=False)
+    run = subprocess.run(
+        command(lab), env=caller, capture_output=True, text=True, timeout=90, check=False
+    )
     assert run.returncode == 0, run.stderr
     result = json.loads((lab.results / "submission" / "result.json").read_text(encoding="utf-8"))
-    assert result["score"] == {"earned": 1, "possible": 1, "undecided": 0, "final": 1}, result["criteria"]
+    assert result["score"] == {"earned": 1, "possible": 1, "undecided": 0, "final": 1}, result[
+        "criteria"
+    ]
     process = next(p for p in record_of(lab).processes if p.role == "student")
     seen = json.loads(process.output[0].text)
     assert not hostile.items() & seen.items()
@@ -132,7 +140,9 @@ def test_statistics_come_although_the_grader_ignores_sigint(tmp_path: Path) -> N
     lab = make_lab(tmp_path, {"talker": source}, {"only": steps})
     ignoring = ["sh", "-c", f"trap '' INT; exec {shlex.join(command(lab))}"]
     caller = environment(own_temporary_folder(tmp_path))
-    run = subprocess.run(ignoring, env=caller, capture_output=True, text=True, timeout=90, check=False)
+    run = subprocess.run(
+        ignoring, env=caller, capture_output=True, text=True, timeout=90, check=False
+    )
     assert run.returncode == 0, run.stderr
     process = next(p for p in record_of(lab).processes if p.role == "student")
     assert process.ended_by == "interrupt"
@@ -144,7 +154,12 @@ def test_statistics_come_although_the_grader_ignores_sigint(tmp_path: Path) -> N
 
 def test_sandboxes_do_not_hear_each_other(tmp_path: Path) -> None:
     """Two sandboxes that publish on one topic at the same time record each its own messages only."""
-    steps: list[dict[str, Any]] = [START, HEARD, OBSERVE, {"wait_exit": {"process": "talker", "timeout_s": 60}}]
+    steps: list[dict[str, Any]] = [
+        START,
+        HEARD,
+        OBSERVE,
+        {"wait_exit": {"process": "talker", "timeout_s": 60}},
+    ]
     observed: set[str] = set()
 
     def end_both(progress: Progress) -> None:
@@ -154,7 +169,9 @@ def test_sandboxes_do_not_hear_each_other(tmp_path: Path) -> None:
                 time.sleep(0.5)  # in which the sandboxes go on
                 interrupt_students()
 
-    recorded = make_lab(tmp_path, {"talker": TALKER}, {"one": steps, "other": steps}).record(end_both)
+    recorded = make_lab(tmp_path, {"talker": TALKER}, {"one": steps, "other": steps}).record(
+        end_both
+    )
     streams = {name: session.bag.stream("/chatter") for name, session in recorded.items()}
     said = {name: set(stream.field("data")) for name, stream in streams.items()}
     assert [len(texts) for texts in said.values()] == [1, 1]
@@ -208,15 +225,21 @@ def test_a_student_is_alone_in_its_sandbox(tmp_path: Path) -> None:
         "/etc/passwd",
         "/etc/shadow",
     ]
-    source = CONFINED.replace("os.environ['PREFIX']", repr(sys.prefix)).replace("SECRETS", repr(secrets))
+    source = CONFINED.replace("os.environ['PREFIX']", repr(sys.prefix)).replace(
+        "SECRETS", repr(secrets)
+    )
     mark = f"mark-{os.urandom(6).hex()}"
-    recorded = record_one(tmp_path, source.replace("MARK", mark), [{"wait_exit": {"process": "node"}}])
+    recorded = record_one(
+        tmp_path, source.replace("MARK", mark), [{"wait_exit": {"process": "node"}}]
+    )
     facts: dict[str, Any] = json.loads(texts(recorded)[0])
     assert facts["interfaces"] == ["lo"]
     assert "unreachable" in facts["connect"]
     # The interpreter is shown at its own path, which may lie below /tmp.
     tmp = Path("/tmp")
-    shown = [path.relative_to(tmp).parts[0] for path in (Path(sys.prefix),) if path.is_relative_to(tmp)]
+    shown = [
+        path.relative_to(tmp).parts[0] for path in (Path(sys.prefix),) if path.is_relative_to(tmp)
+    ]
     assert (facts["shm"], facts["tmp"], facts["secrets"]) == ([], shown, [])
     assert len(facts["pids"]) <= 3
     assert max(facts["pids"]) < 100
@@ -272,7 +295,10 @@ def test_a_window_goes_on_until_enough_of_it_is_undisturbed(tmp_path: Path) -> N
         {"start": {"student": "talker"}},
         {"wait_for": {"publisher": "/chatter", "timeout_s": 30}},
     ]
-    windows = {"bound": {"duration_s": 0.5, "extend_s": 0.6}, "enough": {"duration_s": 0.5, "extend_s": 20}}
+    windows = {
+        "bound": {"duration_s": 0.5, "extend_s": 0.6},
+        "enough": {"duration_s": 0.5, "extend_s": 20},
+    }
     steps = [{"observe": window, "label": label} for label, window in windows.items()]
     lab = make_lab(tmp_path, {"talker": TALKER}, {"only": [*started, *steps]})
     recorded = lab.record()["only"]
@@ -301,18 +327,24 @@ threading.Thread(target=compute, daemon=True).start()
 
 
 @pytest.mark.parametrize("more", ["", GREEDY])
-def test_what_is_measured_goes_before_others_unless_it_wants_all_of_a_core(tmp_path: Path, more: str) -> None:
+def test_what_is_measured_goes_before_others_unless_it_wants_all_of_a_core(
+    tmp_path: Path, more: str
+) -> None:
     """A node at work has more of a core while a window is open that waits for calm; who takes much does not."""
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},
         {"wait_for": {"publisher": "/chatter", "timeout_s": 30}},
         {"observe": {"duration_s": 2, "extend_s": 1}, "label": "window"},
     ]
-    recorded = make_lab(tmp_path, {"talker": NICE + more + TALKER}, {"only": steps}).record()["only"]
+    recorded = make_lab(tmp_path, {"talker": NICE + more + TALKER}, {"only": steps}).record()[
+        "only"
+    ]
     (run,), window = recorded.processes_of("talker"), recorded.window("window")
     assert window is not None
     said = {
-        int(line.text.split()[1]) for line in run.output if line.text.startswith("nice") and line.t_ns < window.end_ns
+        int(line.text.split()[1])
+        for line in run.output
+        if line.text.startswith("nice") and line.t_ns < window.end_ns
     }
     shares = [
         (now.cpu_ns - before.cpu_ns) / (now.t_ns - before.t_ns)
@@ -330,12 +362,17 @@ def test_what_is_measured_goes_before_others_unless_it_wants_all_of_a_core(tmp_p
 def test_a_session_beyond_its_time_is_ended(tmp_path: Path) -> None:
     """What keeps its session waiting until its time is over is ended for that, and the rest is recorded in order."""
     recorded = record_one(
-        tmp_path, TALKER, [{"wait_for": {"publisher": "/never", "type": FLOATS, "timeout_s": 300}}], timeout_s=8
+        tmp_path,
+        TALKER,
+        [{"wait_for": {"publisher": "/never", "type": FLOATS, "timeout_s": 300}}],
+        timeout_s=8,
     )
     assert recorded.record.complete
     assert recorded.record.problems == []
     assert [step.outcome for step in recorded.record.steps[1:]] == ["timeout"]
-    assert [(run.limit, run.ended_by) for run in recorded.processes_of("node")] == [("time", "limit")]
+    assert [(run.limit, run.ended_by) for run in recorded.processes_of("node")] == [
+        ("time", "limit")
+    ]
     assert len(recorded.bag.stream("/chatter")) > 10
 
 
@@ -371,7 +408,9 @@ HOLD: list[dict[str, Any]] = [
     {"wait_exit": {"process": "held", "timeout_s": 60}},
 ]
 CLOSES = "import os, time\nprint('ready', flush=True)\nos.close(1)\nos.close(2)\ntime.sleep(600)\n"
-STOPS_ITSELF = "import os, signal\nprint('ready', flush=True)\nos.kill(os.getpid(), signal.SIGSTOP)\n"
+STOPS_ITSELF = (
+    "import os, signal\nprint('ready', flush=True)\nos.kill(os.getpid(), signal.SIGSTOP)\n"
+)
 KILLS_ALL = "import os, signal\nprint('ready', flush=True)\nos.kill(-1, signal.SIGKILL)\n" + READY
 MISBEHAVIOUR = {
     "ignores_sigint": (IGNORES_SIGINT + READY, "ready", "terminate"),
@@ -389,7 +428,9 @@ MISBEHAVIOUR = {
 
 
 @pytest.mark.parametrize("name", MISBEHAVIOUR)
-def test_nothing_is_left_of_a_misbehaving_student(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_left_of_a_misbehaving_student(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """However a student's process behaves, the recording is complete, and no process, mount or folder stays."""
     source, text, ended_by = MISBEHAVIOUR[name]
     temporary = own_temporary_folder(tmp_path)
@@ -407,7 +448,9 @@ def test_nothing_is_left_of_a_misbehaving_student(name: str, tmp_path: Path, mon
         if "until held ends" in progress.text:
             interrupt_students()
 
-    recorded = make_lab(tmp_path, {"talker": source, "held": HELD}, {"only": steps}).record(look)["only"]
+    recorded = make_lab(tmp_path, {"talker": source, "held": HELD}, {"only": steps}).record(look)[
+        "only"
+    ]
     run = recorded.process("talker")
     assert run is not None
     assert recorded.record.complete
@@ -432,16 +475,25 @@ def grading(tmp_path: Path) -> tuple[Lab, Path, subprocess.Popen[str], Watch]:
         INTERRUPT,
     ]
     lab = make_lab(
-        tmp_path, {"talker": TALKER}, {"only": steps, "other": steps}, timeout_s=90, checks=[published("/chatter")]
+        tmp_path,
+        {"talker": TALKER},
+        {"only": steps, "other": steps},
+        timeout_s=90,
+        checks=[published("/chatter")],
     )
     temporary = own_temporary_folder(tmp_path)
     pipe = subprocess.PIPE
-    process = subprocess.Popen(command(lab), env=environment(temporary), stdout=pipe, stderr=pipe, text=True)
+    process = subprocess.Popen(
+        command(lab), env=environment(temporary), stdout=pipe, stderr=pipe, text=True
+    )
     bags = lab.results / "submission" / UNFINISHED / "recordings"
 
     def recording() -> bool:
         assert process.poll() is None, process.communicate()
-        return len([path for path in bags.glob(".*.partial/*.mcap") if path.stat().st_size > 20_000]) == 2
+        return (
+            len([path for path in bags.glob(".*.partial/*.mcap") if path.stat().st_size > 20_000])
+            == 2
+        )
 
     until(recording, 60)
     watch = Watch(process.pid)
@@ -463,7 +515,9 @@ def test_no_process_survives_a_killed_grader(tmp_path: Path) -> None:
 
 def grade_and_kill(lab: Lab, caller: dict[str, str], after_s: float) -> None:
     """Start a grading, kill it after a while, and wait until nothing of it is left."""
-    process = subprocess.Popen(command(lab), env=caller, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        command(lab), env=caller, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     watch = Watch(process.pid)
     end = time.monotonic() + after_s
     while (left_s := end - time.monotonic()) > 0:
@@ -478,13 +532,19 @@ def test_a_grader_killed_at_any_moment_leaves_nothing_that_counts(tmp_path: Path
     """Killed at ten moments of its run, others each time, it leaves no process and no half result."""
     moments = examples(40)
     lab = make_lab(
-        tmp_path, {"talker": TALKER}, {"only": [START, HEARD, OBSERVE, INTERRUPT]}, checks=[published("/chatter")]
+        tmp_path,
+        {"talker": TALKER},
+        {"only": [START, HEARD, OBSERVE, INTERRUPT]},
+        checks=[published("/chatter")],
     )
     caller = environment(own_temporary_folder(tmp_path))
     result = lab.results / "submission" / "result.json"
     begun = time.monotonic()
     subprocess.run(command(lab), env=caller, capture_output=True, timeout=90, check=True)
-    whole_s, whole = time.monotonic() - begun, json.loads(result.read_text(encoding="utf-8"))["score"]
+    whole_s, whole = (
+        time.monotonic() - begun,
+        json.loads(result.read_text(encoding="utf-8"))["score"],
+    )
     assert whole["earned"] == 1
     for moment in range(moments):
         grade_and_kill(lab, caller, whole_s * (moment + random.random()) / moments)
@@ -498,7 +558,10 @@ def test_a_grader_killed_at_any_moment_leaves_nothing_that_counts(tmp_path: Path
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM], ids=["Ctrl-C", "SIGTERM"])
 def test_an_interrupted_grader_leaves_all_as_it_was(number: signal.Signals, tmp_path: Path) -> None:
     """Ctrl-C ends the grader with 130 and SIGTERM with 143; no process or folder stays, and an earlier result does."""
-    earlier = [tmp_path / "results/submission" / name for name in ("result.json", "report.html", "recordings/x.json")]
+    earlier = [
+        tmp_path / "results/submission" / name
+        for name in ("result.json", "report.html", "recordings/x.json")
+    ]
     for path in earlier:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("earlier", encoding="utf-8")

@@ -17,7 +17,9 @@ from grader.submission.artifacts import decode_text
 from grader.submission.packages.colcon import find_packages
 
 SAYS = 'import sys\nprint("{0}", __name__, sys.argv[1:])\n'
-MANIFEST = "<package><name>arm_lab</name><export><build_type>ament_python</build_type></export></package>"
+MANIFEST = (
+    "<package><name>arm_lab</name><export><build_type>ament_python</build_type></export></package>"
+)
 SETUP = "from setuptools import setup\nsetup(entry_points={'console_scripts': ['talk = arm_lab.talk:main']})\n"
 
 
@@ -40,7 +42,9 @@ def staged(folder: Path, files: dict[str, str | bytes], **artifacts: str) -> Wor
         record.texts[path] = decode_text(data)
     record.artifacts = [ArtifactFact(name, path, path, "name") for name, path in artifacts.items()]
     record.packages = find_packages(record.texts, list(files))
-    wrappers = stage(folder / "submission", record, read_rubric(None), folder / "ws", sys.executable)
+    wrappers = stage(
+        folder / "submission", record, read_rubric(None), folder / "ws", sys.executable
+    )
     return Workspace(folder / "ws", wrappers)
 
 
@@ -73,12 +77,16 @@ def test_a_bare_file_runs_as_the_main_program(tmp_path: Path, content: str) -> N
 
 def test_bare_files_are_executables_of_the_labs_package(tmp_path: Path) -> None:
     """They run under the rubric's name with or without `.py`, and the index knows the package."""
-    workspace = staged(tmp_path, {"joint_publisher.py": SAYS.format("hello")}, publisher="joint_publisher.py")
+    workspace = staged(
+        tmp_path, {"joint_publisher.py": SAYS.format("hello")}, publisher="joint_publisher.py"
+    )
     package = read_rubric(None).lab.package
     folder = workspace.folder / "install/lib" / package
     assert {"joint_publisher", "joint_publisher.py"} <= {path.name for path in folder.iterdir()}
     assert run(folder / "joint_publisher") == "hello __main__ []"
-    assert (workspace.folder / "install/share/ament_index/resource_index/packages" / package).is_file()
+    assert (
+        workspace.folder / "install/share/ament_index/resource_index/packages" / package
+    ).is_file()
 
 
 def test_bare_files_stand_for_a_package_that_their_launch_file_names(tmp_path: Path) -> None:
@@ -100,14 +108,19 @@ def test_a_file_that_only_defines_main_is_called(tmp_path: Path) -> None:
 
 def test_modules_beside_a_file_can_be_imported(tmp_path: Path) -> None:
     """A helper module in the same folder is found, in a bare folder and in a package."""
-    bare: dict[str, str | bytes] = {"src/joint_publisher.py": "import arm\nprint(arm.X)\n", "src/arm.py": "X = 7\n"}
+    bare: dict[str, str | bytes] = {
+        "src/joint_publisher.py": "import arm\nprint(arm.X)\n",
+        "src/arm.py": "X = 7\n",
+    }
     assert run(wrapper(staged(tmp_path / "a", bare, publisher="src/joint_publisher.py"))) == "7"
     inside: dict[str, str | bytes] = {
         "p/lab/joint_publisher.py": "from . import arm\nfrom lab.arm import X\nprint(arm.X, X)\n",
         "p/lab/arm.py": "X = 7\n",
         "p/lab/__init__.py": "",
     }
-    assert run(wrapper(staged(tmp_path / "b", inside, publisher="p/lab/joint_publisher.py"))) == "7 7"
+    assert (
+        run(wrapper(staged(tmp_path / "b", inside, publisher="p/lab/joint_publisher.py"))) == "7 7"
+    )
 
 
 def test_a_package_is_installed_with_its_entry_points(tmp_path: Path) -> None:
@@ -122,11 +135,15 @@ def test_a_package_is_installed_with_its_entry_points(tmp_path: Path) -> None:
     }
     workspace = staged(tmp_path, files, publisher="arm_lab/talk.py")
     assert run(workspace.folder / "install/lib/arm_lab/talk", "x") == "main ['x']"
-    assert (workspace.folder / "install/share/ament_index/resource_index/packages/arm_lab").is_file()
+    assert (
+        workspace.folder / "install/share/ament_index/resource_index/packages/arm_lab"
+    ).is_file()
     assert not (workspace.folder / "install/lib" / read_rubric(None).lab.package).exists()
 
 
-@pytest.mark.parametrize("inner", ["tools/__init__.py", "python/tools/__init__.py", "../other/tools/__init__.py"])
+@pytest.mark.parametrize(
+    "inner", ["tools/__init__.py", "python/tools/__init__.py", "../other/tools/__init__.py"]
+)
 def test_a_program_finds_the_modules_of_all_packages(tmp_path: Path, inner: str) -> None:
     """A script that CMake installs imports what its workspace's packages have, as where that is sourced."""
     files: dict[str, str | bytes] = {
@@ -143,7 +160,9 @@ def test_a_program_finds_the_modules_of_all_packages(tmp_path: Path, inner: str)
 
 def test_a_workspace_can_be_moved(tmp_path: Path) -> None:
     """Wrappers find their files by relative paths."""
-    workspace = staged(tmp_path, {"joint_publisher.py": SAYS.format("hello")}, publisher="joint_publisher.py")
+    workspace = staged(
+        tmp_path, {"joint_publisher.py": SAYS.format("hello")}, publisher="joint_publisher.py"
+    )
     relative = workspace.executables["publisher"]
     workspace.folder.rename(tmp_path / "moved")
     assert run(tmp_path / "moved" / relative) == "hello __main__ []"
@@ -155,7 +174,10 @@ def test_only_listed_files_are_copied_and_no_links(tmp_path: Path) -> None:
     files: dict[str, str | bytes] = {"joint_publisher.py": SAYS.format("hello"), "data.txt": "x"}
     record_folder = tmp_path / "a"
     workspace = staged(record_folder, files, publisher="joint_publisher.py")
-    assert sorted(p.name for p in (workspace.folder / "src").iterdir()) == ["data.txt", "joint_publisher.py"]
+    assert sorted(p.name for p in (workspace.folder / "src").iterdir()) == [
+        "data.txt",
+        "joint_publisher.py",
+    ]
     source = tmp_path / "b"
     source.mkdir()
     (source / "joint_publisher.py").symlink_to("/etc/hostname")
@@ -167,7 +189,11 @@ def test_only_listed_files_are_copied_and_no_links(tmp_path: Path) -> None:
 def test_names_of_executables_cannot_leave_the_prefix(tmp_path: Path) -> None:
     """A console script named after a path outside is not installed."""
     setup = SETUP.replace("'talk = arm_lab.talk:main'", "'../../../../x = arm_lab.talk:main'")
-    files: dict[str, str | bytes] = {"package.xml": MANIFEST, "setup.py": setup, "arm_lab/talk.py": ""}
+    files: dict[str, str | bytes] = {
+        "package.xml": MANIFEST,
+        "setup.py": setup,
+        "arm_lab/talk.py": "",
+    }
     workspace = staged(tmp_path, files)
     everything = [Path(root, name) for root, _, names in os.walk(tmp_path) for name in names]
     assert [path for path in everything if path.name == "x"] == []
@@ -178,9 +204,15 @@ def test_names_of_executables_cannot_leave_the_prefix(tmp_path: Path) -> None:
     ("name", "text"),
     [
         ("run", "def run():\n    print('run')\n"),
-        ("run", "class Node:\n    @classmethod\n    def go(cls):\n        print('run')\n\nrun = Node.go\n"),
+        (
+            "run",
+            "class Node:\n    @classmethod\n    def go(cls):\n        print('run')\n\nrun = Node.go\n",
+        ),
         ("run", "from arm_lab.base import run\n"),
-        ("run", "def made():\n    def spin():\n        print('run')\n    return spin\n\nrun = made()\n"),
+        (
+            "run",
+            "def made():\n    def spin():\n        print('run')\n    return spin\n\nrun = made()\n",
+        ),
         ("Node.go", "class Node:\n    @staticmethod\n    def go():\n        print('run')\n"),
     ],
 )
@@ -210,7 +242,10 @@ def test_nodes_in_one_file_are_distinguished_by_their_entry_points(tmp_path: Pat
         "arm_lab/nodes.py": text,
     }
     workspace = staged(tmp_path, files, publisher="arm_lab/nodes.py", subscriber="arm_lab/nodes.py")
-    assert [run(wrapper(workspace, name)) for name in ("publisher", "subscriber")] == ["send", "hear"]
+    assert [run(wrapper(workspace, name)) for name in ("publisher", "subscriber")] == [
+        "send",
+        "hear",
+    ]
 
 
 def test_bare_files_are_also_known_by_their_own_names(tmp_path: Path) -> None:
@@ -218,12 +253,19 @@ def test_bare_files_are_also_known_by_their_own_names(tmp_path: Path) -> None:
     files: dict[str, str | bytes] = {"Joint_Publisher.py": SAYS.format("hello")}
     workspace = staged(tmp_path, files, publisher="Joint_Publisher.py")
     package = workspace.folder / "install/lib" / read_rubric(None).lab.package
-    assert {p.name for p in package.iterdir()} == {"joint_publisher", "Joint_Publisher", "Joint_Publisher.py"}
+    assert {p.name for p in package.iterdir()} == {
+        "joint_publisher",
+        "Joint_Publisher",
+        "Joint_Publisher.py",
+    }
 
 
 def test_another_program_among_bare_files_is_an_executable_too(tmp_path: Path) -> None:
     """A launch file may start what the lab does not ask for by its name, such as one process that holds all nodes."""
-    files: dict[str, str | bytes] = {"joint_publisher.py": SAYS.format("one"), "arm.py": SAYS.format("all")}
+    files: dict[str, str | bytes] = {
+        "joint_publisher.py": SAYS.format("one"),
+        "arm.py": SAYS.format("all"),
+    }
     workspace = staged(tmp_path, files, publisher="joint_publisher.py")
     folder = workspace.folder / "install/lib" / read_rubric(None).lab.package
     said = [run(folder / name).split()[0] for name in ("joint_publisher", "arm", "arm.py")]

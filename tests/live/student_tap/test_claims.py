@@ -11,13 +11,26 @@ from grader.live.student_tap.claims import claims_in
 from grader.recording.session import Qos
 
 QOS = {"history": "keep_last", "depth": 3, "reliability": "reliable", "durability": "volatile"}
-NOTE: dict[str, Any] = {"kind": "publisher", "name": "/a", "node": "/n", "file": "/ws/src/it.py", "line": 7, "qos": QOS}
+NOTE: dict[str, Any] = {
+    "kind": "publisher",
+    "name": "/a",
+    "node": "/n",
+    "file": "/ws/src/it.py",
+    "line": 7,
+    "qos": QOS,
+}
 
 
 def test_a_note_is_read_with_its_place_in_the_submission() -> None:
     """Paths are told as the submission has them, and the profile comes along."""
     (claim,) = claims_in(f'{{"kind": "started"}}\n{json.dumps(NOTE)}\n', "it", "/ws/src/")
-    assert (claim.process, claim.kind, claim.name, claim.file, claim.line) == ("it", "publisher", "/a", "it.py", 7)
+    assert (claim.process, claim.kind, claim.name, claim.file, claim.line) == (
+        "it",
+        "publisher",
+        "/a",
+        "it.py",
+        7,
+    )
     assert claim.qos == Qos("reliable", "volatile", "keep_last", 3)
 
 

@@ -45,7 +45,12 @@ def _run(program: Path, *notes: int, **more: str) -> tuple[float, list[str]]:
     form = "{file_name} {line_number} {function_name}: {message}"
     environment = {**os.environ, "RCUTILS_CONSOLE_OUTPUT_FORMAT": form, **more}
     said = subprocess.run(
-        [sys.executable, str(program)], env=environment, capture_output=True, text=True, check=True, pass_fds=notes
+        [sys.executable, str(program)],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+        pass_fds=notes,
     )
     return float(said.stdout), said.stderr.splitlines()
 

@@ -76,11 +76,23 @@ def run_with_tap(folder: Path, code: str) -> list[str]:
     """Run a file with the tap, and return the lines that it printed."""
     script = folder / "node.py"
     script.write_text(code, encoding="utf-8")
-    notes, domain = os.open(folder / "notes", os.O_CREAT | os.O_WRONLY), str(100 + os.getpid() % 100)
-    environment = {"PYTHONPATH": str(INSIDE_FOLDER), "GRADER_TAP_FD": str(notes), "ROS_DOMAIN_ID": domain}
+    notes, domain = (
+        os.open(folder / "notes", os.O_CREAT | os.O_WRONLY),
+        str(100 + os.getpid() % 100),
+    )
+    environment = {
+        "PYTHONPATH": str(INSIDE_FOLDER),
+        "GRADER_TAP_FD": str(notes),
+        "ROS_DOMAIN_ID": domain,
+    }
     command = [sys.executable, str(script)]
     said = subprocess.run(
-        command, env={**os.environ, **environment}, capture_output=True, text=True, check=True, pass_fds=[notes]
+        command,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        check=True,
+        pass_fds=[notes],
     )
     os.close(notes)
     return said.stdout.splitlines()
@@ -94,5 +106,7 @@ def test_numpy_is_imported_for_messages_that_need_it(tmp_path: Path) -> None:
 def test_a_module_of_the_students_is_imported_as_ever(tmp_path: Path) -> None:
     """One that is called as NumPy is found by ROS 2's messages too, as soon as they are imported."""
     (tmp_path / "numpy.py").write_text("print('mine')\nndarray = None\n", encoding="utf-8")
-    code = "from sensor_msgs.msg import JointState\nprint('then')\nimport numpy\nprint(numpy.__file__)"
+    code = (
+        "from sensor_msgs.msg import JointState\nprint('then')\nimport numpy\nprint(numpy.__file__)"
+    )
     assert run_with_tap(tmp_path, code) == ["mine", "then", str(tmp_path / "numpy.py")]

@@ -35,7 +35,9 @@ def table(content: bytes) -> list[list[str]]:
     return rows
 
 
-def moodle_worksheet(content: bytes, users: Iterable[User], most: Decimal) -> dict[str, tuple[Decimal, str]]:
+def moodle_worksheet(
+    content: bytes, users: Iterable[User], most: Decimal
+) -> dict[str, tuple[Decimal, str]]:
     """Read a grading worksheet: user's number -> grade and comment.
 
     `assignfeedback_offline_grade_importer` and `process_import_grades` in `mod/assign/feedback/offline`: three columns
@@ -49,13 +51,18 @@ def moodle_worksheet(content: bytes, users: Iterable[User], most: Decimal) -> di
     known = {user.number for user in users}
     read = {}
     for row in rows:
-        number, grade = row[head.index("Identifier")][len("Participant ") :], row[head.index("Grade")]
+        number, grade = (
+            row[head.index("Identifier")][len("Participant ") :],
+            row[head.index("Grade")],
+        )
         if number in known and grade and 0 <= Decimal(grade) <= most:
             read[number] = Decimal(grade), row[feedback] if feedback else ""
     return read
 
 
-def moodle_grade_book(content: bytes, users: Iterable[User], heading: str, fact: str) -> dict[str, Decimal | None]:
+def moodle_grade_book(
+    content: bytes, users: Iterable[User], heading: str, fact: str
+) -> dict[str, Decimal | None]:
     """Read a table into the grade book, students by one column: user's number -> grade.
 
     `gradeimport_csv_load_data` in `grade/import/csv`: a student who is not found ends the import, an empty cell does
@@ -75,7 +82,9 @@ def moodle_grade_book(content: bytes, users: Iterable[User], heading: str, fact:
     return read
 
 
-def canvas(content: bytes, users: Sequence[User], assignments: Mapping[str, str]) -> dict[str, dict[str, str]]:
+def canvas(
+    content: bytes, users: Sequence[User], assignments: Mapping[str, str]
+) -> dict[str, dict[str, str]]:
     """Read a gradebook: assignment's number, or the title of a new one -> user's number -> score.
 
     `GradebookImporter` in `lib/gradebook_importer.rb`: `Student` first, then `ID`; either `SIS Login ID` or both SIS
@@ -99,7 +108,9 @@ def canvas(content: bytes, users: Sequence[User], assignments: Mapping[str, str]
         scores = read[number] = {}
         for row in rows[1:]:
             if "Points Possible" not in row[0]:
-                scores[_canvas_user(dict(zip(head, row, strict=True)), users)] = _with_point(row[at])
+                scores[_canvas_user(dict(zip(head, row, strict=True)), users)] = _with_point(
+                    row[at]
+                )
     return read
 
 
@@ -117,13 +128,19 @@ def _canvas_user(row: Mapping[str, str], users: Sequence[User]) -> str:
         ("SIS Login ID", "login"),
         ("Student", "name"),
     ):
-        found = [user for user in users if row[heading] and getattr(user, fact) == _with_point(row[heading])]
+        found = [
+            user
+            for user in users
+            if row[heading] and getattr(user, fact) == _with_point(row[heading])
+        ]
         if found:
             return found[0].number
     return f"new: {row['Student']}"
 
 
-def blackboard(content: bytes, users: Iterable[User], columns: Mapping[str, str]) -> dict[str, dict[str, str]]:
+def blackboard(
+    content: bytes, users: Iterable[User], columns: Mapping[str, str]
+) -> dict[str, dict[str, str]]:
     """Read a grade center's file: column's number, or the heading of a new one -> user's login -> what stands there.
 
     Blackboard Help, "Work offline with grade data", and `Upload Gradebook`: a header row, every cell of a file with
@@ -131,7 +148,10 @@ def blackboard(content: bytes, users: Iterable[User], columns: Mapping[str, str]
     the number behind `|` is an existing column's. Feedback has columns of its own, with its format.
     """
     head, *rows = table(content)
-    if any(not re.fullmatch(r'"([^"]|"")*"(,"([^"]|"")*")*', line) for line in content.decode().splitlines()):
+    if any(
+        not re.fullmatch(r'"([^"]|"")*"(,"([^"]|"")*")*', line)
+        for line in content.decode().splitlines()
+    ):
         raise Refused("a cell without quotes")
     if "Username" not in head or any(not row[head.index("Username")] for row in rows):
         raise Refused("no user name")
@@ -139,14 +159,20 @@ def blackboard(content: bytes, users: Iterable[User], columns: Mapping[str, str]
     read: dict[str, dict[str, str]] = {}
     for at, heading in enumerate(head):
         if heading != "Username":
-            number = heading.rpartition("|")[2] if heading.rpartition("|")[2] in columns else heading
+            number = (
+                heading.rpartition("|")[2] if heading.rpartition("|")[2] in columns else heading
+            )
             read[number] = {
-                row[head.index("Username")]: row[at] for row in rows if row[head.index("Username")] in known
+                row[head.index("Username")]: row[at]
+                for row in rows
+                if row[head.index("Username")] in known
             }
     return read
 
 
-def brightspace(content: bytes, users: Iterable[User], most: Decimal) -> dict[str, dict[str, Decimal]]:
+def brightspace(
+    content: bytes, users: Iterable[User], most: Decimal
+) -> dict[str, dict[str, Decimal]]:
     """Read grades: item -> user's number -> points.
 
     D2L, "Importing grades": OrgDefinedId or Username; an item's heading is its name and `Points Grade`; the last column
@@ -163,7 +189,11 @@ def brightspace(content: bytes, users: Iterable[User], most: Decimal) -> dict[st
             for row in rows:
                 cells = dict(zip(head, row, strict=True))
                 ids = (_unmarked(cells["OrgDefinedId"]), _unmarked(cells["Username"]))
-                known = [u for u in users if (ids[0] and u.student_id == ids[0]) or (ids[1] and u.login == ids[1])]
+                known = [
+                    u
+                    for u in users
+                    if (ids[0] and u.student_id == ids[0]) or (ids[1] and u.login == ids[1])
+                ]
                 points[known[0].number] = min(Decimal(row[at]), most)
     return read
 
@@ -187,7 +217,12 @@ def moodle_feedback(content: bytes, users: Iterable[User]) -> dict[str, dict[str
             continue
         while parts:
             info = parts.pop(0).split("_", 4)
-            if len(info) >= 4 and info[1].isdigit() and int(info[1]) in known and info[2] == "assignsubmission":
+            if (
+                len(info) >= 4
+                and info[1].isdigit()
+                and int(info[1]) in known
+                and info[2] == "assignsubmission"
+            ):
                 parts.insert(0, info[4] if len(info) > 4 else "")
                 read.setdefault(info[1], {})["/".join(filter(None, parts))] = file
                 break
@@ -206,10 +241,15 @@ def canvas_feedback(
     read = {}
     for path, file in _unpacked(content).items():
         name = PurePosixPath(path).name
-        name = next((name.removeprefix(f"{group}_") for group in groups if name.startswith(f"{group}_")), name)
+        name = next(
+            (name.removeprefix(f"{group}_") for group in groups if name.startswith(f"{group}_")),
+            name,
+        )
         parts = [part for part in name.split("_") if part != "LATE"]
         digits = [part for part in parts if re.fullmatch(r"\d+", part)][:2]
-        user, attachment = parts[1:3] if parts[0] == "anon" else (digits if len(digits) == 2 else ("", ""))
+        user, attachment = (
+            parts[1:3] if parts[0] == "anon" else (digits if len(digits) == 2 else ("", ""))
+        )
         if not parts[-1].startswith("link") and attachments.get(attachment, ("", ""))[0] == user:
             read[user] = attachments[attachment][1], file
     return read
@@ -218,4 +258,6 @@ def canvas_feedback(
 def _unpacked(content: bytes) -> dict[str, bytes]:
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         assert archive.testzip() is None
-        return {info.filename: archive.read(info) for info in archive.infolist() if not info.is_dir()}
+        return {
+            info.filename: archive.read(info) for info in archive.infolist() if not info.is_dir()
+        }

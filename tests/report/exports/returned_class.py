@@ -33,25 +33,35 @@ def laid_out(tmp_path: Path, names: Iterable[str]) -> Path:
     return tmp_path / "download"
 
 
-def taken_in(tmp_path: Path, rubric: Rubric, names: Iterable[str], class_list: str = "") -> list[SubmissionSource]:
+def taken_in(
+    tmp_path: Path, rubric: Rubric, names: Iterable[str], class_list: str = ""
+) -> list[SubmissionSource]:
     """Take a download in, with a class list if one is given."""
     listed = None
     if class_list:
         listed = tmp_path / "class.csv"
         listed.write_text(class_list, encoding="utf-8")
-    return list(find_submissions([laid_out(tmp_path, names)], rubric, class_list=listed).submissions)
+    return list(
+        find_submissions([laid_out(tmp_path, names)], rubric, class_list=listed).submissions
+    )
 
 
-def results_of(tmp_path: Path, sources: Iterable[SubmissionSource], reasons: Mapping[str, str] | None = None) -> Path:
+def results_of(
+    tmp_path: Path, sources: Iterable[SubmissionSource], reasons: Mapping[str, str] | None = None
+) -> Path:
     """Write results as a grading leaves them: the n-th submission has all of the first check, and n % of the other."""
     results = tmp_path / "results"
     for n, source in enumerate(sources, 1):
         folder = results / source.name
         (folder / RECORDINGS).mkdir(parents=True)
         plain = result_of(LAB, [1, n / 100], dict(reasons or {})) | {"submission": source.name}
-        (folder / RESULT_FILE).write_text(json_text(json.loads(json.dumps(plain))), encoding="utf-8")
+        (folder / RESULT_FILE).write_text(
+            json_text(json.loads(json.dumps(plain))), encoding="utf-8"
+        )
         (folder / REPORT_FILE).write_text(f"<p>Report of {source.name}", encoding="utf-8")
-        record = SubmissionRecord(source.name, student_id=source.student_id, identity=source.identity)
+        record = SubmissionRecord(
+            source.name, student_id=source.student_id, identity=source.identity
+        )
         write_submission(folder / RECORDINGS, record)
     return results
 

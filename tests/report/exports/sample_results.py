@@ -46,7 +46,10 @@ def check(name: str, outcome: str, earned: float, possible: float, **more: Any) 
         "measured": "90 Hz",
         "reason": "" if outcome == "passed" else f"Reason of {name}.",
         "hint": "" if outcome == "passed" else "Use a timer.",
-        "where": [{"file": f"{name}.py", "line": 3}, {"session": "one", "topic": "/a", "start_s": 1.0, "end_s": 2.0}],
+        "where": [
+            {"file": f"{name}.py", "line": 3},
+            {"session": "one", "topic": "/a", "start_s": 1.0, "end_s": 2.0},
+        ],
         "notes": [],
     }
     return plain | more
@@ -75,8 +78,18 @@ def result(*criteria: dict[str, Any], **more: Any) -> dict[str, Any]:
             "lab": "1",
             "rubric_sha256": "ab" * 32,
             "sessions": {
-                "one": {"started_ns": 1_700_000_000_000_000_000, "duration_s": 7.2941, "seed": 1, "isolation": "full"},
-                "two": {"started_ns": 1_700_000_001_000_000_000, "duration_s": 9.5, "seed": 1, "isolation": "full"},
+                "one": {
+                    "started_ns": 1_700_000_000_000_000_000,
+                    "duration_s": 7.2941,
+                    "seed": 1,
+                    "isolation": "full",
+                },
+                "two": {
+                    "started_ns": 1_700_000_001_000_000_000,
+                    "duration_s": 9.5,
+                    "seed": 1,
+                    "isolation": "full",
+                },
             },
         },
     }
@@ -96,7 +109,9 @@ def exported(name: str, plain: Mapping[str, Any], **options: Any) -> str:
 def every_outcome() -> dict[str, Any]:
     """Give a result in which every outcome occurs; it earned 7.5 of 20, and 5 are undecided."""
     return result(
-        criterion("a", check("a.passed", "passed", 4, 4), check("a.partial", "partial", 2.5, 5, hint="")),
+        criterion(
+            "a", check("a.passed", "passed", 4, 4), check("a.partial", "partial", 2.5, 5, hint="")
+        ),
         criterion(
             "b",
             check("b.failed", "failed", 0, 3, where=[]),
@@ -136,9 +151,22 @@ def adjusted_and_tampered() -> dict[str, Any]:
     plain = every_outcome()
     person = {"who": "prof@lab.example", "when": "2026-06-01"}
     plain["adjustments"] = [
-        {"kind": "excused", "what": "a.partial", "points": 2.5, "reason": "The handout was wrong.", **person},
+        {
+            "kind": "excused",
+            "what": "a.partial",
+            "points": 2.5,
+            "reason": "The handout was wrong.",
+            **person,
+        },
         {"kind": "points", "what": "b.open", "points": 2, "reason": "Seen in the lab.", **person},
-        {"kind": "late", "what": "score", "points": -1, "reason": "A day late.", "who": "", "when": ""},
+        {
+            "kind": "late",
+            "what": "score",
+            "points": -1,
+            "reason": "A day late.",
+            "who": "",
+            "when": "",
+        },
     ]
     plain["violations"] = [
         {

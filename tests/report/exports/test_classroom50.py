@@ -38,7 +38,10 @@ def valid(plain: dict[str, Any]) -> dict[str, Any]:
     assert data["schema"] == "classroom50/result/v1"
     assert (data["classroom"], data["assignment"]) == ("robotics", "lab")
     assert data["submission"].startswith("submit/")
-    assert all(isinstance(data[key], str) and data[key] for key in ("commit", "release", "review", "datetime"))
+    assert all(
+        isinstance(data[key], str) and data[key]
+        for key in ("commit", "release", "review", "datetime")
+    )
     assert is_score(data["score"])
     assert is_score(data["max-score"])
     assert data["score"] <= data["max-score"]
@@ -73,7 +76,9 @@ def test_scores_are_whole_and_what_is_undecided_is_not_earned() -> None:
 
 def test_the_review_is_the_commit_where_there_is_none() -> None:
     """The runner requires one."""
-    data = json.loads(exported("classroom50", every_outcome(), environment={**VARIABLES, "REVIEW_URL": "r"}))
+    data = json.loads(
+        exported("classroom50", every_outcome(), environment={**VARIABLES, "REVIEW_URL": "r"})
+    )
     assert (data["review"], valid(every_outcome())["review"]) == ("r", VARIABLES["COMMIT_URL"])
 
 
@@ -84,7 +89,9 @@ def test_a_full_score_is_full() -> None:
     assert all(test["passed"] and test["score"] == test["max-score"] for test in data["tests"])
 
 
-@pytest.mark.parametrize(("points", "score"), [(3.5, 11), (-2.0, 6), (-50.0, 0), (900.0, 15), (0.0, 8)])
+@pytest.mark.parametrize(
+    ("points", "score"), [(3.5, 11), (-2.0, 6), (-50.0, 0), (900.0, 15), (0.0, 8)]
+)
 def test_adjustments_are_spread_over_the_tests(points: float, score: int) -> None:
     """The total is the final score, from nothing to the maximum, and the tests add up to it."""
     plain = every_outcome()
@@ -131,8 +138,18 @@ def test_any_points_make_a_valid_file(parts: list[tuple[Decimal, Decimal, bool]]
 def test_hostile_texts_stay_in_their_cells(plain: dict[str, Any]) -> None:
     """The runner prints names into a table of Markdown; none leaves its cell or does anything."""
     data = valid(plain)
-    rows = "".join(f"| {test['test-name'].replace('|', chr(92) + '|')} | PASS |\n" for test in data["tests"])
+    rows = "".join(
+        f"| {test['test-name'].replace('|', chr(92) + '|')} | PASS |\n" for test in data["tests"]
+    )
     page = Page(f"| Test | Result |\n|---|---|\n{rows}")
     assert [tag for tag, _ in page.elements].count("td") == 2 * len(data["tests"])
-    assert {tag for tag, _ in page.elements} <= {"table", "thead", "tbody", "tr", "th", "td", "code"}
+    assert {tag for tag, _ in page.elements} <= {
+        "table",
+        "thead",
+        "tbody",
+        "tr",
+        "th",
+        "td",
+        "code",
+    }
     assert MADE_ACTIVE.search(page.prose) is None

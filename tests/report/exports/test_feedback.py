@@ -31,15 +31,26 @@ def archive_of(given: ReturnedClass) -> Returned:
     return returned
 
 
-@pytest.mark.parametrize("folder", ["_assignsubmission_file/", "_assignsubmission_file_/", "_assignsubmission_file_"])
-def test_moodle_gives_each_report_to_its_student(folder: str, tmp_path: Path, rubric: Rubric) -> None:
+@pytest.mark.parametrize(
+    "folder", ["_assignsubmission_file/", "_assignsubmission_file_/", "_assignsubmission_file_"]
+)
+def test_moodle_gives_each_report_to_its_student(
+    folder: str, tmp_path: Path, rubric: Rubric
+) -> None:
     """In folders, as Moodle 4.1 and older ones name them, and in files; also of namesakes and groups."""
     names = ["Änne Müller_11", "Änne Müller_12", "Group 3-Bob O'Brien_13"]
-    online = "Änne Müller_11_assignsubmission_onlinetext_" + ("/" if folder.endswith("/") else "") + "onlinetext.html"
-    given = given_back(
-        tmp_path, taken_in(tmp_path, rubric, [*(f"{n}{folder}joint_publisher.py" for n in names), online])
+    online = (
+        "Änne Müller_11_assignsubmission_onlinetext_"
+        + ("/" if folder.endswith("/") else "")
+        + "onlinetext.html"
     )
-    read = moodle_feedback(archive_of(given).content, [User(n, "") for n in ("11", "12", "13", "14")])
+    given = given_back(
+        tmp_path,
+        taken_in(tmp_path, rubric, [*(f"{n}{folder}joint_publisher.py" for n in names), online]),
+    )
+    read = moodle_feedback(
+        archive_of(given).content, [User(n, "") for n in ("11", "12", "13", "14")]
+    )
     assert read == {
         "11": {"report.html": b"<p>Report of \xc3\x84nne_M\xc3\xbcller_11"},
         "12": {"report.html": b"<p>Report of \xc3\x84nne_M\xc3\xbcller_12"},
@@ -74,29 +85,42 @@ def test_canvas_shows_a_file_of_the_kind_that_was_handed_in(tmp_path: Path, rubr
         "69": "joint_publisher.py",
         "Xy3z": "lab.zip",
     }
-    for user, name in (("67", "mulleranne_67"), ("68", "bobvan_der_berg_68"), ("Xy3z", "anon_Xy3z")):
+    for user, name in (
+        ("67", "mulleranne_67"),
+        ("68", "bobvan_der_berg_68"),
+        ("Xy3z", "anon_Xy3z"),
+    ):
         with zipfile.ZipFile(io.BytesIO(read[user][1])) as inner:
             assert inner.read("report.html") == f"<p>Report of {name}".encode()
     assert b"of 100 points" in read["69"][1]
-    assert sorted(name for names in returned.left_out.values() for name in names) == ["dan_70", "eve_71"]
+    assert sorted(name for names in returned.left_out.values() for name in names) == [
+        "dan_70",
+        "eve_71",
+    ]
 
 
 def test_who_came_another_way_is_named(tmp_path: Path, rubric: Rubric) -> None:
     """Blackboard takes nothing back in an archive, nor do folders; mails can go to those."""
-    sources = taken_in(tmp_path, rubric, ["Lab 9_ann1_attempt_2026-03-01-12-00-00_joint_publisher.py"])
+    sources = taken_in(
+        tmp_path, rubric, ["Lab 9_ann1_attempt_2026-03-01-12-00-00_joint_publisher.py"]
+    )
     returned = archive_of(given_back(tmp_path, sources))
     assert returned.count == 0
     (why,) = returned.left_out
     assert why.startswith("Blackboard takes no files back in an archive")
     given = given_back(tmp_path / "b", sources)
     (given.folder / "ann1/report.html").unlink()
-    assert [*archive_of(ReturnedClass(given.entries, given.folder)).left_out] == ["there is no report"]
+    assert [*archive_of(ReturnedClass(given.entries, given.folder)).left_out] == [
+        "there is no report"
+    ]
 
 
 @pytest.mark.parametrize(
     "path", ["../x/", "/etc/", "a/../../b.zip", "a\\b.zip", "a\nb.zip", "./", "a//b.zip", "\udcff/"]
 )
-def test_nothing_is_written_outside_of_where_it_is_unpacked(path: str, tmp_path: Path, rubric: Rubric) -> None:
+def test_nothing_is_written_outside_of_where_it_is_unpacked(
+    path: str, tmp_path: Path, rubric: Rubric
+) -> None:
     """A path in recordings from elsewhere may be anything; what leads out of the archive is not written."""
     given = given_back(tmp_path, taken_in(tmp_path, rubric, ["ann_67_1_lab.zip"]))
     (entry,) = given.entries

@@ -6,7 +6,14 @@ import re
 
 from hypothesis import HealthCheck, given, settings
 
-from tests.report.exports.sample_results import check, criterion, every_outcome, exported, hostile_results, result
+from tests.report.exports.sample_results import (
+    check,
+    criterion,
+    every_outcome,
+    exported,
+    hostile_results,
+    result,
+)
 from tests.report.runner_commands import Command, bracket_command, colon_command
 
 
@@ -30,7 +37,11 @@ def test_outcomes_are_kinds_on_lines_of_files() -> None:
     assert commands[0].properties["title"] == "Title of b.failed (failed, −3 points)"
     assert commands[3].properties["title"] == "Title of b.open (undecided, costs nothing)"
     assert "Undecided, 3 points are not earned before somebody has decided." in commands[3].data
-    assert commands[1].data.splitlines()[:3] == ["Reason of a.partial.", "Expected: 100 Hz", "Measured: 90 Hz"]
+    assert commands[1].data.splitlines()[:3] == [
+        "Reason of a.partial.",
+        "Expected: 100 Hz",
+        "Measured: 90 Hz",
+    ]
 
 
 def test_ten_of_a_kind_the_costliest_first() -> None:
@@ -40,7 +51,9 @@ def test_ten_of_a_kind_the_costliest_first() -> None:
     lines = exported("github-annotations", result(criterion("a", *checks))).splitlines()
     errors = [line for line in lines if line.startswith("::error ")]
     assert len(errors) == 10
-    assert [re.findall(r"−(\d+) points", line)[0] for line in errors] == [str(n) for n in range(13, 3, -1)]
+    assert [re.findall(r"−(\d+) points", line)[0] for line in errors] == [
+        str(n) for n in range(13, 3, -1)
+    ]
     assert len([line for line in lines if line.startswith("::warning ")]) == 10
     rest = [line for line in lines if not line.startswith("::")]
     assert rest == [
@@ -64,4 +77,6 @@ def test_hostile_texts_issue_no_command(plain: dict[str, object]) -> None:
         assert len(command.properties["title"]) <= 255
         assert len(command.data.encode()) < 64 * 1024
         assert bracket_command(command.data) is None
-    assert all(bracket_command(line) is None for line in text.splitlines() if colon_command(line) is None)
+    assert all(
+        bracket_command(line) is None for line in text.splitlines() if colon_command(line) is None
+    )

@@ -26,15 +26,27 @@ def test_each_lost_point_has_its_reason_and_proof() -> None:
     page = Page(exported("github-summary", every_outcome()))
     assert "Lab 1: One: 7.5 of 20 points" in page.text
     parts = page.text.split("What cost points")[1]
-    assert re.findall(r"[✕◐] Title of (\S+): −(\S+) points", parts) == [("b.failed", "3"), ("a.partial", "2.5")]
-    for said in ("Reason of a.partial.", "Expected: 100 Hz", "Measured: 90 Hz", "Where: a.partial.py:3", "Hint: Use"):
+    assert re.findall(r"[✕◐] Title of (\S+): −(\S+) points", parts) == [
+        ("b.failed", "3"),
+        ("a.partial", "2.5"),
+    ]
+    for said in (
+        "Reason of a.partial.",
+        "Expected: 100 Hz",
+        "Measured: 90 Hz",
+        "Where: a.partial.py:3",
+        "Hint: Use",
+    ):
         assert said in parts
 
 
 def test_what_was_not_reached_comes_after_its_cause() -> None:
     """It costs points too, but is not the mistake itself."""
     text = Page(exported("github-summary", every_outcome())).text
-    assert "b.missed (−2 points): Reason of b.missed." in text.split("Not tested, because of the above")[1]
+    assert (
+        "b.missed (−2 points): Reason of b.missed."
+        in text.split("Not tested, because of the above")[1]
+    )
 
 
 def test_undecided_points_are_said_on_top_and_not_counted_as_lost() -> None:
@@ -49,7 +61,10 @@ def test_adjustments_and_violations_are_reported() -> None:
     """What people decided is listed with its reason, and what was tampered with with its evidence."""
     text = Page(exported("github-summary", adjusted_and_tampered())).text
     assert "11 of 20 points" in text
-    assert "+2.5 Title of a.partial: excused: The handout was wrong. (prof@lab.example, 2026-06-01)" in text
+    assert (
+        "+2.5 Title of a.partial: excused: The handout was wrong. (prof@lab.example, 2026-06-01)"
+        in text
+    )
     assert "−1 Late: A day late." in text
     assert "There was a second server. What caused it is not certain. node /x" in text
 
@@ -66,10 +81,14 @@ def test_unconfined_code_is_said() -> None:
 @given(hostile_results())
 def test_hostile_texts_are_only_text(plain: dict[str, object]) -> None:
     """The page has the summary's own elements, each as often as with harmless texts, and nothing active."""
-    page, harmless = (Page(exported("github-summary", each)) for each in (plain, adjusted_and_tampered()))
+    page, harmless = (
+        Page(exported("github-summary", each)) for each in (plain, adjusted_and_tampered())
+    )
     assert {tag for tag, _ in page.elements} <= _OWN
     for tag in ("h1", "table", "tr", "td", "th", "details", "summary", "blockquote"):
-        assert [t for t, _ in page.elements].count(tag) == [t for t, _ in harmless.elements].count(tag)
+        assert [t for t, _ in page.elements].count(tag) == [t for t, _ in harmless.elements].count(
+            tag
+        )
     assert {name for _, attributes in page.elements for name, _ in attributes} <= {"align"}
     assert MADE_ACTIVE.search(page.prose) is None
 

@@ -34,7 +34,11 @@ _SCHEMA = {
                 "required": ["path", "lines"],
                 "properties": {
                     # Relative to the repository, without `./` before it.
-                    "path": {"type": "string", "pattern": r"^(?!\.?/)(?!.*(^|/)\.\.(/|$))", "minLength": 1},
+                    "path": {
+                        "type": "string",
+                        "pattern": r"^(?!\.?/)(?!.*(^|/)\.\.(/|$))",
+                        "minLength": 1,
+                    },
                     "lines": {
                         "type": "object",
                         "required": ["begin"],
@@ -49,7 +53,9 @@ _SCHEMA = {
 
 def findings_of(plain: dict[str, Any], path_prefix: str = "") -> list[dict[str, Any]]:
     """Export, and return the findings if they are valid."""
-    findings: list[dict[str, Any]] = json.loads(exported("gitlab-codequality", plain, path_prefix=path_prefix))
+    findings: list[dict[str, Any]] = json.loads(
+        exported("gitlab-codequality", plain, path_prefix=path_prefix)
+    )
     jsonschema.validate(findings, _SCHEMA)
     prints = [finding["fingerprint"] for finding in findings]
     assert len(set(prints)) == len(prints)
@@ -65,7 +71,10 @@ def test_lost_points_are_findings_on_files() -> None:
         ("b.failed", "major", {"path": "ann/b.py", "lines": {"begin": 1}}),
         ("a.partial", "minor", {"path": "ann/a.partial.py", "lines": {"begin": 3}}),
     ]
-    assert findings[0]["description"] == "Title of b.failed (−3 points): Reason of b.failed. Use a timer."
+    assert (
+        findings[0]["description"]
+        == "Title of b.failed (−3 points): Reason of b.failed. Use a timer."
+    )
 
 
 def test_a_finding_is_known_again_after_the_line_has_moved() -> None:
@@ -77,7 +86,10 @@ def test_a_finding_is_known_again_after_the_line_has_moved() -> None:
 
     first = fingerprint()
     moved = [{"file": "a.rate.py", "line": 40}]
-    assert fingerprint(where=moved, measured="91 Hz", reason="Other.", earned=2, outcome="failed") == first
+    assert (
+        fingerprint(where=moved, measured="91 Hz", reason="Other.", earned=2, outcome="failed")
+        == first
+    )
     assert fingerprint(where=[{"file": "other.py", "line": 3}]) != first
     assert fingerprint(id="a.other") != first
 

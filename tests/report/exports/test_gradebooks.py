@@ -42,7 +42,11 @@ DOWNLOADS = {
         "Bob O'Brien_12_assignsubmission_file/lab.zip",
         "Cem Çelik_13_assignsubmission_file/lab.zip",
     ],
-    "Canvas": ["mulleranne_11_890_lab.zip", "obrienbob_LATE_12_891_lab.zip", "celikcem_13_892_joint_publisher.py"],
+    "Canvas": [
+        "mulleranne_11_890_lab.zip",
+        "obrienbob_LATE_12_891_lab.zip",
+        "celikcem_13_892_joint_publisher.py",
+    ],
     "Blackboard": [
         "Lab 9_am12_attempt_2026-03-01-12-00-00_joint_publisher.py",
         "Lab 9_bo,13_attempt_2026-03-01-12-00-00_joint_publisher.py",
@@ -55,7 +59,11 @@ DOWNLOADS = {
     ],
 }
 #: In the order of their names, in which results are made: whose each is.
-ORDER = {"Canvas": ("13", "11", "12"), "Blackboard": ("13", "11", "12"), "Moodle": ("12", "13", "11")}
+ORDER = {
+    "Canvas": ("13", "11", "12"),
+    "Blackboard": ("13", "11", "12"),
+    "Moodle": ("12", "13", "11"),
+}
 ORDER["Brightspace"] = ORDER["Moodle"]
 
 
@@ -65,7 +73,9 @@ def rubric() -> Rubric:
     return rubrics.read_rubric(None)
 
 
-def graded(system: str, tmp_path: Path, rubric: Rubric, class_list: str = "", column: str = "") -> ReturnedClass:
+def graded(
+    system: str, tmp_path: Path, rubric: Rubric, class_list: str = "", column: str = ""
+) -> ReturnedClass:
     """Give a class that was graded from a system's download; each has the points above."""
     sources = taken_in(tmp_path, rubric, DOWNLOADS[system], class_list)
     order = sorted(range(3), key=lambda n: ORDER[system][n])
@@ -99,7 +109,9 @@ def test_moodles_grade_book_finds_all_of_any_download(
     assert importers.moodle_grade_book(returned.content, USERS, heading, FACTS[heading]) == POINTS
 
 
-def test_a_number_of_another_system_is_no_participant_of_moodle(tmp_path: Path, rubric: Rubric) -> None:
+def test_a_number_of_another_system_is_no_participant_of_moodle(
+    tmp_path: Path, rubric: Rubric
+) -> None:
     """Canvas' number 11 may be anybody's in Moodle, so nobody gets a grade by it."""
     returned = CLASS_EXPORTS["moodle"].render(graded("Canvas", tmp_path, rubric))
     assert returned.count == 0
@@ -108,14 +120,21 @@ def test_a_number_of_another_system_is_no_participant_of_moodle(tmp_path: Path, 
 
 def canvas_export(users: Iterable[User] = USERS) -> str:
     """Give what Canvas' gradebook exports, with its line of possible points and one who has not handed in."""
-    lines = ["Student,ID,SIS User ID,SIS Login ID,Section,Lab 9 (4711)", "    Points Possible,,,,,100"]
+    lines = [
+        "Student,ID,SIS User ID,SIS Login ID,Section,Lab 9 (4711)",
+        "    Points Possible,,,,,100",
+    ]
     lines += [f'"{u.name}",{u.number},{u.student_id},"{u.login}",A1,' for u in users]
     return "\n".join([*lines, '"Student, Test",99,,,A1,'])
 
 
 @pytest.mark.parametrize("class_list", ["", canvas_export()])
-@pytest.mark.parametrize(("column", "number"), [("Lab 9 (4711)", "4711"), ("Lab 9", "4711"), ("", "Lab 1: Nodes")])
-def test_canvas_gradebook(class_list: str, column: str, number: str, tmp_path: Path, rubric: Rubric) -> None:
+@pytest.mark.parametrize(
+    ("column", "number"), [("Lab 9 (4711)", "4711"), ("Lab 9", "4711"), ("", "Lab 1: Nodes")]
+)
+def test_canvas_gradebook(
+    class_list: str, column: str, number: str, tmp_path: Path, rubric: Rubric
+) -> None:
     """An existing column is filled by its heading, else a new one is made; the download alone says who is who."""
     given = graded("Canvas", tmp_path, rubric, class_list, column)
     returned = CLASS_EXPORTS["canvas"].render(given)
@@ -123,17 +142,23 @@ def test_canvas_gradebook(class_list: str, column: str, number: str, tmp_path: P
     assert scores == {number: {user: str(points) for user, points in POINTS.items()}}
 
 
-def test_canvas_finds_students_of_other_downloads_by_the_universitys_ids(tmp_path: Path, rubric: Rubric) -> None:
+def test_canvas_finds_students_of_other_downloads_by_the_universitys_ids(
+    tmp_path: Path, rubric: Rubric
+) -> None:
     """Without a number of Canvas the SIS ids tell, with their zeros."""
     returned = CLASS_EXPORTS["canvas"].render(graded("Brightspace", tmp_path, rubric, CLASS_LIST))
     (scores,) = importers.canvas(returned.content, USERS, {}).values()
     assert scores == {user: str(points) for user, points in POINTS.items()}
 
 
-def test_blackboards_grade_center_needs_nothing_but_the_download(tmp_path: Path, rubric: Rubric) -> None:
+def test_blackboards_grade_center_needs_nothing_but_the_download(
+    tmp_path: Path, rubric: Rubric
+) -> None:
     """User names stand in its names of files; the column's number says which column it is."""
     column = "Lab 9 [Total Pts: 100 Score] |409581"
-    returned = CLASS_EXPORTS["blackboard"].render(graded("Blackboard", tmp_path, rubric, "", column))
+    returned = CLASS_EXPORTS["blackboard"].render(
+        graded("Blackboard", tmp_path, rubric, "", column)
+    )
     read = importers.blackboard(returned.content, USERS, {"409581": "Lab 9"})
     assert read["409581"] == {"am12": "60.4", "bo,13": "60.8", "007": "61.2"}
     assert read["Feedback to Learner"]["007"].startswith("61.2 of 100 points.")
@@ -142,7 +167,9 @@ def test_blackboards_grade_center_needs_nothing_but_the_download(tmp_path: Path,
 
 def test_brightspace_gets_ids_from_a_class_list(tmp_path: Path, rubric: Rubric) -> None:
     """Its download has only numbers that its grade book does not know, so without a list nobody is exported."""
-    returned = CLASS_EXPORTS["brightspace"].render(graded("Brightspace", tmp_path, rubric, CLASS_LIST))
+    returned = CLASS_EXPORTS["brightspace"].render(
+        graded("Brightspace", tmp_path, rubric, CLASS_LIST)
+    )
     assert importers.brightspace(returned.content, USERS, Decimal(100)) == {"Lab 1: Nodes": POINTS}
     bare = CLASS_EXPORTS["brightspace"].render(graded("Brightspace", tmp_path / "bare", rubric))
     assert (bare.count, [*bare.left_out]) == (0, ["none of these is known: OrgDefinedId, Username"])
@@ -184,19 +211,28 @@ def test_what_a_grade_book_exports_is_a_class_list(
     listed = tmp_path / "list/class.csv"
     listed.write_text(exported, encoding=encoding)
     given = graded(system, tmp_path, rubric)
-    entries = [entry for entry in with_roster(given.entries, read_class_list(listed)) if entry.result]
+    entries = [
+        entry for entry in with_roster(given.entries, read_class_list(listed)) if entry.result
+    ]
     returned = CLASS_EXPORTS["brightspace"].render(ReturnedClass(entries, given.folder))
     assert importers.brightspace(returned.content, USERS, Decimal(100)) == {"Lab 1: Nodes": POINTS}
 
 
-def test_numbers_of_two_systems_are_not_taken_for_each_other(tmp_path: Path, rubric: Rubric) -> None:
+def test_numbers_of_two_systems_are_not_taken_for_each_other(
+    tmp_path: Path, rubric: Rubric
+) -> None:
     """Canvas' user 12 is somebody else than Moodle's participant 12; names tell, and each gets its own numbers."""
-    others = [User(number, user.name, user.student_id, user.login) for number, user in zip("213", USERS, strict=True)]
+    others = [
+        User(number, user.name, user.student_id, user.login)
+        for number, user in zip("213", USERS, strict=True)
+    ]
     others = [User(f"1{user.number}", user.name, user.student_id, user.login) for user in others]
     given = graded("Moodle", tmp_path, rubric, canvas_export(others))
     (scores,) = importers.canvas(CLASS_EXPORTS["canvas"].render(given).content, others, {}).values()
     assert scores == {"12": "60.4", "11": "60.8", "13": "61.2"}
-    participants = importers.moodle_worksheet(CLASS_EXPORTS["moodle"].render(given).content, USERS, Decimal(100))
+    participants = importers.moodle_worksheet(
+        CLASS_EXPORTS["moodle"].render(given).content, USERS, Decimal(100)
+    )
     assert {number: grade for number, (grade, _) in participants.items()} == POINTS
 
 
@@ -214,7 +250,9 @@ Eve,0005,Green
 Fay,0006,Green
 Gus,0007,Green
 """
-    names = [f"submissions/{name}/joint_publisher.py" for name in ("ann", "Blue_Whales", "eve", "fay")]
+    names = [
+        f"submissions/{name}/joint_publisher.py" for name in ("ann", "Blue_Whales", "eve", "fay")
+    ]
     sources = taken_in(tmp_path, rubric, names, listed)
     assert [source.name for source in sources] == ["ann", "Blue_Whales", "eve", "fay"]
     returned = CLASS_EXPORTS["brightspace"].render(given_back(tmp_path, sources))
@@ -227,7 +265,9 @@ Gus,0007,Green
     }
 
 
-def test_a_team_is_not_given_the_number_of_one_of_its_members(tmp_path: Path, rubric: Rubric) -> None:
+def test_a_team_is_not_given_the_number_of_one_of_its_members(
+    tmp_path: Path, rubric: Rubric
+) -> None:
     """Canvas names a group's file after the group and one of it, whom nothing tells; each is found by their own ids."""
     listed = "name,student_id,team\nMüller Änne,0012,Red\nO'Brien Bob,0013,Red\nÇelik Cem,00000000000000000014,Blue\n"
     sources = taken_in(tmp_path, rubric, ["red_12_890_lab.zip", "blue_13_891_lab.zip"], listed)
@@ -236,10 +276,14 @@ def test_a_team_is_not_given_the_number_of_one_of_its_members(tmp_path: Path, ru
     assert scores == {"11": "60.4", "12": "60.4", "13": "60.8"}
 
 
-def test_a_list_that_is_given_later_says_who_is_of_a_team_now(tmp_path: Path, rubric: Rubric) -> None:
+def test_a_list_that_is_given_later_says_who_is_of_a_team_now(
+    tmp_path: Path, rubric: Rubric
+) -> None:
     """Who has left it since has no share any more."""
     names = ["submissions/ann/joint_publisher.py", "submissions/zoe/joint_publisher.py"]
-    sources = taken_in(tmp_path, rubric, names, "name,student_id,team\nann,1,Red\nbob,2,Red\ncem,3,Red\n")
+    sources = taken_in(
+        tmp_path, rubric, names, "name,student_id,team\nann,1,Red\nbob,2,Red\ncem,3,Red\n"
+    )
     given = given_back(tmp_path, sources)
     (tmp_path / "now.csv").write_text("name,student_id,team\nann,1,Red\nbob,2,Red\ncem,3,\n")
     first = with_roster(given.entries, read_class_list(tmp_path / "now.csv"))[0]
@@ -247,7 +291,9 @@ def test_a_list_that_is_given_later_says_who_is_of_a_team_now(tmp_path: Path, ru
     assert [person.name for person in first.people] == ["ann", "bob"]
 
 
-def test_all_who_handed_in_together_on_gradescope_have_a_line(tmp_path: Path, rubric: Rubric) -> None:
+def test_all_who_handed_in_together_on_gradescope_have_a_line(
+    tmp_path: Path, rubric: Rubric
+) -> None:
     """Its file says who they are, with the ids that the university gave them."""
     folder = tmp_path / "download"
     for n in (1, 2):
@@ -275,13 +321,21 @@ def one(person: Person, name: str = "ann") -> ClassEntry:
 TEXT = st.text(st.sampled_from("=+-@＝\t\r\n\"' ,;|#0a(9)[]<&\u202e\ufeffü"), max_size=12)
 
 
-@given(st.lists(TEXT, min_size=7, max_size=7), st.sampled_from(["moodle", "canvas", "blackboard", "brightspace"]))
+@given(
+    st.lists(TEXT, min_size=7, max_size=7),
+    st.sampled_from(["moodle", "canvas", "blackboard", "brightspace"]),
+)
 def test_no_cell_is_a_formula_and_no_id_another(texts: list[str], form: str) -> None:
     """Whatever a name or id is, the file can be read; by an id that is written, nobody else is found."""
     who = Person(*texts)
     returned = CLASS_EXPORTS[form].render(ReturnedClass([one(who)], Path()))
     rows = list(csv.reader(io.StringIO(returned.content.decode(), newline="")))
-    assert not [cell for row in rows for cell in row if cell.startswith(("=", "+", "-", "@", "＝", "\t", "\r"))]
+    assert not [
+        cell
+        for row in rows
+        for cell in row
+        if cell.startswith(("=", "+", "-", "@", "＝", "\t", "\r"))
+    ]
     mark = "#" if form == "brightspace" else ""
     exact = {
         "Identifier": f"Participant {who.moodle}",
@@ -294,7 +348,11 @@ def test_no_cell_is_a_formula_and_no_id_another(texts: list[str], form: str) -> 
         "Email address": who.email,
     }
     for row in rows[1:] if form != "canvas" else rows[2:]:
-        keys = {heading: cell for heading, cell in zip(rows[0], row, strict=True) if heading in exact and cell}
+        keys = {
+            heading: cell
+            for heading, cell in zip(rows[0], row, strict=True)
+            if heading in exact and cell
+        }
         assert keys
         assert keys == {heading: exact[heading] for heading in keys}
     assert returned.count + sum(map(len, returned.left_out.values())) == 1
@@ -303,28 +361,38 @@ def test_no_cell_is_a_formula_and_no_id_another(texts: list[str], form: str) -> 
 @pytest.mark.parametrize("login", ["=cmd|' /C calc'!A0", "+49", "@sum", "-1", "a\nb"])
 def test_an_id_that_cannot_be_written_as_it_is_is_not_written(login: str) -> None:
     """Changed it would be another's, and as it is a spreadsheet would run it; the student is named."""
-    bare = CLASS_EXPORTS["blackboard"].render(ReturnedClass([one(Person("Ann", login=login))], Path()))
+    bare = CLASS_EXPORTS["blackboard"].render(
+        ReturnedClass([one(Person("Ann", login=login))], Path())
+    )
     assert (bare.count, [*bare.left_out.values()]) == (0, [["ann"]])
-    other = CLASS_EXPORTS["moodle"].render(ReturnedClass([one(Person("Ann", "0012", login))], Path()))
+    other = CLASS_EXPORTS["moodle"].render(
+        ReturnedClass([one(Person("Ann", "0012", login))], Path())
+    )
     assert other.count == 1
     assert login.encode() not in other.content
 
 
 def test_two_submissions_of_one_student_are_both_left_out() -> None:
     """The grade book would keep whichever comes last."""
-    entries = [one(Person("Ann", "0012"), "a"), one(Person("Ann", "0012", "ann"), "b"), one(Person("Cem", "0014"), "c")]
+    entries = [
+        one(Person("Ann", "0012"), "a"),
+        one(Person("Ann", "0012", "ann"), "b"),
+        one(Person("Cem", "0014"), "c"),
+    ]
     returned = CLASS_EXPORTS["moodle"].render(ReturnedClass(entries, Path()))
     assert returned.left_out == {"the same student stands behind several submissions": ["a", "b"]}
-    assert importers.moodle_grade_book(returned.content, [User("14", "", "0014")], "ID number", "student_id") == {
-        "14": Decimal(60)
-    }
+    assert importers.moodle_grade_book(
+        returned.content, [User("14", "", "0014")], "ID number", "student_id"
+    ) == {"14": Decimal(60)}
 
 
 def test_the_comment_says_what_is_open_and_reads_as_no_markup() -> None:
     """What is undecided is said, adjustments are, and the signs that some systems read as markup are others."""
     plain = result_of(LAB, [None, 0.5])
     plain["criteria"][1]["checks"][0]["title"] = "<b>|error| & 3 ms"
-    plain["adjustments"] = [{"kind": "late", "what": "x", "points": -5, "reason": "", "who": "", "when": ""}]
+    plain["adjustments"] = [
+        {"kind": "late", "what": "x", "points": -5, "reason": "", "who": "", "when": ""}
+    ]
     result = entry_of("ann", plain).result
     assert result is not None
     assert "       0 of 60     Pub (60 undecided)\n      20 of 40     Doc\n" in plain_report(result)

@@ -106,7 +106,11 @@ def test_what_is_no_result_is_refused(broken: dict[str, Any]) -> None:
         ("my  Größe.py", 3, "", Location("my  Größe.py", 3)),
     ],
 )
-def test_a_file_is_in_the_repository_or_not_named(file: str, line: int, prefix: str, expected: Location | None) -> None:
+def test_a_file_is_in_the_repository_or_not_named(
+    file: str, line: int, prefix: str, expected: Location | None
+) -> None:
     """Paths are those of the repository, never lead out of it, and can be shown as they are."""
-    plain = result(criterion("a", check("a.f", "failed", 0, 3, where=[{"file": file, "line": line}])))
+    plain = result(
+        criterion("a", check("a.f", "failed", 0, 3, where=[{"file": file, "line": line}]))
+    )
     assert graded_of(read(plain), prefix).checks[0].location == expected

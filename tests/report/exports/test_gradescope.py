@@ -104,7 +104,10 @@ def test_adjustments_are_in_the_total_and_reported() -> None:
     """The total is what counts in the end, and the reader sees how it came about."""
     data = valid(adjusted_and_tampered())
     assert data["score"] == 11
-    assert "- +2.5 Title of a.partial: excused: The handout was wrong. (prof@lab.example, 2026-06-01)" in data["output"]
+    assert (
+        "- +2.5 Title of a.partial: excused: The handout was wrong. (prof@lab.example, 2026-06-01)"
+        in data["output"]
+    )
     assert "- There was a second server." in data["output"]
     assert (data["tests"][1]["score"], data["tests"][1]["status"]) == (5, "passed")
 

@@ -25,7 +25,18 @@ _SCHEMA: dict[str, tuple[set[str], set[str], set[str]]] = {
     "testsuites": (set(), {"name", "time", "tests", "failures", "errors"}, {"testsuite"}),
     "testsuite": (
         {"name", "tests", "failures", "errors"},
-        {"time", "skipped", "timestamp", "hostname", "id", "package", "file", "log", "url", "group"},
+        {
+            "time",
+            "skipped",
+            "timestamp",
+            "hostname",
+            "id",
+            "package",
+            "file",
+            "log",
+            "url",
+            "group",
+        },
         {"testsuite", "properties", "testcase", "system-out", "system-err"},
     ),
     "testcase": (
@@ -61,7 +72,11 @@ def assert_valid(text: str) -> ElementTree.Element:
         # An element without contents becomes a mapping in GitLab, not a text.
         assert all((told.text or "").strip() for case in cases for told in case)
     # GitLab knows a case by these three, Jenkins by the last two.
-    names = [(suite.get("name"), case.get("classname"), case.get("name")) for suite in root for case in suite]
+    names = [
+        (suite.get("name"), case.get("classname"), case.get("name"))
+        for suite in root
+        for case in suite
+    ]
     assert len(set(names)) == len(names)
     assert len({name[1:] for name in names}) == len(names)
     return root
@@ -106,7 +121,9 @@ def test_the_graders_faults_are_never_failures() -> None:
 def test_what_a_person_excused_does_not_fail() -> None:
     """A decision by hand counts."""
     root = assert_valid(exported("junit", adjusted_and_tampered()))
-    failed = [case.get("name") for case in root.iter("testcase") if case.find("failure") is not None]
+    failed = [
+        case.get("name") for case in root.iter("testcase") if case.find("failure") is not None
+    ]
     assert failed == ["Title of b.failed", "Title of b.missed", "Title of b.open"]
 
 
@@ -123,7 +140,10 @@ def test_equal_titles_are_distinguished() -> None:
     """Checks and criteria of one title keep names of their own."""
     twins = [check(name, "passed", 1, 1, title="Same") for name in ("a.x", "a.y")]
     root = assert_valid(
-        exported("junit", result(criterion("a", *twins), criterion("b", *twins) | {"title": "Criterion a"}))
+        exported(
+            "junit",
+            result(criterion("a", *twins), criterion("b", *twins) | {"title": "Criterion a"}),
+        )
     )
     assert [suite.get("name") for suite in root] == ["Criterion a (a)", "Criterion a (b)"]
     assert [case.get("name") for case in root[0]] == ["Same (a.x)", "Same (a.y)"]
@@ -151,7 +171,9 @@ def test_hostile_texts_are_only_text(plain: dict[str, object]) -> None:
 @example("a\nb\tc  d\r\ne\rf")
 def test_a_parser_gives_a_text_back(text: str) -> None:
     """What a student wrote comes back as it is shown, in the contents of an element and in an attribute."""
-    root = assert_valid(exported("junit", result(criterion("a", check("a.f", "failed", 0, 3, reason=f"x {text}")))))
+    root = assert_valid(
+        exported("junit", result(criterion("a", check("a.f", "failed", 0, 3, reason=f"x {text}"))))
+    )
     (failure,) = root.iter("failure")
     assert (failure.text or "").splitlines()[1] == line(f"x {text}", 600)
     assert (failure.get("message") or "").startswith("−3 of 3 points, failed: x")

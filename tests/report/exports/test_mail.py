@@ -65,9 +65,17 @@ def test_each_gets_a_mail_with_the_report(tmp_path: Path) -> None:
     """Umlauts and commas in names arrive, the text says what was earned and what to fix first, the page is whole."""
     entries = [
         entry(
-            tmp_path, "ann", Person("Müller, Änne", email="aenne@uni.example"), reason="From the README nothing ran."
+            tmp_path,
+            "ann",
+            Person("Müller, Änne", email="aenne@uni.example"),
+            reason="From the README nothing ran.",
         ),
-        entry(tmp_path, "bob", Person("Bob", email="bob@uni.example"), Person("Cem", email="cem@uni.example")),
+        entry(
+            tmp_path,
+            "bob",
+            Person("Bob", email="bob@uni.example"),
+            Person("Cem", email="cem@uni.example"),
+        ),
     ]
     given = ReturnedClass(entries, tmp_path, sender="Lab <lab@uni.example>")
     returned = CLASS_EXPORTS["mail"].render(given)
@@ -79,7 +87,11 @@ def test_each_gets_a_mail_with_the_report(tmp_path: Path) -> None:
     ]
     ann = messages[0]
     assert ann["To"].addresses[0].display_name == "Müller, Änne"
-    assert (ann["From"], ann["Subject"], ann["X-Unsent"]) == ("Lab <lab@uni.example>", "Your report: Lab 1: Nodes", "1")
+    assert (ann["From"], ann["Subject"], ann["X-Unsent"]) == (
+        "Lab <lab@uni.example>",
+        "Your report: Lab 1: Nodes",
+        "1",
+    )
     assert "80 of 100 points." in text_of(ann)
     assert "From the README nothing ran." in text_of(ann)
     assert {report_in(message) for message in messages} == {REPORT}
@@ -99,7 +111,8 @@ def test_equal_results_give_equal_mails(form: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["Ann\nBcc: eve@evil.example", "Ann\r\n\r\nHello", '"Ann" <eve@evil.example>,', "\u202eA", ""]
+    "name",
+    ["Ann\nBcc: eve@evil.example", "Ann\r\n\r\nHello", '"Ann" <eve@evil.example>,', "\u202eA", ""],
 )
 def test_a_name_adds_nobody_and_no_line(name: str, tmp_path: Path) -> None:
     """The mail goes to the one address, with the headers that it has."""
@@ -111,7 +124,17 @@ def test_a_name_adds_nobody_and_no_line(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "address",
-    ["", "ann", "@uni.example", "ann@", "a@b, eve@evil.example", "a@b\nBcc: e@f", "a b@c", "<a@b>", "ä@uni.example"],
+    [
+        "",
+        "ann",
+        "@uni.example",
+        "ann@",
+        "a@b, eve@evil.example",
+        "a@b\nBcc: e@f",
+        "a b@c",
+        "<a@b>",
+        "ä@uni.example",
+    ],
 )
 def test_who_has_no_address_is_named(address: str, tmp_path: Path) -> None:
     """Nothing but one plain address is written to."""
@@ -124,7 +147,9 @@ def test_who_has_no_address_is_named(address: str, tmp_path: Path) -> None:
 
 def test_without_a_report_there_is_no_mail(tmp_path: Path) -> None:
     """A submission whose page was not written is named, and one that was not graded is not there."""
-    bare = dataclasses.replace(entry(tmp_path, "ann", Person("Ann", email="a@b.example")), report="")
+    bare = dataclasses.replace(
+        entry(tmp_path, "ann", Person("Ann", email="a@b.example")), report=""
+    )
     given = ReturnedClass([bare, ClassEntry("bob", None, "x", identity=bare.identity)], tmp_path)
     returned = CLASS_EXPORTS["mail"].render(given)
     assert (returned.content, returned.left_out) == (b"", {"there is no report": ["ann"]})

@@ -66,6 +66,10 @@ def test_the_path_prefix_leads_to_the_file(name: str) -> None:
 def test_a_missing_variable_is_named() -> None:
     """The form that needs variables says which are not set; the others need none."""
     with pytest.raises(GraderError, match="SUBMISSION_TAG, COMMIT_URL"):
-        exported("classroom50", every_outcome(), environment={**VARIABLES, "SUBMISSION_TAG": "", "COMMIT_URL": ""})
+        exported(
+            "classroom50",
+            every_outcome(),
+            environment={**VARIABLES, "SUBMISSION_TAG": "", "COMMIT_URL": ""},
+        )
     for name in set(EXPORTS) - {"classroom50"}:
         assert exported(name, adjusted_and_tampered())

@@ -108,13 +108,18 @@ def test_what_cannot_be_written_leaves_nothing(tmp_path: Path) -> None:
 def test_files_are_reported(tmp_path: Path) -> None:
     """Each file that was written is returned."""
     targets = [ExportTarget("junit"), ExportTarget("gradescope", str(tmp_path / "g.json"))]
-    assert write_exports(targets, read(every_outcome()), tmp_path) == [tmp_path / "junit.xml", tmp_path / "g.json"]
+    assert write_exports(targets, read(every_outcome()), tmp_path) == [
+        tmp_path / "junit.xml",
+        tmp_path / "g.json",
+    ]
 
 
 # -- while a submission is being graded ------------------------------------------------------------
 
 
-def test_a_running_grading_is_followed(results: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_a_running_grading_is_followed(
+    results: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
     """When a session begins what is known is written, when it ends again, and in the end the result."""
     # The working folder may be a submission: none of its files may be taken for a module of the grader's.
     (tmp_path / "json.py").write_text("raise SystemExit('taken for a module')", encoding="utf-8")
@@ -129,7 +134,9 @@ def test_a_running_grading_is_followed(results: Path, monkeypatch: pytest.Monkey
         file.unlink()
         shutil.copytree(SOLUTION / "service", results / RECORDINGS / "service")
         follow(Progress("service", "recorded", ended=True))
-        text = written(file, exports, lambda: follow(Progress("qos", "observe", 1, 2)))  # Other sessions go on.
+        text = written(
+            file, exports, lambda: follow(Progress("qos", "observe", 1, 2))
+        )  # Other sessions go on.
         assert "Not yet run: the session 'qos'" in text
         assert "Not yet run: the session 'service'" not in text
     assert told[0] is begun
@@ -149,7 +156,9 @@ def test_an_earlier_grading_is_not_taken_for_this_one(results: Path) -> None:
     assert not old.exists()
 
 
-def test_what_cannot_be_exported_is_said_at_once(results: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_exported_is_said_at_once(
+    results: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Not after the submission has been graded."""
     with pytest.raises(GraderError, match="no such folder"):
         LiveExports([ExportTarget("junit", str(results / "none" / "x.xml"))], results)

@@ -7,7 +7,9 @@ import pytest
 from grader.recording.submission import PackageFact
 from grader.submission.packages.colcon import find_packages
 
-MANIFEST = "<package><name>arm_lab</name><export><build_type>ament_python</build_type></export></package>"
+MANIFEST = (
+    "<package><name>arm_lab</name><export><build_type>ament_python</build_type></export></package>"
+)
 SETUP = "from setuptools import setup\nname = 'arm_lab'\nsetup(name=name, entry_points={})\n"
 
 
@@ -19,7 +21,12 @@ def package(texts: dict[str, str], *more: str) -> PackageFact:
 
 def with_scripts(points: str) -> PackageFact:
     """Find a package whose setup.py has these entry points."""
-    return package({"package.xml": MANIFEST, "setup.py": SETUP.replace("entry_points={}", f"entry_points={points}")})
+    return package(
+        {
+            "package.xml": MANIFEST,
+            "setup.py": SETUP.replace("entry_points={}", f"entry_points={points}"),
+        }
+    )
 
 
 def test_without_a_manifest_there_is_no_package() -> None:
@@ -46,14 +53,20 @@ def test_console_scripts_are_found_however_they_are_written(points: str) -> None
 
 
 @pytest.mark.parametrize(
-    "points", ["read_points()", "{'console_scripts': [read() for _ in range(3)]}", "POINTS", "dict(a=[])"]
+    "points",
+    ["read_points()", "{'console_scripts': [read() for _ in range(3)]}", "POINTS", "dict(a=[])"],
 )
 def test_scripts_that_only_running_would_tell_are_all_that_could_be_meant(points: str) -> None:
     """Nothing is held against a student whose setup.py computes its entry points, and it is told."""
-    setup = SETUP.replace("entry_points={}", f"entry_points={points}").replace("name = ", "POINTS = []\nname = ")
+    setup = SETUP.replace("entry_points={}", f"entry_points={points}").replace(
+        "name = ", "POINTS = []\nname = "
+    )
     setup = setup.replace("setup(name", "POINTS.append('x')\nsetup(name")
     found = package(
-        {"package.xml": MANIFEST, "setup.py": setup}, "arm_lab/__init__.py", "arm_lab/talk.py", "a_launch.py"
+        {"package.xml": MANIFEST, "setup.py": setup},
+        "arm_lab/__init__.py",
+        "arm_lab/talk.py",
+        "a_launch.py",
     )
     assert found.executables == {"talk.py": "arm_lab/talk.py", "talk": "arm_lab/talk.py"}
     assert "does not follow" in found.problems[0]
@@ -92,8 +105,14 @@ def test_scripts_that_name_nothing_are_problems(points: str, words: str) -> None
         ({"package.xml": "<package>"}, "not valid XML"),
         ({"package.xml": ""}, "not valid XML"),
         ({"package.xml": "<!DOCTYPE x [<!ENTITY a 'b'>]>" + MANIFEST}, "declares entities"),
-        ({"package.xml": MANIFEST.replace("arm_lab", "../x"), "setup.py": SETUP}, "no valid package name"),
-        ({"package.xml": MANIFEST.replace("arm_lab", ""), "setup.py": SETUP}, "no valid package name"),
+        (
+            {"package.xml": MANIFEST.replace("arm_lab", "../x"), "setup.py": SETUP},
+            "no valid package name",
+        ),
+        (
+            {"package.xml": MANIFEST.replace("arm_lab", ""), "setup.py": SETUP},
+            "no valid package name",
+        ),
         ({"package.xml": "<package><name>arm_lab</name></package>"}, "no CMakeLists.txt"),
     ],
 )
@@ -165,7 +184,9 @@ def test_several_packages_are_found_in_order() -> None:
 
 def test_setup_py_is_never_executed() -> None:
     """Code at module level has no effect on us."""
-    setup = "raise SystemExit('executed')\n" + SETUP.replace("{}", "{'console_scripts': ['a = b:c']}")
+    setup = "raise SystemExit('executed')\n" + SETUP.replace(
+        "{}", "{'console_scripts': ['a = b:c']}"
+    )
     assert package({"package.xml": MANIFEST, "setup.py": setup}).executables == {"a": "b:c"}
 
 

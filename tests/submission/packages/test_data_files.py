@@ -48,7 +48,9 @@ def test_data_files_are_found_however_they_are_written(data_files: str) -> None:
         f"{HEAD}setup(data_files=[('share/%s' % name, ['package.xml'])])",
         f"{HEAD}setup(data_files=['x'])",
         f"{HEAD}setup(data_files=[('share/%1000000000d' % 1, [])])",
-        f"{HEAD}a = 'x'\n" + "".join(f"a{i} = a{i - 1} + a{i - 1}\n" for i in range(1, 40)) + "setup(data_files=a39)",
+        f"{HEAD}a = 'x'\n"
+        + "".join(f"a{i} = a{i - 1} + a{i - 1}\n" for i in range(1, 40))
+        + "setup(data_files=a39)",
         f"{HEAD}a = a + a\nsetup(data_files=a)",
         "setup(",
         "",
@@ -91,9 +93,14 @@ def test_cmake_installs_folders_and_files() -> None:
 
 def test_a_launch_file_that_is_not_installed_is_reported_with_the_line_to_add() -> None:
     """The package's problem names the file, the command that fails, and the entry."""
-    manifest = "<package><name>arm</name><export><build_type>ament_python</build_type></export></package>"
+    manifest = (
+        "<package><name>arm</name><export><build_type>ament_python</build_type></export></package>"
+    )
     scripts = "entry_points={'console_scripts': ['a = arm.a:main']}"
-    texts = {"package.xml": manifest, "setup.py": f"{HEAD}setup({scripts}, data_files=[('share/arm', ['no.txt'])])"}
+    texts = {
+        "package.xml": manifest,
+        "setup.py": f"{HEAD}setup({scripts}, data_files=[('share/arm', ['no.txt'])])",
+    }
     (package,) = find_packages(texts, [*texts, "launch/a.launch.py"])
     assert package.shared == {}
     assert package.problems == [
@@ -105,7 +112,9 @@ def test_a_launch_file_that_is_not_installed_is_reported_with_the_line_to_add() 
 
 def test_data_files_that_are_not_followed_are_reported() -> None:
     """Then everything counts as installed, and the package's problem says so; a broken file has its own problem."""
-    manifest = "<package><name>arm</name><export><build_type>ament_python</build_type></export></package>"
+    manifest = (
+        "<package><name>arm</name><export><build_type>ament_python</build_type></export></package>"
+    )
     scripts = "entry_points={'console_scripts': ['a = arm.a:main']}"
     texts = {"package.xml": manifest, "setup.py": f"{HEAD}setup({scripts}, data_files=made())"}
     (package,) = find_packages(texts, [*texts, "launch/a.launch.py"])

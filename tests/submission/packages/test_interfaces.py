@@ -14,7 +14,11 @@ from grader.submission.packages.interfaces import interface_packages, interface_
 CALL = 'rosidl_generate_interfaces(${PROJECT_NAME}\n  "msg/Num.msg"\n  srv/Add.srv\n  DEPENDENCIES std_msgs)\n'
 BY_VARIABLE = 'set(files "msg/Num.msg")\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})\n'
 BY_GLOB = 'file(GLOB files "msg/*.msg")\nrosidl_generate_interfaces(${PROJECT_NAME} ${files})\n'
-DEFINED = {"ws/mine/msg/Num.msg": "int64 num\n", "ws/mine/msg/Left.msg": "int8 x\n", "ws/mine/srv/Add.srv": "---\n"}
+DEFINED = {
+    "ws/mine/msg/Num.msg": "int64 num\n",
+    "ws/mine/msg/Left.msg": "int8 x\n",
+    "ws/mine/srv/Add.srv": "---\n",
+}
 
 
 def made(script: str) -> tuple[set[str], list[str]]:
@@ -32,7 +36,10 @@ def made(script: str) -> tuple[set[str], list[str]]:
         (CALL, {"msg/Num.msg", "srv/Add.srv"}),
         (BY_VARIABLE, {"msg/Num.msg"}),
         (BY_GLOB, {"msg/Num.msg", "msg/Left.msg", "srv/Add.srv"}),
-        (CALL.replace('"msg/Num.msg"', '"${CMAKE_CURRENT_SOURCE_DIR}:msg/Num.msg"'), {"msg/Num.msg", "srv/Add.srv"}),
+        (
+            CALL.replace('"msg/Num.msg"', '"${CMAKE_CURRENT_SOURCE_DIR}:msg/Num.msg"'),
+            {"msg/Num.msg", "srv/Add.srv"},
+        ),
         (BY_VARIABLE.replace('Num.msg"', 'Num.msg;msg/Left.msg"'), {"msg/Num.msg", "msg/Left.msg"}),
         ("find_package(ament_cmake)\n", set()),
     ],
@@ -45,7 +52,10 @@ def test_what_is_listed_is_made(script: str, files: set[str]) -> None:
 def test_what_colcon_build_would_leave_out_is_said() -> None:
     """A definition that is not listed, one that is not there, and none at all that is asked for."""
     assert made(CALL)[1] == ["CMakeLists.txt does not list msg/Left.msg, so it is not made"]
-    assert "CMakeLists.txt lists msg/Sum.msg, which is not there" in made(CALL.replace("Num", "Sum"))[1]
+    assert (
+        "CMakeLists.txt lists msg/Sum.msg, which is not there"
+        in made(CALL.replace("Num", "Sum"))[1]
+    )
     assert "does not call rosidl_generate_interfaces" in made("project(mine)\n")[1][0]
     assert made(BY_GLOB)[1] == []
 
@@ -62,4 +72,6 @@ def test_a_definition_that_is_a_link_is_none(tmp_path: Path) -> None:
     (package / "msg/Other.msg").write_text("int64 other\n", encoding="utf-8")
     (package / "joint_publisher.py").touch()
     record = read_submission_folder(package.parent, read_rubric(None))
-    assert [dict(found.files) for found in interface_packages(record)] == [{"msg/Other.msg": "int64 other\n"}]
+    assert [dict(found.files) for found in interface_packages(record)] == [
+        {"msg/Other.msg": "int64 other\n"}
+    ]

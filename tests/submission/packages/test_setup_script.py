@@ -52,7 +52,13 @@ def test_values_are_recognised_or_not(expression: str, expected: Any) -> None:
 @pytest.mark.parametrize(
     "change",
     [
-        *("NODES.append('x')", "NODES += ['x']", "NODES = other", "for NODES in (): pass", "NODES[0] = 'x'"),
+        *(
+            "NODES.append('x')",
+            "NODES += ['x']",
+            "NODES = other",
+            "for NODES in (): pass",
+            "NODES[0] = 'x'",
+        ),
         "def helper(NODES): pass",
     ],
 )
@@ -65,7 +71,9 @@ def test_a_name_that_is_changed_is_not_known(change: str) -> None:
 def test_what_would_take_without_end_is_not_recognised() -> None:
     """A file made to do harm is given up early."""
     doubled = "a0 = 'x'\n" + "".join(f"a{n} = a{n - 1} + a{n - 1}\n" for n in range(1, 40))
-    nested = "a0 = ['x']\n" + "".join(f"a{n} = [*a{n - 1}, a{n - 1}, a{n - 1}]\n" for n in range(1, 40))
+    nested = "a0 = ['x']\n" + "".join(
+        f"a{n} = [*a{n - 1}, a{n - 1}, a{n - 1}]\n" for n in range(1, 40)
+    )
     for before in (doubled, nested, "a39 = a39 + a39\n"):
         with pytest.raises(NotRecognisedError):
             value("a39", before)

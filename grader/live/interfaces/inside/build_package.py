@@ -95,8 +95,12 @@ class Package:
         try:
             spec = read(self.name, file.stem, (self.source / file).read_text(encoding="utf-8"))
         except Exception as problem:
-            raise Refused(f"{file}: {' '.join(str(problem).split())[:300]}", invalid=True) from problem
-        parts = {"srv": ("request", "response"), "action": ("goal", "result", "feedback")}.get(kind, ())
+            raise Refused(
+                f"{file}: {' '.join(str(problem).split())[:300]}", invalid=True
+            ) from problem
+        parts = {"srv": ("request", "response"), "action": ("goal", "result", "feedback")}.get(
+            kind, ()
+        )
         for message in [getattr(spec, part) for part in parts] or [spec]:
             self.messages[message.msg_name] = message
             self._clean(file, message)
@@ -110,8 +114,16 @@ class Package:
         message.annotations = {}
         for part in (*message.constants, *message.fields):
             part.annotations = {}
-            value = getattr(part, "default_value", None) if isinstance(part, parser.Field) else part.value
-            texts = [text for text in (value if isinstance(value, list) else [value]) if isinstance(text, str)]
+            value = (
+                getattr(part, "default_value", None)
+                if isinstance(part, parser.Field)
+                else part.value
+            )
+            texts = [
+                text
+                for text in (value if isinstance(value, list) else [value])
+                if isinstance(text, str)
+            ]
             if not all(map(_PLAIN.fullmatch, texts)):
                 text = f"{file}: the value of {part.name} has characters that the grader does not pass on"
                 raise Refused(text, invalid=False)
@@ -126,8 +138,12 @@ class Package:
             if Path("msg", f"{kind.type}.msg") not in self.files:
                 raise Refused(f"{file}: there is no {kind.type}.msg in {self.name}", invalid=True)
         elif not any(self._shared(kind.pkg_name)):
-            raise Refused(f"{file}: {kind.pkg_name} is not installed where it was graded", invalid=False)
-        elif not any((share / "msg" / f"{kind.type}.msg").is_file() for share in self._shared(kind.pkg_name)):
+            raise Refused(
+                f"{file}: {kind.pkg_name} is not installed where it was graded", invalid=False
+            )
+        elif not any(
+            (share / "msg" / f"{kind.type}.msg").is_file() for share in self._shared(kind.pkg_name)
+        ):
             raise Refused(f"{file}: {kind.pkg_name} has no message {kind.type}", invalid=True)
 
     def _shared(self, package: str) -> Iterator[Path]:
@@ -138,12 +154,18 @@ class Package:
         """Return how many bytes a message takes at most, what is not bounded in it counted once."""
         if depth > _MOST_DEPTH:
             raise Refused(f"{name} holds itself", invalid=True)
-        return sum(self._field_size(field.type, depth) for field in self._message(package, name).fields)
+        return sum(
+            self._field_size(field.type, depth) for field in self._message(package, name).fields
+        )
 
     def _message(self, package: str, name: str) -> Any:
         if package == self.name:
             return self.messages[name]
-        file = next(file for share in self._shared(package) if (file := share / "msg" / f"{name}.msg").is_file())
+        file = next(
+            file
+            for share in self._shared(package)
+            if (file := share / "msg" / f"{name}.msg").is_file()
+        )
         return parser.parse_message_string(package, name, file.read_text(encoding="utf-8"))
 
     def _field_size(self, kind: Any, depth: int) -> int:
@@ -179,7 +201,11 @@ class Package:
         return str(file)
 
     def _generate(self, idl: Sequence[Path]) -> None:
-        shares = {share.name: share for prefix in reversed(self.prefixes) for share in (prefix / "share").iterdir()}
+        shares = {
+            share.name: share
+            for prefix in reversed(self.prefixes)
+            for share in (prefix / "share").iterdir()
+        }
         hashes = self._arguments(
             "rosidl_generator_type_description",
             idl,
@@ -204,12 +230,21 @@ class Package:
 
     def _compile(self) -> None:
         home = Path(sys.prefix)
-        headers = [self.work, self.described.parent, Path(sysconfig.get_path("include")), Path(numpy.get_include())]
+        headers = [
+            self.work,
+            self.described.parent,
+            Path(sysconfig.get_path("include")),
+            Path(numpy.get_include()),
+        ]
         for prefix in self.prefixes:
             headers += [prefix / "include", *(prefix / "include").glob("*")]
         search = [f"-I{folder}" for folder in headers]
         entry = self.code / f"_{self.name}_s.ep.rosidl_typesupport_c.c"
-        sources = [path for path in sorted(self.work.rglob("*.c*")) if path.suffix in (".c", ".cpp") and path != entry]
+        sources = [
+            path
+            for path in sorted(self.work.rglob("*.c*"))
+            if path.suffix in (".c", ".cpp") and path != entry
+        ]
 
         def compiled(source: Path) -> str:
             output = str(source.with_suffix(f"{source.suffix}.o"))
@@ -232,12 +267,27 @@ class Package:
 
     def _libraries(self, home: Path) -> Iterator[str]:
         """Give what links what it uses of other packages, wherever the prefixes, which lie side by side, are then."""
-        used = {field.type.pkg_name for message in self.messages.values() for field in message.fields}
-        yield from (f"-L{home}/lib", "-lrosidl_runtime_c", "-lrosidl_typesupport_fastrtps_c", "-lfastcdr", "-lrcutils")
+        used = {
+            field.type.pkg_name for message in self.messages.values() for field in message.fields
+        }
+        yield from (
+            f"-L{home}/lib",
+            "-lrosidl_runtime_c",
+            "-lrosidl_typesupport_fastrtps_c",
+            "-lfastcdr",
+            "-lrcutils",
+        )
         yield from ("-lrosidl_typesupport_fastrtps_cpp", "-lrmw", "-lrosidl_typesupport_c")
         yield "-lrosidl_typesupport_introspection_c"
         for package in sorted({*used, *_IMPLIED} - {None, self.name}):
-            own = next((p for p in self.prefixes if (p / "lib" / f"lib{package}__interfaces.so").is_file()), None)
+            own = next(
+                (
+                    p
+                    for p in self.prefixes
+                    if (p / "lib" / f"lib{package}__interfaces.so").is_file()
+                ),
+                None,
+            )
             if own is not None:
                 yield f"-L{own}/lib"
                 yield f"-l{package}__interfaces"
@@ -261,7 +311,10 @@ class Package:
         for suffix in ("idl", "json"):
             _copy(self.code.rglob(f"*.{suffix}"), self.code, share)
         _copy([self.source / file for file in self.files], self.source, share)
-        for kind, text in {"packages": "", "rosidl_interfaces": "\n".join(map(str, self.files))}.items():
+        for kind, text in {
+            "packages": "",
+            "rosidl_interfaces": "\n".join(map(str, self.files)),
+        }.items():
             (index / kind).mkdir(parents=True)
             (index / kind / self.name).write_text(text)
 
@@ -296,7 +349,9 @@ def main() -> None:
     signal.signal(signal.SIGALRM, _too_long)
     try:
         if importlib.util.find_spec(source.name) is not None:
-            raise Refused(f"there is an installed package {source.name}, which counts", invalid=False)
+            raise Refused(
+                f"there is an installed package {source.name}, which counts", invalid=False
+            )
         Package(source, target, [*prefixes, Path(sys.prefix)]).build()
         answer: dict[str, Any] = {}
     except Refused as refused:

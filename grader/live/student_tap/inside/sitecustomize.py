@@ -37,7 +37,12 @@ _WRAPPED = {
 
 def _qos_of(value):
     if isinstance(value, int):
-        return {"history": "keep_last", "depth": value, "reliability": "reliable", "durability": "volatile"}
+        return {
+            "history": "keep_last",
+            "depth": value,
+            "reliability": "reliable",
+            "durability": "volatile",
+        }
     return {
         "history": value.history.name.lower(),
         "depth": int(value.depth),
@@ -105,7 +110,9 @@ class _Later:
 def _import_late(name, *args, **kwargs):
     if name in ("numpy", "yaml") and name not in sys.modules:
         found = importlib.machinery.PathFinder.find_spec(name)
-        if found is not None and str(found.origin).startswith((sys.prefix, "/usr/")):  # and not the student's own
+        if found is not None and str(found.origin).startswith(
+            (sys.prefix, "/usr/")
+        ):  # and not the student's own
             return _Later(name)
     return builtins.__import__(name, *args, **kwargs)
 
@@ -116,7 +123,11 @@ def _exec_late(module, exec_module):
     exec_module(module)
     # Who asks for an endpoint of such a message will need NumPy: better now than in a callback.
     if isinstance(vars(module).get("numpy"), _Later) and module.__name__ != _EACH_NODES:
-        for cls in [cls for cls in vars(module).values() if "__import_type_support__" in getattr(cls, "__dict__", ())]:
+        for cls in [
+            cls
+            for cls in vars(module).values()
+            if "__import_type_support__" in getattr(cls, "__dict__", ())
+        ]:
             _import_before(cls, cls.__import_type_support__)
 
 
@@ -179,7 +190,9 @@ def _generate_py(*args, **kwargs):
 
 _keep_cores()
 _LATE["__import__"] = _import_late
-_generator = sys.modules["rosidl_generator_py.generate_py_impl"] = type(sys)("rosidl_generator_py.generate_py_impl")
+_generator = sys.modules["rosidl_generator_py.generate_py_impl"] = type(sys)(
+    "rosidl_generator_py.generate_py_impl"
+)
 _generator.generate_py = _generate_py
 if _FD >= 0:
     os.set_inheritable(_FD, False)

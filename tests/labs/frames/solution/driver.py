@@ -29,7 +29,9 @@ class Driver(Node):
         self.moving = TransformBroadcaster(self)
         self.static = StaticTransformBroadcaster(self)
         now = self.get_clock().now().to_msg()
-        self.static.sendTransform(transform(now, "base_link", "laser", (0.2, 0.0, 0.3), math.radians(45.0)))
+        self.static.sendTransform(
+            transform(now, "base_link", "laser", (0.2, 0.0, 0.3), math.radians(45.0))
+        )
         self.create_timer(1 / 30, self.drive)
 
     def drive(self):
@@ -37,7 +39,9 @@ class Driver(Node):
         now = self.get_clock().now()
         angle = 2 * math.pi * (now.nanoseconds / 1e9 % 20.0) / 20.0
         xyz = (2.0 * math.cos(angle), 2.0 * math.sin(angle), 0.0)
-        self.moving.sendTransform(transform(now.to_msg(), "odom", "base_link", xyz, angle + math.pi / 2))
+        self.moving.sendTransform(
+            transform(now.to_msg(), "odom", "base_link", xyz, angle + math.pi / 2)
+        )
 
 
 def main():

@@ -39,7 +39,9 @@ class Controller(Node):
         error = math.atan2(math.sin(error), math.cos(error))
         command = Twist()
         if distance >= 0.02 or SLOWEST > 0:
-            command.linear.x = max(SLOWEST, min(FASTEST, GAIN * distance) * max(0.0, math.cos(error)))
+            command.linear.x = max(
+                SLOWEST, min(FASTEST, GAIN * distance) * max(0.0, math.cos(error))
+            )
             command.angular.z = max(-1.5, min(1.5, 2.0 * error))
         time.sleep(DELAY_S)
         self.commands.publish(command)

@@ -27,7 +27,9 @@ class Talker(LifecycleNode):
             if parameter.name == "rate_hz" and parameter.value <= 0:
                 return SetParametersResult(successful=False, reason="the rate must be positive")
             if parameter.name == "greeting" and not parameter.value:
-                return SetParametersResult(successful=False, reason="the greeting must not be empty")
+                return SetParametersResult(
+                    successful=False, reason="the greeting must not be empty"
+                )
         return SetParametersResult(successful=True)
 
     def follow(self, parameters):

@@ -12,7 +12,9 @@ class TransformBroadcaster:
     """Publishes transforms that change, on /tf."""
 
     def __init__(self, node, qos=None):
-        self.pub_tf = node.create_publisher(TFMessage, "/tf", QoSProfile(depth=100) if qos is None else qos)
+        self.pub_tf = node.create_publisher(
+            TFMessage, "/tf", QoSProfile(depth=100) if qos is None else qos
+        )
 
     def sendTransform(self, transform):
         """Publish one transform, or several."""

@@ -49,7 +49,11 @@ def lacking(name):
 
 
 def _ns(stamp):
-    return stamp.nanoseconds if hasattr(stamp, "nanoseconds") else stamp.sec * 1_000_000_000 + stamp.nanosec
+    return (
+        stamp.nanoseconds
+        if hasattr(stamp, "nanoseconds")
+        else stamp.sec * 1_000_000_000 + stamp.nanosec
+    )
 
 
 def _product(a, b):
@@ -89,7 +93,10 @@ def _between(first, second, share):
     angle = math.acos(min(1.0, cosine))
     if angle < 1e-6:
         return translation, b
-    weights = math.sin((1 - share) * angle) / math.sin(angle), math.sin(share * angle) / math.sin(angle)
+    weights = (
+        math.sin((1 - share) * angle) / math.sin(angle),
+        math.sin(share * angle) / math.sin(angle),
+    )
     return translation, tuple(weights[0] * p + weights[1] * q for p, q in zip(a, b, strict=True))
 
 
@@ -98,7 +105,10 @@ class _Frame:
 
     def __init__(self, is_static):
         self.is_static = is_static
-        self.times, self.samples = [], []  # in ns, in order; and at each of them (parent, transform)
+        self.times, self.samples = (
+            [],
+            [],
+        )  # in ns, in order; and at each of them (parent, transform)
 
     def add(self, time_ns, sample, cache_ns):
         if self.is_static:
@@ -188,7 +198,9 @@ class Buffer:
         self.can_transform(target_frame, source_frame, time, timeout)
         return self.lookup_transform_core(target_frame, source_frame, time)
 
-    def can_transform(self, target_frame, source_frame, time, timeout=_AT_ONCE, return_debug_tuple=False):
+    def can_transform(
+        self, target_frame, source_frame, time, timeout=_AT_ONCE, return_debug_tuple=False
+    ):
         """Whether the transform is known, or becomes so within the timeout."""
         end_s = clock.monotonic() + timeout.nanoseconds / 1e9
         while not (found := self.can_transform_core(target_frame, source_frame, time))[0]:
@@ -209,7 +221,9 @@ class Buffer:
         """Return the transform that is known now."""
         for frame in (target_frame, source_frame):
             if not isinstance(frame, str) or not frame or frame.startswith("/"):
-                raise InvalidArgumentException(f"Invalid frame ID \"{frame}\": it cannot be empty or begin with a '/'")
+                raise InvalidArgumentException(
+                    f"Invalid frame ID \"{frame}\": it cannot be empty or begin with a '/'"
+                )
         with self._lock:
             time_ns = _ns(time) or self._latest_common_ns(target_frame, source_frame)
             (_, translation, rotation) = self._found(target_frame, source_frame, time_ns)
@@ -224,7 +238,9 @@ class Buffer:
     def _found(self, target, source, time_ns):
         for name in (target, source):
             if name not in self._known:
-                raise LookupException(f'"{name}" passed to lookupTransform argument does not exist. ')
+                raise LookupException(
+                    f'"{name}" passed to lookupTransform argument does not exist. '
+                )
         of_target, of_source = self._way_up(target), self._way_up(source)
         common = next((name for name in of_source if name in of_target), None)
         if common is None:
@@ -254,11 +270,17 @@ class Buffer:
             parent, transform = self._frames[at].at(time_ns, at)
             whole, at = _composed(transform, whole), parent
         # Its parents were others at that time.
-        raise ConnectivityException(f"Could not find a connection between '{above}' and '{name}' at that time.")
+        raise ConnectivityException(
+            f"Could not find a connection between '{above}' and '{name}' at that time."
+        )
 
     def _latest_common_ns(self, target, source):
         """Return the latest time of which all on the way between two frames is known; 0 if all of it is static."""
         of_target, of_source = self._way_up(target), self._way_up(source)
         ways = {*of_target} ^ {*of_source}
-        moving = [self._frames[name] for name in ways if name in self._frames and not self._frames[name].is_static]
+        moving = [
+            self._frames[name]
+            for name in ways
+            if name in self._frames and not self._frames[name].is_static
+        ]
         return min((frame.times[-1] for frame in moving), default=0)

@@ -15,11 +15,19 @@ class TransformListener:
     def __init__(self, buffer, node, *, spin_thread=False, qos=None, static_qos=None):
         self.buffer, self.node = buffer, node
         changing = QoSProfile(depth=100) if qos is None else qos
-        kept = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL) if static_qos is None else static_qos
+        kept = (
+            QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+            if static_qos is None
+            else static_qos
+        )
         # Reentrant: who waits for a transform within a callback is not to keep it away.
         group = ReentrantCallbackGroup()
-        self.tf_sub = node.create_subscription(TFMessage, "/tf", self._changed, changing, callback_group=group)
-        self.tf_static_sub = node.create_subscription(TFMessage, "/tf_static", self._stays, kept, callback_group=group)
+        self.tf_sub = node.create_subscription(
+            TFMessage, "/tf", self._changed, changing, callback_group=group
+        )
+        self.tf_static_sub = node.create_subscription(
+            TFMessage, "/tf_static", self._stays, kept, callback_group=group
+        )
         if spin_thread:
             self.executor = SingleThreadedExecutor()
             self.executor.add_node(node)

@@ -32,7 +32,12 @@ def shared(name: str) -> Any:
 
 problems = shared("problems")
 UnsupportedByStandin: type[ImportError] = problems.UnsupportedByStandin
-blaming, mistake, no_action, shown = problems.blaming, problems.mistake, problems.no_action, problems.shown
+blaming, mistake, no_action, shown = (
+    problems.blaming,
+    problems.mistake,
+    problems.no_action,
+    problems.shown,
+)
 
 SourceLine = tuple[str, int]
 REQUIRED: Any = object()
@@ -133,7 +138,9 @@ class Field:
         if made is None:
             return self
         if self.name not in made.given:
-            raise AttributeError(f"'{type(made).__name__}' has no '{self.name}': its base class was not initialised")
+            raise AttributeError(
+                f"'{type(made).__name__}' has no '{self.name}': its base class was not initialised"
+            )
         return made.given[self.name]
 
     def checked(self, value: Any, made: Any) -> Any:
@@ -258,11 +265,17 @@ def _bound(cls: type, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str
         raise mistake(TypeError, message, "positional_argument", "Give it once.")
     given |= kwargs
     unknown = [title for title in kwargs if title not in fields]
-    missing = [title for title, field in fields.items() if field.default is REQUIRED and title not in given]
+    missing = [
+        title for title, field in fields.items() if field.default is REQUIRED and title not in given
+    ]
     meant = [title for title in unknown if problems.RENAMED.get(title) in missing]
     if missing and not meant:
         by_keyword = not fields[missing[0]].positional
-        what, kind = ("keyword-only", "missing_keyword") if by_keyword else ("positional", "missing_argument")
+        what, kind = (
+            ("keyword-only", "missing_keyword")
+            if by_keyword
+            else ("positional", "missing_argument")
+        )
         message = f"{name}() is missing the required {what} argument '{missing[0]}'"
         remedy = "Give what is missing by its keyword." if by_keyword else "Give what is missing."
         raise mistake(TypeError, message, kind, remedy)
@@ -281,7 +294,9 @@ def read_element(cls: type, entity: Any, parser: Any) -> dict[str, Any]:
             value = field.nested(entity, parser)
         elif field.attribute:
             optional, kind = field.default is not REQUIRED, field.read_as
-            value = entity.get_attr(field.attribute, optional=optional, data_type=kind, can_be_str=field.can_be_str)
+            value = entity.get_attr(
+                field.attribute, optional=optional, data_type=kind, can_be_str=field.can_be_str
+            )
             value = None if value is None else field.read(value, parser)
         if value is not None:
             kwargs[name] = value
@@ -328,7 +343,9 @@ class Substitution(Located):
 
 
 def _words(subs: list[Any]) -> str:
-    return " + ".join(sub.describe() if isinstance(sub, Substitution) else _words(sub) for sub in subs)
+    return " + ".join(
+        sub.describe() if isinstance(sub, Substitution) else _words(sub) for sub in subs
+    )
 
 
 class Condition(Located):
@@ -369,7 +386,9 @@ class LaunchDescriptionEntity(Located):
 class Action(LaunchDescriptionEntity):
     """An intention, perhaps under a condition."""
 
-    condition = Field(None, types=(Condition, type(None)), remedy="Wrap it: condition=IfCondition(...).")
+    condition = Field(
+        None, types=(Condition, type(None)), remedy="Wrap it: condition=IfCondition(...)."
+    )
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> tuple[Any, dict[str, Any]]:
@@ -422,7 +441,9 @@ def ensure_argument_type(
         names = list(dict.fromkeys(getattr(t, "__name__", str(t)) for t in wanted))
         listed = ", ".join(names[:-1]) + " or " + names[-1] if len(names) > 1 else names[0]
         where = f" of {caller}" if caller else ""
-        message = f"argument '{argument_name}'{where} must be of type {listed}, but {shown(argument)}"
+        message = (
+            f"argument '{argument_name}'{where} must be of type {listed}, but {shown(argument)}"
+        )
         kind = _KIND_OF_ARGUMENT.get(argument_name, "bad_type" if remedy else "exception")
         raise mistake(TypeError, message, kind, remedy or "Give a value of this type.")
 

@@ -18,7 +18,12 @@ from ._base import UnsupportedByStandin, shared
 
 _jazzy = shared("jazzy")
 #: Packages whose names other modules of the original show, too.
-_USED = ("launch", "launch.frontend", "launch.launch_description_sources", "launch_ros.parameter_descriptions")
+_USED = (
+    "launch",
+    "launch.frontend",
+    "launch.launch_description_sources",
+    "launch_ros.parameter_descriptions",
+)
 
 
 class _Unevaluated:
@@ -33,7 +38,9 @@ class _Unevaluated:
         return self()
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        raise UnsupportedByStandin(f"{self._name} is not evaluated by this grader", name=self._name.partition(".")[0])
+        raise UnsupportedByStandin(
+            f"{self._name} is not evaluated by this grader", name=self._name.partition(".")[0]
+        )
 
 
 class PublicModule(ModuleType):
@@ -49,7 +56,9 @@ class PublicModule(ModuleType):
         if name in inner:
             return importlib.import_module(f"{title}.{name}")
         for home in () if "__file__" in vars(self) else filter(None, (parent, *_USED)):
-            if name in (*known, *_jazzy.NAMES.get(home, ())) and name in vars(held := importlib.import_module(home)):
+            if name in (*known, *_jazzy.NAMES.get(home, ())) and name in vars(
+                held := importlib.import_module(home)
+            ):
                 return getattr(held, name)
         if name in _jazzy.TYPES:
             return Any

@@ -35,7 +35,9 @@ class LaunchDescription(LaunchDescriptionEntity):
 
     def made(self) -> None:
         """Keep a list of one's own."""
-        self.entities: list[Any] = [] if self.initial_entities is None else list(self.initial_entities)
+        self.entities: list[Any] = (
+            [] if self.initial_entities is None else list(self.initial_entities)
+        )
 
     @property
     def deprecated(self) -> bool:
@@ -57,7 +59,9 @@ class LaunchDescription(LaunchDescriptionEntity):
 
     def get_launch_arguments(self, conditional_inclusion: bool = False) -> list[Any]:
         """The arguments that can be found without launching."""
-        pairs = self.get_launch_arguments_with_include_launch_description_actions(conditional_inclusion)
+        pairs = self.get_launch_arguments_with_include_launch_description_actions(
+            conditional_inclusion
+        )
         return [argument for argument, _ in pairs]
 
     def get_launch_arguments_with_include_launch_description_actions(
@@ -70,7 +74,11 @@ class LaunchDescription(LaunchDescriptionEntity):
 
 
 def _collect_arguments(
-    entities: Any, found: list[Any], conditional: bool, way: tuple[list[Any] | None, tuple[str, ...], int], parent: Any
+    entities: Any,
+    found: list[Any],
+    conditional: bool,
+    way: tuple[list[Any] | None, tuple[str, ...], int],
+    parent: Any,
 ) -> None:
     # `way`: the includes on the way here, their files, and the depth; a file is not gone into again from itself.
     from .actions import DeclareLaunchArgument, IncludeLaunchDescription, ResetLaunchConfigurations

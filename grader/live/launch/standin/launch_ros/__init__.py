@@ -4,6 +4,14 @@ from __future__ import annotations
 
 from launch._catalogue import publish
 
-from . import actions, descriptions, event_handlers, events, parameter_descriptions, substitutions, utilities
+from . import (
+    actions,
+    descriptions,
+    event_handlers,
+    events,
+    parameter_descriptions,
+    substitutions,
+    utilities,
+)
 
 publish()

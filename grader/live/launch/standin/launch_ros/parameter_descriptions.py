@@ -52,7 +52,9 @@ class Parameter(Located):
 
 
 def _path(value: Any) -> list[Substitution]:
-    is_other = isinstance(value, (os.PathLike, bytes)) and not isinstance(value, (str, Path, Substitution))
+    is_other = isinstance(value, (os.PathLike, bytes)) and not isinstance(
+        value, (str, Path, Substitution)
+    )
     return normalize_to_list_of_substitutions(os.fsdecode(value) if is_other else value)
 
 
@@ -66,7 +68,9 @@ class ParameterFile(Located):
         remedy="Let each item of parameters be a dict or the path of a file.",
     )
     # A list of substitutions is what XML and YAML give.
-    allow_substs = Typed(False, kind=bool, types=(bool, list), remedy="Write allow_substs=True, or leave it out.")
+    allow_substs = Typed(
+        False, kind=bool, types=(bool, list), remedy="Write allow_substs=True, or leave it out."
+    )
 
     def evaluate(self, context: Any) -> Path:
         """The path; of a file with substitutions, that of a copy in which they are resolved."""
@@ -76,7 +80,9 @@ class ParameterFile(Located):
         import yaml
         from launch.frontend.parse_substitution import parse_substitution
 
-        resolved = perform_substitutions(context, parse_substitution(path.read_text()))  # comments too
+        resolved = perform_substitutions(
+            context, parse_substitution(path.read_text())
+        )  # comments too
         try:
             yaml.safe_load(resolved)
         except Exception as error:
@@ -91,7 +97,12 @@ class ParameterFile(Located):
 def read_remappings(entity: Any, parser: Any) -> Any:
     """The rules of `<remap>` inside an element."""
     read = parser.parse_substitution
-    return entity.each("remap", lambda rule: tuple(read(rule.get_attr(name)) for name in ("from", "to"))) or None
+    return (
+        entity.each(
+            "remap", lambda rule: tuple(read(rule.get_attr(name)) for name in ("from", "to"))
+        )
+        or None
+    )
 
 
 def read_parameters(entity: Any, parser: Any) -> Any:
@@ -104,7 +115,17 @@ def read_parameters(entity: Any, parser: Any) -> Any:
     return entity.each("param", read) or None
 
 
-_TYPE_NAMES = ("int", "float", "bool", "str", "list_of_int", "list_of_float", "list_of_bool", "list_of_str", "yaml")
+_TYPE_NAMES = (
+    "int",
+    "float",
+    "bool",
+    "str",
+    "list_of_int",
+    "list_of_float",
+    "list_of_bool",
+    "list_of_str",
+    "yaml",
+)
 
 
 def _bad(message: str, remedy: str = "Correct this element of the file.") -> Any:
@@ -117,7 +138,9 @@ def _type_named(name: str | None) -> Any:
     if name is None or name == "yaml":
         return None
     if name not in _TYPE_NAMES:
-        raise _bad(f"the type '{name}' is not one of {', '.join(_TYPE_NAMES)}", "Use one of the types.")
+        raise _bad(
+            f"the type '{name}' is not one of {', '.join(_TYPE_NAMES)}", "Use one of the types."
+        )
     scalar = {"int": int, "float": float, "bool": bool, "str": str}[name.removeprefix("list_of_")]
     return List[scalar] if name.startswith("list_of_") else scalar  # type: ignore[valid-type]  # noqa: UP006
 

@@ -46,7 +46,9 @@ class DeclareLaunchArgument(Action):
     description: Any = Field(None, attribute="description")
     choices = Field(
         None,
-        nested=lambda e, parser: [parser.escape_characters(c.get_attr("value")) for c in e.nested("choice")] or None,
+        nested=lambda e, parser: (
+            [parser.escape_characters(c.get_attr("value")) for c in e.nested("choice")] or None
+        ),
     )
     _conditionally_included = False
 
@@ -180,7 +182,9 @@ class GroupAction(Action):
 
     actions = Field(
         positional=POSITIONAL,
-        nested=lambda e, parser: [parser.parse_action(inner) for inner in e.children if inner.type_name != "keep"],
+        nested=lambda e, parser: [
+            parser.parse_action(inner) for inner in e.children if inner.type_name != "keep"
+        ],
     )
     scoped = Field(True, attribute="scoped", kind=bool)
     forwarding = Field(True, attribute="forwarding", kind=bool)
@@ -193,7 +197,9 @@ class GroupAction(Action):
             for position, action in enumerate(actions, start=1):
                 if not hasattr(action, "visit"):
                     raise no_action(action, position, self)
-            first: list[Any] = [SetLaunchConfiguration(name, value) for name, value in configurations.items()]
+            first: list[Any] = [
+                SetLaunchConfiguration(name, value) for name, value in configurations.items()
+            ]
             if self.scoped and not self.forwarding:
                 first = [ResetEnvironment(), ResetLaunchConfigurations(configurations)]
             begin = [PushLaunchConfigurations(), PushEnvironment()] if self.scoped else []
@@ -216,17 +222,23 @@ class _RestoreFile(Action):
 
 def _arguments(entity: Any, parser: Any) -> list[Any]:
     given = [*entity.nested("arg"), *entity.nested("let")]
-    return [[parser.parse_substitution(e.get_attr(name)) for name in ("name", "value")] for e in given]
+    return [
+        [parser.parse_substitution(e.get_attr(name)) for name in ("name", "value")] for e in given
+    ]
 
 
 @expose_action("include")
 class IncludeLaunchDescription(Action):
-    launch_description_source: Any = Field(positional=POSITIONAL, attribute="file", read=Text.reading)
+    launch_description_source: Any = Field(
+        positional=POSITIONAL, attribute="file", read=Text.reading
+    )
     launch_arguments: Any = Field(None, nested=_arguments)
 
     def made(self) -> None:
         if not isinstance(self.launch_description_source, LaunchDescriptionSource):
-            self.launch_description_source = AnyLaunchDescriptionSource(self.launch_description_source)
+            self.launch_description_source = AnyLaunchDescriptionSource(
+                self.launch_description_source
+            )
         self.launch_arguments = tuple(self.launch_arguments or ())
 
     def describe(self) -> str:
@@ -251,22 +263,36 @@ class IncludeLaunchDescription(Action):
     def execute(self, context: Any) -> list[Any]:
         description = self.launch_description_source.get_launch_description(context)
         file = Path(self.launch_description_source.location).absolute()
-        here = {"current_launch_file_path": str(file), "current_launch_file_directory": str(file.parent)}
-        restored = {name: value for name, value in context.get_locals_as_dict().items() if name in here}
+        here = {
+            "current_launch_file_path": str(file),
+            "current_launch_file_directory": str(file.parent),
+        }
+        restored = {
+            name: value for name, value in context.get_locals_as_dict().items() if name in here
+        }
         context.extend_locals(here)
-        self._check_required(description, self._names(context), context.session.is_command_line(self))
+        self._check_required(
+            description, self._names(context), context.session.is_command_line(self)
+        )
         context.session.enter(self, context)
         sets = [SetLaunchConfiguration(name, value) for name, value in self.launch_arguments]
         return [*sets, description, _RestoreFile(restored)]
 
     def _check_required(self, description: Any, given: list[str], outermost: bool) -> None:
-        for argument, includes in description.get_launch_arguments_with_include_launch_description_actions():
+        for (
+            argument,
+            includes,
+        ) in description.get_launch_arguments_with_include_launch_description_actions():
             if argument._conditionally_included or argument.default_value is not None:
                 continue
-            names = given + [name for include in includes or [] for name in include._names_without_context()]
+            names = given + [
+                name for include in includes or [] for name in include._names_without_context()
+            ]
             if argument.name not in names:
                 message = f"the launch description needs the argument '{argument.name}' "
-                message += f"({argument.description}); it was given: {', '.join(given) or 'nothing'}"
+                message += (
+                    f"({argument.description}); it was given: {', '.join(given) or 'nothing'}"
+                )
                 remedy = "Give it: a default_value, name:=value when launching, or launch_arguments when including."
                 error = mistake(RuntimeError, message, "required_argument", remedy)
                 problems.blame(error, (includes or [argument])[0] if outermost else self)
@@ -306,7 +332,9 @@ class LogInfo(Action):
 
 
 class OpaqueFunction(Action):
-    function = Field(types=Callable, remedy="Give the function itself, without calling it: function=name.")
+    function = Field(
+        types=Callable, remedy="Give the function itself, without calling it: function=name."
+    )
     args = Field(None, types=(collections.abc.Iterable, type(None)))
     kwargs = Field(None, types=(dict, type(None)))
 
@@ -335,7 +363,9 @@ class RegisterEventHandler(Action):
 
     def execute(self, context: Any) -> None:
         if not hasattr(self.event_handler, "matches"):
-            raise AttributeError(f"'{type(self.event_handler).__name__}' object has no attribute 'matches'")
+            raise AttributeError(
+                f"'{type(self.event_handler).__name__}' object has no attribute 'matches'"
+            )
         context.register_event_handler(self.event_handler)
 
 
@@ -383,7 +413,9 @@ def _on_exit(value: str, parser: Any) -> list[Action]:
     """What follows the end of a process, as XML and YAML write it."""
     if value != "shutdown":
         message = f"the attribute 'on_exit' can only be 'shutdown', but it is '{value}'"
-        raise mistake(ValueError, message, "bad_markup", "Write this value, or take the attribute out.")
+        raise mistake(
+            ValueError, message, "bad_markup", "Write this value, or take the attribute out."
+        )
     return [Shutdown()]
 
 
@@ -405,18 +437,26 @@ class ExecuteLocal(Action):
 
     process_description: Any = Field()
     shell = Field(False, attribute="shell", kind=bool)
-    sigterm_timeout = Text(None, attribute="sigterm_timeout", kind=float, can_be_str=False, read=_seconds)
-    sigkill_timeout = Text(None, attribute="sigkill_timeout", kind=float, can_be_str=False, read=_seconds)
+    sigterm_timeout = Text(
+        None, attribute="sigterm_timeout", kind=float, can_be_str=False, read=_seconds
+    )
+    sigkill_timeout = Text(
+        None, attribute="sigkill_timeout", kind=float, can_be_str=False, read=_seconds
+    )
     emulate_tty = Field(False, attribute="emulate_tty", kind=bool)
     output = Text(
-        "log", attribute="output", normal=lambda value: value if isinstance(value, dict) else Text.normalized(value)
+        "log",
+        attribute="output",
+        normal=lambda value: value if isinstance(value, dict) else Text.normalized(value),
     )
     output_format = Field("")
     cached_output = Field(False)
     log_cmd = Field(False)
     on_exit = Field(None, attribute="on_exit", read=_on_exit)
     respawn = Typed(False, attribute="respawn", kind=bool, read_as=str, read=Text.reading)
-    respawn_delay = Field(None, attribute="respawn_delay", kind=float, can_be_str=False, read=_not_negative)
+    respawn_delay = Field(
+        None, attribute="respawn_delay", kind=float, can_be_str=False, read=_not_negative
+    )
     respawn_max_retries = Field(-1, attribute="respawn_max_retries", kind=int, can_be_str=False)
 
     def __init__(self, **kwargs: Any) -> None:
@@ -483,5 +523,7 @@ class ExecuteProcess(ExecuteLocal):
 
     def describe_program(self, cmd: Any, name: Any) -> None:
         """Keep the command line with its surroundings."""
-        described = {title: self.given[title] for title in ("prefix", "cwd", "env", "additional_env")}
+        described = {
+            title: self.given[title] for title in ("prefix", "cwd", "env", "additional_env")
+        }
         self.process_description = Executable(cmd=cmd, name=name, **described)

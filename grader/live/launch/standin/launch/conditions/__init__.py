@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from .._base import POSITIONAL, Condition, Field, InvalidConditionExpressionError, Text, mistake, perform_substitutions
+from .._base import (
+    POSITIONAL,
+    Condition,
+    Field,
+    InvalidConditionExpressionError,
+    Text,
+    mistake,
+    perform_substitutions,
+)
 
 
 def evaluate_condition_expression(context: Any, expression: Any) -> bool:

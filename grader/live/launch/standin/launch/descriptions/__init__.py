@@ -54,5 +54,7 @@ class Executable(Located):
             env[perform_substitutions(context, key)] = perform_substitutions(context, value)
         self.final_env = env
         if self.__letters:
-            message = "cmd is one text, of which each letter becomes a word: cmd=['program', 'argument']"
+            message = (
+                "cmd is one text, of which each letter becomes a word: cmd=['program', 'argument']"
+            )
             context.session.warn(message, action)

@@ -57,7 +57,9 @@ class OnActionEventBase(BaseEventHandler):
             message = f"target_action must be one action ({wanted.__name__}) or a function, but {shown(action)}"
             remedy = "Give the action itself, as it is kept in a variable."
             raise mistake(TypeError, f"{type(self).__name__}: {message}", "bad_target", remedy)
-        self._actions = [] if callable(self.on_event) else _entities(self.on_event, type(self).__name__)
+        self._actions = (
+            [] if callable(self.on_event) else _entities(self.on_event, type(self).__name__)
+        )
 
     def matches(self, event: Any) -> bool:
         wanted = self.action_matcher
@@ -95,7 +97,9 @@ class _OnEvent(OnActionEventBase):
         from .. import Action, actions
 
         self.action_matcher, self.on_event = self.target_action, self.given[self._follows]
-        self.target_action_cls = Action if self.target_event_cls is ExecutionComplete else actions.ExecuteLocal
+        self.target_action_cls = (
+            Action if self.target_event_cls is ExecutionComplete else actions.ExecuteLocal
+        )
         super().made()
 
 

@@ -34,7 +34,10 @@ _ROS_1 = {
     ("arg", "value"): "Write default='...', or <let> for what is not to be an argument.",
     ("node", "required"): "Write on_exit='shutdown' (ROS 1 wrote required='true').",
     ("node", "ns"): "Write namespace='...' (ROS 1 wrote ns='...').",
-    ("group", "ns"): "Write push_ros_namespace as the first action of the group (ROS 1 wrote ns='...').",
+    (
+        "group",
+        "ns",
+    ): "Write push_ros_namespace as the first action of the group (ROS 1 wrote ns='...').",
 }
 _T = TypeVar("_T")
 _ALIKE = "Write all items alike: [1.0, 2.5] instead of [1, 2.5]."
@@ -70,7 +73,11 @@ class Parser:
     def condition(self, entity: Entity) -> dict[str, Any]:
         """The condition that every action can have."""
         kinds = {"if": IfCondition, "unless": UnlessCondition}
-        texts = {name: text for name in kinds if (text := entity.get_attr(name, optional=True)) is not None}
+        texts = {
+            name: text
+            for name in kinds
+            if (text := entity.get_attr(name, optional=True)) is not None
+        }
         if len(texts) > 1:
             raise bad("'if' and 'unless' cannot stand in one element", raised=RuntimeError)
         for name, text in texts.items():
@@ -81,7 +88,10 @@ class Parser:
         """Names and values of the elements inside that have a tag."""
         read = self.parse_substitution
         return dict(
-            entity.each(tag, lambda inner: (tuple(read(inner.get_attr("name"))), read(inner.get_attr("value"))))
+            entity.each(
+                tag,
+                lambda inner: (tuple(read(inner.get_attr("name"))), read(inner.get_attr("value"))),
+            )
         )
 
     def parse_action(self, entity: Entity) -> Any:
@@ -96,7 +106,9 @@ class Parser:
         """The launch description of a file."""
         with blaming(root):
             if root.type_name != "launch":
-                message = f"the root of a launch file must be 'launch', but it is '{root.type_name}'"
+                message = (
+                    f"the root of a launch file must be 'launch', but it is '{root.type_name}'"
+                )
                 raise bad(message, "Correct it where it says.")
             reason = root.get_attr("deprecated", optional=True)
             with written_at(*root.source_line):
@@ -110,7 +122,9 @@ def _action_of(tag: str) -> Any:
     if tag in exposed_actions:
         return exposed_actions[tag]
     close = difflib.get_close_matches(tag, exposed_actions, n=1)
-    meant, remedy = (f"; did you mean '{close[0]}'?", "Correct the name.") if close else ("", CORRECT)
+    meant, remedy = (
+        (f"; did you mean '{close[0]}'?", "Correct the name.") if close else ("", CORRECT)
+    )
     if tag == "rosparam":
         remedy = "Write <param from='...'/> inside the node (ROS 1 wrote rosparam)."
     raise bad(f"there is no action '{tag}'{meant}", remedy, RuntimeError)
@@ -150,7 +164,11 @@ class Entity:
         if self.typed and tag in self.attributes:
             message = f"the attribute '{tag}' of <{self.type_name}> must be a list of mappings"
             raise bad(message, "Begin each item with a dash: '- name: ...'.", TypeError)
-        return self.lists.get(tag, []) if self.typed else [e for e in self.inner or [] if e.type_name == tag]
+        return (
+            self.lists.get(tag, [])
+            if self.typed
+            else [e for e in self.inner or [] if e.type_name == tag]
+        )
 
     def each(self, tag: str, read: Callable[[Entity], _T]) -> list[_T]:
         """What is read of each of the nested elements, and that is all there is in it."""
@@ -160,14 +178,20 @@ class Entity:
             inner.assert_entity_completely_parsed()
         return found
 
-    def get_attr(self, name: str, *, data_type: Any = str, optional: bool = False, can_be_str: bool = True) -> Any:
+    def get_attr(
+        self, name: str, *, data_type: Any = str, optional: bool = False, can_be_str: bool = True
+    ) -> Any:
         """An attribute, read as a type."""
         self._used.add(name)
         value = self.attributes.get(name)
         if value is None:
             if optional:
                 return None
-            remedy = "Write exec='...' (ROS 1 wrote type='...')." if name == "exec" else "Add the attribute."
+            remedy = (
+                "Write exec='...' (ROS 1 wrote type='...')."
+                if name == "exec"
+                else "Add the attribute."
+            )
             raise bad(f"<{self.type_name}> needs the attribute '{name}'", remedy, AttributeError)
         if f"{name}-sep" in self.attributes:
             self._used.add(f"{name}-sep")
@@ -180,7 +204,9 @@ class Entity:
                 raise bad(message, _remedy_of_text(str(error)), TypeError) from error
         if not is_instance_of(value, data_type, can_be_str):
             wanted, remedy = _wanted(value, data_type)
-            raise bad(f"the attribute '{name}' of <{self.type_name}> must be {wanted}", remedy, TypeError)
+            raise bad(
+                f"the attribute '{name}' of <{self.type_name}> must be {wanted}", remedy, TypeError
+            )
         return value
 
     def assert_entity_completely_parsed(self) -> None:
@@ -192,7 +218,9 @@ class Entity:
         if unknown:
             close = difflib.get_close_matches(unknown[0], self._used, n=1)
             meant = f"; did you mean '{close[0]}'?" if close else ""
-            remedy = _ROS_1.get((self.type_name, unknown[0])) or ("Correct the name." if close else "Take it out.")
+            remedy = _ROS_1.get((self.type_name, unknown[0])) or (
+                "Correct the name." if close else "Take it out."
+            )
             if self.type_name == "include":
                 remedy = "Put the include into a group, after push_ros_namespace or <let>."
             raise bad(f"<{self.type_name}> cannot have {', '.join(unknown)}{meant}", remedy)
@@ -207,11 +235,18 @@ def _remedy_of_text(problem: str) -> str:
 def _wanted(value: Any, data_type: Any) -> tuple[str, str]:
     """What is wanted instead of a value of YAML, and how it is written."""
     if data_type is None:
-        return f"a bool, a number, a text, or a list of which all items are of one type, not {value!r}", _ALIKE
+        return (
+            f"a bool, a number, a text, or a list of which all items are of one type, not {value!r}",
+            _ALIKE,
+        )
     named = f"of type {getattr(data_type, '__name__', data_type)}, not {value!r}"
     if data_type is float and type(value) is int:
         return f"{named}; write it with a decimal point", "Write 2.0 instead of 2."
-    return (f"{named}; put it in quotes", "Put the value in quotes.") if data_type is str else (named, CORRECT)
+    return (
+        (f"{named}; put it in quotes", "Put the value in quotes.")
+        if data_type is str
+        else (named, CORRECT)
+    )
 
 
 def read_entity(path: str) -> Entity:
@@ -237,7 +272,9 @@ def markup_of(text: str) -> str | None:
 def _read_xml(text: str, path: str) -> Entity:
     from xml.parsers import expat
 
-    parser = expat.ParserCreate(namespace_separator="}")  # a tag with a namespace is none that is known
+    parser = expat.ParserCreate(
+        namespace_separator="}"
+    )  # a tag with a namespace is none that is known
     document = Entity("", path, 1, typed=False)
     ancestors = [document]
 
@@ -267,7 +304,9 @@ def _read_yaml(text: str, path: str) -> Entity:
         message = f"this is not well-formed YAML: {getattr(error, 'problem', None) or error}"
         raise InvalidFrontendLaunchFileError(message, path, mark.line + 1 if mark else 1) from error
     if not isinstance(node, yaml.MappingNode) or not node.value:
-        raise InvalidFrontendLaunchFileError("the file must be a mapping with the key 'launch'", path, 1)
+        raise InvalidFrontendLaunchFileError(
+            "the file must be a mapping with the key 'launch'", path, 1
+        )
     name, (key, value) = next(iter(_keys(node).items()))
     return _yaml_entity(name, value, key.start_mark.line + 1, path)
 
@@ -294,10 +333,14 @@ def _yaml_entity(tag: str, node: Any, line: int, path: str) -> Entity:
         is_list = isinstance(value, yaml.SequenceNode)
         if name == "children":
             if not is_list:
-                raise InvalidFrontendLaunchFileError("'children' must hold a list", path, key.start_mark.line + 1)
+                raise InvalidFrontendLaunchFileError(
+                    "'children' must hold a list", path, key.start_mark.line + 1
+                )
             entity.inner = _actions(value, path)
         elif is_list and value.value and isinstance(value.value[0], yaml.MappingNode):
-            entity.lists[name] = [_yaml_entity(name, e, e.start_mark.line + 1, path) for e in value.value]
+            entity.lists[name] = [
+                _yaml_entity(name, e, e.start_mark.line + 1, path) for e in value.value
+            ]
         else:
             entity.attributes[name] = yaml.SafeLoader("").construct_object(value, deep=True)
     return entity

@@ -25,7 +25,10 @@ def instantiate_substitution(type_name: str, args: Any = None) -> Any:
     if type_name not in exposed_substitutions:
         known = ", ".join(sorted(exposed_substitutions))
         message = f"there is no substitution '$({type_name} ...)'; there are: {known}"
-        remedy = _ROS_1.get(type_name) or problems.near(type_name, exposed_substitutions) + "Correct the name."
+        remedy = (
+            _ROS_1.get(type_name)
+            or problems.near(type_name, exposed_substitutions) + "Correct the name."
+        )
         raise mistake(RuntimeError, message, "bad_markup", remedy)
     made, kwargs = exposed_substitutions[type_name].parse(args or [])
     return made(**kwargs)
@@ -104,7 +107,10 @@ class _Reader:
             elif character in (" ", *barred) or (character == ")" and not protected):
                 break
             elif character == "(" and not protected:
-                raise self._wrong("'(' in an argument needs quotes around the argument", "Put the argument in quotes.")
+                raise self._wrong(
+                    "'(' in an argument needs quotes around the argument",
+                    "Put the argument in quotes.",
+                )
             else:
                 parts.append(self._take(1))
         return _joined(parts)
@@ -132,7 +138,11 @@ def _joined(parts: list[Any]) -> list[Substitution]:
     found: list[Substitution] = []
     for is_text, run in groupby(parts, lambda part: isinstance(part, str)):
         following = list(run)
-        found += [TextSubstitution(text=replace_escaped_characters("".join(following)))] if is_text else following
+        found += (
+            [TextSubstitution(text=replace_escaped_characters("".join(following)))]
+            if is_text
+            else following
+        )
     return found
 
 

@@ -61,11 +61,17 @@ def _no_function(module: ModuleType, file: str) -> Any:
     if hasattr(module, "generate_launch_description"):
         named = _named(module.generate_launch_description)
         message = f"generate_launch_description must be a function, but it is {named}"
-    codes = {name: getattr(value, "__code__", None) for name, value in vars(module).items() if name[:2] != "__"}
+    codes = {
+        name: getattr(value, "__code__", None)
+        for name, value in vars(module).items()
+        if name[:2] != "__"
+    }
     lines = {name: code.co_firstlineno for name, code in codes.items() if code is not None}
     meant = difflib.get_close_matches("generate_launch_description", lines, n=1)
     remedy = f"Rename '{meant[0]}': w" if meant else "W"
-    remedy += "rite a function 'def generate_launch_description():' that returns a LaunchDescription."
+    remedy += (
+        "rite a function 'def generate_launch_description():' that returns a LaunchDescription."
+    )
     error = mistake(InvalidPythonLaunchFileError, message, "no_generate_function", remedy)
     error.__dict__.update(launch_file=file, launch_line=lines[meant[0]] if meant else None)
     return error
@@ -80,7 +86,9 @@ def _named(description: Any) -> str:
     return "nothing" if description is None else f"a {type(description).__name__}"
 
 
-def get_launch_description_from_frontend_launch_file(launch_file_path: str, parser: Any = None) -> Any:
+def get_launch_description_from_frontend_launch_file(
+    launch_file_path: str, parser: Any = None
+) -> Any:
     """The launch description that an XML or YAML launch file holds."""
     return Parser().parse_description(read_entity(launch_file_path))
 
@@ -89,7 +97,9 @@ def get_launch_description_from_any_launch_file(launch_file_path: str, parser: A
     """The launch description of a launch file, whose format its name tells."""
     path = Path(launch_file_path)
     is_markup = path.suffix in (".xml", ".yaml", ".yml")
-    if is_markup or (path.suffix != ".py" and markup_of(path.read_text(encoding="utf-8", errors="replace"))):
+    if is_markup or (
+        path.suffix != ".py" and markup_of(path.read_text(encoding="utf-8", errors="replace"))
+    ):
         return get_launch_description_from_frontend_launch_file(launch_file_path)
     return get_launch_description_from_python_launch_file(launch_file_path)
 

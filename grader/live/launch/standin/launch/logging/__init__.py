@@ -36,13 +36,17 @@ def get_output_loggers(process_name: str, output_config: Any) -> tuple[Logger, L
     """Loggers of a process, if it is known where its output is to go."""
     if isinstance(output_config, str):
         if output_config not in _OUTPUT_WORDS:
-            raise _unknown(f"output must be one of {', '.join(_OUTPUT_WORDS)}, but it is '{output_config}'")
+            raise _unknown(
+                f"output must be one of {', '.join(_OUTPUT_WORDS)}, but it is '{output_config}'"
+            )
         output_config = {}
     for stream, words in dict(output_config).items():
         if stream not in ("stdout", "stderr", "both"):
             raise _unknown(f"output can be set for stdout, stderr or both, but not for '{stream}'")
         if not set([words] if isinstance(words, str) else words) <= set(_STREAM_WORDS):
-            raise _unknown(f"the output of {stream} must be among {', '.join(_STREAM_WORDS)}, but it is {words!r}")
+            raise _unknown(
+                f"the output of {stream} must be among {', '.join(_STREAM_WORDS)}, but it is {words!r}"
+            )
     return get_logger(f"{process_name}-stdout"), get_logger(f"{process_name}-stderr")
 
 

@@ -45,7 +45,9 @@ class TextSubstitution(Substitution):
 def as_default(value: Any) -> list[Substitution]:
     """A default, in which everything else than substitutions is turned into text."""
     items = value if isinstance(value, collections.abc.Iterable) else (value,)
-    return normalize_to_list_of_substitutions(i if isinstance(i, (str, Substitution)) else str(i) for i in items)
+    return normalize_to_list_of_substitutions(
+        i if isinstance(i, (str, Substitution)) else str(i) for i in items
+    )
 
 
 @expose_substitution("var")
@@ -64,7 +66,9 @@ class LaunchConfiguration(Substitution):
             return known[name]  # type: ignore[no-any-return]
         if self.default is None:
             remedy = shared("problems").configuration_remedy(name, known)
-            raise _failure(f"launch configuration '{name}' does not exist", "undefined_configuration", remedy)
+            raise _failure(
+                f"launch configuration '{name}' does not exist", "undefined_configuration", remedy
+            )
         return self.text("default", context)
 
 
@@ -79,7 +83,9 @@ class EnvironmentVariable(Substitution):
             return str(context.environment[name])
         if self.default_value is None:
             remedy = "Set the variable, or give default_value=."
-            raise _failure(f"environment variable '{name}' does not exist", "undefined_variable", remedy)
+            raise _failure(
+                f"environment variable '{name}' does not exist", "undefined_variable", remedy
+            )
         return self.text("default_value", context)
 
 
@@ -134,7 +140,9 @@ class PathJoinSubstitution(Substitution):
     substitutions = Texts(positional=POSITIONAL)
 
     def __truediv__(self, additional_path: Any) -> PathJoinSubstitution:
-        return PathJoinSubstitution([*self.substitutions, normalize_to_list_of_substitutions(additional_path)])
+        return PathJoinSubstitution(
+            [*self.substitutions, normalize_to_list_of_substitutions(additional_path)]
+        )
 
     def perform(self, context: Any) -> str:
         parts = [perform_substitutions(context, part) for part in self.substitutions]
@@ -203,16 +211,22 @@ class Command(Substitution):
         stderr = subprocess.STDOUT if on_stderr == "capture" else subprocess.PIPE
         words = shlex.split(line)
         try:
-            done = subprocess.run(words, stdout=subprocess.PIPE, stderr=stderr, text=True, check=False)
+            done = subprocess.run(
+                words, stdout=subprocess.PIPE, stderr=stderr, text=True, check=False
+            )
         except FileNotFoundError as error:
-            raise _no_program(f"command not found: '{words[0]}'", words[0], "command_failed") from error
+            raise _no_program(
+                f"command not found: '{words[0]}'", words[0], "command_failed"
+            ) from error
         said = f", which said: {done.stderr.strip()}" if done.stderr else ""
         remedy = "Run the command by hand and correct what it says."
         if done.returncode != 0:
             message = f"command '{line}' failed with exit status {done.returncode}{said}"
             raise _failure(message, "command_failed", remedy)
         if done.stderr and on_stderr == "fail":
-            raise _failure(f"command '{line}' wrote to standard error{said}", "command_failed", remedy)
+            raise _failure(
+                f"command '{line}' wrote to standard error{said}", "command_failed", remedy
+            )
         if done.stderr and on_stderr == "warn":
             context.session.warn(f"command '{line}' wrote to standard error{said}", self)
         return done.stdout
@@ -261,7 +275,9 @@ class FileContent(Substitution):
             return Path(path).read_text()
         except OSError as error:
             message = f"file '{path}' cannot be read: {error.strerror}"
-            raise _failure(message, "exception", "Correct the path, or hand the file in.") from error
+            raise _failure(
+                message, "exception", "Correct the path, or hand the file in."
+            ) from error
 
 
 class _Logical(Substitution):
@@ -271,7 +287,9 @@ class _Logical(Substitution):
         try:
             return bool(perform_typed_substitution(context, subs, bool))
         except (TypeError, ValueError) as error:
-            remedy = "Give a value of the type that is asked for, or a text that can be read as one."
+            remedy = (
+                "Give a value of the type that is asked for, or a text that can be read as one."
+            )
             raise _failure(str(error), "bad_parameter_value", remedy) from error
 
     def perform(self, context: Any) -> str:
@@ -300,7 +318,9 @@ class IfElseSubstitution(_Logical):
         super().__init__(condition, if_value, else_value)
 
     def perform(self, context: Any) -> str:
-        return self.text("if_value" if self.truth(self.condition, context) else "else_value", context)
+        return self.text(
+            "if_value" if self.truth(self.condition, context) else "else_value", context
+        )
 
 
 @expose_substitution("not")
@@ -346,7 +366,9 @@ class AnySubstitution(AllSubstitution):
 
 def _comparable(value: Any) -> list[Substitution]:
     if not is_substitution(value):
-        value = "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+        value = (
+            "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+        )
     return normalize_to_list_of_substitutions(value)
 
 

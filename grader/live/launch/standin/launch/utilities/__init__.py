@@ -2,4 +2,9 @@
 
 from __future__ import annotations
 
-from .._base import ensure_argument_type, is_a_subclass, normalize_to_list_of_substitutions, perform_substitutions
+from .._base import (
+    ensure_argument_type,
+    is_a_subclass,
+    normalize_to_list_of_substitutions,
+    perform_substitutions,
+)

@@ -33,7 +33,12 @@ def extract_type(data_type: Any) -> tuple[Any, bool]:
     scalar = get_args(data_type)[0] if is_list and get_args(data_type) else data_type
     if scalar not in ScalarTypesTuple:
         remedy = "Use int, float, bool, str, or List[...] of one of them."
-        raise mistake(ValueError, f"{data_type!r} is not a type that a value can have here", "bad_type", remedy)
+        raise mistake(
+            ValueError,
+            f"{data_type!r} is not a type that a value can have here",
+            "bad_type",
+            remedy,
+        )
     return scalar, is_list
 
 
@@ -77,7 +82,13 @@ def coerce_to_type(value: str, data_type: Any = None, can_be_str: bool = False) 
     is_list = False
     if data_type is not None:
         scalar, is_list = extract_type(data_type)
-    aim = "a parameter value" if scalar is None else "true or false" if scalar is bool else scalar.__name__
+    aim = (
+        "a parameter value"
+        if scalar is None
+        else "true or false"
+        if scalar is bool
+        else scalar.__name__
+    )
     if is_list:
         aim = f"a list of {scalar.__name__}"
     elif scalar is str:
@@ -92,7 +103,11 @@ def coerce_to_type(value: str, data_type: Any = None, can_be_str: bool = False) 
             raise _unreadable(f"'{value}' cannot be read as {aim}") from error
         output = value
     if not is_instance_of_valid_type(output, can_be_str):
-        kind = "list whose items are not of one type" if isinstance(output, list) else type(output).__name__
+        kind = (
+            "list whose items are not of one type"
+            if isinstance(output, list)
+            else type(output).__name__
+        )
         raise _unreadable(f"'{value}' cannot be read as {aim}: YAML makes it a {kind}")
     if not is_instance_of(output, data_type, can_be_str):
         raise _unreadable(f"'{value}' cannot be read as {aim}")
@@ -118,9 +133,15 @@ def is_substitution(x: Any) -> bool:
     """Whether something is a substitution, or a list of texts with at least one substitution."""
     if isinstance(x, Substitution):
         return True
-    if isinstance(x, str) or not isinstance(x, collections.abc.Sized) or not isinstance(x, collections.abc.Iterable):
+    if (
+        isinstance(x, str)
+        or not isinstance(x, collections.abc.Sized)
+        or not isinstance(x, collections.abc.Iterable)
+    ):
         return False
-    return all(isinstance(i, (Substitution, str)) for i in x) and any(isinstance(i, Substitution) for i in x)
+    return all(isinstance(i, (Substitution, str)) for i in x) and any(
+        isinstance(i, Substitution) for i in x
+    )
 
 
 def is_normalized_substitution(x: Any) -> bool:
@@ -134,7 +155,9 @@ def normalize_typed_substitution(value: Any, data_type: Any) -> Any:
         if not is_instance_of(value, data_type):
             name = getattr(data_type, "__name__", str(data_type))
             message = f"{'an' if name == 'int' else 'a'} {name} is wanted, but {shown(value)}"
-            raise mistake(TypeError, message, "bad_type", "Give a value of this type, without quotes.")
+            raise mistake(
+                TypeError, message, "bad_type", "Give a value of this type, without quotes."
+            )
         return value
     if is_substitution(value):
         return normalize_to_list_of_substitutions(value)
@@ -148,7 +171,10 @@ def _normalize_typed_list(items: list[Any], data_type: Any) -> list[Any]:
     kinds = set()
     for item in items:
         if not isinstance(item, ScalarTypesTuple) and not is_substitution(item):
-            raise _unreadable(f"in this list only values and substitutions can stand, but {shown(item)}", TypeError)
+            raise _unreadable(
+                f"in this list only values and substitutions can stand, but {shown(item)}",
+                TypeError,
+            )
         kinds.add(type(item) if isinstance(item, ScalarTypesTuple) else Substitution)
     data_type = _type_of_items(items, data_type)
     plain = kinds - {Substitution}
@@ -159,10 +185,14 @@ def _normalize_typed_list(items: list[Any], data_type: Any) -> list[Any]:
     else:  # an empty list counts as one of texts; a list of substitutions can become anything
         found = plain.pop() if plain else None if kinds else str
     if found is not None and data_type not in (None, found):
-        message = f"a list of {found.__name__} is given where a list of {data_type.__name__} is wanted"
+        message = (
+            f"a list of {found.__name__} is given where a list of {data_type.__name__} is wanted"
+        )
         raise _unreadable(message, TypeError)
     convert = float if found is float else (lambda item: item)
-    return [normalize_to_list_of_substitutions(i) if is_substitution(i) else convert(i) for i in items]
+    return [
+        normalize_to_list_of_substitutions(i) if is_substitution(i) else convert(i) for i in items
+    ]
 
 
 def perform_typed_substitution(context: Any, value: Any, data_type: Any) -> Any:
@@ -176,7 +206,9 @@ def perform_typed_substitution(context: Any, value: Any, data_type: Any) -> Any:
     if isinstance(value, list):
         scalar = _type_of_items(value, data_type)
         output = [
-            coerce_to_type(perform_substitutions(context, item), scalar) if is_normalized_substitution(item) else item
+            coerce_to_type(perform_substitutions(context, item), scalar)
+            if is_normalized_substitution(item)
+            else item
             for item in value
         ]
         if not is_instance_of(output, data_type):

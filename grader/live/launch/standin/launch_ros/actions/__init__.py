@@ -140,7 +140,9 @@ class Node(ExecuteProcess):
                 continue
             path = os.path.abspath(item)  # noqa: PTH100 - must not resolve links
             if not Path(path).is_file():
-                raise FileNotFoundError(2, "no such file, which SetParametersFromFile gives this node", path)
+                raise FileNotFoundError(
+                    2, "no such file, which SetParametersFromFile gives this node", path
+                )
             self._extend("--params-file", path)
 
     def _add_parameters(self, context: Any) -> None:
@@ -149,9 +151,14 @@ class Node(ExecuteProcess):
         for item in evaluate_parameters(context, self.__parameters):
             if isinstance(item, dict):
                 key = self.node_name if self.is_node_name_fully_specified() else "/**"
-                plain = {name: list(value) if isinstance(value, tuple) else value for name, value in item.items()}
+                plain = {
+                    name: list(value) if isinstance(value, tuple) else value
+                    for name, value in item.items()
+                }
                 text = yaml.dump({key: {"ros__parameters": plain}}, default_flow_style=False)
-                path = context.session.files.add(self.__expanded_name.strip("<>"), ".yaml", text, of_node=True)
+                path = context.session.files.add(
+                    self.__expanded_name.strip("<>"), ".yaml", text, of_node=True
+                )
                 self._extend("--params-file", path)
             elif isinstance(item, Parameter):
                 name, value = item.evaluate(context)
@@ -164,7 +171,9 @@ class Node(ExecuteProcess):
     def _add_remappings(self, context: Any) -> None:
         rules = list(context.launch_configurations.get("ros_remaps") or [])
         for source, target in self.__remappings:
-            rules.append((perform_substitutions(context, source), perform_substitutions(context, target)))
+            rules.append(
+                (perform_substitutions(context, source), perform_substitutions(context, target))
+            )
         self.expanded_remapping_rules = rules
         for source, target in rules:
             self._extend("-r", f"{source}:={target}")
@@ -174,7 +183,10 @@ class Node(ExecuteProcess):
         if isinstance(self.arguments, str) and len(self.arguments) > 1:
             message = "arguments is one text, of which each letter becomes an argument: arguments=['...', '...']"
             context.session.warn(message, self)
-        words = {"name": f"__node:={self.__expanded_name}", "ns": f"__ns:={self.expanded_node_namespace}"}
+        words = {
+            "name": f"__node:={self.__expanded_name}",
+            "ns": f"__ns:={self.expanded_node_namespace}",
+        }
         context.extend_locals({"ros_specific_arguments": words})
         found = super().execute(context)
         if self.is_node_name_fully_specified():
@@ -201,7 +213,11 @@ class ComposableNodeContainer(Node):
     def execute(self, context: Any) -> Any:
         super().execute(context)
         nodes = self.composable_node_descriptions
-        return [LoadComposableNodes(composable_node_descriptions=nodes, target_container=self)] if nodes else None
+        return (
+            [LoadComposableNodes(composable_node_descriptions=nodes, target_container=self)]
+            if nodes
+            else None
+        )
 
 
 @expose_action("load_composable_node")
@@ -217,7 +233,10 @@ class LoadComposableNodes(Action):
         target = self.target_container
         if not isinstance(target, ComposableNodeContainer):
             ensure_argument_type(
-                target, (str, Path, Action, list, tuple, Substitution), "target_container", "LoadComposableNodes"
+                target,
+                (str, Path, Action, list, tuple, Substitution),
+                "target_container",
+                "LoadComposableNodes",
             )
 
 
@@ -245,12 +264,16 @@ class LifecycleTransition(Action):
 
     lifecycle_node_names = Texts()
     transition_ids = Texts(
-        normal=lambda ids: Texts.normalized([str(item) if isinstance(item, int) else item for item in ids])
+        normal=lambda ids: Texts.normalized(
+            [str(item) if isinstance(item, int) else item for item in ids]
+        )
     )
 
     def made(self) -> None:
         if not self.transition_ids or not self.lifecycle_node_names:
-            raise ValueError("LifecycleTransition needs at least one node name and one transition id")
+            raise ValueError(
+                "LifecycleTransition needs at least one node name and one transition id"
+            )
 
     def execute(self, context: Any) -> list[Any]:
         names = [perform_substitutions(context, name) for name in self.lifecycle_node_names]
@@ -260,7 +283,10 @@ class LifecycleTransition(Action):
         for name in names:
             asked = [self._ask(name, number) for number in ids]
             first.append(asked[0])
-            handlers += [_after(name, number, following) for number, following in zip(ids, asked[1:], strict=False)]
+            handlers += [
+                _after(name, number, following)
+                for number, following in zip(ids, asked[1:], strict=False)
+            ]
         return [*handlers, *first]
 
     def _ask(self, name: str, number: int) -> EmitEvent:
@@ -278,7 +304,9 @@ def _after(name: str, number: int, following: Any) -> RegisterEventHandler:
             return False
         return (event.start_state, event.goal_state) == (meanwhile, after)
 
-    return RegisterEventHandler(OnStateTransition(matcher=matches, entities=[following], handle_once=True))
+    return RegisterEventHandler(
+        OnStateTransition(matcher=matches, entities=[following], handle_once=True)
+    )
 
 
 # -- what lasts for the nodes that follow in the scope ---------------------------------------------
@@ -297,7 +325,9 @@ class PushROSNamespace(Action):
             validate_namespace(namespace or "")
         except ValueError as error:
             message = f"{error} (pushed '{pushed}' onto '{before or ''}')"
-            raise mistake(SubstitutionFailure, message, "bad_name", error.__dict__["launch_remedy"]) from error
+            raise mistake(
+                SubstitutionFailure, message, "bad_name", error.__dict__["launch_remedy"]
+            ) from error
         context.launch_configurations["ros_namespace"] = namespace
 
 

@@ -6,7 +6,13 @@ from typing import Any
 
 from launch._base import Field, Located, Text
 
-from ..parameter_descriptions import Parameter, ParameterFile, ParameterValue, read_parameters, read_remappings
+from ..parameter_descriptions import (
+    Parameter,
+    ParameterFile,
+    ParameterValue,
+    read_parameters,
+    read_remappings,
+)
 from ..utilities import normalize_parameters, normalize_remap_rules
 
 

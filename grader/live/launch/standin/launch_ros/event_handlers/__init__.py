@@ -24,12 +24,20 @@ class OnStateTransition(EventHandler):
         target = self.target_lifecycle_node
         if target is not None and not hasattr(target, "is_lifecycle_node"):
             message = f"OnStateTransition: target_lifecycle_node must be a LifecycleNode, but {shown(target)}"
-            raise mistake(RuntimeError, message, "bad_target", "Give the action itself, as it is kept in a variable.")
+            raise mistake(
+                RuntimeError,
+                message,
+                "bad_target",
+                "Give the action itself, as it is kept in a variable.",
+            )
 
     def matches(self, event: Any) -> bool:
         if self.matcher is not None:
             return bool(self.matcher(event))
-        if not isinstance(event, StateTransition) or self.target_lifecycle_node not in (None, event.action):
+        if not isinstance(event, StateTransition) or self.target_lifecycle_node not in (
+            None,
+            event.action,
+        ):
             return False
         asked = ("transition", "start_state", "goal_state")
         return all(self.given[name] in (None, getattr(event, name)) for name in asked)

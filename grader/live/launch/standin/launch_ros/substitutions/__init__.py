@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from launch._base import POSITIONAL, Substitution, SubstitutionFailure, Text, expose_substitution, mistake, shared
+from launch._base import (
+    POSITIONAL,
+    Substitution,
+    SubstitutionFailure,
+    Text,
+    expose_substitution,
+    mistake,
+    shared,
+)
 from launch.substitutions import PathSubstitution, as_default
 
 

@@ -40,16 +40,16 @@ class InvalidNamespaceException(ValueError):
 
 def validate_node_name(name: str) -> None:
     if not re.fullmatch(r"[A-Za-z_][A-Za-z0-9_]*", name) or len(name) > 255:
-        message = (
-            f"invalid node name '{name}': it may hold only letters, digits and '_', and may not begin with a digit"
-        )
+        message = f"invalid node name '{name}': it may hold only letters, digits and '_', and may not begin with a digit"
         remedy = "Use letters, digits and '_', and put '/' into namespace=."
         raise mistake(InvalidNodeNameException, message, "bad_name", remedy)
 
 
 def validate_namespace(namespace: str) -> None:
     if namespace != "/" and not re.fullmatch(r"(/[A-Za-z_][A-Za-z0-9_]*)+", namespace):
-        message = f"invalid namespace '{namespace}': its parts may hold only letters, digits and '_', "
+        message = (
+            f"invalid namespace '{namespace}': its parts may hold only letters, digits and '_', "
+        )
         message += "may not begin with a digit, and are separated by one '/' each"
         remedy = "Use letters, digits and '_', with one '/' between the parts."
         raise mistake(InvalidNamespaceException, message, "bad_name", remedy)
@@ -72,13 +72,23 @@ def prefix_namespace(base_ns: str | None, ns: str | None) -> str | None:
 
 def normalize_remap_rule(remap_rule: Any) -> tuple[list[Substitution], list[Substitution]]:
     if not isinstance(remap_rule, tuple) or len(remap_rule) != 2:
-        why = f"{remap_rule!r:.120} has {len(remap_rule)}" if isinstance(remap_rule, tuple) else shown(remap_rule)
+        why = (
+            f"{remap_rule!r:.120} has {len(remap_rule)}"
+            if isinstance(remap_rule, tuple)
+            else shown(remap_rule)
+        )
         remedy = "Write a list of tuples: remappings=[('from', 'to')]."
-        raise mistake(TypeError, f"a remapping must be a tuple of two, but {why}", "bad_remapping", remedy)
-    return normalize_to_list_of_substitutions(remap_rule[0]), normalize_to_list_of_substitutions(remap_rule[1])
+        raise mistake(
+            TypeError, f"a remapping must be a tuple of two, but {why}", "bad_remapping", remedy
+        )
+    return normalize_to_list_of_substitutions(remap_rule[0]), normalize_to_list_of_substitutions(
+        remap_rule[1]
+    )
 
 
-def normalize_remap_rules(remap_rules: Any) -> Iterator[tuple[list[Substitution], list[Substitution]]]:
+def normalize_remap_rules(
+    remap_rules: Any,
+) -> Iterator[tuple[list[Substitution], list[Substitution]]]:
     return (normalize_remap_rule(rule) for rule in remap_rules)
 
 
@@ -89,8 +99,12 @@ def normalize_parameters(parameters: Any) -> tuple[Any, ...]:
         message = f"argument 'parameters' must be a list, but {shown(parameters)}"
         raise mistake(TypeError, message, "parameters_not_list", remedy)
     kept = (Parameter, ParameterFile)
-    files = [item if isinstance(item, (Mapping, *kept)) else ParameterFile(item) for item in parameters]
-    return tuple(normalize_parameter_dict(item) if isinstance(item, Mapping) else item for item in files)
+    files = [
+        item if isinstance(item, (Mapping, *kept)) else ParameterFile(item) for item in parameters
+    ]
+    return tuple(
+        normalize_parameter_dict(item) if isinstance(item, Mapping) else item for item in files
+    )
 
 
 def normalize_parameter_dict(parameters: Any, *, _prefix: Any = None) -> dict[Any, Any]:
@@ -119,10 +133,16 @@ def _no_value(message: str, value: Any) -> Any:
         "PosixPath": "Give a path as text: str(path).",
         "ndarray": "Give a plain list: array.tolist().",
     }
-    remedy = remedies.get(type(value).__name__, "Give a bool, an int, a float, a text, or a list of one of these.")
+    remedy = remedies.get(
+        type(value).__name__, "Give a bool, an int, a float, a text, or a list of one of these."
+    )
     if isinstance(value, Sequence) and not isinstance(value, str):
-        remedy = "Write all items alike: [1.0, 2.5] instead of [1, 2.5], ['1', 'x'] instead of [1, 'x']."
-        remedy = remedy if value else "Leave the parameter out, or give a list with at least one item."
+        remedy = (
+            "Write all items alike: [1.0, 2.5] instead of [1, 2.5], ['1', 'x'] instead of [1, 'x']."
+        )
+        remedy = (
+            remedy if value else "Leave the parameter out, or give a list with at least one item."
+        )
     return mistake(TypeError, message, "bad_parameter_value", remedy)
 
 
@@ -131,16 +151,27 @@ def _normalize_value(name: Any, value: Any) -> Any:
     import yaml
 
     if isinstance(value, (str, Substitution)):
-        return tuple(normalize_to_list_of_substitutions(yaml.dump(value) if isinstance(value, str) else value))
+        return tuple(
+            normalize_to_list_of_substitutions(
+                yaml.dump(value) if isinstance(value, str) else value
+            )
+        )
     if isinstance(value, (float, bool, int, bytes, ParameterValue)):
         return value
     if not isinstance(value, Sequence):
         raise _no_value(f"the parameter '{name}' cannot have such a value: {shown(value)}", value)
     kinds = set()
     for item in value:
-        kinds.add(next((kind for kind in (Substitution, *_SCALARS, Sequence) if isinstance(item, kind)), None))
+        kinds.add(
+            next(
+                (kind for kind in (Substitution, *_SCALARS, Sequence) if isinstance(item, kind)),
+                None,
+            )
+        )
         if None in kinds:
-            raise _no_value(f"the parameter '{name}' cannot have such an item in its list: {shown(item)}", item)
+            raise _no_value(
+                f"the parameter '{name}' cannot have such an item in its list: {shown(item)}", item
+            )
     if kinds in ({int}, {bool}):
         return tuple(value)
     if kinds in ({float}, {int, float}):
@@ -153,12 +184,19 @@ def _normalize_value(name: Any, value: Any) -> Any:
 
 def evaluate_parameters(context: Any, parameters: Any) -> tuple[Any, ...]:
     """Normal parameters, resolved: dicts of values, paths of files, or `Parameter`s."""
-    files = [item.evaluate(context) if isinstance(item, ParameterFile) else item for item in parameters]
-    return tuple(evaluate_parameter_dict(context, item) if isinstance(item, Mapping) else item for item in files)
+    files = [
+        item.evaluate(context) if isinstance(item, ParameterFile) else item for item in parameters
+    ]
+    return tuple(
+        evaluate_parameter_dict(context, item) if isinstance(item, Mapping) else item
+        for item in files
+    )
 
 
 def evaluate_parameter_dict(context: Any, parameters: Any) -> dict[str, Any]:
-    names = {perform_substitutions(context, list(name)): value for name, value in parameters.items()}
+    names = {
+        perform_substitutions(context, list(name)): value for name, value in parameters.items()
+    }
     return {name: _evaluate_value(context, name, value) for name, value in names.items()}
 
 
@@ -195,7 +233,11 @@ def _evaluate_text(name: str, text: str) -> Any:
 
 
 def _uniform(name: str, items: Sequence[Any]) -> tuple[Any, ...]:
-    if not items or type(items[0]) not in _SCALARS or not all(isinstance(i, type(items[0])) for i in items):
+    if (
+        not items
+        or type(items[0]) not in _SCALARS
+        or not all(isinstance(i, type(items[0])) for i in items)
+    ):
         message = f"the list given to the parameter '{name}' must not be empty, and its items must "
         message += f"all be of one type (bool, int, float or str), but it is {list(items)!r:.120}"
         raise _no_value(message, items)

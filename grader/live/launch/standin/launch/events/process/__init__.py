@@ -76,4 +76,6 @@ def matches_name(name: str) -> Callable[[Any], bool]:
 
 
 def matches_executable(name: str) -> Callable[[Any], bool]:
-    return lambda action: bool(action.process_details and action.process_details["cmd"][0].split("/")[-1] == name)
+    return lambda action: bool(
+        action.process_details and action.process_details["cmd"][0].split("/")[-1] == name
+    )

@@ -10,7 +10,9 @@ from launch._base import Event, Field
 
 class ChangeState(Event):
     #: As `lifecycle_msgs/msg/Transition` numbers them: what is asked for, then how each of them can end.
-    valid_transitions = frozenset({*range(9), *(tens + how for tens in range(10, 70, 10) for how in range(3))})
+    valid_transitions = frozenset(
+        {*range(9), *(tens + how for tens in range(10, 70, 10) for how in range(3))}
+    )
 
     lifecycle_node_matcher = Field()
     transition_id = Field()
