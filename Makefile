@@ -1,6 +1,6 @@
-# Two commands: `make alice` grades the sample submission, `make test` runs every test and check.
-# Each makes the virtual environment that it needs; nothing else is installed into the system but
-# bubblewrap, and Chromium for the tests of pages, and these only where we may.
+# `make alice` grades the sample submission, `make test` runs the tests that a person runs before a commit.
+# Each makes the virtual environment that it needs. Besides bubblewrap, a compiler and, for tests of pages,
+# Chromium, nothing is installed into the system, and these only as root.
 
 PYTHON ?= python3
 VENV := .venv
@@ -9,26 +9,37 @@ STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 NOT_INSTALLED = { echo "The packages could not be installed, see above; the first time, this needs a network."; exit 1; }
 
-.PHONY: alice test thorough fixtures attacks bench docs system system-dev lint types layers house clean
+.PHONY: alice test thorough fixtures attacks bench docs system system-dev lint types layers house clean test-all test-rest
 
 alice: $(STAMP) system
 	$(BIN)/grade submissions/alice/
 
-# mypy has a core for a minute: it runs behind the tests, and what it says comes after theirs.
+# Tests of `make test`: pure ones without the slow properties, and a live smoke test. `make test-rest` runs the others.
+QUICK := ((not live and not browser and not slow) or smoke)
+# Durations of all tests in the form of JUnit.
+DURATIONS := build/tests
+
+# mypy needs a core for a minute: it runs behind the tests, and its output follows theirs.
 test: $(DEV_STAMP) system-dev lint
 	@said=$$(mktemp); nice $(MAKE) --no-print-directory -k types layers house >"$$said" 2>&1 & checks=$$!; \
-	  $(BIN)/python -m pytest -n 3; tests=$$?; \
+	  $(BIN)/python -m pytest -n 2 -m "$(QUICK)" --junitxml=$(DURATIONS)/quick.xml; tests=$$?; \
 	  wait $$checks; checked=$$?; cat "$$said"; rm -f "$$said"; exit $$((tests | checked))
 
-# All examples and cases of which `make test` tries a part, others for each commit; some five minutes.
+# Live tests, the browser, the slow properties, and a rotating part of the fixtures and attacks; some fifteen minutes.
+test-rest: $(DEV_STAMP) system-dev
+	$(BIN)/python -m pytest -n 3 -m "not $(QUICK)" --junitxml=$(DURATIONS)/rest.xml
+
+test-all: test test-rest
+
+# All examples and cases of which each run tries a part, others for each commit; some five minutes.
 thorough: $(DEV_STAMP) system-dev
 	THOROUGH=1 $(BIN)/python -m pytest -n 4 -m "not live"
 
-# Every fixture; some six minutes. `make test` grades the sixth of them that the commit's name chooses.
+# Every fixture; some six minutes. `make test-all` grades a sixth of them, another for each commit.
 fixtures: $(DEV_STAMP) system
 	FIXTURES=all $(BIN)/python -m pytest -n 3 tests/live/test_fixtures.py tests/live/test_labs.py
 
-# Every attack of fixtures/attacks in all three environments; some fifty minutes. `make test` tries a part of them.
+# Every attack of fixtures/attacks in all three environments; some fifty minutes. `make test-all` tries a part of them.
 attacks: $(DEV_STAMP) system
 	ATTACKS=all $(BIN)/python -m pytest -n 3 tests/live/test_attacks.py
 

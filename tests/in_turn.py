@@ -31,8 +31,6 @@ ONE_BY_ONE = (
 #: Folders of tests that compute, however long that takes by the clock; what others compute has bounds in seconds.
 PATIENT = ("checks", "cohort", "evidence", "judging", "lab", "recording", "reference", "report")
 IMPATIENT = ("test_writing.py",)
-#: Modules that only compute, for half a minute each.
-LONG = ("test_hostile_texts.py", "test_hard_texts.py", "test_judge.py", "test_every_pattern.py")
 
 
 class Kind(IntEnum):
@@ -43,18 +41,25 @@ class Kind(IntEnum):
 
 @cache
 def _kind_of_module(module: str) -> Kind:
-    name, text = Path(module).name, (ROOT / module).read_text(encoding="utf-8")
+    name = Path(module).name
+    text = (ROOT / module).read_text(encoding="utf-8")
     if re.search(r"pytest\.mark\.live\b", text):
-        alone = Kind.FIXTURE if name == "test_fixtures.py" else Kind.LIVE_TEST
-        return (
-            Kind.ATTACK
-            if name == "test_attacks.py"
-            else alone
-            if name in ONE_BY_ONE
-            else Kind.LIVE_MODULE
-        )
-    patient = Path(module).parts[1] in PATIENT and name not in IMPATIENT
-    return Kind.LONG if name in LONG else Kind.PURE if patient else Kind.CLOCK
+        return _kind_of_live_module(name)
+    if re.search(r"^pytestmark = pytest\.mark\.slow\b", text, re.MULTILINE):
+        return Kind.LONG
+    if Path(module).parts[1] in PATIENT and name not in IMPATIENT:
+        return Kind.PURE
+    return Kind.CLOCK
+
+
+def _kind_of_live_module(name: str) -> Kind:
+    if name == "test_attacks.py":
+        return Kind.ATTACK
+    if name == "test_fixtures.py":
+        return Kind.FIXTURE
+    if name in ONE_BY_ONE:
+        return Kind.LIVE_TEST
+    return Kind.LIVE_MODULE
 
 
 def kind_of(nodeid: str) -> Kind:

@@ -13,8 +13,12 @@ from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 from grader.bounded import Bound, in_processes
 from tests.hard_for_patterns import hard_texts
+
+pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Function -> where its flags stand among the arguments.

@@ -25,6 +25,8 @@ from grader.submission.file_names import UnfitError, clean_parts, displayed
 from grader.submission.packages.colcon import find_packages
 from tests.thorough import examples, part
 
+pytestmark = pytest.mark.slow
+
 NAMES = ("best_effort", "reliable")
 PARTS = words.Terms.of(("publisher", "subscriber"), 3)
 PYTHON = "<package><name>p</name><export><build_type>ament_python</build_type></export></package>"

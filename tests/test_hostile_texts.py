@@ -23,6 +23,8 @@ from grader.submission.packages.colcon import find_packages
 from tests.hostile_texts import TEXTS
 from tests.thorough import part
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[1]
 PYTHON = "<package><name>p</name><export><build_type>ament_python</build_type></export></package>"
 CMAKE = "<package><name>p</name><export><build_type>ament_cmake</build_type></export></package>"

@@ -30,6 +30,8 @@ from grader.recording.submission import SUBMISSION_FILE, read_submission, write_
 from grader.result import CheckResult, Finding, Outcome, Result, Score, to_json
 from tests.synthetic import TEXT, Session, evenly, submission
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 KEPT = ROOT / "tests/recordings"
 SOLUTION = KEPT / "solution"

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 
 from tests.live.sample import ALICE, Graded, grade
 
-pytestmark = pytest.mark.live
+pytestmark = [pytest.mark.live, pytest.mark.smoke]
 
 
 def test_the_sample_is_graded(alice: Graded) -> None:
