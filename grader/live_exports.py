@@ -16,11 +16,17 @@ from pathlib import Path
 from typing import Any
 
 from grader.errors import UsageError
+from grader.live.sandbox.helpers import helper_environment, python, start_helper
 from grader.report.exports import EXPORTS
 from grader.report.exports.writing import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.result import Result
 
 _CHILD_ENDS_S = 5.0
+
+
+def export_variables() -> set[str]:
+    """Return the names of the variables from which exports take what their system says of the submission."""
+    return {"REVIEW_URL"}.union(*(export.variables for export in EXPORTS.values()))
 
 
 class LiveExports:
@@ -33,7 +39,8 @@ class LiveExports:
         self._begun: set[str] = set()
         self._stale = False
         self._child: subprocess.Popen[bytes] | None = None
-        self._arguments = [f"--to={target}" for target in targets if target.file != STANDARD_OUTPUT]
+        files = [target for target in targets if target.file != STANDARD_OUTPUT]
+        self._arguments = [f"--to={target.absolute()}" for target in files]
         for target in targets:
             EXPORTS[target.name].require_variables(os.environ)
             if target.file != STANDARD_OUTPUT:
@@ -88,23 +95,12 @@ class LiveExports:
         if not self._stale or (self._child is not None and self._child.poll() is None):
             return
         self._stale = False
-        # -I: the working folder may be a submission, and must not be searched for modules.
-        command = [
-            sys.executable,
-            "-I",
-            "-m",
-            "grader.cli",
-            "export",
-            "--so-far",
-            f"--path-prefix={self._prefix}",
-        ]
-        nothing = subprocess.DEVNULL
+        words = ["-m", "grader.cli", "export", "--so-far", f"--path-prefix={self._prefix}"]
+        command = [*python(sys.executable, *words), *self._arguments]
         with suppress(OSError):
-            self._child = subprocess.Popen(
-                [*command, *self._arguments, "--", str(self._results)],
-                stdin=nothing,
-                stdout=nothing,
-                stderr=nothing,
+            self._child = start_helper(
+                [*command, "--", str(self._results.absolute())],
+                environment=helper_environment(export_variables()),
             )
             # It runs only when no other wants the core; the least priority still disturbs a timer of 100 Hz.
             os.sched_setscheduler(self._child.pid, os.SCHED_IDLE, os.sched_param(0))

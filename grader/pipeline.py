@@ -283,7 +283,8 @@ def record(
         require(isolation, Level.of(options.least_isolation))
         if scheduler is None:  # Meanwhile it loads what every sandbox needs.
             forks = stack.enter_context(forks.branch(isolation.form))
-        native = find_native_launch(options.interpreter, options.launch)
+        handed_in = [Path(submission.source)] if submission.source else []
+        native = find_native_launch(options.interpreter, options.launch, handed_in)
         recordings = results / RECORDINGS
         for name in [
             name

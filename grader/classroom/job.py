@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from grader.classroom.scheduler import Machine
@@ -34,6 +34,16 @@ class Job:
     silence_s: float = 120.0
     #: How long it may have the machine for itself; after that its sessions are recorded beside few others.
     alone_s: float = 60.0
+
+    def absolute(self) -> Job:
+        """Return the same job for a process with another working folder."""
+        source = self.source
+        if isinstance(source, SubmissionSource):
+            pieces = (replace(piece, path=piece.path.absolute()) for piece in source.pieces)
+            source = replace(source, pieces=tuple(pieces))
+        exports = [target.absolute() for target in self.options.exports]
+        options = replace(self.options, exports=exports)
+        return replace(self, source=source, results=self.results.absolute(), options=options)
 
 
 #: How a grading ended: with a result, or with the reason why there is none.

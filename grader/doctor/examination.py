@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,6 +24,7 @@ from grader.lab.rubric import Rubric
 from grader.live.interfaces.build import lacking_toolchain
 from grader.live.process.priority import WATCHING
 from grader.live.sandbox.environment import ask_interpreter, require_platform
+from grader.live.sandbox.helpers import find_tool, python, run_helper
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.machine import stolen_ns
 from grader.live.sandbox.probing import probe_isolation
@@ -102,14 +102,12 @@ def _platform(interpreter: Path) -> Status:
 
 
 def _confinement(isolation: Isolation) -> Iterator[Status]:
-    if shutil.which("bwrap") is None:
+    if find_tool("bwrap") is None:
         yield Status(
             Verdict.WARNING, "bubblewrap", "not installed", "sudo apt-get install bubblewrap"
         )
     else:
-        output = subprocess.run(
-            ["bwrap", "--version"], capture_output=True, text=True, check=False
-        ).stdout.strip()
+        output = run_helper(["bwrap", "--version"]).stdout.strip()
         old = (
             " (old: nested user namespaces are left to the system call filter)"
             if isolation.old_bubblewrap
@@ -140,10 +138,7 @@ def _confinement(isolation: Isolation) -> Iterator[Status]:
 def _real_time() -> Status:
     """Try, in a process that does nothing, whether the grader's own may be scheduled in real time."""
     tried = f"import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param({WATCHING}))"
-    is_permitted = (
-        subprocess.run([sys.executable, "-c", tried], capture_output=True, check=False).returncode
-        == 0
-    )
+    is_permitted = run_helper(python(sys.executable, "-c", tried)).returncode == 0
     found = (
         "permitted" if is_permitted else "not permitted; on a busy machine more is left undecided"
     )
