@@ -22,6 +22,7 @@ from grader.evidence.fields import numbers_of, time_ns
 from grader.recording.bag import Bag, Stream
 from grader.recording.definitions import field_steps
 from grader.recording.session import (
+    LINK,
     PARTICIPANT_DIGITS,
     UNKNOWN_NODE,
     Claim,
@@ -424,8 +425,13 @@ class Recorded:
 
     def recorder_delay_s(self, span: Span) -> float:
         """Return for how long within a span the machine delayed the recorder, in s."""
-        return sum(
-            self.machine_delay_s(run, span) for run in self.record.processes if run.role == "grader"
+        return sum(self.machine_delay_s(run, span) for run in self.recorders)
+
+    @property
+    def recorders(self) -> tuple[ProcessRun, ...]:
+        """Return the grader's own processes through which the session's traffic goes into the recording."""
+        return tuple(
+            run for run in self.record.processes if run.role == "grader" and run.name != LINK
         )
 
     def students_cpu_s(self, span: Span) -> float:

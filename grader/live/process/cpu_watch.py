@@ -38,6 +38,8 @@ _MOST_KEPT = 1000
 _HISTORY = 200
 #: What takes this share of a core for so long may not go before all others any more.
 _RUNAWAY_SHARE, _RUNAWAY_NS = 0.6, 300_000_000
+#: The limit that such a process has hit, as `ProcessRun.limit` names limits.
+COMPUTING = "computing"
 #: What two delays take of the time between them at 100 Hz: the interval in which one ends, the next, half of the last.
 _AFTER_NS = 25_000_000
 _STOP_S, _ANSWER_S = 3.0, 1.0
@@ -95,7 +97,9 @@ class CpuWatch:
 
     def _hear(self, line: bytes) -> None:
         said = json.loads(line)
-        if isinstance(said, dict):
+        if isinstance(said, str):
+            self._runs[said].limit = self._runs[said].limit or COMPUTING
+        elif isinstance(said, dict):
             for name, disturbed in said.items():
                 self._runs[name].disturbed = disturbed
         elif self._calm_s is not None and not self._calm_s.done():
@@ -108,6 +112,7 @@ class _Watched:
 
     role: str
     core: int | None = None
+    demoted: bool = False
     #: Thread id -> descriptor of its counters, who ran last at the end; what they said: CPU and queue time, in ns.
     files: dict[int, int] = field(default_factory=dict)
     last: dict[int, tuple[int, int]] = field(default_factory=dict)
@@ -272,9 +277,16 @@ class _Watch:
             self._judge(watched, [watched], *waited, looked_ns, now_ns, stalled_ns)
             is_time = is_first and now_ns // _RUNAWAY_NS > looked_ns // _RUNAWAY_NS
             if is_time and watched.used_since(now_ns - _RUNAWAY_NS) > _RUNAWAY_SHARE * _RUNAWAY_NS:
-                demote(
-                    watched.files
-                )  # One of the grader's own, held to no core, that somebody floods.
+                # One of the grader's own, held to no core, that somebody floods.
+                demote(watched.files)
+                self._note_demoted(watched)
+
+    def _note_demoted(self, watched: _Watched) -> None:
+        """Say once that a process was demoted, so that the session is marked although it may be cut short."""
+        if watched.role != "student" and not watched.demoted:
+            watched.demoted = True
+            name = next(name for name, each in self.watched.items() if each is watched)
+            os.write(1, f"{json.dumps(name)}\n".encode())
 
     def _judge(
         self, watched: _Watched, own: list[_Watched], together_ns: int, longest_ns: int,
