@@ -5,8 +5,10 @@ Names are those of the rubric; where the student used another, it is followed. F
 
 from __future__ import annotations
 
+import bisect
 import functools
 import itertools
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -51,6 +53,11 @@ _AT_ONCE = 0.25
 _LATE_SAMPLE, _FEWEST_SAMPLES = 1.5, 4
 #: Share of a time in which the student's own programs may have used a core, if the machine is to blame for a delay.
 _OWN_DOING = 0.5
+#: Threads of the student's that wait for a core at a time, on average, from which they are a crowd. A node that starts
+#: has one or two, an executor with four threads that all compute has four.
+_CROWD = 8.0
+#: Samples of the machine, two a second, over which it is known to a hundredth what others had of a core.
+_SAMPLES_OF_A_BLOCK = 4
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -291,14 +298,57 @@ class Recorded:
     def delays(self, run: ProcessRun) -> tuple[Delay, ...]:
         """Return when the machine may have delayed a process; of one not watched, by samples only."""
         if run.disturbed is not None:
-            return tuple(
-                Delay(start_ns, start_ns + length_ns, delay)
-                for start_ns, length_ns, delay in run.disturbed
-            )
+            noted = [Delay(start, start + length, delay) for start, length, delay in run.disturbed]
+            return self._left_of(run, noted) if run.role == "student" else tuple(noted)
         parts = (Span(*part) for part in itertools.pairwise([usage.t_ns for usage in run.usage]))
         return tuple(
             Delay(p.start_ns, p.end_ns, round(self._sampled_delay_s(run, p) * 1e9)) for p in parts
         )
+
+    def _left_of(self, run: ProcessRun, noted: Sequence[Delay]) -> tuple[Delay, ...]:
+        """Return delays as they were noted, but together no longer than others had the cores.
+
+        The threads of a program also wait for each other, and its children come and go between two samples.
+        """
+        times = [sample.t_ns for sample in self.record.machine]
+        edges = times[::_SAMPLES_OF_A_BLOCK]
+        left: list[Delay] = []
+        for _, block in itertools.groupby(
+            noted, lambda delay: bisect.bisect_right(edges, delay.start_ns)
+        ):
+            delays = list(block)
+            span = Span(delays[0].start_ns, max(delay.end_ns for delay in delays))
+            most_ns = 1e9 * self._others_around_s(run, span)
+            share = min(1.0, most_ns / max(1, sum(delay.delay_ns for delay in delays)))
+            left += [replace(delay, delay_ns=round(delay.delay_ns * share)) for delay in delays]
+        return tuple(left)
+
+    def _others_around_s(self, run: ProcessRun, span: Span) -> float:
+        """Return for how long others than the student's programs had a process's cores around a span, in s.
+
+        It is an upper bound for each part of the time between the two samples around the span; infinite without these.
+        """
+        samples = [sample for sample in self.record.machine if sample.idle_ns]
+        times = [sample.t_ns for sample in samples]
+        first, last = (
+            bisect.bisect_right(times, span.start_ns) - 1,
+            bisect.bisect_left(times, span.end_ns),
+        )
+        if first < 0 or last >= len(samples):
+            return math.inf
+        around = Span(times[first], times[last])
+        before, after = samples[first].idle_ns, samples[last].idle_ns
+        students = [r for r in self.record.processes if r.role == "student"]
+        cores = list(before)
+        if _is_held(run, around):
+            cores = [core for core in cores if core == str(run.core)]
+            # A program that is not held yet may have run elsewhere.
+            students = [r for r in students if r.core == run.core and _is_held(r, around)]
+        if not cores or any(core not in after for core in cores):
+            return math.inf
+        idle_s = sum(after[core] - before[core] for core in cores) / 1e9
+        own_s = sum(self.cpu_s(r, around) for r in students) + self._unseen_s(around)
+        return max(0.0, len(cores) * around.duration_s - idle_s - own_s) + _IDLE_ERROR_S
 
     @functools.cache  # noqa: B019 - see `stream`
     def _disturbed(self, run: ProcessRun) -> Integers:
@@ -317,7 +367,9 @@ class Recorded:
             start_ns, span.start_ns
         )
         delay_s = float(np.minimum(delay_ns, np.maximum(within_ns, 0)).sum()) / 1e9
-        return max(0.0, delay_s - (self._unseen_s(span) if run.role == "student" else 0.0))
+        if run.role != "student" or delay_s == 0:
+            return delay_s
+        return max(0.0, min(delay_s - self._unseen_s(span), self._others_around_s(run, span)))
 
     def backlog(self, run: ProcessRun, span: Span, room_s: float = float("inf")) -> Backlog:
         """Return what may have waited for a process within a span, with so much room in its queue.
@@ -376,7 +428,7 @@ class Recorded:
         Before it is held to one, that is the sum over all cores. Where that is not known, there is no bound.
         """
         samples = [sample for sample in self.record.machine if sample.idle_ns]
-        held = run.core is not None and run.held_ns is not None and run.held_ns <= span.start_ns
+        held = _is_held(run, span)
         cores = [str(run.core)] if held else list(samples[0].idle_ns) if samples else []
         if len(samples) < 2 or any(
             core not in sample.idle_ns for core in cores for sample in samples
@@ -439,8 +491,18 @@ class Recorded:
         return sum(self.cpu_s(run, span) for run in self.record.processes if run.role == "student")
 
     def students_busy(self, span: Span) -> bool:
-        """Whether the student's own programs used so much of a core that a delay need not be the machine's."""
-        return self.students_cpu_s(span) >= _OWN_DOING * span.duration_s
+        """Whether the student's own programs used so much of a core that a delay need not be the machine's.
+
+        The same holds if so many of their threads waited at a time that each waited for the others.
+        """
+        waited_s = sum(
+            _grown_s([(usage.t_ns, usage.run_delay_ns) for usage in run.usage], span)
+            for run in self.students
+        )
+        return (
+            self.students_cpu_s(span) >= _OWN_DOING * span.duration_s
+            or waited_s >= _CROWD * span.duration_s
+        )
 
     @functools.cached_property
     def stalls(self) -> tuple[Delay, ...]:
@@ -466,6 +528,11 @@ class Recorded:
         return [
             replace(o, text=without_colours(o.text)) if "\x1b" in o.text else o for o in run.output
         ]
+
+
+def _is_held(run: ProcessRun, span: Span) -> bool:
+    """Whether a process was held to its core for all of a span."""
+    return run.core is not None and run.held_ns is not None and run.held_ns <= span.start_ns
 
 
 def clock_step_s(record: SessionRecord, span: Span) -> float:

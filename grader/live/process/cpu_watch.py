@@ -169,8 +169,13 @@ class _Watched:
 
     def used_since(self, t_ns: int) -> int:
         """Return the CPU time that it used since a time, as far as that is known."""
-        since = itertools.takewhile(lambda known: known[0] >= t_ns, reversed(self.history))
-        return self.cpu_ns - min((cpu_ns for _, cpu_ns in since), default=self.cpu_ns)
+        later_ns, later_cpu_ns = self.history[-1]
+        for known_ns, cpu_ns in reversed(self.history):
+            if known_ns <= t_ns:
+                share = (t_ns - known_ns) / max(1, later_ns - known_ns)
+                return self.cpu_ns - cpu_ns - round(share * (later_cpu_ns - cpu_ns))
+            later_ns, later_cpu_ns = known_ns, cpu_ns
+        return self.cpu_ns - later_cpu_ns
 
     def noted_since(self, t_ns: int) -> int:
         """Return for how long it was delayed since a time, as far as that is noted already."""
