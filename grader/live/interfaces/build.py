@@ -68,7 +68,7 @@ class Built:
     missing: dict[str, str] = field(default_factory=dict)
     #: For a mistake in them, for which `colcon build` would stop too.
     invalid: dict[str, str] = field(default_factory=dict)
-    #: How long building took, in s.
+    #: How long building took, in s, failed builds included.
     took_s: float = 0.0
 
 
@@ -154,6 +154,8 @@ def _prefix_of(
         on_progress()
         began_s = time.monotonic()
         left_s = min(_MOST_EACH_S, _MOST_S - built.took_s)
+        if left_s <= 0:
+            raise _NotBuilt(f"the packages before it took the {_MOST_S:g} s that all may take")
         try:
             _build(package, target, list(built.prefixes.values()), isolation, left_s)
         finally:
