@@ -25,8 +25,11 @@ _CHILD_ENDS_S = 5.0
 
 
 def export_variables() -> set[str]:
-    """Return the names of the variables from which exports take what their system says of the submission."""
-    return {"REVIEW_URL"}.union(*(export.variables for export in EXPORTS.values()))
+    """Return the names of the variables of all exports."""
+    names = {"REVIEW_URL"}
+    for export in EXPORTS.values():
+        names.update(export.variables)
+    return names
 
 
 class LiveExports:
@@ -39,11 +42,11 @@ class LiveExports:
         self._begun: set[str] = set()
         self._stale = False
         self._child: subprocess.Popen[bytes] | None = None
-        files = [target for target in targets if target.file != STANDARD_OUTPUT]
-        self._arguments = [f"--to={target.absolute()}" for target in files]
+        self._arguments: list[str] = []
         for target in targets:
             EXPORTS[target.name].require_variables(os.environ)
             if target.file != STANDARD_OUTPUT:
+                self._arguments.append(f"--to={target.absolute()}")
                 path = target.path(results)
                 if (
                     path.parent != results and not path.parent.is_dir()
@@ -60,9 +63,7 @@ class LiveExports:
     def __exit__(self, *_: object) -> None:
         """End what is under way: it would only be overwritten."""
         if self._child is not None:
-            self._child.send_signal(
-                signal.SIGINT
-            )  # On which it removes a file that is half written.
+            self._child.send_signal(signal.SIGINT)  # It then removes a half-written file.
             try:
                 self._child.wait(_CHILD_ENDS_S)
             except subprocess.TimeoutExpired:

@@ -10,6 +10,7 @@ from grader.errors import GraderError, ProcessLostError, RubricError, described
 from grader.lab.rubric import Rubric
 from grader.live.sandbox.isolation import Isolation
 from grader.pipeline import Options
+from grader.report.exports.writing import ExportTarget
 from grader.result import Result
 from grader.submission.extraction import Intake, SubmissionSource
 
@@ -39,10 +40,12 @@ class Job:
         """Return the same job for a process with another working folder."""
         source = self.source
         if isinstance(source, SubmissionSource):
-            pieces = (replace(piece, path=piece.path.absolute()) for piece in source.pieces)
+            pieces = []
+            for piece in source.pieces:
+                pieces.append(replace(piece, path=piece.path.absolute()))
             source = replace(source, pieces=tuple(pieces))
-        exports = [target.absolute() for target in self.options.exports]
-        options = replace(self.options, exports=exports)
+        exports = map(ExportTarget.absolute, self.options.exports)
+        options = replace(self.options, exports=tuple(exports))
         return replace(self, source=source, results=self.results.absolute(), options=options)
 
 

@@ -65,8 +65,10 @@ class Workers(ForkingServer):
 
     def __init__(self) -> None:
         environment = helper_environment(export_variables())
-        paths = {name: os.pathsep.join(absolute_entries(name)) for name in SOURCED}
-        super().__init__(__name__, (), {**environment, **paths, "OPENBLAS_NUM_THREADS": "1"})
+        for name in SOURCED:
+            environment[name] = os.pathsep.join(absolute_entries(name))
+        environment["OPENBLAS_NUM_THREADS"] = "1"
+        super().__init__(__name__, (), environment)
 
 
 class Here(ExitStack):

@@ -108,12 +108,9 @@ def _confinement(isolation: Isolation) -> Iterator[Status]:
         )
     else:
         output = run_helper(["bwrap", "--version"]).stdout.strip()
-        old = (
-            " (old: nested user namespaces are left to the system call filter)"
-            if isolation.old_bubblewrap
-            else ""
-        )
-        yield Status(Verdict.PASS, "bubblewrap", output + old)
+        if isolation.old_bubblewrap:
+            output += " (old: nested user namespaces are left to the system call filter)"
+        yield Status(Verdict.PASS, "bubblewrap", output)
     how = "as root, a user id for each sandbox" if isolation.own_uid else "in a user namespace"
     found = f"network, processes, mounts: {how}" if isolation.namespaces else "not available"
     yield _status(isolation.namespaces, "namespaces", found, isolation.remedy)
@@ -126,13 +123,13 @@ def _confinement(isolation: Isolation) -> Iterator[Status]:
     elif isolation.namespaces:
         found = "not available; the grader watches memory instead, which suffices for a class"
         yield Status(Verdict.PASS, "control groups", found)
-    verdict = Verdict.PASS if isolation.level.at_least(Level.NO_CGROUP) else Verdict.WARNING
-    verdict = Verdict.FAIL if isolation.level is Level.NONE else verdict
-    lacks = (
-        "" if verdict is Verdict.PASS else f"; lacks: {', '.join(isolation.describe()['lacks'])}"
-    )
-    remedy = "" if verdict is Verdict.PASS else isolation.remedy
-    yield Status(verdict, "confinement", f"{isolation.level.value}{lacks}", remedy)
+    found = isolation.level.value
+    if isolation.level.at_least(Level.NO_CGROUP):
+        yield Status(Verdict.PASS, "confinement", found)
+        return
+    verdict = Verdict.FAIL if isolation.level is Level.NONE else Verdict.WARNING
+    found += f"; lacks: {', '.join(isolation.describe()['lacks'])}"
+    yield Status(verdict, "confinement", found, isolation.remedy)
 
 
 def _real_time() -> Status:
@@ -170,9 +167,10 @@ def _own_wait_ns() -> int:
 def _space() -> Status:
     disk = shutil.disk_usage(tempfile.gettempdir()).free
     lines = Path("/proc/meminfo").read_text().splitlines()
-    memory = next(
-        (int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable")), 0
-    )
+    memory = 0
+    for line in lines:
+        if line.startswith("MemAvailable"):
+            memory = int(line.split()[1]) * 1024
     found = (
         f"{disk / 1024**3:.1f} GiB free for temporary files, {memory / 1024**3:.1f} GiB of memory"
     )
@@ -226,11 +224,8 @@ def _traffic(interpreter: Path) -> Iterator[Status]:
             f"{timing.rate_hz:.2f} Hz, {jitter_s * 1000:.1f} ms of jitter (99 %), {timing.lost} of {timing.written} "
             f"lost, {delay_s * 1000:.0f} ms of machine delay; the session took {took_s:.1f} s"
         )
-        good = (
-            abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF
-            and jitter_s < _JITTER_S
-            and timing.lost == 0
-        )
+        rate_is_good = abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF
+        good = all((rate_is_good, jitter_s < _JITTER_S, timing.lost == 0))
         remedy = "Grade when less is running; timing that a busy machine disturbs is undecided."
         yield _status(good, "100 Hz", found, remedy)
 

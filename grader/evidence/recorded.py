@@ -29,6 +29,7 @@ from grader.recording.session import (
     UNKNOWN_NODE,
     Claim,
     Endpoint,
+    MachineSample,
     OutputLine,
     ProcessRun,
     Published,
@@ -53,11 +54,11 @@ _AT_ONCE = 0.25
 _LATE_SAMPLE, _FEWEST_SAMPLES = 1.5, 4
 #: Share of a time in which the student's own programs may have used a core, if the machine is to blame for a delay.
 _OWN_DOING = 0.5
-#: Threads of the student's that wait for a core at a time, on average, from which they are a crowd. A node that starts
-#: has one or two, an executor with four threads that all compute has four.
+#: Average number of the student's waiting threads that makes a crowd. A starting node has one or two, an executor with
+#: four busy threads has four.
 _CROWD = 8.0
-#: Samples of the machine, two a second, over which it is known to a hundredth what others had of a core.
-_SAMPLES_OF_A_BLOCK = 4
+#: Samples of the machine in one part of a session: 2 s, of which the error of a core's idle time is a hundredth.
+_SAMPLES_OF_A_PART = 4
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -298,29 +299,37 @@ class Recorded:
     def delays(self, run: ProcessRun) -> tuple[Delay, ...]:
         """Return when the machine may have delayed a process; of one not watched, by samples only."""
         if run.disturbed is not None:
-            noted = [Delay(start, start + length, delay) for start, length, delay in run.disturbed]
-            return self._left_of(run, noted) if run.role == "student" else tuple(noted)
+            noted = tuple(
+                Delay(start_ns, start_ns + length_ns, delay)
+                for start_ns, length_ns, delay in run.disturbed
+            )
+            if run.role == "student":
+                return self._left_of(run, noted)
+            return noted
         parts = (Span(*part) for part in itertools.pairwise([usage.t_ns for usage in run.usage]))
         return tuple(
             Delay(p.start_ns, p.end_ns, round(self._sampled_delay_s(run, p) * 1e9)) for p in parts
         )
 
     def _left_of(self, run: ProcessRun, noted: Sequence[Delay]) -> tuple[Delay, ...]:
-        """Return delays as they were noted, but together no longer than others had the cores.
+        """Return noted delays, shortened to what others can have had of the cores in each part of the session.
 
         The threads of a program also wait for each other, and its children come and go between two samples.
         """
-        times = [sample.t_ns for sample in self.record.machine]
-        edges = times[::_SAMPLES_OF_A_BLOCK]
+        edges = [sample.t_ns for sample in self.record.machine[::_SAMPLES_OF_A_PART]]
+        parts: dict[int, list[Delay]] = {}
+        for delay in noted:
+            parts.setdefault(bisect.bisect_right(edges, delay.start_ns), []).append(delay)
         left: list[Delay] = []
-        for _, block in itertools.groupby(
-            noted, lambda delay: bisect.bisect_right(edges, delay.start_ns)
-        ):
-            delays = list(block)
-            span = Span(delays[0].start_ns, max(delay.end_ns for delay in delays))
-            most_ns = 1e9 * self._others_around_s(run, span)
-            share = min(1.0, most_ns / max(1, sum(delay.delay_ns for delay in delays)))
-            left += [replace(delay, delay_ns=round(delay.delay_ns * share)) for delay in delays]
+        for delays in parts.values():
+            noted_ns, end_ns = 0, 0
+            for delay in delays:
+                noted_ns += delay.delay_ns
+                end_ns = max(end_ns, delay.end_ns)
+            most_s = self._others_around_s(run, Span(delays[0].start_ns, end_ns))
+            share = min(1.0, most_s * 1e9 / max(1, noted_ns))
+            for delay in delays:
+                left.append(replace(delay, delay_ns=round(share * delay.delay_ns)))
         return tuple(left)
 
     def _others_around_s(self, run: ProcessRun, span: Span) -> float:
@@ -328,27 +337,33 @@ class Recorded:
 
         It is an upper bound for each part of the time between the two samples around the span; infinite without these.
         """
-        samples = [sample for sample in self.record.machine if sample.idle_ns]
-        times = [sample.t_ns for sample in samples]
-        first, last = (
-            bisect.bisect_right(times, span.start_ns) - 1,
-            bisect.bisect_left(times, span.end_ns),
-        )
-        if first < 0 or last >= len(samples):
+        before, after = self._samples_around(span)
+        if before is None or after is None:
             return math.inf
-        around = Span(times[first], times[last])
-        before, after = samples[first].idle_ns, samples[last].idle_ns
-        students = [r for r in self.record.processes if r.role == "student"]
-        cores = list(before)
-        if _is_held(run, around):
-            cores = [core for core in cores if core == str(run.core)]
-            # A program that is not held yet may have run elsewhere.
-            students = [r for r in students if r.core == run.core and _is_held(r, around)]
-        if not cores or any(core not in after for core in cores):
+        around = Span(before.t_ns, after.t_ns)
+        is_held = _is_held(run, around)
+        cores = [str(run.core)] if is_held else list(before.idle_ns)
+        if not before.idle_ns.keys() & after.idle_ns.keys() >= set(cores):
             return math.inf
-        idle_s = sum(after[core] - before[core] for core in cores) / 1e9
-        own_s = sum(self.cpu_s(r, around) for r in students) + self._unseen_s(around)
-        return max(0.0, len(cores) * around.duration_s - idle_s - own_s) + _IDLE_ERROR_S
+        others_s = -self._unseen_s(around)
+        for core in cores:
+            others_s += around.duration_s - (after.idle_ns[core] - before.idle_ns[core]) / 1e9
+        for student in self.students:
+            # A program without a core of its own yet may have run elsewhere.
+            is_there = student.core == run.core and _is_held(student, around)
+            if is_there or not is_held:
+                others_s -= self.cpu_s(student, around)
+        return max(0.0, others_s) + _IDLE_ERROR_S
+
+    def _samples_around(self, span: Span) -> tuple[MachineSample | None, MachineSample | None]:
+        """Return the last sample of the machine before a span and the first one after it, if cores were sampled."""
+        before = None
+        for sample in self.record.machine:
+            if sample.idle_ns and sample.t_ns <= span.start_ns:
+                before = sample
+            elif sample.idle_ns and sample.t_ns >= span.end_ns:
+                return before, sample
+        return before, None
 
     @functools.cache  # noqa: B019 - see `stream`
     def _disturbed(self, run: ProcessRun) -> Integers:
@@ -367,7 +382,7 @@ class Recorded:
             start_ns, span.start_ns
         )
         delay_s = float(np.minimum(delay_ns, np.maximum(within_ns, 0)).sum()) / 1e9
-        if run.role != "student" or delay_s == 0:
+        if run.role != "student":
             return delay_s
         return max(0.0, min(delay_s - self._unseen_s(span), self._others_around_s(run, span)))
 
@@ -481,10 +496,12 @@ class Recorded:
 
     @property
     def recorders(self) -> tuple[ProcessRun, ...]:
-        """Return the grader's own processes through which the session's traffic goes into the recording."""
-        return tuple(
-            run for run in self.record.processes if run.role == "grader" and run.name != LINK
-        )
+        """Return the grader's own processes on the way of the session's traffic into the recording."""
+        runs = []
+        for run in self.record.processes:
+            if run.role == "grader":
+                runs.append(run)
+        return tuple(run for run in runs if run.name != LINK)
 
     def students_cpu_s(self, span: Span) -> float:
         """Return the CPU time that the student's processes took within a span, in s."""
@@ -495,14 +512,12 @@ class Recorded:
 
         The same holds if so many of their threads waited at a time that each waited for the others.
         """
-        waited_s = sum(
-            _grown_s([(usage.t_ns, usage.run_delay_ns) for usage in run.usage], span)
-            for run in self.students
-        )
-        return (
-            self.students_cpu_s(span) >= _OWN_DOING * span.duration_s
-            or waited_s >= _CROWD * span.duration_s
-        )
+        waited_s = 0.0
+        for run in self.students:
+            waited_s += _grown_s([(usage.t_ns, usage.run_delay_ns) for usage in run.usage], span)
+        if waited_s >= _CROWD * span.duration_s:
+            return True
+        return self.students_cpu_s(span) >= _OWN_DOING * span.duration_s
 
     @functools.cached_property
     def stalls(self) -> tuple[Delay, ...]:
@@ -532,7 +547,9 @@ class Recorded:
 
 def _is_held(run: ProcessRun, span: Span) -> bool:
     """Whether a process was held to its core for all of a span."""
-    return run.core is not None and run.held_ns is not None and run.held_ns <= span.start_ns
+    if run.core is None or run.held_ns is None:
+        return False
+    return run.held_ns <= span.start_ns
 
 
 def clock_step_s(record: SessionRecord, span: Span) -> float:

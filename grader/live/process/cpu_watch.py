@@ -98,7 +98,7 @@ class CpuWatch:
     def _hear(self, line: bytes) -> None:
         said = json.loads(line)
         if isinstance(said, str):
-            self._runs[said].limit = self._runs[said].limit or COMPUTING
+            self._runs[said].limit = COMPUTING
         elif isinstance(said, dict):
             for name, disturbed in said.items():
                 self._runs[name].disturbed = disturbed
@@ -112,7 +112,9 @@ class _Watched:
 
     role: str
     core: int | None = None
-    demoted: bool = False
+    name: str = ""
+    #: Set once its demotion is told, and for a student's process from the beginning.
+    is_told: bool = False
     #: Thread id -> descriptor of its counters, who ran last at the end; what they said: CPU and queue time, in ns.
     files: dict[int, int] = field(default_factory=dict)
     last: dict[int, tuple[int, int]] = field(default_factory=dict)
@@ -216,7 +218,8 @@ class _Watch:
 
     def follow(self, name: str, core: int | None, role: str, threads: list[int]) -> None:
         with self._lock:
-            watched = self.watched.setdefault(name, _Watched(role))
+            is_student = role == "student"
+            watched = self.watched.setdefault(name, _Watched(role, name=name, is_told=is_student))
             watched.core = core
             watched.open(threads)
         wanted = (
@@ -287,11 +290,10 @@ class _Watch:
                 self._note_demoted(watched)
 
     def _note_demoted(self, watched: _Watched) -> None:
-        """Say once that a process was demoted, so that the session is marked although it may be cut short."""
-        if watched.role != "student" and not watched.demoted:
-            watched.demoted = True
-            name = next(name for name, each in self.watched.items() if each is watched)
-            os.write(1, f"{json.dumps(name)}\n".encode())
+        """Say once, and at once, that a process of the grader's was demoted."""
+        if not watched.is_told:
+            watched.is_told = True
+            os.write(1, f"{json.dumps(watched.name)}\n".encode())
 
     def _judge(
         self, watched: _Watched, own: list[_Watched], together_ns: int, longest_ns: int,

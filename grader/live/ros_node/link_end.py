@@ -41,17 +41,16 @@ _LOOK_S = 0.01
 _WAIT_NS = 20_000_000
 #: More than are sent: a longer queue would take memory and change nothing.
 _DEEPEST = 2000
-#: Size of a message with nothing in it, in bytes; a type may have fields of a fixed size, as many as its author likes.
+#: Size limit of an empty message, in bytes: a student's type may have fields of any fixed size.
 _LARGEST_MESSAGE_BYTES = 64 * 1024
 _SHORTEST_LIFESPAN_NS = 1_000_000
 _READ_BYTES = 4096
 
 
 def carried(qos: Qos) -> Qos:
-    """Return the part of a student's profile that an end of the link has: the policies that decide what arrives.
+    """Return a student's profile without its deadline, liveliness and lease, and with a lifespan of 1 ms at least.
 
-    Deadline, liveliness and lease decide nothing of that, and would set the pace of timers in the grader's processes: a
-    deadline of 1 µs keeps a core busy. A lifespan counts, but for no shorter time than a packet may take.
+    These decide nothing about arrival, but set timers in the grader's processes: a deadline of 1 µs keeps a core busy.
     """
     lifespan_ns = qos.lifespan_ns
     if lifespan_ns is not None:
@@ -152,7 +151,7 @@ def send(plan: LinkPlan) -> None:
 
 
 def _message_of(topic_type: str) -> bytes:
-    """Return a message of a type with nothing in it, or end this program if that is too large for the link."""
+    """Return an empty message of a type, or end this program if it is too large for the link."""
     message = serialize_message(interface_named(topic_type)())
     if len(message) > _LARGEST_MESSAGE_BYTES:
         print(
@@ -213,7 +212,7 @@ class _Receiver:
     def __init__(self, node: Node, plan: LinkPlan) -> None:
         self._node, self._plan = node, plan
         self.readers: list[_Reader] = []
-        #: By number; the others would not be matched, and get no subscription.
+        #: Topics with a subscription, by number.
         self._compatible = {n: t for n, t in enumerate(plan.topics) if is_compatible(t)}
         self._late = [0] * len(plan.loss)
         for level in range(len(plan.loss)):
@@ -263,7 +262,7 @@ class _Receiver:
         return found
 
     def _none_late(self, number: int, level: int) -> list[list[int]]:
-        """Return that nothing came to the late subscriptions of a topic without a compatible publisher."""
+        """Return an empty list for each late subscription to a topic with incompatible sides."""
         return [] if number in self._compatible else [[] for _ in range(self._late[level])]
 
 

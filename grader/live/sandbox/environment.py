@@ -179,12 +179,12 @@ def ask_interpreter(
 
     `more` are further variables. Raises `ValueError` with the reason if that fails.
     """
+    environment = ros_environment(interpreter.parent.parent)
+    if more is not None:
+        environment.update(more)
+    command = python(interpreter, "-c", program, *arguments)
     try:
-        run = run_helper(
-            python(interpreter, "-c", program, *arguments),
-            timeout_s=_IMPORT_S,
-            environment={**ros_environment(interpreter.parent.parent), **(more or {})},
-        )
+        run = run_helper(command, timeout_s=_IMPORT_S, environment=environment)
     except (OSError, subprocess.TimeoutExpired) as problem:
         raise ValueError(str(problem)[:200]) from problem
     if run.returncode != 0:
@@ -239,16 +239,16 @@ def find_native_launch(
     """
     if choice == "standin":
         return None
-    modules, prefixes, libraries = (absolute_entries(variable, without) for variable in SOURCED)
-    prefixes = [prefix for prefix in prefixes if Path(prefix).is_dir()]
+    modules = absolute_entries("PYTHONPATH", without)
+    prefixes = list(filter(os.path.isdir, absolute_entries("AMENT_PREFIX_PATH", without)))
+    libraries = absolute_entries("LD_LIBRARY_PATH", without)
     libraries += ros_environment(interpreter.parent.parent)["LD_LIBRARY_PATH"].split(":")
-    more = {
-        "AMENT_PREFIX_PATH": ":".join(prefixes),
-        "LD_LIBRARY_PATH": ":".join(dict.fromkeys(libraries)),
-    }
+    library_path = ":".join(dict.fromkeys(libraries))
+    more = {"AMENT_PREFIX_PATH": ":".join(prefixes), "LD_LIBRARY_PATH": library_path}
     try:
         answer = ask_interpreter(interpreter, _FIND_LAUNCH, *modules, more=more)
-        return NativeLaunch(list(json.loads(answer)), prefixes, more["LD_LIBRARY_PATH"])
+        python_path = list(json.loads(answer))
+        return NativeLaunch(python_path, prefixes, library_path)
     except (ValueError, TypeError) as problem:
         if choice == "auto":
             return None

@@ -1,4 +1,4 @@
-"""Starts the grader's helper processes, which see neither the working folder nor the variables of the caller.
+"""Starts the grader's helper processes apart from the working folder and the variables of the caller.
 
 The working folder may be a student's repository, and Python, the dynamic loader and DDS take code and settings from
 there. Each helper therefore starts in `/`, with an environment made from nothing, and Python with `-I`.
@@ -15,6 +15,7 @@ from pathlib import Path
 
 #: Folders of system programs, for a caller without a usable PATH.
 _SYSTEM_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
+_SYSTEM_FOLDERS = _SYSTEM_PATH.split(":")
 #: Variables of the caller that helpers get: the user, the language and the folders of temporary and kept files.
 _PLAIN = ("USER", "LOGNAME", "LANG", "LC_ALL", "LC_CTYPE", "TZ", "CI")
 _FOLDERS = ("HOME", "TMPDIR", "XDG_CACHE_HOME", "XDG_STATE_HOME", "XDG_RUNTIME_DIR")
@@ -23,7 +24,7 @@ FOLDER = "/"
 
 
 def absolute_entries(variable: str, without: Iterable[Path] = ()) -> list[str]:
-    """Return the folders that a list such as PATH names, except relative ones, the working folder and some others.
+    """Return the folders of a list such as PATH, except relative ones, the working folder and some others.
 
     An entry below one of the folders `without` is left out too. For example `:/opt/ros/lib:bin` gives `/opt/ros/lib`.
     """
@@ -32,9 +33,11 @@ def absolute_entries(variable: str, without: Iterable[Path] = ()) -> list[str]:
     entries = []
     for entry in filter(os.path.isabs, os.environ.get(variable, "").split(os.pathsep)):
         real = Path(os.path.realpath(entry))
-        is_excluded = any(real.is_relative_to(folder) for folder in excluded)
-        if not is_excluded and (real != here or entry in _SYSTEM_PATH.split(os.pathsep)):
+        if entry in _SYSTEM_FOLDERS:
             entries.append(entry)
+        elif real != here:
+            if not any(map(real.is_relative_to, excluded)):
+                entries.append(entry)
     return entries
 
 
@@ -48,7 +51,10 @@ def _working_folder() -> Path | None:
 
 def search_path() -> str:
     """Return the PATH by which system programs are found: the caller's, absolute entries only."""
-    return os.pathsep.join(absolute_entries("PATH")) or _SYSTEM_PATH
+    entries = absolute_entries("PATH")
+    if not entries:
+        return _SYSTEM_PATH
+    return os.pathsep.join(entries)
 
 
 def find_tool(name: str) -> str | None:
@@ -58,35 +64,39 @@ def find_tool(name: str) -> str | None:
 
 def helper_environment(also: Iterable[str] = ()) -> dict[str, str]:
     """Return the environment of a helper: a few of the caller's variables, and those named in `also`."""
-    kept = {name: os.environ[name] for name in (*_PLAIN, *also) if name in os.environ}
-    folders = {name: os.environ[name] for name in _FOLDERS if name in os.environ}
-    kept |= {name: folder for name, folder in folders.items() if Path(folder).is_absolute()}
-    return {**kept, "PATH": search_path()}
+    kept = {"PATH": search_path()}
+    for name in (*_PLAIN, *also):
+        if name in os.environ:
+            kept[name] = os.environ[name]
+    for name in _FOLDERS:
+        folder = os.environ.get(name, "")
+        if Path(folder).is_absolute():
+            kept[name] = folder
+    return kept
 
 
 def python(interpreter: str | Path, *words: str) -> list[str]:
-    """Return a command line of Python on which neither the working folder nor a variable adds modules."""
+    """Return a command line of Python without modules from the working folder or from variables."""
     return [str(interpreter), "-I", *words]
 
 
 def start_helper(
     command: Sequence[str],
     *,
-    environment: Mapping[str, str] | None = None,
-    output: int = subprocess.DEVNULL,
+    environment: Mapping[str, str],
     pass_fds: Sequence[int] = (),
     start_new_session: bool = False,
 ) -> subprocess.Popen[bytes]:
-    """Start a helper that goes on beside this process, with its output discarded or piped.
+    """Start a helper beside this process, without input and output.
 
     Raises `OSError` if it cannot be started.
     """
     return subprocess.Popen(
         command,
         stdin=subprocess.DEVNULL,
-        stdout=output,
-        stderr=output,
-        env=dict(helper_environment() if environment is None else environment),
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env=dict(environment),
         cwd=FOLDER,
         pass_fds=pass_fds,
         start_new_session=start_new_session,
@@ -105,6 +115,8 @@ def run_helper(
 
     Raises `OSError` if it cannot be started, and `subprocess.TimeoutExpired` if it was ended for its time.
     """
+    if environment is None:
+        environment = helper_environment()
     return subprocess.run(
         command,
         stdin=subprocess.DEVNULL,
@@ -113,7 +125,7 @@ def run_helper(
         errors="replace",
         check=False,
         timeout=timeout_s,
-        env=dict(helper_environment() if environment is None else environment),
+        env=dict(environment),
         cwd=FOLDER,
         pass_fds=pass_fds,
         preexec_fn=before,

@@ -215,7 +215,10 @@ def carry(plan: LinkPlan, delay_s: float, seed: int) -> None:
         os.wait()
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     cpu_s = sum(each.ru_utime + each.ru_stime for each in used)
-    late_ms = 1e3 * sorted(relay.late_s)[int(0.95 * len(relay.late_s))] if relay.late_s else 0.0
+    late_ms = 0.0
+    if relay.late_s:
+        rank = int(0.95 * len(relay.late_s))
+        late_ms = 1e3 * sorted(relay.late_s)[rank]
     found = {
         "sent": sent,
         "received": received,
