@@ -63,7 +63,7 @@ class LiveExports:
     def __exit__(self, *_: object) -> None:
         """End what is under way: it would only be overwritten."""
         if self._child is not None:
-            self._child.send_signal(signal.SIGINT)  # It then removes a half-written file.
+            self._child.send_signal(signal.SIGINT)  # A half-written file is removed then.
             try:
                 self._child.wait(_CHILD_ENDS_S)
             except subprocess.TimeoutExpired:
