@@ -1,7 +1,7 @@
 """Writes exports while a submission is still being graded.
 
-Some systems show nothing of a job that runs out of time. So what is known is written after each session, judged by a
-process that yields to all others.
+Some systems show nothing of a job without a regular end. Each session is therefore followed by exports of the state so
+far, judged by a process with the lowest priority.
 """
 
 from __future__ import annotations
@@ -63,7 +63,8 @@ class LiveExports:
     def __exit__(self, *_: object) -> None:
         """End what is under way: it would only be overwritten."""
         if self._child is not None:
-            self._child.send_signal(signal.SIGINT)  # A half-written file is removed then.
+            # On Ctrl-C it removes a half-written file.
+            self._child.send_signal(signal.SIGINT)
             try:
                 self._child.wait(_CHILD_ENDS_S)
             except subprocess.TimeoutExpired:

@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -29,7 +30,7 @@ MODULES = "json typing re os random sitecustomize usercustomize rclpy numpy yaml
 #: Programs that the grader starts.
 PROGRAMS = "bwrap setpriv prlimit env sh unshare taskset chmod rm git cc gcc c++ ld python3"
 TRAP = "import os\nwith open({mark!r}, 'a') as file:\n    file.write(f'{{__file__}}\\n')\n"
-STEPS = [
+STEPS: list[dict[str, Any]] = [
     {"start": {"student": "talker"}},
     {"wait_for": {"publisher": "/chatter", "type": TEXT, "timeout_s": 20}},
     {"observe": {"duration_s": 0.3, "first_message_on": "/chatter", "timeout_s": 20}},
