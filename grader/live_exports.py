@@ -94,7 +94,9 @@ class LiveExports:
         write_exports(self._targets, result, self._results, self._prefix)
 
     def _catch_up(self) -> None:
-        if not self._stale or (self._child is not None and self._child.poll() is None):
+        if not self._stale:
+            return
+        if self._child is not None and self._child.poll() is None:
             return
         self._stale = False
         words = ["-m", "grader.cli", "export", "--so-far", f"--path-prefix={self._prefix}"]
