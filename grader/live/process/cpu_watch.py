@@ -113,8 +113,8 @@ class _Watched:
     role: str
     core: int | None = None
     name: str = ""
-    #: Set once its demotion is told, and for a student's process from the beginning.
-    is_told: bool = False
+    #: Set once its demotion is reported, and for a student's process from the beginning.
+    is_reported: bool = False
     #: Thread id -> descriptor of its counters, who ran last at the end; what they said: CPU and queue time, in ns.
     files: dict[int, int] = field(default_factory=dict)
     last: dict[int, tuple[int, int]] = field(default_factory=dict)
@@ -219,7 +219,9 @@ class _Watch:
     def follow(self, name: str, core: int | None, role: str, threads: list[int]) -> None:
         with self._lock:
             is_student = role == "student"
-            watched = self.watched.setdefault(name, _Watched(role, name=name, is_told=is_student))
+            watched = self.watched.setdefault(
+                name, _Watched(role, name=name, is_reported=is_student)
+            )
             watched.core = core
             watched.open(threads)
         wanted = (
@@ -291,8 +293,8 @@ class _Watch:
 
     def _note_demoted(self, watched: _Watched) -> None:
         """Say once, and at once, that a process of the grader's was demoted."""
-        if not watched.is_told:
-            watched.is_told = True
+        if not watched.is_reported:
+            watched.is_reported = True
             os.write(1, f"{json.dumps(watched.name)}\n".encode())
 
     def _judge(
