@@ -237,6 +237,9 @@ class _Receiver:
 
     def wait(self) -> None:
         """Wait for messages, and take them."""
+        if not self.readers:
+            time.sleep(_WAIT_NS / 1e9)
+            return
         self._set.clear_entities()
         for reader in self.readers:
             self._set.add_subscription(reader.handle)

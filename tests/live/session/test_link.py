@@ -197,6 +197,14 @@ def test_no_time_of_a_profile_sets_the_pace_of_the_link(tmp_path: Path) -> None:
     assert (link.limit, record.problems) == (None, [])
 
 
+def test_sides_that_never_match_alone_are_carried_too(tmp_path: Path) -> None:
+    """What is sent is counted, and nothing arrives."""
+    step = {"link": {**STEPS[-1]["link"], "topics": ["/split"], "duration_s": 0.2}, "label": "link"}
+    (split,) = linked(record_one(tmp_path, TOOL, [*STEPS[:-1], step]).record)[1].values()
+    crossing = split.crossings[0]
+    assert (crossing.sent > 0, crossing.received, crossing.late) == (True, [], [[]] * 4)
+
+
 def test_without_topics_of_two_sides_the_step_says_so(tmp_path: Path) -> None:
     """Nothing is carried, and the session goes on."""
     step = {"link": {**STEPS[-1]["link"], "topics": ["/alone"]}, "label": "link"}
