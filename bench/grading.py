@@ -62,7 +62,7 @@ def run_grade(*arguments: str) -> Command:
     """
     begun_s = time.monotonic()
     with subprocess.Popen(
-        [sys.executable, "-m", "grader.cli", *arguments],
+        [sys.executable, "-I", "-m", "grader.cli", *arguments],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,
     ) as process:

@@ -6,14 +6,17 @@
 # It goes to /opt/grade and belongs to root, so that no student's code can change it. The labs besides the one that travels
 # with it go to /opt/grade-labs: below /opt/grade, with the interpreter, students' code could read their solutions.
 set -euo pipefail
-source=$1
+source=$(realpath -- "$1")
+# The working folder of a job is a submission, whose modules Python would import.
+cd /
+unset PYTHONPATH PYTHONHOME
 as_root() { if [[ $(id -u) == 0 ]]; then "$@"; else sudo -- "$@"; fi; }
 
 as_root apt-get update -qq
 as_root env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends \
   bubblewrap util-linux python3 python3-venv gcc g++ libc6-dev python3-dev >/dev/null
-as_root python3 -m venv /opt/grade
-as_root /opt/grade/bin/python -m pip install --quiet --disable-pip-version-check --no-cache-dir \
+as_root python3 -I -m venv /opt/grade
+as_root /opt/grade/bin/python -I -m pip install --quiet --disable-pip-version-check --no-cache-dir \
   --constraint "$source/constraints.txt" "$source"
 as_root rm -rf /opt/grade-labs
 as_root cp -R "$source/labs" /opt/grade-labs

@@ -1,7 +1,7 @@
 """Writes exports while a submission is still being graded.
 
-Some systems show nothing of a job that runs out of time. So what is known is written after each session, judged by a
-process that yields to all others.
+Some systems show nothing of a job without a regular end. Each session is therefore followed by exports of the state so
+far, judged by a process with the lowest priority.
 """
 
 from __future__ import annotations
@@ -16,11 +16,20 @@ from pathlib import Path
 from typing import Any
 
 from grader.errors import UsageError
+from grader.live.sandbox.helpers import helper_environment, python, start_helper
 from grader.report.exports import EXPORTS
 from grader.report.exports.writing import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.result import Result
 
 _CHILD_ENDS_S = 5.0
+
+
+def export_variables() -> set[str]:
+    """Return the names of the variables of all exports."""
+    names = {"REVIEW_URL"}
+    for export in EXPORTS.values():
+        names.update(export.variables)
+    return names
 
 
 class LiveExports:
@@ -33,10 +42,11 @@ class LiveExports:
         self._begun: set[str] = set()
         self._stale = False
         self._child: subprocess.Popen[bytes] | None = None
-        self._arguments = [f"--to={target}" for target in targets if target.file != STANDARD_OUTPUT]
+        self._arguments: list[str] = []
         for target in targets:
             EXPORTS[target.name].require_variables(os.environ)
             if target.file != STANDARD_OUTPUT:
+                self._arguments.append(f"--to={target.absolute()}")
                 path = target.path(results)
                 if (
                     path.parent != results and not path.parent.is_dir()
@@ -53,9 +63,8 @@ class LiveExports:
     def __exit__(self, *_: object) -> None:
         """End what is under way: it would only be overwritten."""
         if self._child is not None:
-            self._child.send_signal(
-                signal.SIGINT
-            )  # On which it removes a file that is half written.
+            # On Ctrl-C it removes a half-written file.
+            self._child.send_signal(signal.SIGINT)
             try:
                 self._child.wait(_CHILD_ENDS_S)
             except subprocess.TimeoutExpired:
@@ -85,26 +94,17 @@ class LiveExports:
         write_exports(self._targets, result, self._results, self._prefix)
 
     def _catch_up(self) -> None:
-        if not self._stale or (self._child is not None and self._child.poll() is None):
+        if not self._stale:
+            return
+        if self._child is not None and self._child.poll() is None:
             return
         self._stale = False
-        # -I: the working folder may be a submission, and must not be searched for modules.
-        command = [
-            sys.executable,
-            "-I",
-            "-m",
-            "grader.cli",
-            "export",
-            "--so-far",
-            f"--path-prefix={self._prefix}",
-        ]
-        nothing = subprocess.DEVNULL
+        words = ["-m", "grader.cli", "export", "--so-far", f"--path-prefix={self._prefix}"]
+        command = [*python(sys.executable, *words), *self._arguments]
         with suppress(OSError):
-            self._child = subprocess.Popen(
-                [*command, *self._arguments, "--", str(self._results)],
-                stdin=nothing,
-                stdout=nothing,
-                stderr=nothing,
+            self._child = start_helper(
+                [*command, "--", str(self._results.absolute())],
+                environment=helper_environment(export_variables()),
             )
             # It runs only when no other wants the core; the least priority still disturbs a timer of 100 Hz.
             os.sched_setscheduler(self._child.pid, os.SCHED_IDLE, os.sched_param(0))

@@ -283,7 +283,8 @@ def record(
         require(isolation, Level.of(options.least_isolation))
         if scheduler is None:  # Meanwhile it loads what every sandbox needs.
             forks = stack.enter_context(forks.branch(isolation.form))
-        native = find_native_launch(options.interpreter, options.launch)
+        sources = list(map(Path, filter(None, [submission.source])))
+        native = find_native_launch(options.interpreter, options.launch, sources)
         recordings = results / RECORDINGS
         for name in [
             name

@@ -157,3 +157,10 @@ def test_gitlab_keeps_what_the_script_writes() -> None:
         "junit": "grade/junit.xml",
         "codequality": "grade/codequality.json",
     }
+
+
+def test_nothing_of_the_working_folder_is_imported() -> None:
+    """Python starts isolated in each script, since the working folder of a job is a submission."""
+    for script in SCRIPTS:
+        text = (ROOT / script).read_text(encoding="utf-8")
+        assert re.findall(r"python3?\"? (?!-I|python3)(?:-\S+|\")", text) == [], script

@@ -9,11 +9,15 @@ be attached to the release (`release_assets`).
 from __future__ import annotations
 
 import os
-import shutil
-import subprocess
 import sys
-import tempfile
-from pathlib import Path
+
+# The working folder is a submission: no module is imported from there, nor from beside this file if that lies there.
+sys.path[:] = [p for p in sys.path if os.path.realpath(p) != os.getcwd()]  # noqa: PTH109
+
+import shutil  # noqa: E402
+import subprocess  # noqa: E402
+import tempfile  # noqa: E402
+from pathlib import Path  # noqa: E402
 
 GRADER_URL = "https://git.example.edu/robotics/grade.git"
 GRADER_REF = "v1"
@@ -37,8 +41,9 @@ def install() -> None:
     subprocess.run(
         ["git", "clone", "--quiet", "--depth=1", f"--branch={GRADER_REF}", GRADER_URL, str(source)],
         check=True,
+        cwd="/",  # Git also reads the configuration of a repository in which it is called.
     )
-    subprocess.run(["bash", str(source / "ci/install.sh"), str(source)], check=True)
+    subprocess.run(["bash", str(source / "ci/install.sh"), str(source)], check=True, cwd="/")
 
 
 def grade(results: Path) -> int:

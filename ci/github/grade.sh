@@ -3,6 +3,8 @@
 #
 # Exit status: that of `grade`. It is not 0 if the score is below FAIL_UNDER, or if there is no score.
 set -euo pipefail
+# Modules and libraries come from the grader alone: an empty entry in one of these is the working folder, a submission.
+unset PYTHONPATH PYTHONHOME LD_LIBRARY_PATH LD_PRELOAD
 GRADE=${GRADE:-/opt/grade/bin/grade}
 as_root() { if [[ $(id -u) == 0 ]]; then "$@"; else sudo -- "$@"; fi; }
 

@@ -135,7 +135,9 @@ class _Timed(Parameters):
             return timing, None, 0.0, ""
         delay_s = context.session.machine_delay_s(run, span) if run is not None else 0.0
         late_s = context.session.recorder_delay_s(span)
-        way = [r for r in context.session.record.processes if r is run or r.role == "grader"]
+        way = list(context.session.recorders)
+        if run is not None:
+            way.insert(0, run)
         delays = [context.session.delays(r) for r in way if r.disturbed is not None]
         if timing is None or not timing.contradicted_by_arrival(0.0 if delays else late_s, delays):
             return timing, span, delay_s, ""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from grader.classroom.scheduler import Machine
@@ -10,6 +10,7 @@ from grader.errors import GraderError, ProcessLostError, RubricError, described
 from grader.lab.rubric import Rubric
 from grader.live.sandbox.isolation import Isolation
 from grader.pipeline import Options
+from grader.report.exports.writing import ExportTarget
 from grader.result import Result
 from grader.submission.extraction import Intake, SubmissionSource
 
@@ -34,6 +35,18 @@ class Job:
     silence_s: float = 120.0
     #: How long it may have the machine for itself; after that its sessions are recorded beside few others.
     alone_s: float = 60.0
+
+    def absolute(self) -> Job:
+        """Return the same job for a process with another working folder."""
+        source = self.source
+        if isinstance(source, SubmissionSource):
+            pieces = []
+            for piece in source.pieces:
+                pieces.append(replace(piece, path=piece.path.absolute()))
+            source = replace(source, pieces=tuple(pieces))
+        exports = map(ExportTarget.absolute, self.options.exports)
+        options = replace(self.options, exports=tuple(exports))
+        return replace(self, source=source, results=self.results.absolute(), options=options)
 
 
 #: How a grading ended: with a result, or with the reason why there is none.

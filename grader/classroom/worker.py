@@ -37,11 +37,14 @@ from grader.lab.rubric import SessionSpec
 from grader.live.process.forked import Program
 from grader.live.process.forking import ForkingServer, serve
 from grader.live.process.waiting import within
+from grader.live.sandbox.environment import SOURCED
+from grader.live.sandbox.helpers import absolute_entries, helper_environment
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.namespaces import end_with_parent
 from grader.live.sandbox.scratch import remove_stale, scratch_prefix
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.runner import Progress, given_in_steps
+from grader.live_exports import export_variables
 
 #: What reading and judging a submission may take of the address space; some 0.7 GiB suffice. The sandboxes that it
 #: starts have limits of their own.
@@ -61,7 +64,11 @@ class Workers(ForkingServer):
     """The process whose forks grade a submission each; used as a context, with which all of them end."""
 
     def __init__(self) -> None:
-        super().__init__(__name__, (), {**os.environ, "OPENBLAS_NUM_THREADS": "1"}, Path.cwd())
+        environment = helper_environment(export_variables())
+        for name in SOURCED:
+            environment[name] = os.pathsep.join(absolute_entries(name))
+        environment["OPENBLAS_NUM_THREADS"] = "1"
+        super().__init__(__name__, (), environment)
 
 
 class Here(ExitStack):
@@ -119,7 +126,7 @@ async def grade_in_process(
     """Grade one submission in a process of its own; returns how it ended, and never fails because of it."""
     try:
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
-            (Path(scratch) / "job").write_bytes(pickle.dumps(job))
+            (Path(scratch) / "job").write_bytes(pickle.dumps(job.absolute()))
             return await _run(job, workers, Path(scratch), on_progress)
     except (OSError, ValueError) as error:
         return problem_of(error)
@@ -187,7 +194,6 @@ def _broken(status: int | None, errors: Path) -> GraderError:
 def main() -> None:
     """Fork a process for each job whose file is named through the socket of the number in argv[1]."""
     end_with_parent()  # If that has ended already, so has the other side of the socket.
-    folder = Path.cwd()
     # Python finds it by writing a file there, which one that is killed at that moment would leave.
     tempfile.gettempdir()
     servers: list[ForkServer] = []
@@ -200,14 +206,13 @@ def main() -> None:
                 with suppress(Exception):  # What fails then is told where it is needed.
                     prepare(job.rubric)
                 gc.freeze()
-            grade = partial(_grade, job, folder, servers[0])
+            grade = partial(_grade, job, servers[0])
             return Program("worker", grade, dict(os.environ), kept=[servers[0].fileno()])
 
         serve(link, program_of, servers)
 
 
-def _grade(job: Job, folder: Path, forks: ForkServer) -> None:
-    os.chdir(folder)
+def _grade(job: Job, forks: ForkServer) -> None:
     limit_memory(MOST_MEMORY_BYTES)
     # A lab's own code may print, also what a student wrote: none of that is a message, which is unpickled.
     send = partial(_send, os.dup(1))

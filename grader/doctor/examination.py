@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
@@ -25,6 +24,7 @@ from grader.lab.rubric import Rubric
 from grader.live.interfaces.build import lacking_toolchain
 from grader.live.process.priority import WATCHING
 from grader.live.sandbox.environment import ask_interpreter, require_platform
+from grader.live.sandbox.helpers import find_tool, python, run_helper
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.machine import stolen_ns
 from grader.live.sandbox.probing import probe_isolation
@@ -102,20 +102,15 @@ def _platform(interpreter: Path) -> Status:
 
 
 def _confinement(isolation: Isolation) -> Iterator[Status]:
-    if shutil.which("bwrap") is None:
+    if find_tool("bwrap") is None:
         yield Status(
             Verdict.WARNING, "bubblewrap", "not installed", "sudo apt-get install bubblewrap"
         )
     else:
-        output = subprocess.run(
-            ["bwrap", "--version"], capture_output=True, text=True, check=False
-        ).stdout.strip()
-        old = (
-            " (old: nested user namespaces are left to the system call filter)"
-            if isolation.old_bubblewrap
-            else ""
-        )
-        yield Status(Verdict.PASS, "bubblewrap", output + old)
+        output = run_helper(["bwrap", "--version"]).stdout.strip()
+        if isolation.old_bubblewrap:
+            output += " (old: nested user namespaces are left to the system call filter)"
+        yield Status(Verdict.PASS, "bubblewrap", output)
     how = "as root, a user id for each sandbox" if isolation.own_uid else "in a user namespace"
     found = f"network, processes, mounts: {how}" if isolation.namespaces else "not available"
     yield _status(isolation.namespaces, "namespaces", found, isolation.remedy)
@@ -128,22 +123,19 @@ def _confinement(isolation: Isolation) -> Iterator[Status]:
     elif isolation.namespaces:
         found = "not available; the grader watches memory instead, which suffices for a class"
         yield Status(Verdict.PASS, "control groups", found)
-    verdict = Verdict.PASS if isolation.level.at_least(Level.NO_CGROUP) else Verdict.WARNING
-    verdict = Verdict.FAIL if isolation.level is Level.NONE else verdict
-    lacks = (
-        "" if verdict is Verdict.PASS else f"; lacks: {', '.join(isolation.describe()['lacks'])}"
-    )
-    remedy = "" if verdict is Verdict.PASS else isolation.remedy
-    yield Status(verdict, "confinement", f"{isolation.level.value}{lacks}", remedy)
+    found = isolation.level.value
+    if isolation.level.at_least(Level.NO_CGROUP):
+        yield Status(Verdict.PASS, "confinement", found)
+        return
+    verdict = Verdict.FAIL if isolation.level is Level.NONE else Verdict.WARNING
+    found += f"; lacks: {', '.join(isolation.describe()['lacks'])}"
+    yield Status(verdict, "confinement", found, isolation.remedy)
 
 
 def _real_time() -> Status:
     """Try, in a process that does nothing, whether the grader's own may be scheduled in real time."""
     tried = f"import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param({WATCHING}))"
-    is_permitted = (
-        subprocess.run([sys.executable, "-c", tried], capture_output=True, check=False).returncode
-        == 0
-    )
+    is_permitted = run_helper(python(sys.executable, "-c", tried)).returncode == 0
     found = (
         "permitted" if is_permitted else "not permitted; on a busy machine more is left undecided"
     )
@@ -175,9 +167,10 @@ def _own_wait_ns() -> int:
 def _space() -> Status:
     disk = shutil.disk_usage(tempfile.gettempdir()).free
     lines = Path("/proc/meminfo").read_text().splitlines()
-    memory = next(
-        (int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable")), 0
-    )
+    memory = 0
+    for line in lines:
+        if line.startswith("MemAvailable"):
+            memory = int(line.split()[1]) * 1024
     found = (
         f"{disk / 1024**3:.1f} GiB free for temporary files, {memory / 1024**3:.1f} GiB of memory"
     )
@@ -231,11 +224,8 @@ def _traffic(interpreter: Path) -> Iterator[Status]:
             f"{timing.rate_hz:.2f} Hz, {jitter_s * 1000:.1f} ms of jitter (99 %), {timing.lost} of {timing.written} "
             f"lost, {delay_s * 1000:.0f} ms of machine delay; the session took {took_s:.1f} s"
         )
-        good = (
-            abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF
-            and jitter_s < _JITTER_S
-            and timing.lost == 0
-        )
+        rate_is_good = abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF
+        good = all((rate_is_good, jitter_s < _JITTER_S, timing.lost == 0))
         remedy = "Grade when less is running; timing that a busy machine disturbs is undecided."
         yield _status(good, "100 Hz", found, remedy)
 

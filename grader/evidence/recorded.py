@@ -5,8 +5,10 @@ Names are those of the rubric; where the student used another, it is followed. F
 
 from __future__ import annotations
 
+import bisect
 import functools
 import itertools
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,10 +24,12 @@ from grader.evidence.fields import numbers_of, time_ns
 from grader.recording.bag import Bag, Stream
 from grader.recording.definitions import field_steps
 from grader.recording.session import (
+    LINK,
     PARTICIPANT_DIGITS,
     UNKNOWN_NODE,
     Claim,
     Endpoint,
+    MachineSample,
     OutputLine,
     ProcessRun,
     Published,
@@ -50,6 +54,11 @@ _AT_ONCE = 0.25
 _LATE_SAMPLE, _FEWEST_SAMPLES = 1.5, 4
 #: Share of a time in which the student's own programs may have used a core, if the machine is to blame for a delay.
 _OWN_DOING = 0.5
+#: Average number of the student's waiting threads that makes a crowd. A starting node has one or two, an executor with
+#: four busy threads has four.
+_CROWD = 8.0
+#: Samples of the machine in one part of a session: 2 s, of which the error of a core's idle time is a hundredth.
+_SAMPLES_OF_A_PART = 4
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -290,14 +299,71 @@ class Recorded:
     def delays(self, run: ProcessRun) -> tuple[Delay, ...]:
         """Return when the machine may have delayed a process; of one not watched, by samples only."""
         if run.disturbed is not None:
-            return tuple(
+            noted = tuple(
                 Delay(start_ns, start_ns + length_ns, delay)
                 for start_ns, length_ns, delay in run.disturbed
             )
+            if run.role == "student":
+                return self._left_of(run, noted)
+            return noted
         parts = (Span(*part) for part in itertools.pairwise([usage.t_ns for usage in run.usage]))
         return tuple(
             Delay(p.start_ns, p.end_ns, round(self._sampled_delay_s(run, p) * 1e9)) for p in parts
         )
+
+    def _left_of(self, run: ProcessRun, noted: Sequence[Delay]) -> tuple[Delay, ...]:
+        """Return noted delays, shortened to what others can have had of the cores in each part of the session.
+
+        The threads of a program also wait for each other, and its children come and go between two samples.
+        """
+        edges = [sample.t_ns for sample in self.record.machine[::_SAMPLES_OF_A_PART]]
+        parts: dict[int, list[Delay]] = {}
+        for delay in noted:
+            parts.setdefault(bisect.bisect_right(edges, delay.start_ns), []).append(delay)
+        left: list[Delay] = []
+        for delays in parts.values():
+            noted_ns, end_ns = 0, 0
+            for delay in delays:
+                noted_ns += delay.delay_ns
+                end_ns = max(end_ns, delay.end_ns)
+            most_s = self._others_around_s(run, Span(delays[0].start_ns, end_ns))
+            share = min(1.0, most_s * 1e9 / max(1, noted_ns))
+            for delay in delays:
+                left.append(replace(delay, delay_ns=round(share * delay.delay_ns)))
+        return tuple(left)
+
+    def _others_around_s(self, run: ProcessRun, span: Span) -> float:
+        """Return for how long others than the student's programs had a process's cores around a span, in s.
+
+        It is an upper bound for each part of the time between the two samples around the span; infinite without these.
+        """
+        before, after = self._samples_around(span)
+        if before is None or after is None:
+            return math.inf
+        around = Span(before.t_ns, after.t_ns)
+        is_held = _is_held(run, around)
+        cores = [str(run.core)] if is_held else list(before.idle_ns)
+        if not before.idle_ns.keys() & after.idle_ns.keys() >= set(cores):
+            return math.inf
+        others_s = -self._unseen_s(around)
+        for core in cores:
+            others_s += around.duration_s - (after.idle_ns[core] - before.idle_ns[core]) / 1e9
+        for student in self.students:
+            # A program without a core of its own yet may have run elsewhere.
+            is_there = student.core == run.core and _is_held(student, around)
+            if is_there or not is_held:
+                others_s -= self.cpu_s(student, around)
+        return max(0.0, others_s) + _IDLE_ERROR_S
+
+    def _samples_around(self, span: Span) -> tuple[MachineSample | None, MachineSample | None]:
+        """Return the last sample of the machine before a span and the first one after it, if cores were sampled."""
+        before = None
+        for sample in self.record.machine:
+            if sample.idle_ns and sample.t_ns <= span.start_ns:
+                before = sample
+            elif sample.idle_ns and sample.t_ns >= span.end_ns:
+                return before, sample
+        return before, None
 
     @functools.cache  # noqa: B019 - see `stream`
     def _disturbed(self, run: ProcessRun) -> Integers:
@@ -316,7 +382,9 @@ class Recorded:
             start_ns, span.start_ns
         )
         delay_s = float(np.minimum(delay_ns, np.maximum(within_ns, 0)).sum()) / 1e9
-        return max(0.0, delay_s - (self._unseen_s(span) if run.role == "student" else 0.0))
+        if run.role != "student":
+            return delay_s
+        return max(0.0, min(delay_s - self._unseen_s(span), self._others_around_s(run, span)))
 
     def backlog(self, run: ProcessRun, span: Span, room_s: float = float("inf")) -> Backlog:
         """Return what may have waited for a process within a span, with so much room in its queue.
@@ -375,7 +443,7 @@ class Recorded:
         Before it is held to one, that is the sum over all cores. Where that is not known, there is no bound.
         """
         samples = [sample for sample in self.record.machine if sample.idle_ns]
-        held = run.core is not None and run.held_ns is not None and run.held_ns <= span.start_ns
+        held = _is_held(run, span)
         cores = [str(run.core)] if held else list(samples[0].idle_ns) if samples else []
         if len(samples) < 2 or any(
             core not in sample.idle_ns for core in cores for sample in samples
@@ -424,16 +492,31 @@ class Recorded:
 
     def recorder_delay_s(self, span: Span) -> float:
         """Return for how long within a span the machine delayed the recorder, in s."""
-        return sum(
-            self.machine_delay_s(run, span) for run in self.record.processes if run.role == "grader"
-        )
+        return sum(self.machine_delay_s(run, span) for run in self.recorders)
+
+    @property
+    def recorders(self) -> tuple[ProcessRun, ...]:
+        """Return the grader's own processes on the way of the session's traffic into the recording."""
+        runs = []
+        for run in self.record.processes:
+            if run.role == "grader":
+                runs.append(run)
+        return tuple(run for run in runs if run.name != LINK)
 
     def students_cpu_s(self, span: Span) -> float:
         """Return the CPU time that the student's processes took within a span, in s."""
         return sum(self.cpu_s(run, span) for run in self.record.processes if run.role == "student")
 
     def students_busy(self, span: Span) -> bool:
-        """Whether the student's own programs used so much of a core that a delay need not be the machine's."""
+        """Whether the student's own programs used so much of a core that a delay need not be the machine's.
+
+        The same holds if so many of their threads waited at a time that each waited for the others.
+        """
+        waited_s = 0.0
+        for run in self.students:
+            waited_s += _grown_s([(usage.t_ns, usage.run_delay_ns) for usage in run.usage], span)
+        if waited_s >= _CROWD * span.duration_s:
+            return True
         return self.students_cpu_s(span) >= _OWN_DOING * span.duration_s
 
     @functools.cached_property
@@ -460,6 +543,13 @@ class Recorded:
         return [
             replace(o, text=without_colours(o.text)) if "\x1b" in o.text else o for o in run.output
         ]
+
+
+def _is_held(run: ProcessRun, span: Span) -> bool:
+    """Whether a process was held to its core for all of a span."""
+    if run.core is None or run.held_ns is None:
+        return False
+    return run.held_ns <= span.start_ns
 
 
 def clock_step_s(record: SessionRecord, span: Span) -> float:

@@ -30,6 +30,8 @@ STANDARD_TOPICS = ("/rosout", "/parameter_events", "/clock")
 AWAITED = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
 GRADER_NAMESPACE = "/_grader"
+#: Name of the process of a step `link` (`grader.recording.link`).
+LINK = "link"
 
 
 @dataclass
@@ -92,7 +94,7 @@ class ProcessRun:
     #: Samples over time: CPU time used, and time ready to run but without a core, of all threads together.
     usage: list[Usage] = field(default_factory=list)
     #: The limit that it hit, whether it was ended for that or not: "memory", "processes", "disk", "files"
-    #: (their number) or "output".
+    #: (their number) or "output". Only the grader's own have "computing": the loss of real-time scheduling.
     limit: str | None = None
     #: The core to which it is held, and since when.
     core: int | None = None

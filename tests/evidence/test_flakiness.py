@@ -155,3 +155,16 @@ def test_a_program_that_asked_for_nothing_while_it_was_waited_for_is_seen_again(
     ) == is_open
     session.record.claims.append(Claim("stands", "node", "other"))
     assert inconclusive_reason(session.recorded(), ()) is None
+
+
+@pytest.mark.parametrize(("waited_s", "is_open"), [(2.0, True), (15.0, False)])
+def test_a_crowd_of_ones_own_threads_waits_for_itself(
+    tmp_path: Path, waited_s: float, is_open: bool
+) -> None:
+    """A program with a dozen threads that wait at a time starts late by its own doing."""
+    session = Session(tmp_path).process("it").delayed("it", 10 * waited_s, 10.0, 1.0)
+    session.disturbed("it", (1.05, 0.9))
+    session.step("wait_for", "first", "timeout", parameters={"node": "/it"})
+    assert (
+        "Something did not appear" in str(inconclusive_reason(session.recorded(), ()))
+    ) == is_open

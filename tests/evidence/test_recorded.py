@@ -300,6 +300,27 @@ def test_what_the_students_unseen_processes_used_was_not_with_others(tmp_path: P
     )
 
 
+@pytest.mark.parametrize(("cpu_s", "delay_s"), [(9.7, 0.3), (5.0, 4.0), (2.0, 4.0)])
+def test_children_that_share_a_programs_core_are_no_delay_by_the_machine(
+    tmp_path: Path, cpu_s: float, delay_s: float
+) -> None:
+    """Forty busy children make their parent wait; only the time that others had the core counts, however it was noted."""
+    recorded = Session(tmp_path).recorded()
+    recorded.record.machine = [
+        MachineSample(at(t), 0, idle_ns={"0": round(t * 1e9), "1": 0}) for t in range(11)
+    ]
+    process = run(*((t, cpu_s * t / 10, 39.0 * t) for t in range(11)))
+    process.core, process.held_ns = 1, at(0)
+    process.disturbed = [[at(n / 10), 95_000_000, 40_000_000] for n in range(100)]
+    recorded.record.processes = [process]
+    whole = Span(at(0), at(10))
+    assert recorded.machine_delay_s(process, whole) == pytest.approx(delay_s, abs=0.03)
+    # What is noted adds up to that; in doubt, which is at the ends of some spans, to a little more.
+    assert sum(d.delay_ns for d in recorded.delays(process)) / 1e9 == pytest.approx(
+        delay_s, abs=0.15
+    )
+
+
 def test_the_longest_delay_is_of_a_process_that_is_not_the_recorder(tmp_path: Path) -> None:
     """Students' and reference processes count; the grader's own may be late."""
     session = (

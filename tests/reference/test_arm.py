@@ -244,3 +244,32 @@ def test_arm_stops_quietly(domain_id: int, number: int) -> None:
     """Either signal ends the arm with status 0 and without a word."""
     with started("arm.py", {"seed": 1}, domain_id) as arm:
         assert stop(arm, number) == (0, "", "")
+
+
+@pytest.mark.live
+def test_a_flood_of_large_messages_keeps_no_step_waiting(student: Listener, domain_id: int) -> None:
+    """Messages with thousands of empty dimensions come faster than they can be decoded; the arm steps and follows."""
+    from rclpy.qos import qos_profile_sensor_data
+    from rclpy.serialization import serialize_message
+    from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
+
+    layout = MultiArrayLayout(dim=[MultiArrayDimension() for _ in range(3000)])
+    crowd = serialize_message(Float64MultiArray(layout=layout, data=TARGETS[::-1]))
+    publisher = student.node.create_publisher(Float64MultiArray, "/cmds", qos_profile_sensor_data)
+    student.listen("/joint_states", Float64MultiArray)
+    states = student.received["/joint_states"]
+    configuration = {"seed": 1, "names": {"/joint_commands": "/cmds"}, "with": {"rate_hz": 100}}
+    with started("arm.py", configuration, domain_id) as arm:
+        assert student.spin_until(lambda: len(states) > 10, 30)
+
+        def flood() -> None:
+            for _ in range(20):
+                publisher.publish(crowd)
+            publisher.publish(Float64MultiArray(data=TARGETS))
+
+        student.node.create_timer(0.01, flood)
+        count = len(states)
+        assert student.spin_until(lambda: len(states) > count + 100, 30)
+        assert student.spin_until(lambda: near(student, TARGETS), 30)
+        _, rest, _ = stop(arm)
+    assert re.fullmatch(r"ignored [1-9]\d* malformed commands\n", rest)

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import IO, Any
 
 from grader.live.sandbox.environment import OWN_INTERPRETER, ros_environment
+from grader.live.sandbox.helpers import find_tool, python
 from grader.live.sandbox.isolation import HOME, INTERFACES, TEMPORARY, Isolation, Room, free_slot
 from grader.live.sandbox.running import run_confined
 from grader.live.sandbox.scratch import remove_tree, scratch_prefix
@@ -67,13 +68,13 @@ class Built:
     missing: dict[str, str] = field(default_factory=dict)
     #: For a mistake in them, for which `colcon build` would stop too.
     invalid: dict[str, str] = field(default_factory=dict)
-    #: How long building took, in s.
+    #: How long building took, in s, failed builds included.
     took_s: float = 0.0
 
 
 def lacking_toolchain() -> str:
     """Say what building interfaces needs and this machine lacks; empty if nothing."""
-    lacks = [name for name in ("cc", "c++") if shutil.which(name) is None]
+    lacks = [name for name in ("cc", "c++") if find_tool(name) is None]
     lacks += [] if Path(sysconfig.get_path("include"), "Python.h").is_file() else ["Python.h"]
     return ", ".join(
         [*lacks, *(name for name in _GENERATORS if importlib.util.find_spec(name) is None)]
@@ -153,8 +154,12 @@ def _prefix_of(
         on_progress()
         began_s = time.monotonic()
         left_s = min(_MOST_EACH_S, _MOST_S - built.took_s)
-        _build(package, target, list(built.prefixes.values()), isolation, left_s)
-        built.took_s += time.monotonic() - began_s
+        if left_s <= 0:
+            raise _NotBuilt(f"the packages before it took the {_MOST_S:g} s that all may take")
+        try:
+            _build(package, target, list(built.prefixes.values()), isolation, left_s)
+        finally:
+            built.took_s += time.monotonic() - began_s
         _keep(target, cached)
     return target
 
@@ -209,7 +214,7 @@ def _run(
     """Return what the program in the sandbox says, which is nothing where all went well."""
     seen = room.seen(isolation)
     temporary = seen[TEMPORARY]
-    command = [str(OWN_INTERPRETER), "-I", f"{seen['/building']}/build_package.py"]
+    command = python(OWN_INTERPRETER, f"{seen['/building']}/build_package.py")
     command += [f"{seen['/sources']}/{package.name}", f"{temporary}/out/{package.name}"]
     command += [f"{seen[INTERFACES]}/{prefix.name}" for prefix in others]
     environment = {**ros_environment(Path(sys.prefix)), "HOME": seen[HOME], "TMPDIR": temporary}

@@ -38,6 +38,8 @@ _MOST_KEPT = 1000
 _HISTORY = 200
 #: What takes this share of a core for so long may not go before all others any more.
 _RUNAWAY_SHARE, _RUNAWAY_NS = 0.6, 300_000_000
+#: The limit that such a process has hit, as `ProcessRun.limit` names limits.
+COMPUTING = "computing"
 #: What two delays take of the time between them at 100 Hz: the interval in which one ends, the next, half of the last.
 _AFTER_NS = 25_000_000
 _STOP_S, _ANSWER_S = 3.0, 1.0
@@ -95,7 +97,9 @@ class CpuWatch:
 
     def _hear(self, line: bytes) -> None:
         said = json.loads(line)
-        if isinstance(said, dict):
+        if isinstance(said, str):
+            self._runs[said].limit = COMPUTING
+        elif isinstance(said, dict):
             for name, disturbed in said.items():
                 self._runs[name].disturbed = disturbed
         elif self._calm_s is not None and not self._calm_s.done():
@@ -108,6 +112,9 @@ class _Watched:
 
     role: str
     core: int | None = None
+    name: str = ""
+    #: Set once its demotion is reported, and for a student's process from the beginning.
+    is_reported: bool = False
     #: Thread id -> descriptor of its counters, who ran last at the end; what they said: CPU and queue time, in ns.
     files: dict[int, int] = field(default_factory=dict)
     last: dict[int, tuple[int, int]] = field(default_factory=dict)
@@ -164,8 +171,13 @@ class _Watched:
 
     def used_since(self, t_ns: int) -> int:
         """Return the CPU time that it used since a time, as far as that is known."""
-        since = itertools.takewhile(lambda known: known[0] >= t_ns, reversed(self.history))
-        return self.cpu_ns - min((cpu_ns for _, cpu_ns in since), default=self.cpu_ns)
+        later_ns, later_cpu_ns = self.history[-1]
+        for known_ns, cpu_ns in reversed(self.history):
+            if known_ns <= t_ns:
+                share = (t_ns - known_ns) / max(1, later_ns - known_ns)
+                return self.cpu_ns - cpu_ns - round(share * (later_cpu_ns - cpu_ns))
+            later_ns, later_cpu_ns = known_ns, cpu_ns
+        return self.cpu_ns - later_cpu_ns
 
     def noted_since(self, t_ns: int) -> int:
         """Return for how long it was delayed since a time, as far as that is noted already."""
@@ -206,7 +218,10 @@ class _Watch:
 
     def follow(self, name: str, core: int | None, role: str, threads: list[int]) -> None:
         with self._lock:
-            watched = self.watched.setdefault(name, _Watched(role))
+            is_student = role == "student"
+            watched = self.watched.setdefault(
+                name, _Watched(role, name=name, is_reported=is_student)
+            )
             watched.core = core
             watched.open(threads)
         wanted = (
@@ -272,9 +287,15 @@ class _Watch:
             self._judge(watched, [watched], *waited, looked_ns, now_ns, stalled_ns)
             is_time = is_first and now_ns // _RUNAWAY_NS > looked_ns // _RUNAWAY_NS
             if is_time and watched.used_since(now_ns - _RUNAWAY_NS) > _RUNAWAY_SHARE * _RUNAWAY_NS:
-                demote(
-                    watched.files
-                )  # One of the grader's own, held to no core, that somebody floods.
+                # One of the grader's own, held to no core, that somebody floods.
+                demote(watched.files)
+                self._note_demoted(watched)
+
+    def _note_demoted(self, watched: _Watched) -> None:
+        """Say once, and at once, that a process of the grader's was demoted."""
+        if not watched.is_reported:
+            watched.is_reported = True
+            os.write(1, f"{json.dumps(watched.name)}\n".encode())
 
     def _judge(
         self, watched: _Watched, own: list[_Watched], together_ns: int, longest_ns: int,

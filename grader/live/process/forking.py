@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from grader.live.process.forked import Program, become, read_pipe
+from grader.live.sandbox.helpers import python, start_helper
 
 if TYPE_CHECKING:
     from typing_extensions import Self
@@ -48,10 +49,9 @@ class ForkingServer:
         module: str,
         arguments: Sequence[str],
         environment: Mapping[str, str],
-        folder: Path = Path("/"),
     ) -> None:
-        self._command = [sys.executable, "-I", "-m", module]
-        self._arguments, self._environment, self._folder = arguments, environment, folder
+        self._command = python(sys.executable, "-m", module)
+        self._arguments, self._environment = arguments, environment
 
     def __enter__(self) -> Self:
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -60,13 +60,9 @@ class ForkingServer:
         return self
 
     def _start(self, link: socket.socket) -> _Running:
-        return subprocess.Popen(
+        return start_helper(
             [*self._command, str(link.fileno()), *self._arguments],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
-            env=self._environment,
-            cwd=self._folder,
+            environment=self._environment,
             pass_fds=(link.fileno(),),
             start_new_session=True,
         )

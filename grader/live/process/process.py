@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 from grader.live.process.forked import ForkedProcess, Program, start_forked
 from grader.live.process.priority import STANDING, put_in_real_time, put_standing
+from grader.live.sandbox.helpers import run_helper, start_piped
 from grader.live.sandbox.machine import (
     children_of,
     cpu_with_children_ns,
@@ -101,7 +102,6 @@ class RunningProcess:
         argv: Sequence[str],
         *,
         environment: Mapping[str, str],
-        cwd: str,
         pass_fds: Sequence[int] = (),
         child_pid_fd: int | None = None,
         with_input: bool = False,
@@ -109,15 +109,11 @@ class RunningProcess:
     ) -> RunningProcess:
         """Start a process in a process group of its own, with SIGINT at its default."""
         run.started_ns = time.time_ns()
-        process = await asyncio.create_subprocess_exec(
-            *argv,
-            stdin=asyncio.subprocess.PIPE if with_input else asyncio.subprocess.DEVNULL,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-            env=dict(environment),
-            cwd=cwd,
+        process = await start_piped(
+            argv,
+            environment=environment,
             pass_fds=pass_fds,
-            start_new_session=True,
+            with_input=with_input,
             limit=_READ_BYTES,
         )
         return cls(run, process, child_pid_fd, None, room or OutputRoom())
@@ -374,14 +370,7 @@ def _hold_as_user(pid: int, core: int, user: int) -> None:
     become = ["setpriv", f"--reuid={user}", f"--regid={user}", "--clear-groups", "--no-new-privs"]
     command = [*become, "taskset", "--all-tasks", "--cpu-list", "--pid", str(core), str(pid)]
     with suppress(OSError, subprocess.TimeoutExpired):
-        subprocess.run(
-            command,
-            check=False,
-            timeout=_HOLD_S,
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            cwd="/",
-        )
+        run_helper(command, timeout_s=_HOLD_S)
 
 
 def _scheduling_of(pid: int) -> dict[int, tuple[int, int]]:

@@ -238,17 +238,18 @@ class Director:
             None  # when a node of the student's was first there without the wanted name
         )
 
+        # Graph of the last search and whether near misses counted then. A graph of thousands of names is searched once.
+        looked_at: tuple[GraphSnapshot | None, bool] = (None, False)
+        latest: list[Candidate] = []
+
         def found() -> list[Candidate]:
-            nonlocal since_s
-            candidates = self._candidates(kind, wanted)
+            nonlocal since_s, looked_at, latest
             since_s = (since_s or time.monotonic()) if self._students() else None
-            # What stood for it before does so for as long as it is there.
-            same = [c for c in candidates if c.name in (wanted, self._names.get(wanted))]
-            if same or since_s is None or time.monotonic() - since_s <= _NEAR_MISS_AFTER_S:
-                return same
-            taken = self._expected | set(self._names.values())
-            guess = near_miss(wanted, wanted_type, [c for c in candidates if c.name not in taken])
-            return [guess] if guess is not None else []
+            is_near = since_s is not None and time.monotonic() - since_s > _NEAR_MISS_AFTER_S
+            if looked_at[0] is not self._watch.last or looked_at[1] != is_near:
+                looked_at = (self._watch.last, is_near)
+                latest = self._found(kind, wanted, wanted_type, is_near=is_near)
+            return latest
 
         is_there = self._until_up(wanted, found, float(request["timeout_s"]))
         waited = {"waited_s": round(time.monotonic() - started_s, 3)}
@@ -266,6 +267,19 @@ class Director:
             with suppress(Exception):
                 self._probe(meant.name, meant.type)
         return "done", {**waited, "name": meant.name, "type": meant.type}
+
+    def _found(
+        self, kind: str, wanted: str, wanted_type: str | None, *, is_near: bool
+    ) -> list[Candidate]:
+        """Return the candidates with a name; without any, and if `is_near`, the one with the nearest name."""
+        candidates = self._candidates(kind, wanted)
+        # What stood for it before does so for as long as it is there.
+        same = [c for c in candidates if c.name in (wanted, self._names.get(wanted))]
+        if same or not is_near:
+            return same
+        taken = self._expected | set(self._names.values())
+        guess = near_miss(wanted, wanted_type, [c for c in candidates if c.name not in taken])
+        return [guess] if guess is not None else []
 
     def _students(self) -> list[str]:
         return [n for n in self._watch.last.nodes if n not in self._reference_nodes]

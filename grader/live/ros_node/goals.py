@@ -27,6 +27,8 @@ STATUS = ("unknown", "accepted", "executing", "canceling", "succeeded", "cancele
 _FEEDBACK_DEPTH = 1000
 #: What is kept of a goal's feedback: so many messages, none that is larger, in so many characters and values.
 _MOST_FEEDBACK, _LARGEST_FEEDBACK_BYTES, _FEEDBACK_ROOM = 500, 2**20, 100_000
+#: Serialised bytes of a goal's feedback that are decoded, all messages together: a MiB of short elements takes 0.2 s.
+_MOST_DECODED_BYTES = 4 * 2**20
 #: Where the identifier of its goal stands in a serialised message of feedback: behind the header of CDR.
 _GOAL_ID = slice(4, 20)
 #: After the last result, how long feedback that was sent before it may still be on its way.
@@ -74,6 +76,7 @@ class Goal:
         self.id = uuid.uuid4().bytes
         self._handle: Any = None
         self._room = Room(_FEEDBACK_ROOM)
+        self._left_bytes = _MOST_DECODED_BYTES
         self.record: dict[str, Any] = {
             "goal": plain(message),
             "goal_id": self.id.hex(),
@@ -127,11 +130,9 @@ class Goal:
         """Note a message of feedback."""
         self.record["feedback_count"] += 1
         kept = self.record["feedback"]
-        if (
-            len(kept) < _MOST_FEEDBACK
-            and len(data) <= _LARGEST_FEEDBACK_BYTES
-            and self._room.left > 0
-        ):
+        is_small = len(data) <= min(_LARGEST_FEEDBACK_BYTES, self._left_bytes)
+        if len(kept) < _MOST_FEEDBACK and is_small and self._room.left > 0:
+            self._left_bytes -= len(data)
             values = None
             with suppress(Exception):  # Whoever publishes without ROS may send what is no message.
                 values = plain(deserialize_message(data, kind).feedback, self._room)

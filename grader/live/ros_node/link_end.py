@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rclpy.duration import Duration
@@ -32,7 +32,7 @@ from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 
 from grader.live.ros_node.graph import interface_named, new_context, silent_node
-from grader.recording.link import LinkPlan
+from grader.recording.link import LinkedTopic, LinkPlan
 from grader.recording.session import Qos
 
 #: How long the ends may take to find each other, and to know of it on both sides.
@@ -41,12 +41,39 @@ _LOOK_S = 0.01
 _WAIT_NS = 20_000_000
 #: More than are sent: a longer queue would take memory and change nothing.
 _DEEPEST = 2000
+#: Size limit of an empty message, in bytes: a student's type may have fields of any fixed size.
+_LARGEST_MESSAGE_BYTES = 64 * 1024
+_SHORTEST_LIFESPAN_NS = 1_000_000
 _READ_BYTES = 4096
 
 
-def profile_of(qos: Qos | None) -> QoSProfile:
+def carried(qos: Qos) -> Qos:
+    """Return a student's profile without its deadline, liveliness and lease, and with a lifespan of 1 ms at least.
+
+    These decide nothing about arrival, but set timers in the grader's processes: a deadline of 1 µs keeps a core busy.
+    """
+    lifespan_ns = qos.lifespan_ns
+    if lifespan_ns is not None:
+        lifespan_ns = max(lifespan_ns, _SHORTEST_LIFESPAN_NS)
+    return replace(
+        qos,
+        deadline_ns=None,
+        lifespan_ns=lifespan_ns,
+        liveliness="unknown",
+        liveliness_lease_ns=None,
+    )
+
+
+def is_compatible(topic: LinkedTopic) -> bool:
+    """Whether the middleware would match both sides of a topic, by all policies of the student's profiles."""
+    assert topic.offered is not None
+    assert topic.requested is not None
+    compatibility, _ = qos_check_compatible(profile_of(topic.offered), profile_of(topic.requested))
+    return bool(compatibility != QoSCompatibility.ERROR)
+
+
+def profile_of(qos: Qos) -> QoSProfile:
     """Return the profile of a recorded one; where history or depth are not known, those of most nodes."""
-    assert qos is not None
     known = qos.history in ("keep_last", "keep_all")
     more: dict[str, Any] = {
         name: Duration(nanoseconds=value)
@@ -93,21 +120,15 @@ def _node(name: str) -> Iterator[Node]:
 def send(plan: LinkPlan) -> None:
     """Publish each topic; says when a level begins and how many messages were sent, and goes on when it is asked to."""
     with _node("link_sender") as node:
-        messages = [serialize_message(interface_named(topic.type)()) for topic in plan.topics]
+        messages = [_message_of(topic.type) for topic in plan.topics]
         publishers = [
             [
-                node.create_publisher(
-                    interface_named(topic.type), _name(number, level), profile_of(topic.offered)
-                )
+                _publisher(node, topic, _name(number, level))
                 for number, topic in enumerate(plan.topics)
             ]
             for level in range(len(plan.loss))
         ]
-        compatible = [
-            qos_check_compatible(profile_of(t.offered), profile_of(t.requested))[0]
-            != QoSCompatibility.ERROR
-            for t in plan.topics
-        ]
+        compatible = [is_compatible(topic) for topic in plan.topics]
         end_s = time.monotonic() + _MATCH_S
         while time.monotonic() < end_s and not all(
             publisher.get_subscription_count() or not fits
@@ -127,6 +148,25 @@ def send(plan: LinkPlan) -> None:
                 return
         _say("done")
         sys.stdin.readline()  # What was published last is there for who asks again.
+
+
+def _message_of(topic_type: str) -> bytes:
+    """Return an empty message of a type, or end this program if it is too large for the link."""
+    message = serialize_message(interface_named(topic_type)())
+    if len(message) > _LARGEST_MESSAGE_BYTES:
+        print(
+            f"an empty {topic_type} has {len(message)} bytes, more than the {_LARGEST_MESSAGE_BYTES} of the link",
+            file=sys.stderr,
+        )
+        raise SystemExit(1)
+    return bytes(message)
+
+
+def _publisher(node: Node, topic: LinkedTopic, name: str) -> Any:
+    assert topic.offered is not None
+    return node.create_publisher(
+        interface_named(topic.type), name, profile_of(carried(topic.offered))
+    )
 
 
 def _publish(each: Sequence[tuple[Any, bytes]], rate_hz: float, duration_s: float) -> int:
@@ -172,18 +212,23 @@ class _Receiver:
     def __init__(self, node: Node, plan: LinkPlan) -> None:
         self._node, self._plan = node, plan
         self.readers: list[_Reader] = []
+        #: Topics with a subscription, by number.
+        self._compatible = {n: t for n, t in enumerate(plan.topics) if is_compatible(t)}
+        self._late = [0] * len(plan.loss)
         for level in range(len(plan.loss)):
             self.join(level, late=False)
 
     def join(self, level: int, *, late: bool) -> None:
         """Subscribe to all topics of a level."""
-        for number, topic in enumerate(self._plan.topics):
+        self._late[level] += late
+        for number, topic in self._compatible.items():
+            assert topic.requested is not None
             kind = interface_named(topic.type)
             made = self._node.create_subscription(
                 kind,
                 _name(number, level),
                 lambda message: None,
-                profile_of(topic.requested),
+                profile_of(carried(topic.requested)),
                 raw=True,
             )
             self.readers.append(_Reader(made.handle, kind, made, number, level, late))
@@ -192,6 +237,9 @@ class _Receiver:
 
     def wait(self) -> None:
         """Wait for messages, and take them."""
+        if not self.readers:
+            time.sleep(_WAIT_NS / 1e9)
+            return
         self._set.clear_entities()
         for reader in self.readers:
             self._set.add_subscription(reader.handle)
@@ -202,7 +250,11 @@ class _Receiver:
     def received(self) -> list[list[dict[str, Any]]]:
         """Return for each topic and level what came, and what came to each subscription that joined late."""
         found: list[list[dict[str, Any]]] = [
-            [{"late": []} for _ in self._plan.loss] for _ in self._plan.topics
+            [
+                {"received": [], "late": self._none_late(n, level)}
+                for level in range(len(self._late))
+            ]
+            for n in range(len(self._plan.topics))
         ]
         for reader in self.readers:
             here = found[reader.number][reader.level]
@@ -211,6 +263,10 @@ class _Receiver:
             else:
                 here["received"] = reader.received
         return found
+
+    def _none_late(self, number: int, level: int) -> list[list[int]]:
+        """Return an empty list for each late subscription to a topic with incompatible sides."""
+        return [] if number in self._compatible else [[] for _ in range(self._late[level])]
 
 
 def receive(plan: LinkPlan) -> None:

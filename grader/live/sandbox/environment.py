@@ -21,6 +21,7 @@ from pathlib import Path
 
 import grader
 from grader.errors import PlatformError
+from grader.live.sandbox.helpers import absolute_entries, python, run_helper
 
 #: What of ours stands in a student's sandbox: the tap and the settings of discovery.
 INSIDE_FOLDER = Path(__file__).parents[1] / "student_tap/inside"
@@ -171,22 +172,19 @@ def versions() -> dict[str, str]:
     return named
 
 
-def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: bool = True) -> str:
-    """Run a short program with an interpreter, `isolated` as students' processes are, and return what it prints.
+def ask_interpreter(
+    interpreter: Path, program: str, *arguments: str, more: Mapping[str, str] | None = None
+) -> str:
+    """Run a short program with an interpreter in the environment of students' processes, and return its output.
 
-    It raises `ValueError` with the reason if that fails.
+    `more` are further variables. Raises `ValueError` with the reason if that fails.
     """
+    environment = ros_environment(interpreter.parent.parent)
+    if more is not None:
+        environment.update(more)
+    command = python(interpreter, "-c", program, *arguments)
     try:
-        run = subprocess.run(
-            [str(interpreter), *(["-I"] if isolated else []), "-c", program, *arguments],
-            capture_output=True,
-            text=True,
-            timeout=_IMPORT_S,
-            check=False,
-            stdin=subprocess.DEVNULL,
-            env=ros_environment(interpreter.parent.parent) if isolated else None,
-            cwd="/" if isolated else None,
-        )
+        run = run_helper(command, timeout_s=_IMPORT_S, environment=environment)
     except (OSError, subprocess.TimeoutExpired) as problem:
         raise ValueError(str(problem)[:200]) from problem
     if run.returncode != 0:
@@ -196,14 +194,15 @@ def ask_interpreter(interpreter: Path, program: str, *arguments: str, isolated: 
 
 # -- the real `launch` and `launch_ros`, on a machine that has them ----------------------------------
 
+#: Lists of folders by which a sourced ROS installation is found.
+SOURCED = ("PYTHONPATH", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH")
+#: Its arguments are the folders of PYTHONPATH, which Python does not read with `-I`. The module of JSON is imported
+#: before they count: a folder of a sourced workspace may have one of that name.
 _FIND_LAUNCH = """
 import json, os, sys
+sys.path[:0] = sys.argv[1:]
 import launch, launch_ros, launch.actions, launch_ros.actions, launch.launch_description_sources
-print(json.dumps({
-    "python_path": [p for p in sys.path if p and os.path.isdir(p)],
-    "prefixes": [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if os.path.isdir(p)],
-    "library_path": os.environ.get("LD_LIBRARY_PATH", ""),
-}))
+print(json.dumps([p for p in sys.path if p and os.path.isdir(p)]))
 """
 
 
@@ -229,18 +228,27 @@ class NativeLaunch:
         return {p: Path(p) for p in [*self.prefixes, *self.python_path] if not p.startswith("/usr")}
 
 
-def find_native_launch(interpreter: Path, choice: str) -> NativeLaunch | None:
+def find_native_launch(
+    interpreter: Path, choice: str, without: Sequence[Path] = ()
+) -> NativeLaunch | None:
     """Find the real `launch` in the environment from which the grader was started; None for the stand-in.
 
-    The choice is "standin", "native" or "auto". It raises `PlatformError` if the real one was asked for and cannot be
-    imported.
+    The choice is "standin", "native" or "auto". Nothing is imported from the working folder, nor from the folders
+    `without`, which are those of submissions, whatever the environment says. Raises `PlatformError` if the real one was
+    asked for and cannot be imported.
     """
     if choice == "standin":
         return None
+    modules = absolute_entries("PYTHONPATH", without)
+    prefixes = list(filter(os.path.isdir, absolute_entries("AMENT_PREFIX_PATH", without)))
+    libraries = absolute_entries("LD_LIBRARY_PATH", without)
+    libraries += ros_environment(interpreter.parent.parent)["LD_LIBRARY_PATH"].split(":")
+    library_path = ":".join(dict.fromkeys(libraries))
+    more = {"AMENT_PREFIX_PATH": ":".join(prefixes), "LD_LIBRARY_PATH": library_path}
     try:
-        return NativeLaunch(
-            **json.loads(ask_interpreter(interpreter, _FIND_LAUNCH, isolated=False))
-        )
+        answer = ask_interpreter(interpreter, _FIND_LAUNCH, *modules, more=more)
+        python_path = list(json.loads(answer))
+        return NativeLaunch(python_path, prefixes, library_path)
     except (ValueError, TypeError) as problem:
         if choice == "auto":
             return None

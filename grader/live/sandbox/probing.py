@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import stat
 import subprocess
 import tempfile
@@ -14,6 +13,7 @@ from pathlib import Path
 from grader.errors import IsolationError
 from grader.live.sandbox.cgroup import SandboxCgroup, cgroup_parents
 from grader.live.sandbox.confine import confines_signals, landlock_version
+from grader.live.sandbox.helpers import find_tool, run_helper
 from grader.live.sandbox.isolation import (
     TEMPORARY,
     Isolation,
@@ -55,13 +55,13 @@ print("in")
 
 def probe_isolation(interpreter: Path) -> Isolation:
     """Find the strongest confinement that works here."""
-    missing = [tool for tool in ("setpriv", "prlimit") if shutil.which(tool) is None]
+    missing = [tool for tool in ("setpriv", "prlimit") if find_tool(tool) is None]
     if missing:
         return Isolation(Level.NONE, remedy=f"Install util-linux ({', '.join(missing)} not found).")
     problem, remedy = None, "Install bubblewrap: sudo apt-get install bubblewrap"
-    if shutil.which("bwrap") is not None:
+    if find_tool("bwrap") is not None:
         root = os.geteuid() == 0
-        usage = subprocess.run(["bwrap", "--help"], capture_output=True, text=True, check=False)
+        usage = run_helper(["bwrap", "--help"])
         old = "--disable-userns" not in usage.stdout + usage.stderr
         form, first_uid = (Form.ROOT, first_student_uid()) if root else (Form.USER, None)
         found = Isolation(Level.NO_CGROUP, form, old, first_uid=first_uid)

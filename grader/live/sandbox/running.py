@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Mapping, Sequence
 
 from grader.live.sandbox.cgroup import SandboxCgroup
+from grader.live.sandbox.helpers import run_helper, search_path
 from grader.live.sandbox.isolation import Isolation, Room, confined
 from grader.live.sandbox.namespaces import Form, enter_sandbox
 
@@ -34,16 +35,12 @@ def run_confined(
         info,
     ):
         try:
-            return subprocess.run(
+            return run_helper(
                 argv,
-                preexec_fn=lambda: _enter_sandbox(isolation.form),
-                capture_output=True,
-                text=True,
-                timeout=timeout_s,
-                check=False,
-                stdin=subprocess.DEVNULL,
+                environment={"PATH": search_path()},
+                before=lambda: _enter_sandbox(isolation.form),
+                timeout_s=timeout_s,
                 pass_fds=passed,
-                cwd="/",
             )
         finally:
             if info is not None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
 import tempfile
 from contextlib import suppress
 from pathlib import Path
+
+from grader.live.sandbox.helpers import run_helper
 
 _NAME = re.compile(r"grade-(\d+)-(\d+)-(\d+)-.+")
 
@@ -44,12 +45,7 @@ def remove_tree(folder: Path) -> None:
         shutil.rmtree(folder, ignore_errors=True)
     if folder.is_dir() and not folder.is_symlink():
         for command in (["chmod", "-R", "u+rwX"], ["rm", "-rf"]):
-            subprocess.run(
-                [*command, "--", str(folder)],
-                check=False,
-                capture_output=True,
-                stdin=subprocess.DEVNULL,
-            )
+            run_helper([*command, "--", str(folder.absolute())])
 
 
 def _is_stale(path: Path) -> bool:

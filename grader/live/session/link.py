@@ -16,6 +16,7 @@ import asyncio
 import heapq
 import itertools
 import json
+import math
 import os
 import random
 import resource
@@ -32,7 +33,15 @@ from grader.live.process.forked import Program, become
 from grader.live.process.process import RunningProcess
 from grader.live.sandbox.namespaces import bring_loopback_up, enter_own_network
 from grader.recording.link import Crossing, LinkedTopic, LinkPlan, LinkResult
-from grader.recording.session import Claim, Endpoint, ProcessRun, StepRun, asked_for, completed
+from grader.recording.session import (
+    LINK,
+    Claim,
+    Endpoint,
+    ProcessRun,
+    StepRun,
+    asked_for,
+    completed,
+)
 
 #: Ports of discovery and of data, of a domain's first participant and of its second; and where all announce themselves.
 _FIRST, _SECOND = (7410, 7411), (7412, 7413)
@@ -44,6 +53,9 @@ _LATE, _FIRST_LATE_S, _LATE_EACH_S, _LATE_END_S = 4, 0.1, 0.15, 1.0
 _KNOWN_S, _LOOK_S = 1.0, 0.02
 #: Address space of each of its processes.
 _TRUSTED_BYTES = 3 * 1024**3
+#: CPU time limit of each of its processes: s at the start, and share of a core from then on. With the four topics of
+#: Lab 09-01, all three together take 1.0 to 1.4 s in 7 s.
+_START_CPU_S, _MOST_OF_A_CORE = 4.0, 0.6
 _MEANS = "a relay of the grader's between two networks"
 
 
@@ -165,7 +177,7 @@ class _Relay:
     def _hear(self, end: _End) -> None:
         line = end.lines.readline()
         if not line:
-            raise RuntimeError("an end of the link has ended")
+            raise SystemExit(1)  # This end has said why.
         kind, *what = json.loads(line)
         if kind == "begin":
             self._losing = self._loss[what[0]]
@@ -191,6 +203,9 @@ def carry(plan: LinkPlan, delay_s: float, seed: int) -> None:
     """Be the link, and start its two ends; prints lines of JSON: that a level begins, and last what came of it."""
     from grader.live.ros_node import link_end
 
+    planned_s = len(plan.loss) * (plan.duration_s + _LATE_END_S)
+    most_s = math.ceil(_START_CPU_S + _MOST_OF_A_CORE * planned_s)
+    resource.setrlimit(resource.RLIMIT_CPU, (most_s, most_s))  # for the ends too
     receiver = _End(_SECOND, _FIRST, partial(link_end.receive, plan), "link-receiver")
     sender = _End(_FIRST, _SECOND, partial(link_end.send, plan), "link-sender")
     relay = _Relay(sender, receiver, plan.loss, delay_s, seed)
@@ -200,7 +215,10 @@ def carry(plan: LinkPlan, delay_s: float, seed: int) -> None:
         os.wait()
     used = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     cpu_s = sum(each.ru_utime + each.ru_stime for each in used)
-    late_ms = 1e3 * sorted(relay.late_s)[int(0.95 * len(relay.late_s))] if relay.late_s else 0.0
+    late_ms = 0.0
+    if relay.late_s:
+        rank = int(0.95 * len(relay.late_s))
+        late_ms = 1e3 * sorted(relay.late_s)[rank]
     found = {
         "sent": sent,
         "received": received,
@@ -217,7 +235,7 @@ class Link:
     """The link of a step, which goes on beside the steps that follow.
 
     `endpoints` and `claims` give what of the student's is in the graph, and what it asked rclpy for, until now; `names`
-    are those that the student used for the rubric's.
+    are those that the student used for the rubric's. `watch` is called with its process once that has started.
     """
 
     def __init__(
@@ -226,13 +244,15 @@ class Link:
         endpoints: Callable[[], Iterable[Endpoint]],
         claims: Callable[[], Sequence[Claim]],
         names: Mapping[str, str],
+        watch: Callable[[RunningProcess], object],
     ) -> None:
         self._step, self._endpoints, self._claims, self._names = step, endpoints, claims, names
+        self._watch = watch
         self.result = LinkResult(delay_ms=float(step.parameters["delay_ms"]), means=_MEANS)
 
     async def run(self, seed: int, environment: Mapping[str, str]) -> ProcessRun:
         """Carry the topics that have two sides; what came of it stands in the step in the end, with when it ended."""
-        run = ProcessRun("link", "grader", ["python", "-m", __name__])
+        run = ProcessRun(LINK, "grader", ["python", "-m", __name__])
         end_s = time.monotonic() + _KNOWN_S
         while not (known := self._look()) and time.monotonic() < end_s:
             await asyncio.sleep(_LOOK_S)
@@ -285,12 +305,14 @@ class Link:
         main = partial(carry, plan, self.result.delay_ms / 1e3, seed)
 
         def hear(line: bytes) -> None:
+            if not said:
+                running.put_standing()  # Now its timing counts; once, so that the watch can take it away for good.
             said.append(line)
-            running.put_standing()  # Now its timing counts; nobody else can give it work, so that it needs no watch.
 
         running = await RunningProcess.fork(
-            run, Program("link", main, environment, _TRUSTED_BYTES), on_message=hear
+            run, Program(LINK, main, environment, _TRUSTED_BYTES), on_message=hear
         )
+        self._watch(running)
         try:
             await asyncio.wait({running.exited})
         finally:

@@ -68,6 +68,7 @@ class Session:
         self._filter = PacketFilter()
         self._watch = CpuWatch()
         self._links: list[asyncio.Task[ProcessRun]] = []
+        self._linked: list[RunningProcess] = []
 
     async def run(self) -> None:
         """Run the session and leave its record, whatever happens."""
@@ -220,7 +221,7 @@ class Session:
         while True:
             await asyncio.sleep(_SAMPLE_PERIOD_S)
             self.record.machine.append(replace(sample_machine(), students_ns=self.sandbox.cpu_ns()))
-            self._look_at(*self.sandbox.students(), *self.sandbox.trusted)
+            self._look_at(*self.sandbox.students(), *self.sandbox.trusted, *self._linked)
             for process in self.sandbox.trusted:
                 if process.alive:
                     self._filter.protect(process.root_pid() or 0)  # it may have new sockets
@@ -394,6 +395,7 @@ class Session:
             self._students_endpoints,
             self.sandbox.claims_so_far,
             self.record.names,
+            self._linked.append,
         )
         self._links.append(asyncio.create_task(link.run(self.record.seed, self._environment())))
         return "done", {}

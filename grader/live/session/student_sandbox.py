@@ -14,6 +14,7 @@ from pathlib import Path, PurePosixPath
 from grader.live.process.guard import Guard
 from grader.live.process.process import OutputRoom, PipeReader, RunningProcess
 from grader.live.sandbox.environment import student_environment, with_prefixes
+from grader.live.sandbox.helpers import search_path
 from grader.live.sandbox.isolation import (
     HOME,
     INSIDE,
@@ -216,8 +217,7 @@ class StudentSandbox:
             return await RunningProcess.start(
                 run,
                 argv,
-                environment={"PATH": os.environ.get("PATH", "/usr/bin:/bin")},
-                cwd="/",
+                environment={"PATH": search_path()},
                 pass_fds=(*passed, *pass_fds),
                 child_pid_fd=info,
                 with_input=with_input,

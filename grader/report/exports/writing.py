@@ -44,6 +44,12 @@ class ExportTarget:
         """Return the file, which is not the standard output."""
         return Path(self.file) if self.file is not None else results / FORMS[self.name].file_name
 
+    def absolute(self) -> ExportTarget:
+        """Return the same target for a process with another working folder."""
+        if self.file in (None, STANDARD_OUTPUT):
+            return self
+        return ExportTarget(self.name, str(Path(self.file).absolute()))
+
     def __str__(self) -> str:
         return self.name if self.file is None else f"{self.name}={self.file}"
 

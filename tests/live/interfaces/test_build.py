@@ -235,6 +235,18 @@ def test_what_colcon_would_refuse_is_a_mistake(
     assert "harm_msgs" in found.invalid["user_msgs"]
 
 
+def test_packages_that_cannot_be_built_use_up_the_time_for_all(
+    tmp_path: Path, isolation: Isolation
+) -> None:
+    """A failed build counts as long as it takes; once the time for all packages is used up, none is begun."""
+    text, _ = INVALID["a circle"]
+    first, second = (InterfacePackage(f"h{n}_msgs", {"msg/Harm.msg": text}) for n in range(2))
+    found, took_s = built(tmp_path / "1", isolation, first)
+    assert 0.5 * took_s < found.took_s <= took_s
+    found.took_s = 300.0
+    assert "that all may take" in provide([second], tmp_path, isolation, found).missing["h1_msgs"]
+
+
 @pytest.mark.parametrize("name", ["std_msgs", "numpy", "json", "grader"])
 def test_what_is_installed_counts(name: str, tmp_path: Path, isolation: Isolation) -> None:
     """Nobody's package takes the place of one that the grader uses."""

@@ -47,6 +47,8 @@ time.sleep(1)
 compute(0.001)
 """
 _CORE = min(os.sched_getaffinity(0))
+#: Names of processes that a watch said to have demoted.
+DEMOTED: list[str] = []
 
 
 @contextmanager
@@ -84,12 +86,16 @@ def calm_s(watch: subprocess.Popen[str], since_ns: int) -> float:
     """Return for how long the watched were undisturbed since a time."""
     say(watch, json.dumps({"calm_since": since_ns}))
     assert watch.stdout is not None
-    return float(watch.stdout.readline())
+    while isinstance(answer := json.loads(watch.stdout.readline()), str):
+        DEMOTED.append(answer)
+    return float(answer)
 
 
 def seen(watch: subprocess.Popen[str]) -> dict[str, list[list[int]]]:
     """End the watch and return what it saw."""
-    found: dict[str, list[list[int]]] = json.loads(watch.communicate()[0])
+    *demoted, last = map(json.loads, watch.communicate()[0].splitlines())
+    DEMOTED.extend(demoted)
+    found: dict[str, list[list[int]]] = last
     return found
 
 
@@ -168,7 +174,8 @@ def test_what_is_stopped_with_all_its_sandbox_is_seen() -> None:
 
 
 def test_a_runaway_does_not_go_before_all_others() -> None:
-    """Where real-time scheduling is permitted, who computes without a pause loses it again, and is not ended."""
+    """Where real-time scheduling is permitted, who computes without a pause loses it, is told once, and is not ended."""
+    DEMOTED.clear()
     with program(_WATCH) as watch, program(_TWO_THREADS) as it:
         say(it, "")
         until(lambda: len(threads_of(it.pid)) == 2, 30)
@@ -188,3 +195,4 @@ def test_a_runaway_does_not_go_before_all_others() -> None:
         }
         assert it.poll() is None
         assert seen(watch)["it"] is not None
+    assert DEMOTED == ["it"]

@@ -26,7 +26,7 @@ def watched(area: Path, *, sized: bool = False) -> tuple[ProcessRun, list[str]]:
 
     async def look() -> None:
         running = await RunningProcess.start(
-            record, [sys.executable, "-c", "import time; time.sleep(60)"], environment={}, cwd="/"
+            record, [sys.executable, "-c", "import time; time.sleep(60)"], environment={}
         )
         watch = Guard(
             lambda: [running],
@@ -109,9 +109,7 @@ def test_processes_that_got_away_count_and_end(
 
     async def look() -> None:
         command = ["setpriv", "--reuid", str(user), "--clear-groups", "sh", "-c", STRAYS]
-        running = await RunningProcess.start(
-            record, command, environment={"PATH": os.defpath}, cwd="/"
-        )
+        running = await RunningProcess.start(record, command, environment={"PATH": os.defpath})
         watch = Guard(
             lambda: [running],
             None,

@@ -40,7 +40,7 @@ def run(program: str, room: OutputRoom | None = None) -> ProcessRun:
 
     async def to_the_end() -> None:
         running = await RunningProcess.start(
-            record, [sys.executable, "-c", program], environment={}, cwd="/", room=room
+            record, [sys.executable, "-c", program], environment={}, room=room
         )
         assert await running.wait_exit(60)
 
@@ -117,7 +117,7 @@ from grader.recording.session import ProcessRun
 
 async def hold():
     command = ["setpriv", "--reuid=64299", "--regid=64299", "--clear-groups", "sleep", "60"]
-    running = await RunningProcess.start(ProcessRun("it", "student", []), command, environment={}, cwd="/")
+    running = await RunningProcess.start(ProcessRun("it", "student", []), command, environment={})
     end_s = time.monotonic() + 20
     while os.stat(f"/proc/{running.root_pid()}").st_uid != 64299 and time.monotonic() < end_s:
         await asyncio.sleep(0.01)
@@ -185,7 +185,6 @@ def test_a_program_is_found_however_its_sandbox_tells_of_it() -> None:
             record,
             command,
             environment={"PATH": os.defpath},
-            cwd="/",
             pass_fds=(tells,),
             child_pid_fd=told,
         )
@@ -216,7 +215,7 @@ def test_what_children_used_that_came_and_went_counts() -> None:
     async def used_ns() -> int:
         run = ProcessRun("it", "student", [])
         running = await RunningProcess.start(
-            run, [sys.executable, "-c", _SHORT_LIVES], environment={}, cwd="/"
+            run, [sys.executable, "-c", _SHORT_LIVES], environment={}
         )
         while not run.output:
             await asyncio.sleep(0.01)

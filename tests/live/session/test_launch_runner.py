@@ -83,7 +83,7 @@ def test_waits_for_a_core_are_not_a_launch_files_time(
     async def run() -> str:
         command = ["taskset", "--cpu-list", core, sys.executable, "-c", _COMPUTES.format(s=cpu_s)]
         started = await RunningProcess.start(
-            ProcessRun("it", "student", []), command, environment={}, cwd="/"
+            ProcessRun("it", "student", []), command, environment={}
         )
         # Reading Python from the disk is neither computing nor waiting for a core: there is time for that besides.
         found = await _run_until(started, 1.5, most)

@@ -154,6 +154,57 @@ def test_the_profiles_are_the_students(tmp_path: Path) -> None:
     assert all("link" not in name for graph in record.graph for name in graph.nodes)
 
 
+#: Profiles whose times would each keep a core of the grader's busy, if its endpoints had them too; and a matching pair
+#: and another one for a deadline alone.
+HASTY = """
+import rclpy
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import LivelinessPolicy, QoSProfile
+from std_msgs.msg import String
+
+TINY = Duration(nanoseconds=1000)
+HASTY = QoSProfile(depth=10, deadline=TINY, lifespan=TINY)
+LIVELY = QoSProfile(depth=10, liveliness=LivelinessPolicy.AUTOMATIC, liveliness_lease_duration=Duration(seconds=2))
+
+rclpy.init()
+node = Node('node')
+for topic, offered, requested in (('/hasty', HASTY, HASTY), ('/lively', LIVELY, LIVELY),
+                                  ('/split', QoSProfile(depth=10), QoSProfile(depth=10, deadline=Duration(seconds=1)))):
+    node.create_publisher(String, topic, offered)
+    node.create_subscription(String, topic, lambda message: None, requested)
+try:
+    rclpy.spin(node)
+except KeyboardInterrupt:
+    rclpy.try_shutdown()
+"""
+
+
+def test_no_time_of_a_profile_sets_the_pace_of_the_link(tmp_path: Path) -> None:
+    """A deadline and a lifespan of 1 µs cost no core, and a pair that a deadline keeps apart gets nothing."""
+    topics = ["/hasty", "/lively", "/split"]
+    waits = [{"wait_for": {"publisher": name, "type": TEXT, "timeout_s": 20}} for name in topics]
+    step = {"link": {**STEPS[-1]["link"], "topics": topics, "duration_s": 2}, "label": "link"}
+    record = record_one(tmp_path, HASTY, [*waits, step]).record
+    result, found = linked(record)
+    hasty, lively, split = (found[name].crossings[0] for name in topics)
+    assert result.cpu_s < 2.5
+    assert len(lively.received) > 0.7 * lively.sent
+    assert hasty.received == [], "what is older than its lifespan arrived"
+    assert (split.received, split.late) == ([], [[]] * 4)
+    (link,) = (run for run in record.processes if run.name == "link")
+    assert link.usage, "nobody watched it"
+    assert (link.limit, record.problems) == (None, [])
+
+
+def test_sides_that_never_match_alone_are_carried_too(tmp_path: Path) -> None:
+    """What is sent is counted, and nothing arrives."""
+    step = {"link": {**STEPS[-1]["link"], "topics": ["/split"], "duration_s": 0.2}, "label": "link"}
+    (split,) = linked(record_one(tmp_path, TOOL, [*STEPS[:-1], step]).record)[1].values()
+    crossing = split.crossings[0]
+    assert (crossing.sent > 0, crossing.received, crossing.late) == (True, [], [[]] * 4)
+
+
 def test_without_topics_of_two_sides_the_step_says_so(tmp_path: Path) -> None:
     """Nothing is carried, and the session goes on."""
     step = {"link": {**STEPS[-1]["link"], "topics": ["/alone"]}, "label": "link"}
