@@ -5,7 +5,7 @@ the publication sequence number, which counts from 1 for each publisher. The bag
 
 References
 ----------
-MCAP format specification, version 0; rosbag2 metadata, version 9.
+MCAP format specification, version 0; rosbag2 metadata, version 8, which `ros2 bag` of Humble, Jazzy and later reads.
 """
 
 from __future__ import annotations
@@ -40,7 +40,8 @@ if TYPE_CHECKING:
     Int64s: TypeAlias = npt.NDArray[np.int64]
 
 METADATA_FILE = "metadata.yaml"
-METADATA_VERSION = 9
+#: Since 9, QoS profiles are no text there, which Humble cannot read.
+METADATA_VERSION = 8
 INFINITE_NS = 9_223_372_036_854_775_807
 
 _RECOVERY_FOLDER = ".recovering"
@@ -70,32 +71,64 @@ class TopicInfo:
     count: int = 0
 
 
+#: Numbers of QoS policies in rmw's `types.h`, by which rosbag2 wrote them up to metadata version 8.
+_HISTORY = ("system_default", "keep_last", "keep_all", "unknown")
+_RELIABILITY = ("system_default", "reliable", "best_effort", "unknown", "best_available")
+_DURABILITY = ("system_default", "transient_local", "volatile", "unknown", "best_available")
+_LIVELINESS = ("system_default", "automatic", "manual_by_node", "manual_by_topic", "unknown")
+
+
+def _number(policy: str, policies: Sequence[str]) -> int:
+    return policies.index(policy if policy in policies else "unknown")
+
+
 def _duration(duration_ns: int | None) -> dict[str, int]:
     seconds, nanoseconds = divmod(INFINITE_NS if duration_ns is None else duration_ns, 10**9)
     return {"sec": seconds, "nsec": nanoseconds}
 
 
 def _qos_text(profiles: Sequence[Qos]) -> str:
-    """Write offered QoS profiles in the terms of rosbag2 since ROS 2 Iron; JSON is YAML.
+    """Write offered QoS profiles in the terms of rosbag2 up to metadata version 8, as JSON, which is YAML.
 
-    The channel holds this text and `metadata.yaml` the list that it means: `rosbags` gives no messages of a channel
-    where the two differ.
+    Later versions understand policies as numbers too. The channel and `metadata.yaml` hold the same text: `rosbags`
+    gives no messages of a channel where the two differ.
     """
     listed = [
         {
-            "history": qos.history,
+            "history": _number(qos.history, _HISTORY),
             "depth": qos.depth,
-            "reliability": qos.reliability,
-            "durability": qos.durability,
+            "reliability": _number(qos.reliability, _RELIABILITY),
+            "durability": _number(qos.durability, _DURABILITY),
             "deadline": _duration(qos.deadline_ns),
             "lifespan": _duration(qos.lifespan_ns),
-            "liveliness": qos.liveliness,
+            "liveliness": _number(qos.liveliness, _LIVELINESS),
             "liveliness_lease_duration": _duration(qos.liveliness_lease_ns),
             "avoid_ros_namespace_conventions": False,
         }
         for qos in profiles
     ]
     return json.dumps(listed)
+
+
+def offered_policies(qos_text: str) -> list[tuple[str, str]]:
+    """Return the reliability and durability of each QoS profile in a channel's text; none if it is not understood.
+
+    Recordings of earlier versions name the policies: `[{"reliability": "best_effort", ...}]`; they are numbers today.
+    """
+    try:
+        profiles = json.loads(qos_text or "[]")
+        return [
+            (_name(each["reliability"], _RELIABILITY), _name(each["durability"], _DURABILITY))
+            for each in profiles
+        ]
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return []
+
+
+def _name(policy: object, policies: Sequence[str]) -> str:
+    if isinstance(policy, int) and 0 <= policy < len(policies):
+        return policies[policy]
+    return str(policy)
 
 
 def _metadata_yaml(
@@ -109,7 +142,7 @@ def _metadata_yaml(
                 "name": channel.topic,
                 "type": channel.topic_type,
                 "serialization_format": "cdr",
-                "offered_qos_profiles": json.loads(channel.qos_text),
+                "offered_qos_profiles": channel.qos_text,
                 "type_description_hash": channel.type_hash,
             },
             "message_count": channel.count,
