@@ -119,13 +119,16 @@ def _names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
 
 
 def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ...]:
-    """Return the tampering in the sessions, with the checks that cannot be judged for it."""
+    """Return the tampering in the sessions, with the checks that cannot be judged for it.
+
+    A session whose bag is not whole shows none: a message that cannot be read looks like one that was taken away.
+    """
     nodes = {name: reference.node for name, reference in rubric.reference.items()}
-    return tuple(
-        with_checks(tampering, recorded, rubric)
-        for recorded in recordings.sessions.values()
-        for tampering in tampering_in(recorded, nodes)
-    )
+    found: list[Violation] = []
+    for recorded in recordings.sessions.values():
+        if recorded.bag.whole:
+            found += [with_checks(each, recorded, rubric) for each in tampering_in(recorded, nodes)]
+    return tuple(found)
 
 
 def judge_checks(
@@ -135,9 +138,9 @@ def judge_checks(
     chosen = recordings.submission.sessions
     findings: dict[str, Finding] = {}
     references = frozenset(reference.node for reference in rubric.reference.values())
-    context = Context(
-        recordings.submission, None, recordings.sessions, findings, references, rubric.folder
-    )
+    # A check is never compared with another session of which a part cannot be read.
+    sound = {name: each for name, each in recordings.sessions.items() if each.bag.whole}
+    context = Context(recordings.submission, None, sound, findings, references, rubric.folder)
     beside = {check.id for criterion in rubric.bonus for check in criterion.checks}
     for spec in rubric.checks():
         # What is of the bonus is not missed where it was not handed in.
@@ -310,8 +313,12 @@ def _faults(recorded: Recorded) -> list[str]:
     faults = [*recorded.record.problems, *gaps]
     if not recorded.record.complete:
         return [*faults, "The recording was cut off."]
-    # A copy that was cut short must not be taken for a node that fell silent.
-    return faults if recorded.bag.finished else [*faults, "The bag is damaged or incomplete."]
+    # What cannot be read must not be taken for a node that fell silent.
+    if recorded.bag.damage:
+        faults.append(f"The bag is damaged: {'; '.join(recorded.bag.damage)}.")
+    elif not recorded.bag.finished:
+        faults.append("The bag is damaged or incomplete.")
+    return faults
 
 
 def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:

@@ -10,24 +10,19 @@ MCAP format specification, version 0; rosbag2 metadata, version 8, which `ros2 b
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import io
 import itertools
 import json
-import mmap
 import shutil
-import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcap.opcode import Opcode
-
 from grader.files import replace_file
 from grader.recording.definitions import MessageDefinition, field_steps
+from grader.recording.mcap_file import DAMAGE, Contents, Row, TopicInfo, contents_of
 from grader.recording.session import Qos
 
 if TYPE_CHECKING:
@@ -45,30 +40,9 @@ METADATA_VERSION = 8
 INFINITE_NS = 9_223_372_036_854_775_807
 
 _RECOVERY_FOLDER = ".recovering"
-_MAGIC = b"\x89MCAP0\r\n"
-_DESCRIBING = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK)
-_RECORD_HEAD = struct.Struct("<BQ")
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
-_CHUNK_HEAD_SIZE = 28  # start, end, size, checksum; the compression's name follows
-
-_Buffer = Any  # bytes or mmap
-# log time, publish time, sequence, buffer, and where the data starts and ends in it
-_Row = tuple[int, int, int, _Buffer, int, int]
 
 
 # -- metadata.yaml ---------------------------------------------------------------------------------
-
-
-@dataclass
-class TopicInfo:
-    """A topic of one type in a bag, with its number of messages, as the MCAP file and `metadata.yaml` describe it."""
-
-    topic: str
-    topic_type: str
-    type_hash: str
-    definition: MessageDefinition
-    qos_text: str
-    count: int = 0
 
 
 #: Numbers of QoS policies in rmw's `types.h`, by which rosbag2 wrote them up to metadata version 8.
@@ -229,6 +203,11 @@ class BagWriter:
             max(self._end_ns, received_ns),
         )
 
+    def note_damage(self, damage: Sequence[str]) -> None:
+        """Note what could not be read of the bag from which this one is made, if anything."""
+        if damage:
+            self._writer.add_metadata(DAMAGE, {str(n): words for n, words in enumerate(damage)})
+
     def flush(self) -> None:
         """Hand all that was written to the system: it outlives a kill of this process."""
         self._writer.flush()  # type: ignore[no-untyped-call]
@@ -246,102 +225,18 @@ class BagWriter:
         replace_file(self._folder / METADATA_FILE, text)
 
 
-# -- scanning an MCAP file, whole or cut short -----------------------------------------------------
-
-
-@dataclass
-class _Contents:
-    """All that can be read of an MCAP file: of each topic of a type its messages, of whichever channel they are."""
-
-    schemas: dict[int, tuple[str, MessageDefinition]] = field(default_factory=dict)
-    topics: dict[tuple[str, str], tuple[TopicInfo, list[_Row]]] = field(default_factory=dict)
-    #: Number of a channel -> the messages of its topic.
-    rows: dict[int, list[_Row]] = field(default_factory=dict)
-    finished: bool = False
-
-
-def _read_records(buffer: _Buffer, offset: int, end: int, contents: _Contents) -> None:
-    """Read records up to `end`, or to the first that is cut short or no record at all."""
-    read_head, read_message, rows = (
-        _RECORD_HEAD.unpack_from,
-        _MESSAGE_HEAD.unpack_from,
-        contents.rows,
-    )
-    while offset + _RECORD_HEAD.size <= end:
-        opcode, length = read_head(buffer, offset)
-        body = offset + _RECORD_HEAD.size
-        offset = body + length
-        if opcode == Opcode.FOOTER:
-            contents.finished = True
-            return
-        # Of a chunk that is cut short, the beginning is as good; there is no record of the number 0.
-        if opcode == 0 or (offset > end and opcode != Opcode.CHUNK):
-            return
-        if opcode == Opcode.MESSAGE and length >= _MESSAGE_HEAD.size:
-            channel, sequence, log_ns, publish_ns = read_message(buffer, body)
-            if channel in rows:
-                rows[channel].append(
-                    (log_ns, publish_ns, sequence, buffer, body + _MESSAGE_HEAD.size, offset)
-                )
-        elif opcode in _DESCRIBING:
-            # A record that is damaged, and each compression has exceptions of its own, is no reason to lose the others.
-            with contextlib.suppress(Exception):
-                _read_description(opcode, buffer, body, min(offset, end), contents)
-
-
-def _read_description(
-    opcode: int, buffer: _Buffer, body: int, end: int, contents: _Contents
-) -> None:
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Channel, Chunk, Schema
-    from mcap.stream_reader import get_chunk_data_stream
-
-    if opcode == Opcode.CHUNK:
-        (name_length,) = struct.unpack_from("<I", buffer, body + _CHUNK_HEAD_SIZE)
-        if name_length == 0:
-            _read_records(buffer, body + _CHUNK_HEAD_SIZE + 12, end, contents)
-            return
-    fields = ReadDataStream(io.BytesIO(buffer[body:end]))
-    if opcode == Opcode.CHUNK:
-        stream, size = get_chunk_data_stream(Chunk.read(fields))
-        _read_records(stream.read(size), 0, size, contents)
-    elif opcode == Opcode.SCHEMA:
-        schema = Schema.read(fields)
-        if schema.encoding in ("ros2msg", "ros2idl"):
-            definition = MessageDefinition(schema.encoding, schema.data.decode())
-            contents.schemas[schema.id] = (schema.name, definition)
-    else:
-        channel = Channel.read(fields)
-        if channel.id not in contents.rows and channel.schema_id in contents.schemas:
-            topic_type, definition = contents.schemas[channel.schema_id]
-            type_hash = channel.metadata.get("topic_type_hash", "")
-            qos_text = channel.metadata.get("offered_qos_profiles", "[]")
-            info = TopicInfo(channel.topic, topic_type, type_hash, definition, qos_text)
-            contents.rows[channel.id] = contents.topics.setdefault(
-                (channel.topic, topic_type), (info, [])
-            )[1]
+# -- mending ---------------------------------------------------------------------------------------
 
 
 def _mcap_file(folder: Path) -> Path | None:
     return min(folder.glob("*.mcap"), default=None)
 
 
-def _contents_of(path: Path | None) -> _Contents:
-    contents = _Contents()
-    if path is not None and (size := path.stat().st_size) > 0:
-        with path.open("rb") as stream:
-            # The pages are the system's: a large bag costs memory only where it is read.
-            buffer = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-        if buffer[: len(_MAGIC)] == _MAGIC:
-            _read_records(buffer, len(_MAGIC), size, contents)
-            contents.finished = contents.finished and buffer[-len(_MAGIC) :] == _MAGIC
-    return contents
-
-
 def recover(folder: Path) -> bool:
     """Finish a bag whose recorder was killed, keeping all that can be read of it; False if it was whole.
 
-    It raises `NotADirectoryError` if there is no such folder.
+    A bag that is damaged elsewhere than at its end tells so ever after. It raises `NotADirectoryError` if there is no
+    such folder.
     """
     if not folder.is_dir():
         raise NotADirectoryError(f"no bag at {folder}: give the folder that holds the .mcap file")
@@ -351,14 +246,16 @@ def recover(folder: Path) -> bool:
     path = found or folder / (folder.name + ".mcap")
     workshop = folder / _RECOVERY_FOLDER
     shutil.rmtree(workshop, ignore_errors=True)
-    writer, rows = BagWriter(workshop, path.stem), list[tuple[_Row, int]]()
-    for info, messages in _contents_of(found).topics.values():
+    writer, rows = BagWriter(workshop, path.stem), list[tuple[Row, int]]()
+    contents = contents_of(found)
+    for info, messages in contents.topics().values():
         channel = writer._add(info)
         rows += [(row, channel) for row in messages]
     rows.sort(key=lambda item: item[0][0])
     for (received_ns, source_ns, sequence, buffer, start, end), channel in rows:
         data = bytes(buffer[start:end])
         writer.write(channel, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence)
+    writer.note_damage(contents.damage_in_words())
     writer.close()
     (workshop / path.name).replace(path)
     (workshop / METADATA_FILE).replace(folder / METADATA_FILE)
@@ -452,14 +349,16 @@ def _deserializer(
 class Bag:
     """A bag opened for reading. It need not be `finished`: what can be read of it is there.
 
-    It is if its recorder came to its end, and nothing is missing since; if not, the last moments may be. Its `topics`
-    are sorted by name, then by type; a topic that had two types is there twice.
+    It is if its recorder came to its end, and nothing is missing since; if not, the last moments may be. `damage` says
+    what else cannot be read of it. Its `topics` are sorted by name, then by type; a topic that had two types is there
+    twice.
     """
 
-    def __init__(self, contents: _Contents) -> None:
-        self.finished, self._contents = contents.finished, contents.topics
+    def __init__(self, contents: Contents) -> None:
+        self.finished, self.damage = contents.finished, contents.damage_in_words()
+        self._contents = contents.topics()
         counted = {
-            key: replace(info, count=len(rows)) for key, (info, rows) in contents.topics.items()
+            key: replace(info, count=len(rows)) for key, (info, rows) in self._contents.items()
         }
         self.topics = tuple(counted[key] for key in sorted(counted))
 
@@ -469,12 +368,17 @@ class Bag:
         path = _mcap_file(folder)
         if path is None:
             raise FileNotFoundError(f"no .mcap file in {folder}: give the folder of a recording")
-        return cls(_contents_of(path))
+        return cls(contents_of(path))
 
     @classmethod
     def empty(cls) -> Bag:
         """Return a finished bag without messages."""
-        return cls(_Contents(finished=True))
+        return cls(Contents(finished=True))
+
+    @property
+    def whole(self) -> bool:
+        """Whether all that was recorded can be read."""
+        return self.finished and not self.damage
 
     @property
     def size_bytes(self) -> int:
@@ -519,7 +423,7 @@ class Bag:
         )
 
 
-def _column(rows: list[_Row], index: int) -> Int64s:
+def _column(rows: list[Row], index: int) -> Int64s:
     # Imported here, since it would be a third of the start of the processes that only write bags.
     import numpy as np
 
