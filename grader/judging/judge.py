@@ -6,7 +6,7 @@ No ROS, no processes, no clock, no randomness: the same recording and rubric giv
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -22,7 +22,15 @@ from grader.checks.registry import LOST, check_named
 from grader.errors import RecordingError
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.flakiness import inconclusive_reason, may_be_flaky
-from grader.evidence.gaps import describe_gap, dropped, gaps_by_student, limits_hit
+from grader.evidence.gaps import (
+    UnreadGap,
+    describe_gap,
+    dropped,
+    gaps_by_student,
+    is_unread_by_student,
+    limits_hit,
+    unread,
+)
 from grader.evidence.integrity import tampering_in
 from grader.evidence.near_miss import candidates_in, near_miss
 from grader.evidence.recorded import Recorded
@@ -328,14 +336,26 @@ def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -
         loss := next((text for topic, text in dropped(recorded).items() if topic in names), None)
     ) is not None:
         return undecided(finding, loss)
-    gap = next((u for u in gaps_by_student(recorded) if u.topic in names), None)
-    if (
-        gap is None
-        or finding.outcome is Outcome.ERROR
-        or (check.by_endpoints and finding.outcome in _GOES_ON)
-    ):
+    if finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
         return finding
+    if not check.by_endpoints and (strange := _not_understood(recorded, names)):
+        return undecided(finding, strange, retry=False)
+    gap = next((u for u in gaps_by_student(recorded) if u.topic in names), None)
+    if gap is None:
+        gap = next(filter(None, (unread(recorded, topic) for topic in sorted(names))), None)
+    if gap is None:
+        return finding
+    if isinstance(gap, UnreadGap) and not is_unread_by_student(recorded, gap):
+        return undecided(finding, describe_gap(gap), retry=False)
     return without_rest(finding, gap, timed=is_timed(spec, recorded))
+
+
+def _not_understood(recorded: Recorded, topics: Collection[str]) -> str:
+    """Say of which topic the recorded definition cannot be understood; empty if of none."""
+    for topic in sorted(topics):
+        if not recorded.bag.stream(topic).understood:
+            return f"The grader cannot decode the messages on {topic}: it does not understand the definition of their type."
+    return ""
 
 
 def judge(recordings: Recordings, rubric: Rubric) -> Result:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 from grader.files import replace_file
 from grader.recording.definitions import MessageDefinition, field_steps
+from grader.recording.elements import MOST_VALUES, readable_messages
 from grader.recording.mcap_file import DAMAGE, Contents, Row, TopicInfo, contents_of
 from grader.recording.session import Qos
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
     from mcap.writer import Writer
+    from rosbags.interfaces.typing import Typesdict
 
     Int64s: TypeAlias = npt.NDArray[np.int64]
 
@@ -283,6 +285,8 @@ class Stream:
     data: tuple[bytes, ...]
     #: The type's definition as the bag has it.
     definition: MessageDefinition | None = None
+    #: How many more messages there are, which are not looked at: decoding all would take too long.
+    unread: int = 0
 
     def __len__(self) -> int:
         return len(self.data)
@@ -297,18 +301,27 @@ class Stream:
             data=tuple(itertools.compress(self.data, rows)),
         )
 
+    @property
+    def understood(self) -> bool:
+        """Whether the type's definition can be read; if not, no message can be decoded, whatever its bytes."""
+        return not self.data or self._decoder is not None
+
+    @property
+    def _decoder(self) -> _Decoder | None:
+        return _decoder(self.topic_type, self.definition) if self.definition else None
+
     @functools.cached_property
     def messages(self) -> tuple[object | None, ...]:
         """All messages, decoded; None stands for one whose bytes do not fit the type."""
-        deserialize = _deserializer(self.topic_type, self.definition) if self.definition else None
-        if deserialize is None:
+        decoder = self._decoder
+        if decoder is None:
             return (None,) * len(self.data)
         found: list[object | None] = []
         for data in self.data:
             # The bytes are a student's. Decoding them fails in many ways (short, wrong lengths, bad UTF-8), and not by
             # exceptions of one family.
             try:
-                found.append(deserialize(data, self.topic_type))
+                found.append(decoder.decode(data, self.topic_type))
             except Exception:
                 found.append(None)
         return tuple(found)
@@ -331,19 +344,26 @@ def _pick(value: Any, steps: Sequence[str | int]) -> Any:
     return value
 
 
+@dataclass(frozen=True)
+class _Decoder:
+    types: Typesdict
+    decode: Callable[[bytes, str], object]
+
+
 @functools.lru_cache(maxsize=64)
-def _deserializer(
-    topic_type: str, definition: MessageDefinition
-) -> Callable[[bytes, str], object] | None:
-    """Deserialize CDR by the definition in the bag; None where that cannot be understood."""
+def _decoder(topic_type: str, definition: MessageDefinition) -> _Decoder | None:
+    """Return what decodes CDR by the definition in the bag; None where that cannot be understood."""
     from rosbags.typesys import Stores, TypesysError, get_typestore
 
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(definition.types(topic_type))
-    except TypesysError:
+        types = definition.types(topic_type)
+        store.register(types)
+        # Makes its code, for which wide strings are unknown.
+        store.get_msgdef(topic_type)
+    except (TypesysError, KeyError):
         return None
-    return store.deserialize_cdr
+    return _Decoder(types, store.deserialize_cdr)
 
 
 class Bag:
@@ -354,7 +374,8 @@ class Bag:
     twice.
     """
 
-    def __init__(self, contents: Contents) -> None:
+    def __init__(self, contents: Contents, most_values: int = MOST_VALUES) -> None:
+        self._most_values = most_values
         self.finished, self.damage = contents.finished, contents.damage_in_words()
         self._contents = contents.topics()
         counted = {
@@ -363,12 +384,15 @@ class Bag:
         self.topics = tuple(counted[key] for key in sorted(counted))
 
     @classmethod
-    def open(cls, folder: Path) -> Bag:
-        """Open the bag in a folder, finished or not, or raise `FileNotFoundError` if there is none."""
+    def open(cls, folder: Path, most_values: int = MOST_VALUES) -> Bag:
+        """Open the bag in a folder, finished or not, or raise `FileNotFoundError` if there is none.
+
+        Of each topic, so many values are decoded at most.
+        """
         path = _mcap_file(folder)
         if path is None:
             raise FileNotFoundError(f"no .mcap file in {folder}: give the folder of a recording")
-        return cls(contents_of(path))
+        return cls(contents_of(path), most_values)
 
     @classmethod
     def empty(cls) -> Bag:
@@ -406,21 +430,23 @@ class Bag:
 
     @functools.cache  # noqa: B019 - a bag lives as long as its judging
     def stream(self, topic: str, topic_type: str | None = None) -> Stream:
-        """Messages of a topic (fully qualified), of its type with the most where none is given; none if it has none."""
+        """Messages of a topic (fully qualified), of its type with the most where none is given; none if it has none.
+
+        Those that follow when the most values are reached are left out, see `Stream.unread`.
+        """
         if topic_type is None:
             infos = [info for info in self.topics if info.topic == topic]
             topic_type = max(infos, key=lambda info: info.count).topic_type if infos else ""
         found, rows = self._contents.get((topic, topic_type), (None, []))
         rows = sorted(rows, key=lambda row: row[0])
-        return Stream(
-            topic,
-            topic_type,
-            _column(rows, 0),
-            _column(rows, 1),
-            _column(rows, 2),
-            tuple(bytes(buffer[start:end]) for _, _, _, buffer, start, end in rows),
-            found.definition if found is not None else None,
-        )
+        data = tuple(bytes(buffer[start:end]) for _, _, _, buffer, start, end in rows)
+        definition = found.definition if found is not None else None
+        decoder = _decoder(topic_type, definition) if definition is not None else None
+        read = len(data)
+        if decoder is not None:
+            read = readable_messages(topic_type, decoder.types, data, self._most_values)
+        columns = (_column(rows[:read], index) for index in range(3))
+        return Stream(topic, topic_type, *columns, data[:read], definition, len(data) - read)
 
 
 def _column(rows: list[Row], index: int) -> Int64s:
