@@ -38,6 +38,7 @@ from grader.judging.score import score_criteria, total
 from grader.lab.kept_lab import identity_of
 from grader.lab.patterns import NOTE, patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
+from grader.recording.elements import MOST_VALUES
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
 from grader.result import (
@@ -63,9 +64,27 @@ class Recordings:
     sessions: Mapping[str, Recorded]
     #: What is wrong on the grader's side.
     problems: tuple[str, ...] = ()
+    #: Sessions that are recorded, and cannot be judged within bounds.
+    too_much: frozenset[str] = frozenset()
 
 
-def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
+@dataclass(frozen=True)
+class Effort:
+    """How much of recordings is looked at: the values decoded of a topic, and sessions that are too much."""
+
+    most_values: int = MOST_VALUES
+    too_much: frozenset[str] = frozenset()
+
+
+#: All of them.
+FULL = Effort()
+_TOO_MUCH = (
+    "The session was recorded, but judging it takes more time or memory than the grader allows (limit: judging). "
+    "A person has to decide."
+)
+
+
+def open_recordings(folder: Path, rubric: Rubric, effort: Effort = FULL) -> Recordings:
     """Open `recordings/` of one submission; raises RecordingError if it holds none, or one of another version."""
     try:
         submission = read_submission(folder)
@@ -79,8 +98,11 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
     for name in rubric.sessions:
         if not (folder / name / SESSION_FILE).exists():
             continue
+        if name in effort.too_much:
+            problems.append(f"{name}: {_TOO_MUCH}")
+            continue
         try:
-            recorded = Recorded.open(folder / name)
+            recorded = Recorded.open(folder / name, effort.most_values)
         except FileNotFoundError:
             problems.append(f"The recording '{name}' has no bag; its checks are undecided.")
             continue
@@ -93,7 +115,7 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
         recorded.record.names.update(_names_not_awaited(recorded, rubric))
         sessions[name] = recorded
         problems += [f"{name}: {fault}" for fault in _faults(recorded)]
-    return Recordings(submission, sessions, tuple(problems))
+    return Recordings(submission, sessions, tuple(problems), effort.too_much)
 
 
 def _names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
@@ -156,13 +178,19 @@ def judge_checks(
             continue
         if chosen is None or spec.session is None or spec.session in chosen:
             recorded = recordings.sessions.get(spec.session or "")
-            finding = _judge(
-                spec, dataclasses.replace(context, recorded=recorded), rubric, violations
-            )
+            if spec.session in recordings.too_much:
+                finding = _blocked(spec, findings, rubric) or _undecidable()
+            else:
+                own = dataclasses.replace(context, recorded=recorded)
+                finding = _judge(spec, own, rubric, violations)
             findings[spec.id] = _excused(
                 spec, _of_the_rest(spec, finding, findings, rubric), context, rubric
             )
     return findings
+
+
+def _undecidable() -> Finding:
+    return inconclusive("", "", _TOO_MUCH, retry=False)
 
 
 def _of_the_rest(
