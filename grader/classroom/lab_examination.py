@@ -14,8 +14,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from grader import yaml_text
 from grader.bounded import Bound, in_process
 from grader.checks.own import built, load_own
 from grader.classroom.expectations import EXPECTED_FILE, load_fixture
@@ -254,7 +253,7 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
 
 
 def _experiments(rubric: str) -> list[Any]:
-    plain = yaml.load(rubric, yaml.CSafeLoader)
+    plain = yaml_text.load(rubric)
     return [plain.get(key) for key in ("artifacts", "reference", "sessions")]
 
 

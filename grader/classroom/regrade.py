@@ -14,9 +14,10 @@ from pathlib import Path
 from grader.bounded import in_processes
 from grader.classroom.audit import note_replaced
 from grader.cohort.changes import Changes, changes_between
-from grader.errors import GraderError, RecordingError, RubricError, described
+from grader.errors import BoundError, GraderError, RecordingError, RubricError, described
 from grader.files import replace_files, text_of, uninterrupted
 from grader.judging import judgement
+from grader.judging.judge import FULL, Effort
 from grader.judging.judgement import Judgement
 from grader.judging.rubrics import (
     chosen_rubric,
@@ -169,6 +170,8 @@ def regrade_all(
     judged, failed = {}, {}
     for folder, outcome in in_processes(works, judgement.JUDGING_BOUND, jobs or cores):
         name = folder.resolve().name
+        if isinstance(outcome, BoundError):
+            outcome = _judge_sparingly(works[folder], measures[folder][0])
         if isinstance(outcome, Exception):
             failed[name] = described(outcome)
         else:
@@ -217,10 +220,23 @@ def _measures(
     return {folder: (own, decided[id(own)]) for folder, own in rubric_of.items()}, failed
 
 
-def _judge(folder: Path, measure: Measure, pages: bool, again: bool) -> tuple[Judgement, Changes]:
+def _judge_sparingly(
+    work: Callable[[Effort], tuple[Judgement, Changes]], rubric: Rubric
+) -> tuple[Judgement, Changes] | Exception:
+    try:
+        return judgement.judge_sparingly(work, rubric)
+    except Exception as error:
+        return error
+
+
+def _judge(
+    folder: Path, measure: Measure, pages: bool, again: bool, effort: Effort = FULL
+) -> tuple[Judgement, Changes]:
     """Judge one folder; returns what it comes to now, and what that changes."""
     earlier = None if again else load_result(folder / RESULT_FILE)
-    new = judgement.judge_recordings(folder / RECORDINGS, *measure, page=pages, earlier=earlier)
+    new = judgement.judge_recordings(
+        folder / RECORDINGS, *measure, page=pages, earlier=earlier, effort=effort
+    )
     written = result_of_text(new.text)
     assert written is not None
     return new, changes_between(result_of_text(text_of(folder / RESULT_FILE)), written)

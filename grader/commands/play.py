@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 from rich.console import Console
 
@@ -13,6 +15,12 @@ from grader.commands.arguments import add_flag, parser_of, print_note
 from grader.errors import RecordingError, UsageError
 from grader.recording.session import SESSION_FILE
 from grader.result_folder import RECORDINGS
+
+#: Files of settings that the middleware reads, and folders where programs and libraries are looked for.
+_PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
+#: What the terminal adds to Python's path, for types of interfaces; an isolated interpreter does not look at it.
+_MORE_MODULES = "_GRADER_PLAY_PYTHONPATH"
+_SEARCH_PATHS = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH", _MORE_MODULES)
 
 _DESCRIPTION = """\
 Publish all that was recorded of a session again, each message as long after the one before it as then, and /clock:
@@ -62,6 +70,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
             "this recording cannot be read", location=str(folder), remedy=str(problem)
         ) from problem
     require_platform()
+    if not sys.flags.isolated:
+        _play_isolated(options)
+    sys.path += filter(None, os.environ.get(_MORE_MODULES, "").split(os.pathsep))
     from grader.live.ros_node.player import Player
 
     player = Player(recorded.bag, options.topics)
@@ -82,6 +93,45 @@ def run(arguments: Sequence[str], console: Console) -> int:
     finally:
         player.close()
     return 0
+
+
+def _play_isolated(options: argparse.Namespace) -> NoReturn:
+    """Become a process that takes nothing from the working folder, which may be a student's: no modules, no settings."""
+    results = options.results.resolve()
+    command = [sys.executable, "-I", "-m", "grader.cli", "play", str(results)]
+    if options.session is not None:
+        command.append(options.session)
+    command += [f"--from={options.from_s}", f"--rate={options.rate}"]
+    if options.loop:
+        command.append("--loop")
+    if options.topics:
+        command += ["--topics", *options.topics]
+    environment = environment_without(Path.cwd(), results, os.environ)
+    os.chdir("/")
+    os.execve(sys.executable, command, environment)
+
+
+def environment_without(
+    working: Path, results: Path, environment: Mapping[str, str]
+) -> dict[str, str]:
+    """Return an environment in which DDS and the loader take nothing from the working folder or the results.
+
+    A profile of DDS counts if it is named by its full path and lies elsewhere; of a search path, the full paths count.
+    """
+    kept = dict(environment)
+    kept["SKIP_DEFAULT_XML_FILE"] = "1"
+    kept[_MORE_MODULES] = environment.get("PYTHONPATH", "")
+    for name in _PROFILES:
+        file = Path(os.path.realpath(kept.get(name, "")))
+        is_inside = working in file.parents or results in file.parents
+        if not kept.get(name, "").startswith("/") or is_inside:
+            kept.pop(name, None)
+    for name in _SEARCH_PATHS:
+        folders = kept.get(name, "").split(os.pathsep)
+        kept[name] = os.pathsep.join(each for each in folders if each.startswith("/"))
+        if not kept[name]:
+            del kept[name]
+    return kept
 
 
 def _recording(results: Path, session: str | None) -> Path:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -15,6 +16,8 @@ from grader.recording.trusted_channel import digest
 
 #: The limit of a session's recording, as `ProcessRun.limit` names limits.
 RECORDING = "recording"
+#: The limit of what is decoded of a topic.
+DECODING = "decoding"
 #: What fills a recording takes long to look through, and each check of its session asks.
 _MOST_KEPT = 4
 
@@ -47,8 +50,39 @@ def _student_wrote_more(recorded: Recorded) -> bool:
     return own <= bag.size_bytes - own
 
 
+@dataclass
+class UnreadGap(RecordingGap):
+    """Messages that are recorded, and not looked at: decoding them would take too long."""
+
+
+def unread(recorded: Recorded, topic: str) -> UnreadGap | None:
+    """Return which messages on a topic (of the graph) are not looked at; None if all are."""
+    stream = recorded.bag.stream(topic)
+    if not stream.unread:
+        return None
+    seen = len(stream)
+    t_ns = int(stream.received_ns[-1]) if seen else recorded.record.started_ns
+    reason = "they hold more values than are decoded of a topic"
+    size_bytes = sum(map(len, stream.data))
+    return UnreadGap(topic, stream.topic_type, t_ns, seen, size_bytes, reason, limit=True)
+
+
+def is_unread_by_student(recorded: Recorded, gap: UnreadGap) -> bool:
+    """Whether the student's messages are what makes a topic too long: none of the grader's is among the first ones."""
+    if recorded.silent_references:
+        return False
+    ours = [entry for entry in recorded.record.published if entry.topic == gap.topic]
+    digests = {each for entry in ours for each in digests_of(entry)}
+    data = recorded.bag.stream(gap.topic).data
+    own_bytes = sum(len(each) for each in data if digest(each) in digests) if digests else 0
+    return not ours or own_bytes <= gap.size_bytes - own_bytes
+
+
 def describe_gap(gap: RecordingGap) -> str:
     """Say what was left out, and why."""
+    if isinstance(gap, UnreadGap):
+        many = f"the first {gap.messages}" if gap.messages else "none"
+        return f"Of the messages on {gap.topic} {many} were looked at: {gap.reason} (limit: {DECODING})."
     if not gap.limit:
         return f"Messages on {gap.topic} of type {gap.type} cannot be recorded: {gap.reason}."
     if not gap.messages:
@@ -99,7 +133,8 @@ def dropped(recorded: Recorded) -> Mapping[str, str]:
     limited = {gap.topic for gap in record.unrecorded}
     by_topic: dict[tuple[str, str], list[Published]] = {}
     for entry in record.published:
-        if entry.topic not in limited and not _gone_at_once(recorded, entry):
+        is_whole = entry.topic not in limited and unread(recorded, entry.topic) is None
+        if is_whole and not _gone_at_once(recorded, entry):
             by_topic.setdefault((entry.topic, entry.type), []).append(entry)
     found: dict[str, str] = {}
     for (topic, _), entries in by_topic.items():

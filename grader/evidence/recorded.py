@@ -23,6 +23,7 @@ from grader.evidence.crash.tracebacks import without_colours
 from grader.evidence.fields import numbers_of, time_ns
 from grader.recording.bag import Bag, Stream
 from grader.recording.definitions import field_steps
+from grader.recording.elements import MOST_VALUES
 from grader.recording.session import (
     LINK,
     PARTICIPANT_DIGITS,
@@ -98,9 +99,12 @@ class Recorded:
         self.bag = bag
 
     @classmethod
-    def open(cls, folder: Path) -> Recorded:
-        """Open a session's folder; raises FileNotFoundError or ValueError if it is no recording of this version."""
-        return cls(read_session(folder), Bag.open(folder))
+    def open(cls, folder: Path, most_values: int = MOST_VALUES) -> Recorded:
+        """Open a session's folder; raises FileNotFoundError or ValueError if it is no recording of this version.
+
+        Of each topic, so many values are decoded at most.
+        """
+        return cls(read_session(folder), Bag.open(folder, most_values))
 
     # -- names and times ----------------------------------------------------------------------
 

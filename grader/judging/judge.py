@@ -6,7 +6,7 @@ No ROS, no processes, no clock, no randomness: the same recording and rubric giv
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from pathlib import Path
@@ -22,7 +22,15 @@ from grader.checks.registry import LOST, check_named
 from grader.errors import RecordingError
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.flakiness import inconclusive_reason, may_be_flaky
-from grader.evidence.gaps import describe_gap, dropped, gaps_by_student, limits_hit
+from grader.evidence.gaps import (
+    UnreadGap,
+    describe_gap,
+    dropped,
+    gaps_by_student,
+    is_unread_by_student,
+    limits_hit,
+    unread,
+)
 from grader.evidence.integrity import tampering_in
 from grader.evidence.near_miss import candidates_in, near_miss
 from grader.evidence.recorded import Recorded
@@ -30,6 +38,7 @@ from grader.judging.score import score_criteria, total
 from grader.lab.kept_lab import identity_of
 from grader.lab.patterns import NOTE, patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
+from grader.recording.elements import MOST_VALUES
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
 from grader.result import (
@@ -55,9 +64,27 @@ class Recordings:
     sessions: Mapping[str, Recorded]
     #: What is wrong on the grader's side.
     problems: tuple[str, ...] = ()
+    #: Sessions that are recorded, and cannot be judged within bounds.
+    too_much: frozenset[str] = frozenset()
 
 
-def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
+@dataclass(frozen=True)
+class Effort:
+    """How much of recordings is looked at: the values decoded of a topic, and sessions that are too much."""
+
+    most_values: int = MOST_VALUES
+    too_much: frozenset[str] = frozenset()
+
+
+#: All of them.
+FULL = Effort()
+_TOO_MUCH = (
+    "The session was recorded, but judging it takes more time or memory than the grader allows (limit: judging). "
+    "A person has to decide."
+)
+
+
+def open_recordings(folder: Path, rubric: Rubric, effort: Effort = FULL) -> Recordings:
     """Open `recordings/` of one submission; raises RecordingError if it holds none, or one of another version."""
     try:
         submission = read_submission(folder)
@@ -71,8 +98,11 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
     for name in rubric.sessions:
         if not (folder / name / SESSION_FILE).exists():
             continue
+        if name in effort.too_much:
+            problems.append(f"{name}: {_TOO_MUCH}")
+            continue
         try:
-            recorded = Recorded.open(folder / name)
+            recorded = Recorded.open(folder / name, effort.most_values)
         except FileNotFoundError:
             problems.append(f"The recording '{name}' has no bag; its checks are undecided.")
             continue
@@ -85,7 +115,7 @@ def open_recordings(folder: Path, rubric: Rubric) -> Recordings:
         recorded.record.names.update(_names_not_awaited(recorded, rubric))
         sessions[name] = recorded
         problems += [f"{name}: {fault}" for fault in _faults(recorded)]
-    return Recordings(submission, sessions, tuple(problems))
+    return Recordings(submission, sessions, tuple(problems), effort.too_much)
 
 
 def _names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
@@ -119,13 +149,16 @@ def _names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
 
 
 def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ...]:
-    """Return the tampering in the sessions, with the checks that cannot be judged for it."""
+    """Return the tampering in the sessions, with the checks that cannot be judged for it.
+
+    A session whose bag is not whole shows none: a message that cannot be read looks like one that was taken away.
+    """
     nodes = {name: reference.node for name, reference in rubric.reference.items()}
-    return tuple(
-        with_checks(tampering, recorded, rubric)
-        for recorded in recordings.sessions.values()
-        for tampering in tampering_in(recorded, nodes)
-    )
+    found: list[Violation] = []
+    for recorded in recordings.sessions.values():
+        if recorded.bag.whole:
+            found += [with_checks(each, recorded, rubric) for each in tampering_in(recorded, nodes)]
+    return tuple(found)
 
 
 def judge_checks(
@@ -135,9 +168,9 @@ def judge_checks(
     chosen = recordings.submission.sessions
     findings: dict[str, Finding] = {}
     references = frozenset(reference.node for reference in rubric.reference.values())
-    context = Context(
-        recordings.submission, None, recordings.sessions, findings, references, rubric.folder
-    )
+    # A check is never compared with another session of which a part cannot be read.
+    sound = {name: each for name, each in recordings.sessions.items() if each.bag.whole}
+    context = Context(recordings.submission, None, sound, findings, references, rubric.folder)
     beside = {check.id for criterion in rubric.bonus for check in criterion.checks}
     for spec in rubric.checks():
         # What is of the bonus is not missed where it was not handed in.
@@ -145,13 +178,19 @@ def judge_checks(
             continue
         if chosen is None or spec.session is None or spec.session in chosen:
             recorded = recordings.sessions.get(spec.session or "")
-            finding = _judge(
-                spec, dataclasses.replace(context, recorded=recorded), rubric, violations
-            )
+            if spec.session in recordings.too_much:
+                finding = _blocked(spec, findings, rubric) or _undecidable()
+            else:
+                own = dataclasses.replace(context, recorded=recorded)
+                finding = _judge(spec, own, rubric, violations)
             findings[spec.id] = _excused(
                 spec, _of_the_rest(spec, finding, findings, rubric), context, rubric
             )
     return findings
+
+
+def _undecidable() -> Finding:
+    return inconclusive("", "", _TOO_MUCH, retry=False)
 
 
 def _of_the_rest(
@@ -310,8 +349,12 @@ def _faults(recorded: Recorded) -> list[str]:
     faults = [*recorded.record.problems, *gaps]
     if not recorded.record.complete:
         return [*faults, "The recording was cut off."]
-    # A copy that was cut short must not be taken for a node that fell silent.
-    return faults if recorded.bag.finished else [*faults, "The bag is damaged or incomplete."]
+    # What cannot be read must not be taken for a node that fell silent.
+    if recorded.bag.damage:
+        faults.append(f"The bag is damaged: {'; '.join(recorded.bag.damage)}.")
+    elif not recorded.bag.finished:
+        faults.append("The bag is damaged or incomplete.")
+    return faults
 
 
 def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
@@ -321,14 +364,26 @@ def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -
         loss := next((text for topic, text in dropped(recorded).items() if topic in names), None)
     ) is not None:
         return undecided(finding, loss)
-    gap = next((u for u in gaps_by_student(recorded) if u.topic in names), None)
-    if (
-        gap is None
-        or finding.outcome is Outcome.ERROR
-        or (check.by_endpoints and finding.outcome in _GOES_ON)
-    ):
+    if finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
         return finding
+    if not check.by_endpoints and (strange := _not_understood(recorded, names)):
+        return undecided(finding, strange, retry=False)
+    gap = next((u for u in gaps_by_student(recorded) if u.topic in names), None)
+    if gap is None:
+        gap = next(filter(None, (unread(recorded, topic) for topic in sorted(names))), None)
+    if gap is None:
+        return finding
+    if isinstance(gap, UnreadGap) and not is_unread_by_student(recorded, gap):
+        return undecided(finding, describe_gap(gap), retry=False)
     return without_rest(finding, gap, timed=is_timed(spec, recorded))
+
+
+def _not_understood(recorded: Recorded, topics: Collection[str]) -> str:
+    """Say of which topic the recorded definition cannot be understood; empty if of none."""
+    for topic in sorted(topics):
+        if not recorded.bag.stream(topic).understood:
+            return f"The grader cannot decode the messages on {topic}: it does not understand the definition of their type."
+    return ""
 
 
 def judge(recordings: Recordings, rubric: Rubric) -> Result:

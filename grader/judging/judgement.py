@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from grader.bounded import Bound, in_process
+from grader.errors import BoundError
 from grader.files import text_of
 from grader.judging.adjust import adjust
-from grader.judging.judge import Recordings, judge, open_recordings
+from grader.judging.judge import FULL, Effort, Recordings, judge, open_recordings
 from grader.lab.overrides import Overrides, moment_of
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import Rubric
 from grader.recording.bag import Stream
 from grader.recording.definitions import DefinitionNotFound, definition_of
+from grader.recording.elements import MOST_VALUES
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.foxglove import layout_of
 from grader.result import Result, result_of_text, to_json
@@ -30,11 +32,16 @@ from grader.result_folder import EARLIER_FILE
 if TYPE_CHECKING:
     from grader.report.figures.svg import Figure
 
+T = TypeVar("T")
+
 #: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
 #: times that is no fair wait. In a class, a process that says nothing is given up in any case (`classroom.worker`).
 JUDGING_BOUND = Bound(
     what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3
 )
+#: What it may take after that, of all or of one session, with a tenth of the values of each topic.
+SPARING_BOUND = replace(JUDGING_BOUND, cpu_s=10.0, wall_s=40.0)
+_SPARING = Effort(most_values=MOST_VALUES // 10)
 
 
 @dataclass(frozen=True)
@@ -59,12 +66,13 @@ def judge_recordings(
     *,
     page: bool = True,
     earlier: Result | None = None,
+    effort: Effort = FULL,
 ) -> Judgement:
     """Judge recordings in this process; raises RecordingError if there are none that can be judged.
 
     With an earlier result, nothing is judged again: it gets the adjustments that it has now.
     """
-    recordings = open_recordings(folder, rubric)
+    recordings = open_recordings(folder, rubric, effort)
     by_rubric, submission = earlier or judge(recordings, rubric), recordings.submission
     moment = moment_of(submission.submitted_at)
     result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, moment)
@@ -76,12 +84,56 @@ def judge_recordings(
 
 
 def judge_bounded(
-    folder: Path, rubric: Rubric, overrides: Overrides, *, page: bool = True
+    folder: Path,
+    rubric: Rubric,
+    overrides: Overrides,
+    *,
+    page: bool = True,
+    bound: Bound = JUDGING_BOUND,
+    sparing: Bound = SPARING_BOUND,
 ) -> Judgement:
-    """Do as `judge_recordings` in a process of its own; raises BoundError if that takes more than it may."""
-    return in_process(
-        partial(judge_recordings, folder, rubric, overrides, page=page), JUDGING_BOUND
-    )
+    """Do as `judge_recordings` in a process of its own, and leave out what takes more than it may.
+
+    Raises
+    ------
+    BoundError
+        Even without the sessions that take too much, it takes more than it may.
+    """
+
+    def work(effort: Effort) -> Judgement:
+        return judge_recordings(folder, rubric, overrides, page=page, effort=effort)
+
+    try:
+        return in_process(partial(work, FULL), bound)
+    except BoundError:
+        return judge_sparingly(work, rubric, sparing)
+
+
+def judge_sparingly(work: Callable[[Effort], T], rubric: Rubric, bound: Bound = SPARING_BOUND) -> T:
+    """Return what work makes of recordings that are too much: first with fewer values, then without some sessions.
+
+    Each session is tried by itself, so that one that takes too much costs the others nothing.
+    """
+    try:
+        return in_process(partial(work, _SPARING), bound)
+    except BoundError:
+        pass
+    names = frozenset(rubric.sessions)
+    too_much = set()
+    for name in sorted(names):
+        alone = replace(_SPARING, too_much=names - {name})
+        try:
+            in_process(partial(_done, work, alone), bound)
+        except BoundError:
+            too_much.add(name)
+    try:
+        return in_process(partial(work, replace(_SPARING, too_much=frozenset(too_much))), bound)
+    except BoundError:
+        return in_process(partial(work, replace(_SPARING, too_much=names)), bound)
+
+
+def _done(work: Callable[[Effort], object], effort: Effort) -> None:
+    work(effort)
 
 
 _SAMPLE = "# Arm\n\nRun `ros2 run arm node`, because best effort loses messages.\n\n- `node.py`: reliable, so slower.\n"
@@ -117,13 +169,17 @@ def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
 
 def evidence_of(result: Result, folder: Path, rubric: Rubric, what: str) -> str:
     """Return the page of all evidence about a check, a criterion, or the whole; within the bound of judging."""
-    return in_process(partial(_evidence_of, result, folder, rubric, what), JUDGING_BOUND)
+    work = partial(_evidence_of, result, folder, rubric, what)
+    try:
+        return in_process(partial(work, FULL), JUDGING_BOUND)
+    except BoundError:
+        return judge_sparingly(work, rubric)
 
 
-def _evidence_of(result: Result, folder: Path, rubric: Rubric, what: str) -> str:
+def _evidence_of(result: Result, folder: Path, rubric: Rubric, what: str, effort: Effort) -> str:
     from grader.report.evidence_page import render
 
-    recordings = open_recordings(folder, rubric)
+    recordings = open_recordings(folder, rubric, effort)
     return render(
         result, what, _figures(recordings, rubric), recordings.sessions, recordings.submission
     )

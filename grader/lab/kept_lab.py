@@ -21,6 +21,7 @@ import yaml
 from pydantic import BaseModel
 
 import grader
+from grader import yaml_text
 from grader.errors import RecordingError
 from grader.lab.rubric import Rubric
 from grader.recording.interfaces import read_folder
@@ -50,8 +51,8 @@ def lab_id(rubric: Path) -> str:
 
 @functools.lru_cache(maxsize=16)
 def _id_in(text: str) -> str:
-    with suppress(yaml.YAMLError, RecursionError, TypeError, KeyError):
-        found = yaml.load(text, yaml.CSafeLoader)["lab"]["id"]
+    with suppress(yaml.YAMLError, RecursionError, ValueError, TypeError, KeyError):
+        found = yaml_text.load(text)["lab"]["id"]
         # Written out, nested aliases have no end.
         return str(found) if isinstance(found, (str, int, float)) else ""
     return ""

@@ -19,26 +19,25 @@ from pydantic import (
 from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
 
 from grader.errors import RubricError
+from grader.yaml_text import SAFE, require_few, require_flat
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
 Loc = tuple[str | int, ...]
 
-#: The safe loader, in C where PyYAML was built with it.
-_SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 _INT, _TIMESTAMP = "tag:yaml.org,2002:int", "tag:yaml.org,2002:timestamp"
 _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]*)$")
 
 
-class _Loader(_SAFE):  # type: ignore[misc]
+class _Loader(SAFE):  # type: ignore[misc]
     """Leaves dates as they are written, and what is a number only in YAML 1.1: `0123456`, `12_34` and `12:34`."""
 
     yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, Any]]]] = {
         first: [
             (tag, _WHOLE if tag == _INT else pattern) for tag, pattern in pairs if tag != _TIMESTAMP
         ]
-        for first, pairs in _SAFE.yaml_implicit_resolvers.items()
+        for first, pairs in SAFE.yaml_implicit_resolvers.items()
     }
 
 
@@ -175,9 +174,11 @@ def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistak
     lines: dict[Loc, int] = {}
     repeated: list[Loc] = []
     try:
+        require_flat(text)
         loader = _Loader(text)
         root = loader.get_single_node()
         if root is not None:
+            require_few(root)
             _note_lines(root, (), lines, repeated)  # Before merged keys take their place in it.
         plain = None if root is None else loader.construct_document(root)
     except (yaml.YAMLError, ValueError, RecursionError) as problem:

@@ -5,29 +5,25 @@ the publication sequence number, which counts from 1 for each publisher. The bag
 
 References
 ----------
-MCAP format specification, version 0; rosbag2 metadata, version 9.
+MCAP format specification, version 0; rosbag2 metadata, version 8, which `ros2 bag` of Humble, Jazzy and later reads.
 """
 
 from __future__ import annotations
 
-import contextlib
 import functools
-import io
 import itertools
 import json
-import mmap
 import shutil
-import struct
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from operator import itemgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mcap.opcode import Opcode
-
 from grader.files import replace_file
 from grader.recording.definitions import MessageDefinition, field_steps
+from grader.recording.elements import MOST_VALUES, readable_messages
+from grader.recording.mcap_file import DAMAGE, Contents, Row, TopicInfo, contents_of
 from grader.recording.session import Qos
 
 if TYPE_CHECKING:
@@ -36,38 +32,30 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
     from mcap.writer import Writer
+    from rosbags.interfaces.typing import Typesdict
 
     Int64s: TypeAlias = npt.NDArray[np.int64]
 
 METADATA_FILE = "metadata.yaml"
-METADATA_VERSION = 9
+#: Since 9, QoS profiles are no text there, which Humble cannot read.
+METADATA_VERSION = 8
 INFINITE_NS = 9_223_372_036_854_775_807
 
 _RECOVERY_FOLDER = ".recovering"
-_MAGIC = b"\x89MCAP0\r\n"
-_DESCRIBING = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.CHUNK)
-_RECORD_HEAD = struct.Struct("<BQ")
-_MESSAGE_HEAD = struct.Struct("<HIQQ")
-_CHUNK_HEAD_SIZE = 28  # start, end, size, checksum; the compression's name follows
-
-_Buffer = Any  # bytes or mmap
-# log time, publish time, sequence, buffer, and where the data starts and ends in it
-_Row = tuple[int, int, int, _Buffer, int, int]
 
 
 # -- metadata.yaml ---------------------------------------------------------------------------------
 
 
-@dataclass
-class TopicInfo:
-    """A topic of one type in a bag, with its number of messages, as the MCAP file and `metadata.yaml` describe it."""
+#: Numbers of QoS policies in rmw's `types.h`, by which rosbag2 wrote them up to metadata version 8.
+_HISTORY = ("system_default", "keep_last", "keep_all", "unknown")
+_RELIABILITY = ("system_default", "reliable", "best_effort", "unknown", "best_available")
+_DURABILITY = ("system_default", "transient_local", "volatile", "unknown", "best_available")
+_LIVELINESS = ("system_default", "automatic", "manual_by_node", "manual_by_topic", "unknown")
 
-    topic: str
-    topic_type: str
-    type_hash: str
-    definition: MessageDefinition
-    qos_text: str
-    count: int = 0
+
+def _number(policy: str, policies: Sequence[str]) -> int:
+    return policies.index(policy if policy in policies else "unknown")
 
 
 def _duration(duration_ns: int | None) -> dict[str, int]:
@@ -76,26 +64,47 @@ def _duration(duration_ns: int | None) -> dict[str, int]:
 
 
 def _qos_text(profiles: Sequence[Qos]) -> str:
-    """Write offered QoS profiles in the terms of rosbag2 since ROS 2 Iron; JSON is YAML.
+    """Write offered QoS profiles in the terms of rosbag2 up to metadata version 8, as JSON, which is YAML.
 
-    The channel holds this text and `metadata.yaml` the list that it means: `rosbags` gives no messages of a channel
-    where the two differ.
+    Later versions understand policies as numbers too. The channel and `metadata.yaml` hold the same text: `rosbags`
+    gives no messages of a channel where the two differ.
     """
     listed = [
         {
-            "history": qos.history,
+            "history": _number(qos.history, _HISTORY),
             "depth": qos.depth,
-            "reliability": qos.reliability,
-            "durability": qos.durability,
+            "reliability": _number(qos.reliability, _RELIABILITY),
+            "durability": _number(qos.durability, _DURABILITY),
             "deadline": _duration(qos.deadline_ns),
             "lifespan": _duration(qos.lifespan_ns),
-            "liveliness": qos.liveliness,
+            "liveliness": _number(qos.liveliness, _LIVELINESS),
             "liveliness_lease_duration": _duration(qos.liveliness_lease_ns),
             "avoid_ros_namespace_conventions": False,
         }
         for qos in profiles
     ]
     return json.dumps(listed)
+
+
+def offered_policies(qos_text: str) -> list[tuple[str, str]]:
+    """Return the reliability and durability of each QoS profile in a channel's text; none if it is not understood.
+
+    Recordings of earlier versions name the policies: `[{"reliability": "best_effort", ...}]`; they are numbers today.
+    """
+    try:
+        profiles = json.loads(qos_text or "[]")
+        return [
+            (_name(each["reliability"], _RELIABILITY), _name(each["durability"], _DURABILITY))
+            for each in profiles
+        ]
+    except (ValueError, TypeError, KeyError, RecursionError):
+        return []
+
+
+def _name(policy: object, policies: Sequence[str]) -> str:
+    if isinstance(policy, int) and 0 <= policy < len(policies):
+        return policies[policy]
+    return str(policy)
 
 
 def _metadata_yaml(
@@ -109,7 +118,7 @@ def _metadata_yaml(
                 "name": channel.topic,
                 "type": channel.topic_type,
                 "serialization_format": "cdr",
-                "offered_qos_profiles": json.loads(channel.qos_text),
+                "offered_qos_profiles": channel.qos_text,
                 "type_description_hash": channel.type_hash,
             },
             "message_count": channel.count,
@@ -196,6 +205,11 @@ class BagWriter:
             max(self._end_ns, received_ns),
         )
 
+    def note_damage(self, damage: Sequence[str]) -> None:
+        """Note what could not be read of the bag from which this one is made, if anything."""
+        if damage:
+            self._writer.add_metadata(DAMAGE, {str(n): words for n, words in enumerate(damage)})
+
     def flush(self) -> None:
         """Hand all that was written to the system: it outlives a kill of this process."""
         self._writer.flush()  # type: ignore[no-untyped-call]
@@ -213,102 +227,18 @@ class BagWriter:
         replace_file(self._folder / METADATA_FILE, text)
 
 
-# -- scanning an MCAP file, whole or cut short -----------------------------------------------------
-
-
-@dataclass
-class _Contents:
-    """All that can be read of an MCAP file: of each topic of a type its messages, of whichever channel they are."""
-
-    schemas: dict[int, tuple[str, MessageDefinition]] = field(default_factory=dict)
-    topics: dict[tuple[str, str], tuple[TopicInfo, list[_Row]]] = field(default_factory=dict)
-    #: Number of a channel -> the messages of its topic.
-    rows: dict[int, list[_Row]] = field(default_factory=dict)
-    finished: bool = False
-
-
-def _read_records(buffer: _Buffer, offset: int, end: int, contents: _Contents) -> None:
-    """Read records up to `end`, or to the first that is cut short or no record at all."""
-    read_head, read_message, rows = (
-        _RECORD_HEAD.unpack_from,
-        _MESSAGE_HEAD.unpack_from,
-        contents.rows,
-    )
-    while offset + _RECORD_HEAD.size <= end:
-        opcode, length = read_head(buffer, offset)
-        body = offset + _RECORD_HEAD.size
-        offset = body + length
-        if opcode == Opcode.FOOTER:
-            contents.finished = True
-            return
-        # Of a chunk that is cut short, the beginning is as good; there is no record of the number 0.
-        if opcode == 0 or (offset > end and opcode != Opcode.CHUNK):
-            return
-        if opcode == Opcode.MESSAGE and length >= _MESSAGE_HEAD.size:
-            channel, sequence, log_ns, publish_ns = read_message(buffer, body)
-            if channel in rows:
-                rows[channel].append(
-                    (log_ns, publish_ns, sequence, buffer, body + _MESSAGE_HEAD.size, offset)
-                )
-        elif opcode in _DESCRIBING:
-            # A record that is damaged, and each compression has exceptions of its own, is no reason to lose the others.
-            with contextlib.suppress(Exception):
-                _read_description(opcode, buffer, body, min(offset, end), contents)
-
-
-def _read_description(
-    opcode: int, buffer: _Buffer, body: int, end: int, contents: _Contents
-) -> None:
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Channel, Chunk, Schema
-    from mcap.stream_reader import get_chunk_data_stream
-
-    if opcode == Opcode.CHUNK:
-        (name_length,) = struct.unpack_from("<I", buffer, body + _CHUNK_HEAD_SIZE)
-        if name_length == 0:
-            _read_records(buffer, body + _CHUNK_HEAD_SIZE + 12, end, contents)
-            return
-    fields = ReadDataStream(io.BytesIO(buffer[body:end]))
-    if opcode == Opcode.CHUNK:
-        stream, size = get_chunk_data_stream(Chunk.read(fields))
-        _read_records(stream.read(size), 0, size, contents)
-    elif opcode == Opcode.SCHEMA:
-        schema = Schema.read(fields)
-        if schema.encoding in ("ros2msg", "ros2idl"):
-            definition = MessageDefinition(schema.encoding, schema.data.decode())
-            contents.schemas[schema.id] = (schema.name, definition)
-    else:
-        channel = Channel.read(fields)
-        if channel.id not in contents.rows and channel.schema_id in contents.schemas:
-            topic_type, definition = contents.schemas[channel.schema_id]
-            type_hash = channel.metadata.get("topic_type_hash", "")
-            qos_text = channel.metadata.get("offered_qos_profiles", "[]")
-            info = TopicInfo(channel.topic, topic_type, type_hash, definition, qos_text)
-            contents.rows[channel.id] = contents.topics.setdefault(
-                (channel.topic, topic_type), (info, [])
-            )[1]
+# -- mending ---------------------------------------------------------------------------------------
 
 
 def _mcap_file(folder: Path) -> Path | None:
     return min(folder.glob("*.mcap"), default=None)
 
 
-def _contents_of(path: Path | None) -> _Contents:
-    contents = _Contents()
-    if path is not None and (size := path.stat().st_size) > 0:
-        with path.open("rb") as stream:
-            # The pages are the system's: a large bag costs memory only where it is read.
-            buffer = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
-        if buffer[: len(_MAGIC)] == _MAGIC:
-            _read_records(buffer, len(_MAGIC), size, contents)
-            contents.finished = contents.finished and buffer[-len(_MAGIC) :] == _MAGIC
-    return contents
-
-
 def recover(folder: Path) -> bool:
     """Finish a bag whose recorder was killed, keeping all that can be read of it; False if it was whole.
 
-    It raises `NotADirectoryError` if there is no such folder.
+    A bag that is damaged elsewhere than at its end tells so ever after. It raises `NotADirectoryError` if there is no
+    such folder.
     """
     if not folder.is_dir():
         raise NotADirectoryError(f"no bag at {folder}: give the folder that holds the .mcap file")
@@ -318,14 +248,16 @@ def recover(folder: Path) -> bool:
     path = found or folder / (folder.name + ".mcap")
     workshop = folder / _RECOVERY_FOLDER
     shutil.rmtree(workshop, ignore_errors=True)
-    writer, rows = BagWriter(workshop, path.stem), list[tuple[_Row, int]]()
-    for info, messages in _contents_of(found).topics.values():
+    writer, rows = BagWriter(workshop, path.stem), list[tuple[Row, int]]()
+    contents = contents_of(found)
+    for info, messages in contents.topics().values():
         channel = writer._add(info)
         rows += [(row, channel) for row in messages]
     rows.sort(key=lambda item: item[0][0])
     for (received_ns, source_ns, sequence, buffer, start, end), channel in rows:
         data = bytes(buffer[start:end])
         writer.write(channel, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence)
+    writer.note_damage(contents.damage_in_words())
     writer.close()
     (workshop / path.name).replace(path)
     (workshop / METADATA_FILE).replace(folder / METADATA_FILE)
@@ -353,6 +285,8 @@ class Stream:
     data: tuple[bytes, ...]
     #: The type's definition as the bag has it.
     definition: MessageDefinition | None = None
+    #: How many more messages there are, which are not looked at: decoding all would take too long.
+    unread: int = 0
 
     def __len__(self) -> int:
         return len(self.data)
@@ -367,18 +301,27 @@ class Stream:
             data=tuple(itertools.compress(self.data, rows)),
         )
 
+    @property
+    def understood(self) -> bool:
+        """Whether the type's definition can be read; if not, no message can be decoded, whatever its bytes."""
+        return not self.data or self._decoder is not None
+
+    @property
+    def _decoder(self) -> _Decoder | None:
+        return _decoder(self.topic_type, self.definition) if self.definition else None
+
     @functools.cached_property
     def messages(self) -> tuple[object | None, ...]:
         """All messages, decoded; None stands for one whose bytes do not fit the type."""
-        deserialize = _deserializer(self.topic_type, self.definition) if self.definition else None
-        if deserialize is None:
+        decoder = self._decoder
+        if decoder is None:
             return (None,) * len(self.data)
         found: list[object | None] = []
         for data in self.data:
             # The bytes are a student's. Decoding them fails in many ways (short, wrong lengths, bad UTF-8), and not by
             # exceptions of one family.
             try:
-                found.append(deserialize(data, self.topic_type))
+                found.append(decoder.decode(data, self.topic_type))
             except Exception:
                 found.append(None)
         return tuple(found)
@@ -401,47 +344,65 @@ def _pick(value: Any, steps: Sequence[str | int]) -> Any:
     return value
 
 
+@dataclass(frozen=True)
+class _Decoder:
+    types: Typesdict
+    decode: Callable[[bytes, str], object]
+
+
 @functools.lru_cache(maxsize=64)
-def _deserializer(
-    topic_type: str, definition: MessageDefinition
-) -> Callable[[bytes, str], object] | None:
-    """Deserialize CDR by the definition in the bag; None where that cannot be understood."""
+def _decoder(topic_type: str, definition: MessageDefinition) -> _Decoder | None:
+    """Return what decodes CDR by the definition in the bag; None where that cannot be understood."""
     from rosbags.typesys import Stores, TypesysError, get_typestore
 
     store = get_typestore(Stores.EMPTY)
     try:
-        store.register(definition.types(topic_type))
-    except TypesysError:
+        types = definition.types(topic_type)
+        store.register(types)
+        # Makes its code, for which wide strings are unknown.
+        store.get_msgdef(topic_type)
+    except (TypesysError, KeyError):
         return None
-    return store.deserialize_cdr
+    return _Decoder(types, store.deserialize_cdr)
 
 
 class Bag:
     """A bag opened for reading. It need not be `finished`: what can be read of it is there.
 
-    It is if its recorder came to its end, and nothing is missing since; if not, the last moments may be. Its `topics`
-    are sorted by name, then by type; a topic that had two types is there twice.
+    It is if its recorder came to its end, and nothing is missing since; if not, the last moments may be. `damage` says
+    what else cannot be read of it. Its `topics` are sorted by name, then by type; a topic that had two types is there
+    twice.
     """
 
-    def __init__(self, contents: _Contents) -> None:
-        self.finished, self._contents = contents.finished, contents.topics
+    def __init__(self, contents: Contents, most_values: int = MOST_VALUES) -> None:
+        self._most_values = most_values
+        self.finished, self.damage = contents.finished, contents.damage_in_words()
+        self._contents = contents.topics()
         counted = {
-            key: replace(info, count=len(rows)) for key, (info, rows) in contents.topics.items()
+            key: replace(info, count=len(rows)) for key, (info, rows) in self._contents.items()
         }
         self.topics = tuple(counted[key] for key in sorted(counted))
 
     @classmethod
-    def open(cls, folder: Path) -> Bag:
-        """Open the bag in a folder, finished or not, or raise `FileNotFoundError` if there is none."""
+    def open(cls, folder: Path, most_values: int = MOST_VALUES) -> Bag:
+        """Open the bag in a folder, finished or not, or raise `FileNotFoundError` if there is none.
+
+        Of each topic, so many values are decoded at most.
+        """
         path = _mcap_file(folder)
         if path is None:
             raise FileNotFoundError(f"no .mcap file in {folder}: give the folder of a recording")
-        return cls(_contents_of(path))
+        return cls(contents_of(path), most_values)
 
     @classmethod
     def empty(cls) -> Bag:
         """Return a finished bag without messages."""
-        return cls(_Contents(finished=True))
+        return cls(Contents(finished=True))
+
+    @property
+    def whole(self) -> bool:
+        """Whether all that was recorded can be read."""
+        return self.finished and not self.damage
 
     @property
     def size_bytes(self) -> int:
@@ -469,24 +430,26 @@ class Bag:
 
     @functools.cache  # noqa: B019 - a bag lives as long as its judging
     def stream(self, topic: str, topic_type: str | None = None) -> Stream:
-        """Messages of a topic (fully qualified), of its type with the most where none is given; none if it has none."""
+        """Messages of a topic (fully qualified), of its type with the most where none is given; none if it has none.
+
+        Those that follow when the most values are reached are left out, see `Stream.unread`.
+        """
         if topic_type is None:
             infos = [info for info in self.topics if info.topic == topic]
             topic_type = max(infos, key=lambda info: info.count).topic_type if infos else ""
         found, rows = self._contents.get((topic, topic_type), (None, []))
         rows = sorted(rows, key=lambda row: row[0])
-        return Stream(
-            topic,
-            topic_type,
-            _column(rows, 0),
-            _column(rows, 1),
-            _column(rows, 2),
-            tuple(bytes(buffer[start:end]) for _, _, _, buffer, start, end in rows),
-            found.definition if found is not None else None,
-        )
+        data = tuple(bytes(buffer[start:end]) for _, _, _, buffer, start, end in rows)
+        definition = found.definition if found is not None else None
+        decoder = _decoder(topic_type, definition) if definition is not None else None
+        read = len(data)
+        if decoder is not None:
+            read = readable_messages(topic_type, decoder.types, data, self._most_values)
+        columns = (_column(rows[:read], index) for index in range(3))
+        return Stream(topic, topic_type, *columns, data[:read], definition, len(data) - read)
 
 
-def _column(rows: list[_Row], index: int) -> Int64s:
+def _column(rows: list[Row], index: int) -> Int64s:
     # Imported here, since it would be a third of the start of the processes that only write bags.
     import numpy as np
 

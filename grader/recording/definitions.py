@@ -1,7 +1,7 @@
 """Message definitions as text, found in the installed ROS packages.
 
 A bag carries the definition of each of its types, so that it can be read where ROS is not installed. Packages install
-descriptions of their types in `share/<package>/<msg|srv|action>/`, with all that services and actions imply.
+the texts and descriptions of their types in `share/<package>/<msg|srv|action>/`, with all that services and actions imply.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 SEPARATOR = "=" * 80
 
+#: `char` as the type of a field or constant: "char[4] data".
+_CHAR = re.compile(r"^\s*char\b(?=[\s\[])")
 _TYPE_NAME = re.compile(r"([A-Za-z][A-Za-z0-9_]*)/(msg|srv|action)/([A-Za-z][A-Za-z0-9_]*)")
 # Values of type_description_interfaces/msg/FieldType, as IDL spells the types.
 _IDL_TYPES = {
@@ -32,7 +34,7 @@ _IDL_TYPES = {
     10: "float", 11: "double", 12: "long double", 13: "char", 14: "wchar", 15: "boolean", 16: "octet",
     17: "string", 18: "wstring", 21: "string", 22: "wstring",
 }  # fmt: skip
-_NESTED, _BOUNDED_STRINGS = 1, (21, 22)
+_NESTED, _BOUNDED_STRINGS, _WIDE = 1, (21, 22), (14, 18, 20, 22)
 _ARRAY, _BOUNDED_SEQUENCE, _SEQUENCE, _STEP = 1, 2, 3, 48
 
 
@@ -50,10 +52,10 @@ class DefinitionNotFound(LookupError):
 class MessageDefinition:
     """The definition of a message type and of all types in it."""
 
-    #: "ros2idl", or "ros2msg" in older recordings, as MCAP names them.
+    #: Name by which MCAP knows the language of the text: "ros2msg" for `.msg` files, "ros2idl" for all other types.
     encoding: Literal["ros2msg", "ros2idl"]
-    #: `ros2idl`: for each type a line of 80 `=`, `IDL: package/folder/Type` and one struct. `ros2msg`: the text
-    #: of the `.msg` file, then a line of 80 `=`, `MSG: package/Type` and the text for each type it depends on.
+    #: `ros2msg`: the text of the `.msg` file, then a line of 80 `=`, `MSG: package/Type` and the text for each type
+    #: that it depends on. `ros2idl`: for each type a line of 80 `=`, `IDL: package/folder/Type` and one struct.
     text: str
 
     def types(self, topic_type: str) -> Typesdict:
@@ -61,7 +63,9 @@ class MessageDefinition:
         from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
         if self.encoding == "ros2msg":
-            return get_types_from_msg(self.text, topic_type)
+            found = get_types_from_msg(self.text, topic_type)
+            # A constant is no part of a message, but `rosbags` has a field for it.
+            return {name: ([], fields) for name, (_, fields) in found.items()}
         blocks = re.sub(r"^IDL: .*", "", self.text, flags=re.MULTILINE).split(SEPARATOR)
         return {
             name: kind
@@ -78,10 +82,29 @@ def share_folders() -> tuple[Path, ...]:
 
 
 def definition_of(topic_type: str) -> MessageDefinition:
-    """Definition of a type such as "std_msgs/msg/String" or "std_srvs/srv/SetBool_Event".
+    """Return the definition of a type such as "std_msgs/msg/String" or "std_srvs/srv/SetBool_Event".
 
-    It raises `DefinitionNotFound` if no installed package defines the type, or a type that it depends on.
+    A type is defined by `.msg` texts where its package and those that it depends on install them, as in bags of rosbag2:
+    many readers know no other language. Types that services and actions imply have no such text, and no reader knows
+    wide strings in it: both are given as IDL.
+
+    Raises
+    ------
+    DefinitionNotFound
+        No installed package defines the type, or a type that it depends on.
     """
+    fields = _needed_fields(topic_type)
+    texts = [_msg_text(name) for name in fields]
+    if None not in texts and not any(map(_has_wide_strings, fields.values())):
+        return MessageDefinition("ros2msg", _joined(zip(fields, map(str, texts), strict=True)))
+    text = "\n".join(
+        f"{SEPARATOR}\nIDL: {name}\n{_idl_struct(name, fields[name])}" for name in fields
+    )
+    return MessageDefinition("ros2idl", text + "\n")
+
+
+def _needed_fields(topic_type: str) -> dict[str, list[dict[str, Any]]]:
+    """Return the described fields of a type and of each type that it depends on; the type itself comes first."""
     message = _description(topic_type, share_folders())["type_description_msg"]
     every = [message["type_description"], *message["referenced_type_descriptions"]]
     fields = {entry["type_name"]: entry["fields"] for entry in every}
@@ -91,15 +114,55 @@ def definition_of(topic_type: str) -> MessageDefinition:
     for name in needed:
         nested = (field["type"]["nested_type_name"] for field in fields[name])
         needed += [n for n in dict.fromkeys(nested) if n and n not in needed]
-    text = "\n".join(
-        f"{SEPARATOR}\nIDL: {name}\n{_idl_struct(name, fields[name])}" for name in needed
-    )
-    return MessageDefinition("ros2idl", text + "\n")
+    return {name: fields[name] for name in needed}
+
+
+def _has_wide_strings(fields: Sequence[Mapping[str, Any]]) -> bool:
+    return any(field["type"]["type_id"] % _STEP in _WIDE for field in fields)
+
+
+def _msg_text(name: str) -> str | None:
+    """Return the installed `.msg` text of a type, with plain line ends; None if there is none."""
+    package, folder, stem = name.split("/")
+    if folder != "msg":
+        return None
+    for share in share_folders():
+        if (share / package / folder / f"{stem}.json").is_file():
+            return _plain_text(share / package / folder / f"{stem}.msg")
+    return None
+
+
+def _plain_text(file: Path) -> str | None:
+    """Return a `.msg` text without what readers of bags take for something else than rosidl does.
+
+    A ruler in a comment is no end of the definition, each line ends with a line feed, and `char` is `uint8`.
+    """
+    try:
+        text = file.read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return None
+    lines = (_CHAR.sub("uint8", line) for line in text.splitlines())
+    return "\n".join(lines).replace(SEPARATOR, "")
+
+
+def _joined(texts: Iterable[tuple[str, str]]) -> str:
+    """Join the texts of a type and of those that it depends on, each under its heading but the first."""
+    (_, root), *others = texts
+    parts = [root]
+    for name, text in others:
+        package, _, stem = name.split("/")
+        parts.append(f"{SEPARATOR}\nMSG: {package}/{stem}\n{text}")
+    return "\n".join(parts) + "\n"
 
 
 def type_hash_of(topic_type: str) -> str:
-    """Hash ("RIHS01_...") of an installed type; empty where the package does not tell it."""
+    """Return the hash ("RIHS01_...") of an installed type, or an empty text if readers of a bag cannot compute it.
+
+    `rosbags` opens no bag at all if it knows no hash of one of the types, as of those with wide strings.
+    """
     try:
+        if any(map(_has_wide_strings, _needed_fields(topic_type).values())):
+            return ""
         hashes = _description(topic_type, share_folders())["type_hashes"]
     except (DefinitionNotFound, KeyError):
         return ""

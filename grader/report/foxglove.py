@@ -72,7 +72,7 @@ def _plot(topic: str, paths: Sequence[str]) -> dict[str, Any]:
         True,
     )
     return {
-        "title": topic,
+        "foxglovePanelTitle": topic,
         "paths": lines,
         "xAxisVal": "timestamp",
         "legendDisplay": "floating",

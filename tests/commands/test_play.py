@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from grader.cli import main
+from grader.commands.play import environment_without
 from grader.result_folder import RECORDINGS
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings" / "solution"
@@ -57,3 +58,31 @@ def test_a_rate_is_above_nothing(
         main(["play", str(results), "launch", "--rate", rate])
     assert ended.value.code == 2
     assert "--rate must be a number above 0" in capsys.readouterr().err
+
+
+def test_of_the_terminals_settings_those_outside_of_the_working_folder_count(
+    tmp_path: Path,
+) -> None:
+    """A profile elsewhere stays, and so do full paths; what is relative, empty or of the folder goes."""
+    working, results, elsewhere = (tmp_path / name for name in ("here", "alice", "profiles"))
+    for folder in (working, results, elsewhere):
+        folder.mkdir()
+        (folder / "x.xml").touch()
+    (elsewhere / "link.xml").symlink_to(working / "x.xml")
+    name = "FASTRTPS_DEFAULT_PROFILES_FILE"
+    for given, stays in (
+        (elsewhere / "x.xml", True),
+        (elsewhere / "link.xml", False),
+        (working / "x.xml", False),
+        (results / "x.xml", False),
+        ("x.xml", False),
+    ):
+        kept = environment_without(working, results, {name: str(given), "ROS_DOMAIN_ID": "7"})
+        assert (name in kept) is stays, given
+        assert kept["SKIP_DEFAULT_XML_FILE"] == "1"
+        assert kept["ROS_DOMAIN_ID"] == "7"
+    paths = {"PYTHONPATH": ":/opt/a:b", "LD_LIBRARY_PATH": "", "AMENT_PREFIX_PATH": ".:/opt/c:"}
+    kept = environment_without(working, results, paths)
+    assert kept["_GRADER_PLAY_PYTHONPATH"] == "/opt/a"
+    assert kept["AMENT_PREFIX_PATH"] == "/opt/c"
+    assert "LD_LIBRARY_PATH" not in kept

@@ -25,7 +25,7 @@ KEPT = Path(__file__).resolve().parents[1] / "recordings" / "solution"
 
 # Subscribes, plays, and tells when each message was published and what it was.
 LISTENER = """
-import json, subprocess, sys, threading, time
+import json, os, subprocess, sys, threading, time
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
@@ -42,19 +42,28 @@ for topic, taken in heard.items():
 executor = SingleThreadedExecutor()
 executor.add_node(node)
 threading.Thread(target=executor.spin, daemon=True).start()
-player = subprocess.run([sys.executable, "-m", "grader.cli", "play", *sys.argv[1:]], capture_output=True, text=True)
+command = [sys.executable, "-m", "grader.cli", "play", *sys.argv[2:]]
+environment = {**os.environ, **json.loads(sys.argv[1])}
+folder = environment.pop("PLAY_IN", None)
+player = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment)
 time.sleep(1.0)
 print(json.dumps({"status": player.returncode, "said": player.stdout + player.stderr, "heard": heard}), flush=True)
 """
 
 
-def played(tmp_path: Path, domain_id: int, *options: str) -> dict[str, Any]:
-    """Play a session of the solution in a network of its own, if that is permitted, to a node that listens."""
+def played(
+    tmp_path: Path, domain_id: int, *options: str, settings: dict[str, str] | None = None
+) -> dict[str, Any]:
+    """Play a session of the solution in a network of its own, if that is permitted, to a node that listens.
+
+    The settings are of the player's environment alone.
+    """
     results = tmp_path / "alice"
-    shutil.copytree(KEPT, results / RECORDINGS)
+    shutil.copytree(KEPT, results / RECORDINGS, dirs_exist_ok=True)
     own = ["unshare", "--net", "--map-root-user"]
     may = subprocess.run([*own, "true"], capture_output=True).returncode == 0
-    command = [sys.executable, "-c", LISTENER, str(results), *options]
+    told = json.dumps(settings or {})
+    command = [sys.executable, "-c", LISTENER, told, str(results), *options]
     if may:
         command = [*own, "sh", "-c", 'ip link set lo up; exec "$@"', "sh", *command]
     environment = {
@@ -111,3 +120,33 @@ def test_a_part_is_played_faster_with_a_clock_of_its_own(tmp_path: Path) -> None
         [(t_ns - clock[0][0]) / 1e9 for t_ns, _ in clock], (np.array(told_ns) - start_ns) / 1e9, 1
     )[0]
     assert slope == pytest.approx(2, rel=0.05)
+
+
+# Takes all transports away: who obeys it reaches nobody.
+MUTE = """<?xml version="1.0" encoding="UTF-8" ?>
+<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
+<transport_descriptors><transport_descriptor><transport_id>none</transport_id><type>UDPv4</type>
+<interfaceWhiteList><address>192.0.2.1</address></interfaceWhiteList></transport_descriptor></transport_descriptors>
+<participant profile_name="mute" is_default_profile="true"><rtps>
+<userTransports><transport_id>none</transport_id></userTransports><useBuiltinTransports>false</useBuiltinTransports>
+</rtps></participant></profiles></dds>
+"""
+TRAP = "import pathlib; pathlib.Path(__file__).with_suffix('.sprung').touch()"
+
+
+def test_it_takes_nothing_from_the_working_folder(tmp_path: Path) -> None:
+    """Neither a profile of DDS nor a module that lies in a student's folder has a say, however the terminal is set."""
+    folder = tmp_path / "alice"
+    folder.mkdir()
+    (folder / "DEFAULT_FASTRTPS_PROFILES.xml").write_text(MUTE)
+    (folder / "mute.xml").write_text(MUTE)
+    for name in ("rclpy", "rosgraph_msgs", "std_msgs"):
+        (folder / f"{name}.py").write_text(TRAP)
+    settings = {
+        "PLAY_IN": str(folder),
+        "PYTHONPATH": ".",
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(folder / "mute.xml"),
+    }
+    answer = played(tmp_path, 63, "launch", "--rate", "4", settings=settings)
+    assert len(answer["heard"]["/joint_commands"]) > 100
+    assert list(folder.glob("*.sprung")) == []

@@ -15,7 +15,7 @@ import yaml
 from mcap.reader import make_reader
 from rosbags.highlevel import AnyReader
 
-from grader.recording.bag import METADATA_FILE, Bag, BagWriter, recover
+from grader.recording.bag import METADATA_FILE, Bag, BagWriter, offered_policies, recover
 from grader.recording.definitions import definition_of, type_hash_of
 from grader.recording.session import Qos
 
@@ -128,7 +128,7 @@ def test_service_events_decode(tmp_path: Path) -> None:
 
 
 def test_metadata_says_the_same_as_the_channel(tmp_path: Path) -> None:
-    """`metadata.yaml` is version 9 and lists the QoS profiles that the channel holds as text."""
+    """`metadata.yaml` and the channel hold the same text of QoS profiles, which names policies by rmw's numbers."""
     writer = BagWriter(tmp_path, "session")
     add_topic(writer, "/none", TEXT)
     late = Qos(
@@ -146,13 +146,25 @@ def test_metadata_says_the_same_as_the_channel(tmp_path: Path) -> None:
         summary = make_reader(stream).get_summary()
     assert summary is not None
     for channel in summary.channels.values():
-        profiles = yaml.safe_load(channel.metadata["offered_qos_profiles"])
-        assert profiles == listed[channel.topic]["offered_qos_profiles"]
-    assert metadata["version"] == 9
+        told = channel.metadata["offered_qos_profiles"]
+        assert told == listed[channel.topic]["offered_qos_profiles"]
+    profiles = yaml.safe_load(told)
+    assert metadata["version"] == 8
     assert metadata["relative_file_paths"] == ["session.mcap"]
     assert profiles[1]["deadline"] == {"sec": 1, "nsec": 500_000_000}
     assert profiles[1]["lifespan"] == {"sec": 9_223_372_036, "nsec": 854_775_807}
-    assert [p["reliability"] for p in profiles] == ["reliable", "best_effort"]
+    assert [p["reliability"] for p in profiles] == [1, 2]
+    assert [p["durability"] for p in profiles] == [2, 1]
+    assert [p["history"] for p in profiles] == [3, 3]
+    assert offered_policies(told) == [("reliable", "volatile"), ("best_effort", "transient_local")]
+
+
+def test_policies_of_earlier_recordings_are_understood() -> None:
+    """Their names stood in the text of a channel; a text that is none, or asks for much, offers nothing."""
+    named = '[{"reliability": "best_effort", "durability": "volatile"}]'
+    assert offered_policies(named) == [("best_effort", "volatile")]
+    for wrong in ("", "[]", "- a", "[1]", "{}", "[" * 100_000, "&a [*a, *a]"):
+        assert offered_policies(wrong) == []
 
 
 def test_two_types_on_one_topic_are_kept_apart(tmp_path: Path) -> None:

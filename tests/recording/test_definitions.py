@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -18,6 +19,9 @@ from grader.recording.definitions import (
     share_folders,
     type_hash_of,
 )
+
+#: Types with wide strings, of which `rosbags` knows no hash.
+WIDE = ("test_msgs/msg/WStrings",)
 
 
 def installed_types() -> list[str]:
@@ -44,27 +48,36 @@ def hash_by_rosbags(topic_type: str, definition: MessageDefinition) -> str:
 
 def test_every_installed_definition_gives_the_types_hash() -> None:
     """The text of each definition leads another implementation to the hash that the package tells."""
-    # `rosbags` knows no hash of a type with wide strings.
-    types = [name for name in installed_types() if "wstring" not in definition_of(name).text]
+    types = [name for name in installed_types() if name not in WIDE]
     if not types:
         pytest.skip("no ROS packages are installed")
     wrong = [
         name for name in types if hash_by_rosbags(name, definition_of(name)) != type_hash_of(name)
     ]
     assert wrong == []
+    assert all(type_hash_of(name) == "" for name in WIDE)
 
 
 def test_text_format() -> None:
-    """Messages and service events come as IDL structs, with those that they depend on."""
-    floats = definition_of("std_msgs/msg/Float64MultiArray").text
-    headings = [line for line in floats.splitlines() if line.startswith("IDL: ")]
-    assert headings == [
-        f"IDL: std_msgs/msg/{n}"
-        for n in ("Float64MultiArray", "MultiArrayLayout", "MultiArrayDimension")
+    """A message comes as its `.msg` text, each dependency below a ruler; a service event as IDL structs."""
+    floats = definition_of("std_msgs/msg/Float64MultiArray")
+    assert floats.encoding == "ros2msg"
+    root, *others = floats.text.split(f"{SEPARATOR}\n")
+    assert re.search(r"^float64\[\] +data\b", root, re.MULTILINE)
+    assert [text.split("\n")[0] for text in others] == [
+        f"MSG: std_msgs/{name}" for name in ("MultiArrayLayout", "MultiArrayDimension")
     ]
     event = definition_of("std_srvs/srv/SetBool_Event")
     assert event.encoding == "ros2idl"
     assert event.text.startswith(f"{SEPARATOR}\nIDL: std_srvs/srv/SetBool_Event\n")
+
+
+def test_constants_are_no_fields() -> None:
+    """A message that is decoded has what was sent, and nothing else."""
+    name = "sensor_msgs/msg/NavSatStatus"
+    store = get_typestore(Stores.EMPTY)
+    store.register(definition_of(name).types(name))
+    assert list(store.types[name].__dataclass_fields__) == ["status", "service", "__msgtype__"]
 
 
 @pytest.mark.parametrize(
@@ -82,7 +95,7 @@ def test_unknown_types_are_named(name: str) -> None:
 def test_packages_on_the_prefix_path_come_first(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Packages below AMENT_PREFIX_PATH are found, with the bounds of their strings and sequences."""
+    """Packages below AMENT_PREFIX_PATH are found, with the bounds of their strings and sequences, and odd line ends."""
     folder = tmp_path / "share" / "own" / "msg"
     folder.mkdir(parents=True)
     kinds = {"parts": {"type_id": 97, "capacity": 4, "nested_type_name": "own/msg/Inner"},
@@ -93,10 +106,24 @@ def test_packages_on_the_prefix_path_come_first(
         "type_description": {"type_name": "own/msg/Outer", "fields": outer},
         "referenced_type_descriptions": [{"type_name": "own/msg/Inner", "fields": inner}],
     }
-    (folder / "Outer.json").write_text(json.dumps({"type_description_msg": message}))
+    description = json.dumps({"type_description_msg": message})
+    (folder / "Outer.json").write_text(description)
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path))
     assert share_folders()[0] == tmp_path / "share"
+    # Without the texts, there is the description.
     text = definition_of("own/msg/Outer").text
     assert "sequence<own::msg::Inner, 4> parts" in text
     assert "string<5> name" in text
     assert fields_of("own/msg/Outer") == {"parts": "own/msg/Inner[]", "name": "string"}
+
+    (folder / "Outer.msg").write_bytes(
+        f"# {SEPARATOR}====\r\nInner[<=4] parts # {SEPARATOR}\r\nstring<=5 name\r\n".encode()
+    )
+    (folder / "Inner.json").write_text(description)
+    (folder / "Inner.msg").write_bytes("char A=5\x0c char x # \xe4\n".encode("latin-1"))
+    definition = definition_of("own/msg/Outer")
+    assert definition.encoding == "ros2msg"
+    assert definition.text.count(SEPARATOR) == 1
+    assert "\nMSG: own/Inner\nuint8 A=5\nuint8 x" in definition.text
+    types = definition.types("own/msg/Outer")
+    assert types["own/msg/Inner"][1] == [("x", (1, ("uint8", 0)))]

@@ -27,7 +27,7 @@ def layout(recorded: Recorded) -> dict[str, Any]:
 def lines_of(read: dict[str, Any]) -> dict[str, list[str]]:
     """Return the message paths of each plot, by its title."""
     plots = (panel for name, panel in read["configById"].items() if name.startswith("Plot!"))
-    return {plot["title"]: [path["value"] for path in plot["paths"]] for plot in plots}
+    return {plot["foxglovePanelTitle"]: [path["value"] for path in plot["paths"]] for plot in plots}
 
 
 def leaves(tree: Any) -> Iterator[str]:

@@ -6,13 +6,12 @@ import time
 from collections.abc import Collection
 from typing import Any
 
-import yaml
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from grader.live.ros_node.graph import interface_named, new_context, silent_node
-from grader.recording.bag import Bag, TopicInfo
+from grader.recording.bag import Bag, TopicInfo, offered_policies
 from grader.recording.definitions import type_hash_of
 
 _CLOCK = "/clock"
@@ -100,11 +99,9 @@ class Player:
 
 def _offered(qos_text: str) -> QoSProfile:
     """Return what all of a topic's recorded publishers offered, as far as it decides who receives."""
-    profiles: list[dict[str, Any]] = yaml.safe_load(qos_text) or []
-    reliable = all(profile.get("reliability") != "best_effort" for profile in profiles)
-    latched = bool(profiles) and all(
-        profile.get("durability") == "transient_local" for profile in profiles
-    )
+    offered = offered_policies(qos_text)
+    reliable = all(reliability != "best_effort" for reliability, _ in offered)
+    latched = bool(offered) and all(durability == "transient_local" for _, durability in offered)
     return QoSProfile(
         depth=_DEPTH,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,

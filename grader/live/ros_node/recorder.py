@@ -201,7 +201,7 @@ class Recorder:
         message_type = interface_named(topic_type)
         node = self._node(sum(known == topic for known, _ in self._lines))
         # The hash of the definition in the bag, whatever publishers announce: with another one, readers refuse the bag.
-        type_hash = type_hash_of(topic_type) or publishers[0].type_hash
+        type_hash = type_hash_of(topic_type)
         with self._lock:
             offered = [publisher.qos for publisher in publishers]
             channel = self._writer.add_channel(topic, topic_type, type_hash, definition, offered)

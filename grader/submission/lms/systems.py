@@ -13,6 +13,7 @@ from pathlib import PurePosixPath
 
 import yaml
 
+from grader import yaml_text
 from grader.lab.overrides import moment_of
 from grader.recording.submission import Person
 
@@ -313,8 +314,8 @@ def _submitted_in(text: str) -> dict[str, _Submitted]:
 def _scalar(text: str) -> str:
     text = text.strip()
     if text[:1] in ("'", '"'):
-        with suppress(yaml.YAMLError):
-            return str(yaml.safe_load(text))
+        with suppress(yaml.YAMLError, RecursionError, ValueError):
+            return str(yaml_text.load(text))
     return text
 
 
