@@ -38,6 +38,7 @@ from grader.recording.session import SessionRecord
 from grader.report.views import points
 from grader.result import CheckResult, Outcome, Result
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
+from grader.submission.file_names import tool_folder
 
 #: What importing the files of a lab may take.
 _IMPORT_BOUND = Bound(
@@ -63,7 +64,7 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as built:
         not_built = _with_interfaces(rubric, Path(built))
         code = in_process(partial(_code_mistakes, rubric, Path(built), not_built), _IMPORT_BOUND)
-    for loc, words in (*_solution_mistakes(rubric), *code):
+    for loc, words in (*_pattern_mistakes(rubric), *_solution_mistakes(rubric), *code):
         mistakes.add(loc, words)
     listed = [words for _, words in sorted(mistakes.found)] + list(_fixture_mistakes(rubric))
     if listed:
@@ -82,6 +83,16 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
 
 
 # -- files -----------------------------------------------------------------------------------------
+
+
+def _pattern_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+    """Find patterns of files that are never taken from a submission: those in folders that tools make."""
+    for name, spec in rubric.artifacts.items():
+        for n, pattern in enumerate(spec.find):
+            made = tool_folder(tuple(pattern.split("/")))
+            if made is not None:
+                words = f"{pattern!r} matches nothing: files in {made}/ are left out of every submission"
+                yield ("artifacts", name, "find", n), words
 
 
 def _solution_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:

@@ -11,6 +11,7 @@ from enum import Enum
 
 from grader.cohort.mistakes import gist
 from grader.lab.rubric import Rubric
+from grader.report.views import chosen_words
 from grader.result import (
     ANSWERS,
     FOR_A_PERSON,
@@ -153,6 +154,12 @@ def _of_whole(name: str, result: Result) -> Iterable[Item]:
             "",
             answered,
         )
+    asked = [chosen_words(chosen) for chosen in result.chosen if chosen.is_open]
+    if asked and part is not None:
+        answered = any(a.what == WHOLE and a.kind in ANSWERS for a in result.adjustments)
+        state = state_of(result, WHOLE)
+        points = result.score.possible
+        yield Item(Kind.NOTE, name, part, " ".join(asked), state, "", points, (name,), "", answered)
 
 
 def _of_checks(
