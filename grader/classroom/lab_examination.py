@@ -18,7 +18,7 @@ import yaml
 
 from grader.bounded import Bound, in_process
 from grader.checks.own import built, load_own
-from grader.classroom.expectations import EXPECTED_FILE, load_fixture
+from grader.classroom.expectations import EXPECTED_FILE, left_to_a_person, load_fixture
 from grader.errors import RecordingError, RubricError
 from grader.evidence.oracle import describe_failure, load_file, load_oracle
 from grader.evidence.recorded import Recorded
@@ -241,7 +241,9 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
             "!",
             f"The solution holds nothing of the bonus {', '.join(absent)}, so that this is not examined.",
         )
-    lost = [check for check in result.every_check if check.outcome is not Outcome.PASSED]
+    by_person = left_to_a_person(rubric)
+    judged = [check for check in result.every_check if check.id not in by_person]
+    lost = [check for check in judged if check.outcome is not Outcome.PASSED]
     for check in lost:
         found = f"{check.outcome.value.replace('_', ' ')}; expected {check.expected}, found {check.measured}"
         yield Remark(
