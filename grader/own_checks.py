@@ -32,6 +32,8 @@ parameters stand behind `with`, as those of the built-in checks do:
   points are lost. `inconclusive` is for what the grading computer may have caused (`Context.delay_s`); it costs none.
 - An exception, more than 10 s of computing, or more than 30 s in all makes it an error that names file and line; that
   costs nothing either.
+- Points that it takes stay open where a program needs a library or interface that the grading computer lacks, as with
+  the built-in checks. A parameter called `artifact` or `process` says which program that is; without, any of the session.
 - Messages and output are what students' programs make of them: expect any, also of another type. An error that a
   message brings about costs its author nothing.
 - A file imports installed packages, not its neighbours: it alone is kept with each recording.

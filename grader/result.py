@@ -295,6 +295,21 @@ class Adjustment:
 
 
 @dataclass(frozen=True)
+class ChosenFile:
+    """A file that was graded, of several that have the name of one of the lab's."""
+
+    #: The file name that the lab asks for.
+    expected: str
+    path: str
+    #: Those that were not graded.
+    others: tuple[str, ...]
+    #: Why this one, as a clause.
+    why: str
+    #: Whether nothing told them apart, so that a person must look.
+    is_open: bool = False
+
+
+@dataclass(frozen=True)
 class Score:
     """Points earned, possible, and undecided through no fault of the student's; as judged, before adjustments."""
 
@@ -362,6 +377,8 @@ class Result:
     #: Extensions that were handed in, whose points are in no sum.
     bonus: tuple[CriterionResult, ...] = ()
     violations: tuple[Violation, ...] = ()
+    #: Where several files had one name.
+    chosen: tuple[ChosenFile, ...] = ()
 
     @property
     def final(self) -> Decimal:

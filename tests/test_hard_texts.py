@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grader.checks.launch import parameter_line
-from grader.evidence import environment_gap
+from grader.evidence import newer_python
 from grader.evidence.crash import diagnosis
 from grader.evidence.near_miss import likeness
 from grader.evidence.text import markup, printed, prose, result_rows, source, words
@@ -55,7 +55,7 @@ def _read_readme(text: str) -> None:
 def _read_source(text: str) -> None:
     (facts,) = source.read_sources({"a.py": text})
     prose.source_passages(facts)
-    environment_gap.is_newer_python(text)
+    newer_python.is_newer_python(text)
     parameter_line(text, 1, "p")
 
 
@@ -183,7 +183,7 @@ def test_nested_f_strings_are_read_once_a_level() -> None:
     for _ in range(90):
         nested = "f'{" + nested + "}'"
     began_s = time.process_time()
-    assert not environment_gap.is_newer_python(f"{nested}\n(")
+    assert not newer_python.is_newer_python(f"{nested}\n(")
     assert time.process_time() - began_s < 1.0
 
 

@@ -29,7 +29,8 @@ from grader.checks.base import (
 from grader.checks.fields import NumbersOf
 from grader.checks.preconditions import environment_gap_of
 from grader.evidence.cpu_delay import Span
-from grader.evidence.environment_gap import absent_module, is_newer_python
+from grader.evidence.environment_gap import absent_module
+from grader.evidence.newer_python import is_newer_python
 from grader.evidence.recorded import clock_step_s
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref

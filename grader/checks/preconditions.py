@@ -104,7 +104,28 @@ def _ended_already(context: Context, artifact: str) -> Explanation | None:
 
 def not_assessable_here(context: Context, artifact: str, expected: str) -> Finding | None:
     """State that a program cannot be judged since it needs what is missing here, or None if it does not."""
-    found = context.diagnosis(artifact)
+    return _gap(context, artifact, context.diagnosis(artifact), expected)
+
+
+def no_program_assessable_here(context: Context, p: Any, expected: str) -> Finding | None:
+    """State that a program of the session cannot be judged since it needs what is missing here, or None.
+
+    It is the one that the check names by its artifact or process; where it names none, any, also one of a launch.
+    """
+    run = context.session.process(str(getattr(p, "process", "")))
+    named = getattr(p, "artifact", None) or (run.artifact if run is not None else None)
+    artifacts = [fact.name for fact in context.submission.artifacts if fact.path is not None]
+    concerned = [named] if named in artifacts else artifacts
+    for process in context.session.record.processes:
+        found = context.explain(process) if process.role == "student" else None
+        gaps = (_gap(context, artifact, found, expected) for artifact in concerned)
+        gap = next(filter(None, gaps), None)
+        if gap is not None:
+            return gap
+    return None
+
+
+def _gap(context: Context, artifact: str, found: Diagnosis | None, expected: str) -> Finding | None:
     reason = environment_gap_of(context, artifact, found)
     if found is None or reason is None:
         return None

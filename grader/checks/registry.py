@@ -40,6 +40,7 @@ from grader.checks.preconditions import (
     clock_set,
     explained,
     missing_artifact,
+    no_program_assessable_here,
     not_assessable_here,
     proof,
     unseen,
@@ -60,6 +61,9 @@ class Check:
     #: Whether what it finds wrong may be so since the system's clock was set at some time in the session, or in
     #: the window of the check.
     by_clock: bool = False
+    #: Whether a program that needs what is missing here leaves all that it finds wrong open, whatever it is: the
+    #: author of a lab's own check cannot know what is missing.
+    of_author: bool = False
     #: Kinds of the endpoints or nodes that its parameters name, where nothing but the graph shows them.
     seeks: tuple[str, ...] = ()
 
@@ -91,19 +95,24 @@ class Check:
         if context.recorded is None or finding.outcome is Outcome.NOT_REACHED:
             return finding
         finding = explained(context, p, finding)
-        shows_nothing = finding.unexplained or (artifact is not None and self.by_endpoints)
-        if (
-            shows_nothing
-            and finding.outcome is Outcome.FAILED
-            and (of := artifact_of(context, p)) is not None
-        ):
-            finding = not_assessable_here(context, of, finding.expected) or finding
+        finding = self._if_assessable(context, p, finding)
         if self.seeks and finding.outcome in LOST:
             finding = unseen(context, p, finding, self.seeks) or finding
         lost = finding.outcome in LOST
         if self.by_clock and (clock := clock_set(context, p, lost=lost)):
             finding = undecided(finding, clock)
         return replace(finding, where=finding.where or proof(context, p))
+
+    def _if_assessable(self, context: Context, p: BaseModel, finding: Finding) -> Finding:
+        """Return a finding, or that it is open, since a program needs what is missing where it was graded."""
+        if self.of_author and finding.outcome in LOST:
+            return no_program_assessable_here(context, p, finding.expected) or finding
+        of_endpoints = self.by_endpoints and getattr(p, "artifact", None) is not None
+        shows_nothing = finding.unexplained or of_endpoints
+        of = artifact_of(context, p) if shows_nothing else None
+        if of is None or finding.outcome is not Outcome.FAILED:
+            return finding
+        return not_assessable_here(context, of, finding.expected) or finding
 
 
 #: Outcomes by which points are lost.
@@ -173,7 +182,7 @@ def check_named(name: str) -> Check:
     if not is_own(name):
         return REGISTRY[name]
     # What its author did not think of must not cost points: it never counts where the clock was set.
-    return Check(partial(find_own, name), by_clock=True)
+    return Check(partial(find_own, name), by_clock=True, of_author=True)
 
 
 #: By the names under which a rubric knows them, which are those of their functions.

@@ -113,6 +113,7 @@ class Expectation(Strict):
                 )
         listed = (*rubric.criteria, *rubric.bonus)
         checks = {criterion.id: [check.id for check in criterion.checks] for criterion in listed}
+        by_person = left_to_a_person(rubric)
         for part, name in [
             *(("criteria", name) for name in self.criteria),
             *(("teacher", n) for n in self.teacher),
@@ -126,6 +127,9 @@ class Expectation(Strict):
                 if check not in checks.get(name, [check]):
                     words = f"the rubric's criterion {name!r} has no check {check!r}"
                     yield (part, name, "checks", check), words + suggestion(check, checks[name])
+                elif check in by_person:
+                    words = f"a person grades {check!r}, so nothing can be expected of it here"
+                    yield (part, name, "checks", check), words
 
 
 @dataclass(frozen=True)
@@ -198,13 +202,25 @@ def fixtures_in(folder: Path) -> list[Fixture]:
     return [load_fixture(path) for path in found]
 
 
+def left_to_a_person(rubric: Rubric) -> frozenset[str]:
+    """Return the checks that no grading decides: those that a person grades, and those that require one of them."""
+    found: set[str] = set()
+    for check in rubric.checks():
+        if check.by_person or found.intersection(check.requires):
+            found.add(check.id)
+    return frozenset(found)
+
+
 def solution(folder: Path, rubric: Rubric) -> Fixture:
-    """Return the lab's own solution as a fixture: every check of the rubric passes, and all points are earned."""
+    """Return the lab's own solution as a fixture: all points are earned but those that a person gives."""
+    by_person = left_to_a_person(rubric)
+    checks = [check for criterion in rubric.criteria for check in criterion.checks]
+    most = sum((check.points for check in checks if check.id not in by_person), Decimal(0))
     expectation = Expectation(
         about="The lab's own solution earns all points.",
         sessions=tuple(rubric.sessions),
         criteria={criterion.id: ExpectedCriterion() for criterion in rubric.criteria},
-        total=(rubric.lab.points, rubric.lab.points),
+        total=(most, most),
     )
     return Fixture("solution", (folder,), expectation)
 
@@ -221,37 +237,67 @@ class Verdict:
 def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict:
     """Say in which points a result differs from what is expected.
 
-    Checks by the files alone are asserted where they are named, or where their criterion has no others.
+    Checks by the files alone are asserted where they are named, or where their criterion has no others. Checks that
+    a person decides are left out.
     """
+    by_person = left_to_a_person(rubric)
     differences: list[str] = []
     undecided = False
+    for found in (
+        *_of_checks(expectation, result, rubric, by_person),
+        *_of_teacher(expectation, result, rubric, by_person),
+        _of_total(expectation, result, by_person),
+    ):
+        differences += found.differences
+        undecided = undecided or found.undecided
+    return Verdict(tuple(differences), undecided)
+
+
+def _of_checks(
+    expectation: Expectation, result: Result, rubric: Rubric, by_person: frozenset[str]
+) -> Iterator[Verdict]:
+    """Compare each criterion that is named with what its checks must say."""
     listed = (*result.criteria, *result.bonus)
     judged = {criterion.id: {check.id: check for check in criterion.checks} for criterion in listed}
     in_sessions = {check.id for check in rubric.checks() if check.session is not None}
     for name, expected in expectation.criteria.items():
         checks = judged.get(name, {})
         absent = [check for check in expected.checks if check not in checks]
-        differences += [f"{check} is expected, but was not judged" for check in absent]
+        found = [f"{check} is expected, but was not judged" for check in absent]
         if not checks:
-            differences.append(f"{name} is expected, but nothing of it was judged")
+            found.append(f"{name} is expected, but nothing of it was judged")
         asserted = (checks.keys() & in_sessions or checks.keys()) | expected.checks.keys()
-        for check in (check for check in checks.values() if check.id in asserted):
+        compared = [each for id_, each in checks.items() if id_ in asserted - by_person]
+        for check in compared:
             wanted = expected.checks.get(check.id, ExpectedCheck(outcome="passed"))
-            differences += wanted.differences(check)
-            undecided = undecided or not check.outcome.decided
+            found += wanted.differences(check)
+        yield Verdict(tuple(found), any(not check.outcome.decided for check in compared))
+
+
+def _of_teacher(
+    expectation: Expectation, result: Result, rubric: Rubric, by_person: frozenset[str]
+) -> Iterator[Verdict]:
+    """Compare each criterion all of which is judged with the points that a teacher would give."""
     possible = {criterion.id: criterion.points for criterion in (*rubric.criteria, *rubric.bonus)}
-    for criterion in listed:
-        if criterion.id in expectation.teacher and criterion.possible == possible[criterion.id]:
-            undecided = undecided or bool(criterion.undecided)
-            differences += _from_teacher(expectation, criterion)
-    if expectation.total is not None:
-        least, most = expectation.total
-        undecided = undecided or bool(result.score.undecided)
-        if not least <= result.score.earned <= most:
-            differences.append(
-                f"it earns {result.score.earned} points in all, not {_span(least, most)}"
-            )
-    return Verdict(tuple(differences), undecided)
+    for criterion in (*result.criteria, *result.bonus):
+        is_whole = criterion.possible == possible[criterion.id]
+        left_out = by_person.intersection(check.id for check in criterion.checks)
+        if criterion.id in expectation.teacher and is_whole and not left_out:
+            found = tuple(_from_teacher(expectation, criterion))
+            yield Verdict(found, bool(criterion.undecided))
+
+
+def _of_total(expectation: Expectation, result: Result, by_person: frozenset[str]) -> Verdict:
+    """Compare the points of all that is judged."""
+    if expectation.total is None:
+        return Verdict((), undecided=False)
+    least, most = expectation.total
+    earned = result.score.earned
+    left = (check.undecided for check in result.checks if check.id in by_person)
+    is_open = result.score.undecided > sum(left, Decimal(0))
+    if least <= earned <= most:
+        return Verdict((), is_open)
+    return Verdict((f"it earns {earned} points in all, not {_span(least, most)}",), is_open)
 
 
 def _from_teacher(expectation: Expectation, criterion: CriterionResult) -> Iterator[str]:

@@ -17,7 +17,7 @@ from typing import Any
 from grader import yaml_text
 from grader.bounded import Bound, in_process
 from grader.checks.own import built, load_own
-from grader.classroom.expectations import EXPECTED_FILE, load_fixture
+from grader.classroom.expectations import EXPECTED_FILE, left_to_a_person, load_fixture
 from grader.errors import RecordingError, RubricError
 from grader.evidence.oracle import describe_failure, load_file, load_oracle
 from grader.evidence.recorded import Recorded
@@ -37,6 +37,7 @@ from grader.recording.session import SessionRecord
 from grader.report.views import points
 from grader.result import CheckResult, Outcome, Result
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
+from grader.submission.file_names import tool_folder
 
 #: What importing the files of a lab may take.
 _IMPORT_BOUND = Bound(
@@ -62,7 +63,7 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as built:
         not_built = _with_interfaces(rubric, Path(built))
         code = in_process(partial(_code_mistakes, rubric, Path(built), not_built), _IMPORT_BOUND)
-    for loc, words in (*_solution_mistakes(rubric), *code):
+    for loc, words in (*_pattern_mistakes(rubric), *_solution_mistakes(rubric), *code):
         mistakes.add(loc, words)
     listed = [words for _, words in sorted(mistakes.found)] + list(_fixture_mistakes(rubric))
     if listed:
@@ -81,6 +82,16 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
 
 
 # -- files -----------------------------------------------------------------------------------------
+
+
+def _pattern_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+    """Find patterns of files that are never taken from a submission: those in folders that tools make."""
+    for name, spec in rubric.artifacts.items():
+        for n, pattern in enumerate(spec.find):
+            made = tool_folder(tuple(pattern.split("/")))
+            if made is not None:
+                words = f"{pattern!r} matches nothing: files in {made}/ are left out of every submission"
+                yield ("artifacts", name, "find", n), words
 
 
 def _solution_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
@@ -229,7 +240,9 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
             "!",
             f"The solution holds nothing of the bonus {', '.join(absent)}, so that this is not examined.",
         )
-    lost = [check for check in result.every_check if check.outcome is not Outcome.PASSED]
+    by_person = left_to_a_person(rubric)
+    judged = [check for check in result.every_check if check.id not in by_person]
+    lost = [check for check in judged if check.outcome is not Outcome.PASSED]
     for check in lost:
         found = f"{check.outcome.value.replace('_', ' ')}; expected {check.expected}, found {check.measured}"
         yield Remark(

@@ -74,7 +74,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
     options = _parser().parse_args(arguments)
     folder, id_ = options.results.resolve(), options.check
-    desk = desk_of(folder.parent, options.rubric, options.overrides, options.who)
+    desk = desk_of(folder.parent, options.rubric, options.overrides, options.who, "appeal")
     result = desk.judged().get(folder.name)
     if result is None:
         raise UsageError(

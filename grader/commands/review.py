@@ -80,8 +80,13 @@ def run(arguments: Sequence[str], console: Console) -> int:
     return 0
 
 
-def desk_of(results: Path, rubric: Path | None, overrides: Path | None, who: str) -> Desk:
-    """Return the desk of a class; raises GraderError if there are no results, or decisions beside them do not count."""
+def desk_of(
+    results: Path, rubric: Path | None, overrides: Path | None, who: str, command: str = "review"
+) -> Desk:
+    """Return the desk of a class for a command.
+
+    Raises GraderError if there are no results, or decisions beside them do not count.
+    """
     from grader.cohort.entries import entries_in
     from grader.desk.decisions import Desk
     from grader.errors import SubmissionError, UsageError
@@ -112,6 +117,7 @@ def desk_of(results: Path, rubric: Path | None, overrides: Path | None, who: str
         used,
         (overrides or results / OVERRIDES_FILE).resolve(),
         " ".join(who.split()) or "instructor",
+        command,
     )
     desk.overrides()  # Its mistakes are said before anything is decided.
     return desk

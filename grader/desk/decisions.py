@@ -74,6 +74,8 @@ class Desk:
     rubric: Rubric
     overrides_file: Path
     who: str
+    #: The command that was given, for the trail of replaced results.
+    command: str = "review"
     #: What this desk has written, the last one last.
     written: list[tuple[Decision, dict[str, Any]]] = field(default_factory=list)
     #: By the folder's name, as text: a browser neither sends nor shows what is no Unicode.
@@ -255,7 +257,9 @@ class Desk:
             folders = [self.folder_of(name) for name in waiting]
             # A copy of this process, which has no threads: it ends by itself, also where this one is killed.
             context = multiprocessing.get_context("fork")
-            self._settling = context.Process(target=_write, args=(folders, self.overrides_file))
+            self._settling = context.Process(
+                target=_write, args=(folders, self.overrides_file, self.command)
+            )
             self._settling.start()
             self._tried |= waiting
             running = True
@@ -271,14 +275,14 @@ class Desk:
         return self.settle()["failed"]
 
 
-def _write(folders: list[Path], overrides: Path) -> None:
+def _write(folders: list[Path], overrides: Path, command: str) -> None:
     from grader.classroom.regrade import regrade
 
     # Ctrl-C ends the desk, which then waits for this.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         file = overrides if overrides.exists() else None
-        regrade(folders, overrides=file, pages=True, again=False, jobs=1).apply("review")
+        regrade(folders, overrides=file, pages=True, again=False, jobs=1).apply(command)
     except GraderError:
         raise SystemExit(1) from None  # The desk says whose result does not follow.
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import hashlib
 from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal
 from enum import Enum
 
 from grader.cohort.mistakes import gist
 from grader.lab.rubric import Rubric
+from grader.report.views import chosen_words
 from grader.result import (
     ANSWERS,
     FOR_A_PERSON,
@@ -62,6 +63,8 @@ class Item:
     same: tuple[str, ...]
     criterion: str = ""
     is_decided: bool = False
+    #: The most points of what may be decided with it: of a `check`, its `criterion`, or the whole (empty).
+    most: Mapping[str, Decimal] = field(default_factory=dict)
 
     @property
     def id(self) -> str:
@@ -152,13 +155,19 @@ def _of_whole(name: str, result: Result) -> Iterable[Item]:
             (name,),
             "",
             answered,
+            {"": part.possible},
         )
+    asked = [chosen_words(chosen) for chosen in result.chosen if chosen.is_open]
+    if asked and part is not None:
+        answered = any(a.what == WHOLE and a.kind in ANSWERS for a in result.adjustments)
+        state = state_of(result, WHOLE)
+        points = result.score.possible
+        yield Item(Kind.NOTE, name, part, " ".join(asked), state, "", points, (name,), "", answered)
 
 
 def _of_checks(
     name: str, result: Result, by_person: set[str], same: Mapping[tuple[str, str], tuple[str, ...]]
 ) -> Iterable[Item]:
-    open_ids = {check.id for check in result.open_checks}
     for criterion in result.criteria:
         criterion_state = state_of(result, criterion.id)
         parts: list[CheckResult | CriterionResult] = [*criterion.checks]
@@ -168,25 +177,41 @@ def _of_checks(
             parts.insert(0, criterion)
         for judged in parts:
             level = "check" if isinstance(judged, CheckResult) else "criterion"
-            said = [a for a in result.adjustments if a.what == judged.id]
-            answered = any(
-                a.kind in ANSWERS for a in result.adjustments if a.what in (judged.id, criterion.id)
-            )
-            asked: list[tuple[Kind, str, bool]] = []
-            if appeals := [n for n, each in enumerate(said) if each.kind is AdjustmentKind.APPEAL]:
-                last = appeals[-1]
-                asked.append(
-                    (Kind.APPEAL, said[last].reason, any(a.kind in ANSWERS for a in said[last:]))
-                )
-            if isinstance(judged, CheckResult) and judged.undecided:
-                kind = Kind.TO_GRADE if judged.id in by_person else Kind.UNDECIDED
-                asked.append((kind, judged.reason, judged.id not in open_ids))
-            elif isinstance(judged, CheckResult) and (notes := _asking(judged)):
-                asked.append((Kind.NOTE, " ".join(notes), answered))
+            asked = _asked_of(judged, criterion, result, by_person)
             part = part_of(result, level, judged.id) if asked else None
-            for kind, text, is_decided in asked if part is not None else ():
-                assert part is not None
-                others = same.get((name, judged.id), (name,))
+            if part is None:
+                continue
+            others = same.get((name, judged.id), (name,))
+            states = state_of(result, judged.id), criterion_state
+            most = {"criterion": criterion.possible, level: part.possible}
+            for kind, text, is_decided in asked:
                 stake = part.possible - part.earned if kind is not Kind.NOTE else part.earned
-                states = state_of(result, judged.id), criterion_state
-                yield Item(kind, name, part, text, *states, stake, others, criterion.id, is_decided)
+                yield Item(
+                    kind, name, part, text, *states, stake, others, criterion.id, is_decided, most
+                )
+
+
+def _asked_of(
+    judged: CheckResult | CriterionResult,
+    criterion: CriterionResult,
+    result: Result,
+    by_person: set[str],
+) -> list[tuple[Kind, str, bool]]:
+    """Return why a person is asked about a part: the kind, the words, and whether that is answered."""
+    said = [a for a in result.adjustments if a.what == judged.id]
+    asked: list[tuple[Kind, str, bool]] = []
+    if appeals := [n for n, each in enumerate(said) if each.kind is AdjustmentKind.APPEAL]:
+        last = appeals[-1]
+        is_answered = any(a.kind in ANSWERS for a in said[last:])
+        asked.append((Kind.APPEAL, said[last].reason, is_answered))
+    if isinstance(judged, CriterionResult):
+        return asked
+    if judged.undecided:
+        kind = Kind.TO_GRADE if judged.id in by_person else Kind.UNDECIDED
+        is_open = any(check.id == judged.id for check in result.open_checks)
+        asked.append((kind, judged.reason, not is_open))
+    elif notes := _asking(judged):
+        about = (judged.id, criterion.id)
+        is_answered = any(a.kind in ANSWERS for a in result.adjustments if a.what in about)
+        asked.append((Kind.NOTE, " ".join(notes), is_answered))
+    return asked

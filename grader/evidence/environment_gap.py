@@ -10,13 +10,11 @@ import ast
 import functools
 import re
 from collections.abc import Mapping
-from contextlib import suppress
 from pathlib import PurePosixPath
-
-import regex
 
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.known_packages import known_packages
+from grader.evidence.newer_python import is_newer_python
 from grader.evidence.text.syntax import normalise, tree_of
 from grader.recording.submission import SubmissionRecord
 
@@ -145,44 +143,3 @@ def _reached_from(program: str | None, submission: SubmissionRecord) -> set[str]
         found |= new
         queue += new
     return found
-
-
-_TYPE_ALIAS = re.compile(r"^([ \t]*)type[ \t]+(\w+)[ \t]*(?:\[[^\]\n]*\][ \t]*)?=", re.MULTILINE)
-_TYPE_PARAMETERS = re.compile(
-    r"^([ \t]*(?:async[ \t]+)?(?:def|class)[ \t]+\w+)[ \t]*\[[^\]\n]*\]", re.MULTILINE
-)
-#: An f-string with its fields, which may hold braces and f-strings of their own.
-_F_STRING = regex.compile(
-    r"""(?<!\w)(?:[fF][rR]?|[rR][fF])
-    (?:(?P<quotes>\"{3}|'{3})(?>\{\{|\}\}|\\.|(?P<field>\{(?>[^{}]|(?&field)){0,500}\})|[^{}\\]){0,2000}?(?P=quotes)
-    |(?P<quote>["'])(?>\{\{|\}\}|\\.|(?&field)|[^{}\\\n]){0,2000}?(?P=quote))""",
-    regex.VERBOSE | regex.DOTALL,
-)
-_FIELD = regex.compile(r"\{\{|\\.|(?P<field>\{(?>[^{}]|(?&field))*\})", regex.DOTALL)
-
-
-def is_newer_python(text: str) -> bool:
-    """Whether a text is right by the syntax of Python 3.12, and not by an older one's.
-
-    Type aliases, type parameters, and f-strings that hold their own quotation marks are written as before 3.12.
-    """
-    text = normalise(text)
-    older = _TYPE_PARAMETERS.sub(r"\1", _TYPE_ALIAS.sub(r"\1\2 =", text))
-    with suppress(TimeoutError):
-        older = _F_STRING.sub(_without_newer_fields, older, timeout=_LONGEST_SEARCH_S)
-    return older != text and tree_of(older) is not None
-
-
-def _without_newer_fields(string: regex.Match[str]) -> str:
-    quotes = string["quotes"] or string["quote"]
-    signs = (quotes, "\n" if len(quotes) == 1 else quotes, "\\")
-
-    def older(found: regex.Match[str]) -> str:
-        return "{_}" if found["field"] and any(sign in found[0] for sign in signs) else found[0]
-
-    begin = string[0].index(quotes) + len(quotes)
-    return string[0][:begin] + _FIELD.sub(older, string[0][begin:])
-
-
-#: Ordinary files take a thousandth of it.
-_LONGEST_SEARCH_S = 2.0

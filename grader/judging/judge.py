@@ -42,6 +42,7 @@ from grader.recording.elements import MOST_VALUES
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
 from grader.result import (
+    ChosenFile,
     CriterionResult,
     Finding,
     Outcome,
@@ -411,6 +412,16 @@ def judge(recordings: Recordings, rubric: Rubric) -> Result:
         problems=recordings.problems,
         provenance=_provenance(recordings, rubric),
         violations=violations,
+        chosen=_chosen(recordings.submission),
+    )
+
+
+def _chosen(submission: SubmissionRecord) -> tuple[ChosenFile, ...]:
+    """Return the files that were graded where others have the same name."""
+    return tuple(
+        ChosenFile(fact.expected, fact.path, tuple(fact.passed_over), fact.why, fact.is_open)
+        for fact in submission.artifacts
+        if fact.path is not None and fact.passed_over
     )
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar
 
 from pydantic import (
+    AfterValidator,
     BaseModel,
     BeforeValidator,
     Field,
@@ -29,6 +30,7 @@ from pydantic import (
 )
 from pydantic.json_schema import models_json_schema
 
+from grader.lab.file_patterns import mistake_in
 from grader.lab.lab_code import is_own, own_parameters, require_own
 from grader.lab.policy import Policy
 from grader.lab.references import (
@@ -114,19 +116,29 @@ class LabSpec(Parameters):
     )
 
 
+def _can_match(pattern: str) -> str:
+    if words := mistake_in(pattern):
+        raise ValueError(words)
+    return pattern
+
+
+FilePattern = Annotated[str, AfterValidator(_can_match)]
+
+
 class ArtifactSpec(Parameters):
     """A file that students hand in."""
 
-    file: str = Field(description="The name that the lab asks for.")
-    find: tuple[str, ...] = Field(
+    file: FilePattern = Field(description="The name that the lab asks for.")
+    find: tuple[FilePattern, ...] = Field(
         default_factory=lambda data: (data.get("file"), f"**/{data.get('file')}"),
-        description="Patterns, best first; '**/x' matches x in any folder.",
+        description="Patterns, best first: '*' within a name, '**/' any folders, 'x' the file in the root alone.",
     )
     executable: str | None = Field(
         None, description="Name under which it is installed as an executable."
     )
     contains: tuple[str, ...] = Field(
-        (), description="Words that give the file away when its name is another."
+        (),
+        description="Words that give the file away when its name is another, or when several have its name.",
     )
 
 

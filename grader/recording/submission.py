@@ -90,6 +90,10 @@ class ArtifactFact:
     found_by: str = "missing"
     #: Other files that could have been meant.
     candidates: list[str] = field(default_factory=list)
+    #: Other files of its name that were not taken, why not, and whether nothing told them from the one that was.
+    passed_over: list[str] = field(default_factory=list)
+    why: str = ""
+    is_open: bool = False
     #: Whether nothing but the bonus is about it.
     bonus: bool = False
 

@@ -16,8 +16,10 @@ from rich.text import Text
 from grader.report.escape import terminal_text
 from grader.report.views import (
     BONUS,
+    SEVERAL_FILES,
     adjustments_of,
     badge_of,
+    chosen_words,
     earned_text,
     note_of,
     points,
@@ -77,6 +79,7 @@ class ProgressDisplay(Live):
 
 def print_result(console: Console, result: Result) -> None:
     """Print the score: each criterion, and under it each check that lost or withheld points, with reason and hint."""
+    _print_chosen(console, result)
     table = Table(box=None, padding=(0, 1), show_header=False, expand=False)
     table.add_column(width=1)
     table.add_column(overflow="fold")
@@ -113,6 +116,12 @@ def print_result(console: Console, result: Result) -> None:
         console.print(Text("Costs nothing, but worth knowing:", "dim"))
         for advisory in result.advisories:
             console.print(Padding(Text(f"• {terminal_text(advisory)}", "dim"), (0, 0, 0, 2)))
+
+
+def _print_chosen(console: Console, result: Result) -> None:
+    for chosen in result.chosen:
+        words = terminal_text(chosen_words(chosen), 900)
+        console.print(Text(f"{SEVERAL_FILES}: {words}", "yellow"))
 
 
 def _add_adjustments(table: Table, result: Result) -> None:

@@ -18,6 +18,7 @@ from grader.result import (
     Adjustment,
     AdjustmentKind,
     CheckResult,
+    ChosenFile,
     CriterionResult,
     Location,
     Outcome,
@@ -571,3 +572,20 @@ def found_note(artifact: ArtifactFact) -> str:
     return {"name": "", "near miss": "used in its place, under another name"}.get(
         artifact.found_by, artifact.found_by
     )
+
+
+#: Paths that are listed of files that were not graded.
+_MOST_PATHS = 5
+SEVERAL_FILES = "Several files of one name"
+IF_WRONG = "If the wrong one was graded, tell your instructor."
+
+
+def chosen_words(chosen: ChosenFile) -> str:
+    """Say which of several files of one name was graded, why, and which were not."""
+    listed = ", ".join(chosen.others[:_MOST_PATHS])
+    left = len(chosen.others) - _MOST_PATHS
+    more = f" and {left} more" if left > 0 else ""
+    asked = " Your instructor is asked to look." if chosen.is_open else ""
+    joint = "; " if chosen.is_open else ", because "
+    why = f"{joint}{chosen.why}" if chosen.why else ""
+    return f"{chosen.path} was graded{why}. Not graded: {listed}{more}.{asked}"

@@ -6,15 +6,17 @@ Nothing is executed or imported here.
 from __future__ import annotations
 
 import difflib
-import fnmatch
 import hashlib
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from grader.errors import SubmissionError
+from grader.lab.file_patterns import anywhere, matches
 from grader.lab.rubric import ArtifactSpec, Rubric
 from grader.recording.submission import ArtifactFact, FileFact, PackageFact, SubmissionRecord
+from grader.submission.choice import Candidates, Chooser
 from grader.submission.extraction import Intake, SubmissionSource
 from grader.submission.file_names import TEXT_SUFFIXES, displayed
 from grader.submission.packages.colcon import find_packages
@@ -48,12 +50,14 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
             remedy="Put the lab's files into it.",
         )
     paths = [PurePosixPath(f.path) for f in record.files]
-    record.artifacts = find_artifacts(paths, record.texts, rubric.artifacts, rubric.bonus_artifacts)
     record.packages = find_packages(record.texts, [f.path for f in record.files])
+    record.artifacts = find_artifacts(paths, record, rubric)
     for fact in record.artifacts:
         if fact.path is None:
             fact.path = _by_entry_point(
-                rubric.artifacts[fact.name].executable, record.packages, record.texts
+                rubric.artifacts[fact.name].executable,
+                sorted(record.packages, key=lambda package: package.name != rubric.lab.package),
+                record.texts,
             )
             fact.found_by = "near miss" if fact.path is not None else fact.found_by
     for fact in record.artifacts:
@@ -176,31 +180,80 @@ def decode_text(content: bytes) -> str:
 
 
 def find_artifacts(
-    paths: list[PurePosixPath],
-    texts: dict[str, str],
-    specs: dict[str, ArtifactSpec],
-    bonus: frozenset[str] = frozenset(),
+    paths: list[PurePosixPath], record: SubmissionRecord, rubric: Rubric
 ) -> list[ArtifactFact]:
     """Find each artifact: by the rubric's patterns, else by a similar name, else by its contents.
 
     One file may hold several, as nodes that are composed in one process do. What is of the bonus is not found by a
     similar name: nobody has to hand it in, so that the file is more likely another.
     """
-    facts = {name: by_pattern(name, spec, paths) for name, spec in specs.items()}
+    specs, texts = rubric.artifacts, record.texts
+    found = {name: _candidates(spec, paths, texts) for name, spec in specs.items()}
+    chooser = Chooser(
+        found,
+        {PurePosixPath(file.path): file.sha256 for file in record.files},
+        rubric.lab.package,
+        [PurePosixPath(p.path) for p in record.packages if p.name == rubric.lab.package],
+    )
+    facts = {name: ArtifactFact(name, spec.file) for name, spec in specs.items()}
+    for name, candidates in found.items():
+        if candidates.ranks:
+            facts[name] = _chosen(facts[name], chooser, list(candidates.ranks), "name")
     for name, spec in specs.items():
-        if facts[name].path is None:
-            taken = {fact.path for fact in facts.values()}
-            free = [p for p in paths if str(p) not in taken and p.suffix in (".py", "")]
-            programs = (
-                [p for p in paths if p.suffix == ".py"] if spec.executable is not None else []
-            )
-            alike = _similar(spec, free) if name not in bonus else []
-            near = alike or _holding(spec, free, texts) or _holding(spec, programs, texts)
-            if near:
-                facts[name] = ArtifactFact(
-                    name, spec.file, str(near[0]), "near miss", list(map(str, near[1:]))
-                )
+        if facts[name].path is not None:
+            continue
+        taken = {fact.path for fact in facts.values()}
+        free = [p for p in paths if str(p) not in taken and p.suffix in (".py", "")]
+        programs = [p for p in paths if p.suffix == ".py"] if spec.executable is not None else []
+        alike = _similar(spec, free) if name not in rubric.bonus_artifacts else []
+        near = alike or _holding(spec, free, texts) or _holding(spec, programs, texts)
+        if not near:
+            continue
+        # Names that are less like the wanted one are candidates still, but no rivals.
+        ranks = {path: int(_plain(path.name) != _plain(near[0].name)) for path in alike}
+        ranks = ranks or dict.fromkeys(near, 0)
+        found[name] = Candidates(ranks, frozenset(_holding(spec, near, texts)))
+        facts[name] = _chosen(facts[name], chooser, near, "near miss")
     return list(facts.values())
+
+
+def _candidates(
+    spec: ArtifactSpec, paths: Sequence[PurePosixPath], texts: dict[str, str]
+) -> Candidates:
+    """Return the files of an artifact's names, each with the rank of the best name that it has."""
+    ranks: dict[PurePosixPath, int] = {}
+    for rank, patterns in enumerate(_names_by_rank(spec)):
+        for path in paths:
+            if path not in ranks and any(matches(pattern, path) for pattern in patterns):
+                ranks[path] = rank
+    worded = _holding(spec, list(ranks), texts) if spec.contains else ranks
+    return Candidates(ranks, frozenset(worded))
+
+
+def _names_by_rank(spec: ArtifactSpec) -> list[list[str]]:
+    """Return the patterns of an artifact, best first; one name in the root and in any folder has one rank."""
+    ranks: dict[str, list[str]] = {}
+    for pattern in spec.find:
+        ranks.setdefault(anywhere(pattern), []).append(pattern)
+    return list(ranks.values())
+
+
+def _chosen(
+    fact: ArtifactFact, chooser: Chooser, files: Sequence[PurePosixPath], found_by: str
+) -> ArtifactFact:
+    """Return where an artifact was found, with the other files that could have been meant."""
+    choice = chooser.choose(fact.name, files)
+    others = [str(path) for path in files if path != choice.path]
+    passed_over = list(map(str, choice.others))
+    return replace(
+        fact,
+        path=str(choice.path),
+        found_by=found_by,
+        candidates=others,
+        passed_over=passed_over,
+        why=choice.why if passed_over else "",
+        is_open=choice.is_open,
+    )
 
 
 def _holding(
@@ -216,14 +269,9 @@ def _holding(
 
 
 def by_pattern(name: str, spec: ArtifactSpec, paths: Sequence[PurePosixPath]) -> ArtifactFact:
-    """Find an artifact by the rubric's patterns."""
-    for pattern in spec.find:
-        anywhere = pattern.startswith("**/")
-        hits = [
-            p
-            for p in paths
-            if fnmatch.fnmatchcase(p.name if anywhere else str(p), pattern.removeprefix("**/"))
-        ]
+    """Find an artifact by the rubric's patterns, and the files of its name as candidates."""
+    for patterns in _names_by_rank(spec):
+        hits = [path for path in paths if any(matches(pattern, path) for pattern in patterns)]
         if hits:
             first, *others = sorted(hits, key=lambda p: (len(p.parts), str(p)))
             return ArtifactFact(name, spec.file, str(first), "name", list(map(str, others)))

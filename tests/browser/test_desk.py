@@ -283,3 +283,201 @@ def poisoned(value: Any, key: str = "") -> Any:
     if isinstance(value, list):
         return [poisoned(each, key) for each in value]
     return value + HOSTILE if isinstance(value, str) and key in _STUDENTS else value
+
+
+# -- what a key settles ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def small(tmp_path: Path) -> Path:
+    """Lay out two submissions without a recording of the service, one of which interfered and has two versions."""
+    results = tmp_path / "results"
+    add_alike(results, ["ann", "bob"], "solution", without="service")
+    file = results / "ann" / RESULT_FILE
+    plain = json.loads(file.read_text(encoding="utf-8"))
+    plain["violations"] = [
+        {"kind": "second_server", "session": "service", "text": "It serves twice.", "checks": []}
+    ]
+    plain["chosen"] = [
+        {
+            "expected": "a.py",
+            "path": "v1/a.py",
+            "others": ["v2/a.py"],
+            "why": "nothing tells them apart",
+            "is_open": True,
+        }
+    ]
+    file.write_text(json.dumps(plain), encoding="utf-8")
+    return results
+
+
+def entries(results: Path) -> list[dict[str, Any]]:
+    """Return what is decided."""
+    file = results / "overrides.yaml"
+    text = file.read_text(encoding="utf-8") if file.exists() else ""
+    found: list[dict[str, Any]] = (yaml.safe_load(text) or {}).get("overrides") or []
+    return found
+
+
+#: Keys, the points beside the field, and what is decided: by a scope, each with each key.
+SETTLED: list[tuple[tuple[str, ...], str, dict[str, Any]]] = [
+    (("f",), "of 4", {"check": "service.offers", "set": 4}),
+    (("z",), "of 4", {"check": "service.offers", "set": 0}),
+    (("e",), "of 4", {"check": "service.offers", "excused": True}),
+    (("p", "2"), "of 4", {"check": "service.offers", "set": 2}),
+    (("w", "f"), "of 20", {"criterion": "service", "set": 20}),
+    (("f", "w"), "of 20", {"criterion": "service", "set": 20}),
+    (("w", "w", "f"), "of 4", {"check": "service.offers", "set": 4}),
+    (("w", "z"), "of 20", {"criterion": "service", "set": 0}),
+    (("w", "e"), "of 20", {"criterion": "service", "excused": True}),
+    (("e", "w"), "of 20", {"criterion": "service", "excused": True}),
+    (("w", "p", "1", "5"), "of 20", {"criterion": "service", "set": 15}),
+]
+
+
+def test_each_key_settles_each_scope(chromium: Browser, small: Path) -> None:
+    """The most points are those of the check, of its criterion or of the whole, and are shown beside the field."""
+    desk = serve(small)
+    try:
+        seen = opened(chromium, desk)
+        page = seen.page
+        first = desk.queue()["items"][0]
+        assert (first["kind"], first["most"]["criterion"]) == ("undecided", "20")
+        check, most = first["part"]["id"], first["most"]["check"]
+        keys = Keyboard(page)
+        for pressed, limit, decided in SETTLED:
+            expect(page.locator("#about")).to_contain_text("ann · undecided")
+            keys.press(*pressed)
+            expect(page.locator("#most")).to_have_text(limit.replace("of 4", f"of {most}"))
+            keys.press("Escape", "r")
+            keys.type("agreed")
+            keys.press("Enter")
+            expect(page.locator("#undo")).to_be_enabled()
+            (entry,) = entries(small)
+            wanted = {**decided}
+            if "check" in wanted:
+                wanted["check"] = check
+                wanted |= {"set": Decimal(most)} if decided.get("set") == 4 else {}
+            assert {key: entry.get(key) for key in wanted} == wanted, pressed
+            assert not {"check", "criterion", "set", "excused"} - wanted.keys() & entry.keys()
+            keys.press("u")
+            expect(page.locator("#undo")).to_be_disabled()
+        assert seen.complaints == []
+    finally:
+        desk.kill()
+
+
+def test_the_whole_is_looked_at(chromium: Browser, small: Path) -> None:
+    """Interference and two versions of the work are answered for the whole submission, whose points stand there."""
+    desk = serve(small)
+    try:
+        page = opened(chromium, desk).page
+        keys = Keyboard(page)
+        for kind, words in (("interference", "It serves twice."), ("note", "v2/a.py")):
+            page.locator("#kind").select_option(kind)
+            expect(page.locator("#text")).to_contain_text(words)
+            expect(page.locator("#most")).to_have_text("of 100")
+            expect(page.locator("#points")).to_be_disabled()
+            page.locator("#kind").evaluate("kind => kind.blur()")
+            if kind == "note":
+                keys.press("u")
+                expect(page.locator("#text")).to_contain_text("It serves twice.")
+                page.locator("#kind").select_option(kind)
+                page.locator("#kind").evaluate("kind => kind.blur()")
+            keys.press("a", "Enter")
+            expect(page.locator("#empty")).to_be_visible()
+            (entry,) = entries(small)
+            assert entry["reviewed"] is True
+            assert not {"check", "criterion", "set"} & entry.keys()
+    finally:
+        desk.kill()
+
+
+def test_more_points_than_there_are_are_refused(chromium: Browser, small: Path) -> None:
+    """The desk says how many are possible for what the decision is about."""
+    desk = serve(small)
+    try:
+        page = opened(chromium, desk).page
+        keys = Keyboard(page)
+        expect(page.locator("#about")).to_contain_text("ann · undecided")
+        keys.press("w", "p")
+        keys.type("20.5")
+        keys.press("Tab", "Escape", "r")
+        keys.type("agreed")
+        keys.press("Enter")
+        expect(page.locator("#problem")).to_contain_text("At most 20 points are possible here.")
+        assert entries(small) == []
+    finally:
+        desk.kill()
+
+
+def test_what_is_half_written_is_kept_with_its_item(chromium: Browser, small: Path) -> None:
+    """Comment, reason, points and scope come back with `k`; they are never those of another item."""
+    desk = serve(small)
+    try:
+        page = opened(chromium, desk).page
+        keys = Keyboard(page)
+        expect(page.locator("#about")).to_contain_text("ann · undecided")
+        title = page.locator("#title").inner_text()
+        keys.press("w", "f", "c")
+        keys.type("See line 4, and")
+        keys.press("Escape", "j")
+        expect(page.locator("#title")).not_to_have_text(title)
+        expect(page.locator("#comment")).to_have_value("")
+        expect(page.locator("#points")).to_have_value("")
+        keys.press("k")
+        expect(page.locator("#title")).to_have_text(title)
+        expect(page.locator("#comment")).to_have_value("See line 4, and")
+        expect(page.locator("#points")).to_have_value("20")
+        expect(page.locator("#most")).to_have_text("of 20")
+        expect(page.locator("#scope")).to_have_value("criterion")
+        expect(page.locator("#changes [aria-pressed=true]")).to_contain_text("Full points")
+        keys.press("r")
+        keys.type("agreed")
+        keys.press("Enter")
+        expect(page.locator("#undo")).to_be_enabled()
+        expect(page.locator("#about")).to_contain_text("bob · undecided")
+        expect(page.locator("#comment")).to_have_value("")
+        (entry,) = entries(small)
+        assert (entry["criterion"], entry["set"]) == ("service", 20)
+        assert entry["comment"] == "See line 4, and"
+    finally:
+        desk.kill()
+
+
+def test_the_key_on_a_button_is_the_key_that_works(chromium: Browser, small: Path) -> None:
+    """In a comment that is Ctrl Enter, since Enter begins a line; each other button is pressed by the key on it."""
+    desk = serve(small)
+    try:
+        page = opened(chromium, desk).page
+        keys = Keyboard(page)
+        expect(page.locator("#about")).to_contain_text("ann · undecided")
+        for button in page.locator("#changes button").all():
+            key = button.locator("kbd").inner_text()
+            keys.press(key)
+            expect(button).to_have_attribute("aria-pressed", "true")
+        save = page.locator("#save kbd")
+        expect(save).to_have_text("Enter")
+        keys.press("e", "r")
+        keys.type("agreed")
+        keys.press("Escape", "c")
+        expect(save).to_have_text("Ctrl Enter")
+        keys.type("one")
+        keys.press("Enter")
+        keys.type("two")
+        expect(page.locator("#comment")).to_have_value("one\ntwo")
+        assert entries(small) == []
+        keys.press("Control+Enter")
+        expect(page.locator("#undo")).to_be_enabled()
+        assert entries(small)[0]["comment"] == "one two"
+        expect(save).to_have_text("Enter")
+        page.locator("#kind").select_option("undecided")
+        page.locator("#kind").evaluate("kind => kind.blur()")
+        keys.press("e", "1", "s")
+        expect(page.locator("#preview")).to_be_visible()
+        page.locator("#effects input").first.focus()
+        keys.press("Enter")
+        expect(page.locator("#preview")).to_be_hidden()
+        expect(page.locator("#problem")).to_be_hidden()
+    finally:
+        desk.kill()

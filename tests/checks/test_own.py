@@ -402,3 +402,58 @@ def rises(context: Context) -> Finding:
     plain = json.loads(to_json(judge(Recordings(submission(), {"experiment": recorded}), rubric)))
     where = plain["criteria"][0]["checks"][0]["where"]
     assert (where[0]["line"], where[1]["start_s"]) == (2, 0.5)
+
+
+SILENT = """\
+def rises(context: Context, p: Parameters) -> Finding:
+    messages = context.messages(p.topic, p.window)
+    if len(messages):
+        return passed("messages", "some")
+    return failed("messages", "none", "Nothing is published.")
+"""
+
+
+def ended_at(folder: Path, module: str, name: str = "it") -> Session:
+    """Record a program that ended at an import in its second line."""
+    lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 2, in <module>']
+    lines.append(f"ModuleNotFoundError: No module named '{module}'")
+    return Session(folder).process(name, lines, interrupted_ns=None).window(0.5, 5.0)
+
+
+@pytest.mark.parametrize("is_launched", [False, True])
+@pytest.mark.parametrize(
+    ("module", "outcome"),
+    [
+        ("matplotlib", Outcome.INCONCLUSIVE),
+        ("team_msgs", Outcome.INCONCLUSIVE),
+        ("my_helpers", Outcome.FAILED),
+    ],
+)
+def test_what_is_missing_here_leaves_it_open(
+    tmp_path: Path, module: str, outcome: Outcome, is_launched: bool
+) -> None:
+    """A library or interface that the grading computer lacks costs nothing, whether its author thought of it or not."""
+    record = submission({"it.py": f"\nimport {module}\n"})
+    record.absent_modules = ["matplotlib", "team_msgs"]
+    record.not_built = {"team_msgs": "it took too long to build"}
+    made = ended_at(tmp_path, module)
+    if is_launched:
+        made.record.processes[0].artifact = None
+    recorded = made.recorded()
+    rubric = read_rubric(lab(tmp_path, SILENT))
+    (found,) = judge(Recordings(record, {"experiment": recorded}), rubric).checks
+    assert found.outcome is outcome
+    assert float(found.undecided) == (3.0 if outcome is Outcome.INCONCLUSIVE else 0.0)
+    if module == "team_msgs":
+        assert "took too long to build" in found.reason
+
+
+def test_what_it_passes_is_passed_though_something_is_missing(tmp_path: Path) -> None:
+    """What was shown before the program ended counts."""
+    record = submission({"it.py": "\nimport matplotlib\n"})
+    record.absent_modules = ["matplotlib"]
+    made = ended_at(tmp_path, "matplotlib").endpoint("publisher", TOPIC)
+    made.messages(TOPIC, [[float(n)] for n in range(10)], evenly(10, 0.9))
+    rubric = read_rubric(lab(tmp_path, SILENT))
+    (found,) = judge(Recordings(record, {"experiment": made.recorded()}), rubric).checks
+    assert found.outcome is Outcome.PASSED

@@ -13,9 +13,9 @@ from grader.classroom.expectations import Expectation, compare, fixtures_in, loa
 from grader.classroom.selftest import quick
 from grader.errors import RubricError, SubmissionError
 from grader.judging.judge import judge, open_recordings
-from grader.judging.rubrics import read_rubric
+from grader.judging.rubrics import read_rubric, rubric_kinds
 from grader.lab.kept_lab import lab_folder
-from grader.lab.rubric import Rubric
+from grader.lab.rubric import Rubric, load_rubric
 from grader.result import Result, read_result, to_plain
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -287,3 +287,29 @@ def test_the_floor_is_stated() -> None:
     expectation = load_fixture(ROOT / "fixtures/empty_starter").expectation
     assert expectation.total == (Decimal(0), Decimal(0))
     assert len(expectation.sessions) == 5
+
+
+BY_PERSON = """
+  - id: questions
+    title: Written questions
+    points: 5
+    by: person
+"""
+
+
+def test_what_a_person_grades_is_left_out(judged: dict[str, Any], tmp_path: Path) -> None:
+    """The solution is as expected with points that are open for a person; a fixture cannot expect anything of them."""
+    text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
+    text = text.replace("\n  points: 100\n", "\n  points: 105\n", 1)
+    head, bonus, rest = text.partition("\nbonus:")
+    (tmp_path / "rubric.yaml").write_text(f"{head}{BY_PERSON}{bonus}{rest}", encoding="utf-8")
+    rubric = load_rubric(tmp_path / "rubric.yaml", rubric_kinds(), lab_folder())
+    recordings = open_recordings(ROOT / "tests/recordings/solution", rubric)
+    result = judge(recordings, rubric)
+    assert result.still_undecided == 5
+    verdict = compare(solution(SOLUTION, rubric).expectation, result, rubric)
+    assert (verdict.differences, verdict.undecided) == ((), False)
+    aimed = expecting(criteria={"questions": {"checks": {"questions": {"outcome": "passed"}}}})
+    ((loc, words),) = aimed.unfit(rubric)
+    assert loc == ("criteria", "questions", "checks", "questions")
+    assert "a person grades 'questions'" in words

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from decimal import Decimal
 from pathlib import Path
@@ -14,7 +15,7 @@ from grader.errors import UsageError
 from grader.judging.rubrics import read_rubric
 from grader.lab.overrides import load_overrides
 from grader.result import AdjustmentKind, Result, load_result
-from grader.result_folder import REPORT_FILE, RESULT_FILE
+from grader.result_folder import AUDIT_FILE, REPORT_FILE, RESULT_FILE
 from tests.desk.made_class import add_alike
 
 CHECK = "subscriber.mean"
@@ -121,3 +122,10 @@ def test_an_unknown_check_is_told(alice: Path) -> None:
     with pytest.raises(UsageError, match="no result of this submission"):
         run(alice.parent / "bob")
     assert not (alice.parent / "overrides.yaml").exists()
+
+
+def test_the_trail_names_the_command_that_was_given(alice: Path) -> None:
+    """An answer by this command is not one that was given at the desk."""
+    run(alice, "--answer", "You are right.", "--set", "2")
+    (line,) = (alice.parent / AUDIT_FILE).read_text(encoding="utf-8").splitlines()
+    assert json.loads(line)["command"] == "appeal"

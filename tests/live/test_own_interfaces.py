@@ -219,3 +219,51 @@ def test_a_students_own_mistake_costs_its_points(
     assert outcomes(result)["pair"] is outcome
     said = (*result.advisories, *(replace(found, hint="").reason for found in result.checks))
     assert any(word in text for text in said), said
+
+
+@pytest.mark.parametrize(
+    ("kind", "outcome", "word"),
+    [
+        ("float64", Outcome.PARTIAL, "The type of /count is team_msgs/action/Count"),
+        ("string", Outcome.FAILED, "is of type string, and cannot hold 3"),
+    ],
+)
+def test_an_action_type_of_the_students_own_ends_no_process_of_the_graders(
+    kind: str, outcome: Outcome, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A goal whose field is of another type than the lab's is sent if it fits, else the reason is told."""
+    lab_type = "test_msgs/action/Fibonacci"
+    goal = {"action": "/count", "type": lab_type, "goal": {"order": 3}, "timeout_s": 3}
+    steps = [
+        {"start": {"student": "worker"}},
+        {"wait_for": {"action": "/count", "type": lab_type}},
+        {"send_goal": goal, "label": "goal"},
+        {"interrupt": {"process": "worker"}},
+    ]
+    accepted = {
+        "id": "accepted",
+        "points": 1,
+        "session": "only",
+        "check": "action_server",
+        "with": {
+            "artifact": "worker",
+            "action": "/count",
+            "type": lab_type,
+            "accepted": {"step": "goal"},
+            "offered": {"weight": 1},
+            "other_type_costs": 1.0,
+        },
+    }
+    rubric = {
+        **RUBRIC,
+        "lab": {"id": "own", "title": "Own interfaces", "points": 1},
+        "sessions": {"only": {"steps": steps}},
+        "criteria": [{"id": "all", "title": "All", "points": 1, "checks": [accepted]}],
+    }
+    monkeypatch.setitem(globals(), "RUBRIC", rubric)
+    action = f"{kind} order\n---\nint32 total\n---\nint32 so_far\n"
+    worker = NODE.replace("total=goal.request.order", "total=3")
+    result, _ = grade(tmp_path, **{"team_msgs/action/Count.action": action, "worker.py": worker})
+    (found,) = result.checks
+    assert (found.outcome, result.problems, result.violations) == (outcome, (), ())
+    assert word in found.reason

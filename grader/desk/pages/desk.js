@@ -1,6 +1,8 @@
 "use strict";
 (function () {
   var state = { items: [], reasons: [], criteria: {} }, current = null, change = null, chosen = null, timer = null, awaited = null;
+  // The item whose form is shown, the number of the choice that is pressed in it, and what was written for others and not saved.
+  var shown = null, picked = null, drafts = {};
   var byId = function (id) { return document.getElementById(id); };
   function make(tag, text, attributes) {
     var element = document.createElement(tag);
@@ -85,7 +87,8 @@
 
   // -- One item. --
   function open(item) {
-    current = item; chosen = null;
+    keep();
+    current = item; shown = item; chosen = null;
     byId("item").hidden = !item; byId("empty").hidden = !!item;
     mark();
     if (!item) { return; }
@@ -101,6 +104,8 @@
     if (!item.part.level) { scope.append(new Option("the whole submission", "")); }
     changes(item);
     reasons();
+    restore(item);
+    limit();
     byId("same").hidden = item.same.length < 2;
     byId("same").firstChild.textContent = "Same mistake (" + item.same.length + ") ";
     byId("report").href = "report?name=" + encodeURIComponent(item.name);
@@ -110,6 +115,24 @@
     byId("evidence").hidden = true;
     byId("loading").hidden = false;
     byId("evidence").contentWindow.location.replace(awaited);
+  }
+  function keep() {
+    if (!shown) { return; }
+    var draft = { state: shown.state, scope: byId("scope").value, change: change, picked: picked };
+    ["points", "reason", "comment"].forEach(function (id) { draft[id] = byId(id).value; });
+    if (draft.change || draft.reason || draft.comment) { drafts[shown.id] = draft; } else { delete drafts[shown.id]; }
+  }
+  function restore(item) {
+    var draft = drafts[item.id];
+    if (!draft) { return; }
+    byId("reason").value = draft.reason;
+    byId("comment").value = draft.comment;
+    // What somebody has decided meanwhile has to be seen before the points are chosen again.
+    if (draft.state !== item.state) { return; }
+    byId("scope").value = draft.scope;
+    change = draft.change; picked = draft.picked;
+    byId("points").value = draft.points;
+    press(picked);
   }
   function choices(item) {
     var listed = (item.levels || []).map(function (level, n) {
@@ -125,25 +148,32 @@
   function changes(item) {
     var group = byId("changes");
     group.textContent = "";
-    change = null;
+    change = null; picked = null;
     byId("points").disabled = !item.part.level;
-    choices(item).forEach(function (choice) {
+    choices(item).forEach(function (choice, n) {
       var button = make("button", choice.label, { type: "button", "aria-pressed": "false", title: choice.hint || "" });
       if (choice.key) { key(button, choice.key); button.dataset.key = choice.key; }
-      button.addEventListener("click", function () { choose(choice, button); });
+      button.addEventListener("click", function () { choose(choice, n); });
       group.append(button);
     });
   }
-  function choose(choice, button) {
-    change = choice.change;
+  function choose(choice, n) {
+    change = choice.change; picked = n;
     byId("points").value = "share" in choice ? String(Math.round(choice.share * possible() * 100) / 100) : "";
-    press(button);
+    press(n);
   }
-  function press(button) {
-    Array.prototype.forEach.call(byId("changes").children, function (b) { b.setAttribute("aria-pressed", String(b === button)); });
+  function press(n) {
+    Array.prototype.forEach.call(byId("changes").children, function (b, at) { b.setAttribute("aria-pressed", String(at === n)); });
   }
-  function possible() { return Number(current.part.possible); }
-  byId("points").addEventListener("input", function () { change = "set"; press(null); });
+  // The most points of what the decision is about: a check, its criterion, or the whole.
+  function possible() { return Number(current.most[byId("scope").value]); }
+  function limit() {
+    byId("most").textContent = "of " + possible();
+    var choice = picked === null ? null : choices(current)[picked];
+    if (choice) { choose(choice, picked); }
+  }
+  byId("points").addEventListener("input", function () { change = "set"; picked = null; press(null); });
+  byId("scope").addEventListener("change", limit);
   function reasons() {
     var group = byId("reasons");
     group.textContent = "";
@@ -160,10 +190,12 @@
   function decision(names, seen) {
     var comment = byId("comment").value, what = change || (comment ? "reviewed" : null), scope = byId("scope").value;
     if (!what) { problem("Choose what becomes of the points first."); return null; }
-    if (what === "set" && byId("points").value.trim() === "") { problem("How many points?"); return null; }
+    var points = byId("points").value.trim().replace(",", ".");
+    if (what === "set" && points === "") { problem("How many points?"); return null; }
+    if (what === "set" && Number(points) > possible()) { problem("At most " + possible() + " points are possible here."); byId("points").focus(); return null; }
     if (what !== "reviewed" && !byId("reason").value.trim()) { problem("A change of points needs a reason."); byId("reason").focus(); return null; }
     var id = scope === "criterion" ? current.criterion : scope ? current.part.id : "";
-    return { names: names, level: scope, id: id, change: what, points: what === "set" ? byId("points").value.trim().replace(",", ".") : null, comment: comment, reason: byId("reason").value, seen: seen };
+    return { names: names, level: scope, id: id, change: what, points: what === "set" ? points : null, comment: comment, reason: byId("reason").value, seen: seen };
   }
   function problem(words) { byId("problem").textContent = words; byId("problem").hidden = false; }
   function save(names, seen) {
@@ -172,6 +204,8 @@
     ask("decide", found).then(function (plain) {
       var later = before.slice(at + 1).concat(before.slice(0, at)).map(function (i) { return i.id; });
       state = plain;
+      delete drafts[shown.id];
+      shown = null;
       var open_ids = visible().map(function (i) { return i.id; });
       var next = later.filter(function (id) { return open_ids.indexOf(id) >= 0; })[0];
       current = plain.items.filter(function (i) { return i.id === next; })[0] || null;
@@ -226,6 +260,13 @@
   byId("cancel").addEventListener("click", function () { byId("preview").close(); });
 
   // -- The keyboard. --
+  // In a comment, Enter begins a new line.
+  function label(isComment) { byId("save").querySelector("kbd").textContent = isComment ? "Ctrl Enter" : "Enter"; }
+  byId("comment").addEventListener("focus", function () { label(true); });
+  byId("comment").addEventListener("blur", function () { label(false); });
+  byId("preview").addEventListener("keydown", function (event) {
+    if (event.key === "Enter" && event.target.tagName === "INPUT") { event.preventDefault(); byId("save-all").click(); }
+  });
   function typed(event) {
     if (byId("preview").open || event.ctrlKey || event.metaKey || event.altKey) {
       if (event.key === "Enter" && event.ctrlKey && !byId("preview").open) { byId("decision").requestSubmit(); }
@@ -238,7 +279,7 @@
     var actions = {
       j: function () { step(1); }, ArrowDown: function () { step(1); }, k: function () { step(-1); }, ArrowUp: function () { step(-1); },
       p: function () { byId("points").select(); }, r: function () { byId("reason").focus(); }, c: function () { byId("comment").focus(); },
-      w: function () { var scope = byId("scope"); scope.selectedIndex = (scope.selectedIndex + 1) % scope.length; },
+      w: function () { var scope = byId("scope"); scope.selectedIndex = (scope.selectedIndex + 1) % scope.length; limit(); },
       s: function () { byId("same").click(); }, u: function () { byId("undo").click(); },
       Enter: function () { if (where !== "BUTTON" && where !== "A" && where !== "SUMMARY") { byId("decision").requestSubmit(); } }
     };

@@ -111,9 +111,7 @@ def provide(
         try:
             if number >= _MOST_PACKAGES:
                 raise _NotBuilt(f"there are more than {_MOST_PACKAGES} packages of interfaces")
-            built.prefixes[package.name] = _prefix_of(
-                package, built, folder, isolation, on_progress
-            )
+            built.prefixes[package.name] = _in_time(package, built, folder, isolation, on_progress)
         except _NotBuilt as reason:
             (built.invalid if reason.invalid else built.missing)[package.name] = str(reason)
     if "tf2_msgs" in built.prefixes.keys() - tried and importlib.util.find_spec("tf2_ros") is None:
@@ -125,6 +123,24 @@ class _NotBuilt(Exception):
     def __init__(self, reason: str, *, invalid: bool = False) -> None:
         super().__init__(reason)
         self.invalid = invalid
+
+
+class _TookTooLong(_NotBuilt):
+    """Raised where the machine did not build a package in time, which it may another time."""
+
+
+def _in_time(
+    package: InterfacePackage,
+    built: Built,
+    folder: Path,
+    isolation: Isolation,
+    on_progress: Callable[[], object],
+) -> Path:
+    """Return a package's prefix; what took too long is built once more, since other work may have kept it."""
+    try:
+        return _prefix_of(package, built, folder, isolation, on_progress)
+    except _TookTooLong:
+        return _prefix_of(package, built, folder, isolation, on_progress)
 
 
 def _prefix_of(
@@ -199,6 +215,8 @@ def _build(
             shutil.copytree(prefix, room.tools[INTERFACES] / prefix.name)
         room = replace(room, tools={**room.tools, "/sources": sources, "/building": _INSIDE})
         answer = _run(isolation, room, package, others, left_s)
+        if answer.get("too_long") is True:
+            raise _TookTooLong("it took too long to build")
         if answer:
             raise _NotBuilt(str(answer.get("problem"))[:500], invalid=answer.get("invalid") is True)
         _take(out / package.name, target)
@@ -235,7 +253,7 @@ def _run(
                 answer if isinstance(answer, dict) else {"problem": "its building gave no answer"}
             )
         except subprocess.TimeoutExpired:
-            return {"problem": "it took too long to build"}
+            return {"too_long": True}
         except (OSError, ValueError):
             return {"problem": "its building ended without an answer"}
 

@@ -14,7 +14,6 @@ from __future__ import annotations
 import dataclasses
 import json
 import queue
-import re
 import shutil
 import socket
 import sys
@@ -35,6 +34,7 @@ from rclpy.service_introspection import ServiceIntrospectionState
 
 from grader.evidence.near_miss import Candidate, candidates_in, near_miss
 from grader.live.ros_node.deadline import Deadline
+from grader.live.ros_node.filling import DoesNotFit, fields_in, filled
 from grader.live.ros_node.goals import ActionProbe, GoalStep
 from grader.live.ros_node.graph import GraphWatch, interface_named, new_context, silent_node
 from grader.live.ros_node.plain import plain
@@ -189,6 +189,8 @@ class Director:
             answer: Answer = getattr(self, f"_do_{request['op']}")(request)
         except Cancelled:
             return "cancelled", {}
+        except DoesNotFit as problem:
+            return "failed", {"problem": str(problem)}
         except Exception as problem:  # Whatever it is, the session must hear of it and go on.
             return "failed", {"problem": f"{type(problem).__name__}: {problem}"}
         if answer[0] == "done":
@@ -319,7 +321,7 @@ class Director:
         node = silent_node("publisher", context)
         publisher = node.create_publisher(kind, topic, offered)
         self._record(topic, request["type"], "transient_local")
-        data = serialize_message(_fill(kind(), request["message"]))
+        data = serialize_message(filled(kind, request["message"]))
         sent = 0
         try:
             students = [
@@ -386,9 +388,9 @@ class Director:
         ]
         if any(client is None for client in clients):
             return "timeout", {"service": service, "calls": [], "problem": "the service is not up"}
-        message = interface_named(kind).Request()
-        sent = _known(message, request["request"])
-        _fill(message, sent)
+        message_type = interface_named(kind).Request
+        sent = fields_in(message_type, request["request"])
+        message = filled(message_type, sent)
         idle, calls = [client for client in clients if client is not None], list[_Call]()
         finished: list[dict[str, Any]] = []
         left, end_s = int(request["repeat"]), time.monotonic() + float(request["at_most_s"])
@@ -440,7 +442,8 @@ class Director:
         given = (
             values for values in (request["goal"], request["newer_goal"]) if values is not None
         )
-        goals = [_fill(goal := probe.type.Goal(), _known(goal, values)) for values in given]
+        goal_type = probe.type.Goal
+        goals = [_goal_of(goal_type, values) for values in given]
         step = GoalStep(probe, request, timeout_s, *goals)
         try:
             # The step has a deadline of its own.
@@ -636,34 +639,10 @@ def _offered_type(offers: Iterable[ServiceEndpoint], name: str, wanted: str) -> 
     return wanted
 
 
-def _known(message: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values for which a message has a field: a student's type may lack some."""
-    return {
-        name: value
-        for name, value in values.items()
-        if name in message.get_fields_and_field_types()
-    }
-
-
-_ELEMENT = re.compile(r"(?<!\w)(\w+)/(\w+)")
-
-
-def _fill(message: Any, values: Mapping[str, Any]) -> Any:
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            _fill(getattr(message, name), value)
-        elif isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping):
-            # An array of messages, whose type stands as `sequence<package/Name>` or `package/Name[3]`.
-            element = _ELEMENT.search(message.get_fields_and_field_types()[name])
-            made = (
-                interface_named("{}/msg/{}".format(*element.groups()))
-                if element is not None
-                else dict
-            )
-            setattr(message, name, [_fill(made(), each) for each in value])
-        else:
-            setattr(message, name, value)
-    return message
+def _goal_of(goal_type: Any, values: Mapping[str, Any]) -> Any:
+    """Return a goal; raises DoesNotFit if the type has none of the fields, since another goal would be sent."""
+    known = fields_in(goal_type, values)
+    return filled(goal_type, known or values)
 
 
 def in_type_of(held: Any, value: Any) -> Any:
