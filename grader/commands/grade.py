@@ -211,6 +211,8 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
         or any(h.late or h.student for h in found.submissions)
     ):
         _print_discovery(found, console)
+    for doubt in found.doubts:
+        print_note(console, f"Note: {doubt}")
     allowed, status = [], 0
     for source in found.submissions:
         try:

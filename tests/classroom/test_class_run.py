@@ -134,7 +134,7 @@ def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -
     options = Options(
         Path(sys.executable), overrides=load_overrides(tmp_path / "overrides.yaml", rubric)
     )
-    lab, chosen = fingerprint.lab_sha256(rubric), fingerprint.options_sha256(options)
+    lab, chosen = fingerprint.recording_sha256(rubric), fingerprint.options_sha256(options)
     key = fingerprint.sha256_of((fingerprint.engine_sha256(), lab, chosen))
     with open_submission(SubmissionSource.of(handed_in)) as intake:
         key = fingerprint.sha256_of((key, fingerprint.submission_sha256(intake)))
