@@ -24,8 +24,8 @@ ANONYMOUS_PAGE = "index-anonymous.html"
 ANONYMOUS_GRADES_FILE = "grades-anonymous.csv"
 #: A rubric changed at the desk.
 EDITED_RUBRIC = "rubric-edited.yaml"
-#: The students of the class, as a class list named them.
-ROSTER_FILE = "class.json"
+#: The class list that was given last.
+CLASS_LIST_FILE = "class-list.csv"
 
 _FOLDERS = frozenset({RECORDINGS, HISTORY, EXPORTED})
 #: Kinds of the files in these folders, of exports, and of copies of a lab.

@@ -20,6 +20,7 @@ from grader.cohort.entries import ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
 from grader.files import text_of
 from grader.judging.attempts import undecided_sessions
+from grader.lab.policy import HandedIn
 from grader.lab.rubric import Rubric
 from grader.live.process.waiting import side_by_side
 from grader.live.sandbox.isolation import Isolation, Level
@@ -30,6 +31,7 @@ from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, load_result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.submission.extraction import SubmissionSource, open_submission
+from grader.submission.handed_in import set_handed_in
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class _Task:
 
     source: SubmissionSource
     submission: str
-    submitted_at: str | None
+    handed_in: HandedIn
     key: str
     policy: str
 
@@ -125,19 +127,14 @@ class ClassRun:
         return found
 
     def _task(self, source: SubmissionSource, common: str, lab: str) -> _Task:
-        try:
-            with open_submission(source, prefix=scratch_prefix()) as intake:
-                submission, time = fingerprint.submission_sha256(intake), intake.source.submitted_at
-                submitted_at = time.isoformat() if time is not None else None
-        except Exception:
-            submission, submitted_at = (
-                "",
-                None,
-            )  # What is wrong with it will be said when it is its turn.
-        policy = fingerprint.judging_sha256(self.options, source.name, submitted_at or "", lab)
-        return _Task(
-            source, submission, submitted_at, fingerprint.sha256_of((common, submission)), policy
-        )
+        submission, handed_in = "", source.handed_in
+        # What is wrong with it will be said when it is its turn.
+        with suppress(Exception), open_submission(source, prefix=scratch_prefix()) as intake:
+            submission = fingerprint.submission_sha256(intake)
+            handed_in = intake.source.handed_in
+        policy = fingerprint.judging_sha256(self.options, source.name, repr(handed_in), lab)
+        key = fingerprint.sha256_of((common, submission))
+        return _Task(source, submission, handed_in, key, policy)
 
     def _entry(self, task: _Task, least: Level) -> Entry | None:
         """Return what the journal says of recordings that hold good."""
@@ -190,12 +187,8 @@ class ClassRun:
         """Let the recordings say what is known now of who handed them in, and when."""
         recordings = self.journal.results / task.source.name / RECORDINGS
         record, source = read_submission(recordings), task.source
-        known = replace(
-            record,
-            submitted_at=task.submitted_at,
-            student_id=source.student_id,
-            identity=source.identity,
-        )
+        known = replace(record, student_id=source.student_id, identity=source.identity)
+        set_handed_in(known, task.handed_in)
         if known != record:
             write_submission(recordings, known)
 
@@ -300,6 +293,7 @@ def entries_of(results: Path, rows: Sequence[Row]) -> list[ClassEntry]:
             entry,
             # What only the archive tells stands in the record.
             submitted_at=source.submitted_at or entry.submitted_at,
+            time_source=source.time_source if source.submitted_at else entry.time_source,
             student_id=source.student_id or entry.student_id,
             identity=source.identity.completed(entry.identity),
         )

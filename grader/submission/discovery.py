@@ -32,7 +32,7 @@ from grader.submission.file_names import (
 from grader.submission.last_commit import last_commit_time
 from grader.submission.listing import Listing, listing_of
 from grader.submission.lms.systems import Delivered, System, is_table, recognised
-from grader.submission.roster import Student, matches, read_class_list
+from grader.submission.roster import Match, Student, matches, read_class_list
 
 _MOST_NAME_BYTES = 120
 #: Folders around those of versions.
@@ -90,7 +90,7 @@ def find_submissions(
         plain = {_origin(one): one.name for one in search.submissions}
         students = read_class_list(class_list)
         sources, missing, unclear = _with_class_list(sources, plain, students)
-        search.understood += unclear
+        search.understood += [*_unread_times(students), *unclear]
         if sources and students and len(missing) == len(students):
             _refuse_strangers(sources, class_list)
     ordered = tuple(sorted(sources, key=lambda source: (source.name.casefold(), source.name)))
@@ -248,6 +248,8 @@ class _Search:
             source = replace(
                 source, student=student, student_id=student_id or None, identity=identity
             )
+            if source.submitted_at is not None:
+                source = replace(source, time_source=f"{system.name}'s download")
             self._add(replace(source, location=described, origin=listing.origin), named)
         amount = _submissions(len(students))
         self.understood.append(f"{listing.location}: {system.name}'s download of {amount}")
@@ -304,7 +306,12 @@ def _source_of(listing: Listing) -> SubmissionSource:
         )
         time = None if time is not None and time > datetime.now(timezone.utc) else time
     return SubmissionSource(
-        "", (listing.piece(),), submitted_at=time, location=listing.location, origin=listing.origin
+        "",
+        (listing.piece(),),
+        submitted_at=time,
+        time_source="the last commit" if time is not None else "",
+        location=listing.location,
+        origin=listing.origin,
     )
 
 
@@ -379,30 +386,53 @@ def _with_class_list(
     """
     items = [
         (
-            Student(s.name, s.student_id, s.submitted_at),
+            Student(s.name, s.student_id, s.submitted_at, time_source=s.time_source),
             (s.student, names[_origin(s)], *s.identity.names),
         )
         for s in submissions
     ]
     found = list(zip(submissions, matches(students, items), strict=True))
-    unclear = [
-        f"{source.location}: the name alone does not say who of the class list this is"
-        for source, match in found
-        if match.may_be and not match.people
-    ]
+    remarks = [_unclear(source, match, students) for source, match in found]
     there = frozenset[int]().union(*(match.may_be for _, match in found))
     missing = tuple(
-        displayed(s.name or s.student_id or s.person.login)
-        for n, s in enumerate(students)
-        if n not in there
+        displayed(student.shown) for n, student in enumerate(students) if n not in there
     )
     named = [
         replace(
             source,
             student_id=match.student_id,
             submitted_at=match.submitted_at,
+            time_source=match.time_source,
             identity=match.completed(source.identity),
         )
         for source, match in found
     ]
+    unclear = [remark for remark in remarks if remark]
     return named, missing, unclear
+
+
+def _unread_times(students: Sequence[Student]) -> list[str]:
+    """Say which times in a worksheet could not be read."""
+    unread = [student.unread_time for student in students if student.unread_time]
+    if not unread:
+        return []
+    count = f"{len(unread)} time{'s' * (len(unread) != 1)}"
+    first = displayed(unread[0])
+    return [
+        f"The class list has {count} that could not be read, such as {first!r}; a column "
+        "submitted_at can give them as 2026-03-02T23:41:00+01:00."
+    ]
+
+
+def _unclear(source: SubmissionSource, match: Match, students: Sequence[Student]) -> str:
+    """Say of whom in a class list a submission may be if that is not certain; empty if it is."""
+    if match.people:
+        return ""
+    if not match.may_be:
+        return f"{source.location}: nobody on the class list has this name, login or id"
+    names = [displayed(students[index].shown) for index in sorted(match.may_be)]
+    more = ", ..." if len(names) > 3 else ""
+    return (
+        f"{source.location}: the name alone does not say who of the class list this is "
+        f"({', '.join(names[:3])}{more})"
+    )
