@@ -220,15 +220,16 @@ class Policy(Strict):
     )
 
     def zoned(self, handed_in: HandedIn) -> HandedIn:
-        """Return times of submission with their offset from UTC, as far as the zone of all of them is known.
+        """Return times of submission with their offset from UTC, as far as the policy names the zone of all others."""
+        return replace(
+            handed_in, at=self._zoned(handed_in.at), newest_file=self._zoned(handed_in.newest_file)
+        )
 
-        The time of a file stays as it is, because the student's machine wrote it.
-        """
-        at = handed_in.at
-        if at is None or at.utcoffset() is not None or self.timezone is None:
-            return handed_in
+    def _zoned(self, time: datetime | None) -> datetime | None:
+        if time is None or time.utcoffset() is not None or self.timezone is None:
+            return time
         # An hour that the clocks repeat counts as the first, in the student's favour.
-        return replace(handed_in, at=at.replace(tzinfo=ZoneInfo(self.timezone), fold=0))
+        return time.replace(tzinfo=ZoneInfo(self.timezone), fold=0)
 
 
 #: Offsets from UTC of the clocks that are first and last to show a time.

@@ -200,9 +200,11 @@ def test_the_time_of_a_file_never_costs_points() -> None:
         assert "a person decides" in made.reason
         assert adjusted.timing is not None
         assert (adjusted.timing.late, adjusted.timing.may_be_late) == (None, True)
-    early = adjust(JUDGED, [], LATE, HandedIn(newest_file=NAIVE - timedelta(days=2))).timing
-    assert early is not None
-    assert (early.late, early.may_be_late) == (None, False)
+    berlin = Policy.model_validate({"timezone": "Europe/Berlin"})
+    for known in (HandedIn(newest_file=NAIVE - timedelta(days=2)), HandedIn(newest_file=NAIVE)):
+        early = adjust(JUDGED, [], LATE, berlin.zoned(known)).timing
+        assert early is not None
+        assert (early.late, early.may_be_late) == (None, False)
 
 
 def test_a_time_without_a_zone_costs_points_nowhere() -> None:
