@@ -80,7 +80,16 @@ def read_grading(results: Path, load: str, took_s: float) -> Grading:
 def grade(submission: Path, load: str, before: Iterable[Grading], keep: Path) -> Grading:
     """Grade a submission beside a load; results that decide anything otherwise than before are kept."""
     with tempfile.TemporaryDirectory(prefix="bench-stability-") as scratch:
-        command = [sys.executable, "-I", "-m", "grader.cli", str(submission), "--one", "-o", scratch]
+        command = [
+            sys.executable,
+            "-I",
+            "-m",
+            "grader.cli",
+            str(submission),
+            "--one",
+            "-o",
+            scratch,
+        ]
         environment = {name: value for name, value in os.environ.items() if name != "CI"}
         with LOADS[load]():
             begun_s = time.monotonic()

@@ -310,6 +310,39 @@ class ChosenFile:
 
 
 @dataclass(frozen=True)
+class Timing:
+    """When a submission was due and handed in, as the rubric's policy of lateness sees it."""
+
+    #: With all extensions, e.g. "2026-11-20 23:59 +01:00".
+    due: str
+    #: The same without extensions; empty if there are none.
+    due_for_all: str = ""
+    #: In the same form, without offset if none is known; empty if nothing tells the time.
+    handed_in: str = ""
+    #: The source of that time, in words.
+    source: str = ""
+    #: The time of the newest file in the archive, for a person; it proves nothing.
+    newest_file: str = ""
+    #: Whether it was handed in after it was due; None if that is not known.
+    late: bool | None = None
+    #: Whether a person should look, because it may have been handed in late.
+    may_be_late: bool = False
+
+    @property
+    def text(self) -> str:
+        """All of it in a sentence."""
+        due = f"due {self.due}"
+        if self.due_for_all:
+            due += f" (extended from {self.due_for_all})"
+        if not self.handed_in:
+            newest = f"; the newest file in it says {self.newest_file}" if self.newest_file else ""
+            return f"Time of submission not known{newest}; {due}."
+        verdicts = {True: "late", False: "in time", None: "not known whether in time"}
+        known = f"Handed in {self.handed_in} (by {self.source})"
+        return f"{known}, {due}: {verdicts[self.late]}."
+
+
+@dataclass(frozen=True)
 class Score:
     """Points earned, possible, and undecided through no fault of the student's; as judged, before adjustments."""
 
@@ -379,6 +412,8 @@ class Result:
     violations: tuple[Violation, ...] = ()
     #: Where several files had one name.
     chosen: tuple[ChosenFile, ...] = ()
+    #: None if the rubric does not say what lateness costs.
+    timing: Timing | None = None
 
     @property
     def final(self) -> Decimal:

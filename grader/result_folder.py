@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import PurePosixPath
+
 RECORDINGS = "recordings"
 #: In a recording.
 LAYOUT_FILE = "foxglove.json"
@@ -20,3 +22,23 @@ HISTORY = "history"
 EXPORTED = "exports"
 ANONYMOUS_PAGE = "index-anonymous.html"
 ANONYMOUS_GRADES_FILE = "grades-anonymous.csv"
+#: A rubric changed at the desk.
+EDITED_RUBRIC = "rubric-edited.yaml"
+#: The class list that was given last.
+CLASS_LIST_FILE = "class-list.csv"
+
+_FOLDERS = frozenset({RECORDINGS, HISTORY, EXPORTED})
+#: Kinds of the files in these folders, of exports, and of copies of a lab.
+_FILE_KINDS = frozenset(
+    {".csv", ".eml", ".files", ".html", ".json", ".jsonl", ".mbox", ".mcap", ".md", ".txt"}
+    | {".xml", ".yaml", ".yml", ".zip"}
+)
+
+
+def is_reserved(name: str) -> bool:
+    """Whether the grader may write a file or folder of this name among results; no submission is called so.
+
+    Every name with the ending of a file of the grader's is reserved, e.g. `rubric-edited.yaml` and `Eve.HTML`.
+    """
+    folded = name.casefold()
+    return folded in _FOLDERS or PurePosixPath(folded).suffix in _FILE_KINDS

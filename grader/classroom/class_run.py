@@ -20,6 +20,7 @@ from grader.cohort.entries import ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
 from grader.files import text_of
 from grader.judging.attempts import undecided_sessions
+from grader.lab.policy import HandedIn
 from grader.lab.rubric import Rubric
 from grader.live.process.waiting import side_by_side
 from grader.live.sandbox.isolation import Isolation, Level
@@ -30,6 +31,7 @@ from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, load_result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.submission.extraction import SubmissionSource, open_submission
+from grader.submission.handed_in import set_handed_in
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class _Task:
 
     source: SubmissionSource
     submission: str
-    submitted_at: str | None
+    handed_in: HandedIn
     key: str
     policy: str
 
@@ -62,57 +64,77 @@ class ClassRun:
         Raises PlatformError if the scheduler is not to be reached; KeyboardInterrupt or SystemExit when asked to end:
         all processes have ended then, and what is graded is kept.
         """
-        lab, options = fingerprint.lab_sha256(self.rubric), fingerprint.options_sha256(self.options)
-        common = fingerprint.sha256_of((fingerprint.engine_sha256(), lab, options))
-        least = (
-            location.level
-            if isinstance(location, Isolation)
-            else Level.of(self.options.least_isolation)
+        common = fingerprint.sha256_of(
+            (
+                fingerprint.engine_sha256(),
+                fingerprint.recording_sha256(self.rubric),
+                fingerprint.options_sha256(self.options),
+            )
         )
+        lab = fingerprint.lab_sha256(self.rubric)
+        if isinstance(location, Isolation):
+            least = location.level
+        else:
+            least = Level.of(self.options.least_isolation)
         # All are read, and judged where that suffices, before the first is started, so that no session is timed then.
-        tasks = [self._task(one, common) for one in sources]
-        entries = [self._entry(task, least) for task in tasks]
-        new = [task for task, entry in zip(tasks, entries, strict=True) if entry is None]
-        kept = {
-            task: entry for task, entry in zip(tasks, entries, strict=True) if entry is not None
-        }
-        undecided = {}
+        tasks = [self._task(one, common, lab) for one in sources]
+        kept: dict[_Task, Entry] = {}
+        for task in tasks:
+            entry = self._entry(task, least)
+            if entry is not None:
+                kept[task] = entry
+        new = [task for task in tasks if task not in kept]
         if self.options.scope is Scope.UNDECIDED:
-            if new:
-                names = ", ".join(task.source.name for task in new)
-                self.display.note(
-                    f"Not graded yet, and left out: {names}. Grade them without --undecided."
-                )
-            found = {task: self._result(task) for task in kept}
-            undecided = {
-                task: result
-                for task, result in found.items()
-                if result and self._is_undecided(result)
-            }
-            kept, new = {task: entry for task, entry in kept.items() if task not in undecided}, []
-        sessions = self.rubric.sessions
-        work_s = sum(
-            sessions[s].typical_s for s in self.options.sessions or sessions if s in sessions
-        )
+            self._note_left_out(new)
+            new = []
+        judged = self._judge(kept)
+        undecided = self._undecided(judged)
         for task in (*new, *undecided):
-            self.display.expect(task.source.name, work_s)
-        self._judge(kept)
+            self.display.expect(task.source.name, self._work_s())
+        for task, row in judged.items():
+            if task not in undecided:
+                self._end(row)
         run_to_an_end(self._record(new, undecided, location))
 
-    def _task(self, source: SubmissionSource, common: str) -> _Task:
-        try:
-            with open_submission(source, prefix=scratch_prefix()) as intake:
-                submission, time = fingerprint.submission_sha256(intake), intake.source.submitted_at
-                submitted_at = time.isoformat() if time is not None else None
-        except Exception:
-            submission, submitted_at = (
-                "",
-                None,
-            )  # What is wrong with it will be said when it is its turn.
-        policy = fingerprint.policy_sha256(self.options, source.name, submitted_at)
-        return _Task(
-            source, submission, submitted_at, fingerprint.sha256_of((common, submission)), policy
-        )
+    def _work_s(self) -> float:
+        """Return the time that the sessions of one submission typically take together."""
+        sessions = self.rubric.sessions
+        chosen = self.options.sessions or sessions
+        return sum(sessions[name].typical_s for name in chosen if name in sessions)
+
+    def _note_left_out(self, tasks: Sequence[_Task]) -> None:
+        """Name the submissions without recordings that hold good, apart from those never graded."""
+        graded = [task.source.name for task in tasks if self.journal.knows(task.source.name)]
+        never = [task.source.name for task in tasks if task.source.name not in graded]
+        if never:
+            self.display.note(
+                f"Not graded yet, and left out: {', '.join(never)}. Grade them without --undecided."
+            )
+        if graded:
+            self.display.note(
+                f"Graded before, and left out: {', '.join(graded)}. The submission, the lab's "
+                "sessions or programs, the options or the version of grade have changed since, "
+                "or it was graded by itself. Grade them without --undecided."
+            )
+
+    def _undecided(self, judged: Mapping[_Task, Row]) -> dict[_Task, Result]:
+        """Return the results whose undecided sessions were asked for once more."""
+        found: dict[_Task, Result] = {}
+        if self.options.scope is Scope.UNDECIDED:
+            for task, row in judged.items():
+                if isinstance(row.ending, Result) and self._is_undecided(row.ending):
+                    found[task] = row.ending
+        return found
+
+    def _task(self, source: SubmissionSource, common: str, lab: str) -> _Task:
+        submission, handed_in = "", source.handed_in
+        # What is wrong with it will be said when it is its turn.
+        with suppress(Exception), open_submission(source, prefix=scratch_prefix()) as intake:
+            submission = fingerprint.submission_sha256(intake)
+            handed_in = intake.source.handed_in
+        policy = fingerprint.judging_sha256(self.options, source.name, repr(handed_in), lab)
+        key = fingerprint.sha256_of((common, submission))
+        return _Task(source, submission, handed_in, key, policy)
 
     def _entry(self, task: _Task, least: Level) -> Entry | None:
         """Return what the journal says of recordings that hold good."""
@@ -129,26 +151,28 @@ class ClassRun:
 
     # -- what was recorded before ----------------------------------------------------------------
 
-    def _judge(self, kept: dict[_Task, Entry]) -> None:
-        """Take over the results that hold good, and judge the recordings whose policy is another now."""
-        others = {}
+    def _judge(self, kept: Mapping[_Task, Entry]) -> dict[_Task, Row]:
+        """Take over the results that hold good, and judge the recordings whose rubric or policy is another now."""
+        rows: dict[_Task, Row] = {}
+        others: dict[str, _Task] = {}
         for task, entry in kept.items():
             self._state_intake(task)
             result = self._result(task) if entry.policy == task.policy else None
             if result is not None:
-                self._end(Row(task.source, result, reused=True))
+                rows[task] = Row(task.source, result, reused=True)
             else:
-                others[task.source.name] = task, entry
+                others[task.source.name] = task
         results = self.journal.results
         measure = self.rubric, self.options.overrides
         found = regrade_all(results, {results / name: measure for name in others}, pages=True)
         found.apply("grade")
-        for name, (task, entry) in others.items():
+        for name, task in others.items():
             if name in found.judged:
-                self.journal.note(name, task.key, task.policy, entry.isolation)
-                self._end(Row(task.source, found.judged[name].result))
+                self.journal.note(name, task.key, task.policy, kept[task].isolation)
+                rows[task] = Row(task.source, found.judged[name].result)
             else:
-                self._end(Row(task.source, problem_of(found.failed[name])))
+                rows[task] = Row(task.source, problem_of(found.failed[name]))
+        return rows
 
     def _result(self, task: _Task) -> Result | None:
         """Return the finished result of a submission by this rubric, or None if there is no such."""
@@ -163,12 +187,8 @@ class ClassRun:
         """Let the recordings say what is known now of who handed them in, and when."""
         recordings = self.journal.results / task.source.name / RECORDINGS
         record, source = read_submission(recordings), task.source
-        known = replace(
-            record,
-            submitted_at=task.submitted_at,
-            student_id=source.student_id,
-            identity=source.identity,
-        )
+        known = replace(record, student_id=source.student_id, identity=source.identity)
+        set_handed_in(known, task.handed_in)
         if known != record:
             write_submission(recordings, known)
 
@@ -273,6 +293,7 @@ def entries_of(results: Path, rows: Sequence[Row]) -> list[ClassEntry]:
             entry,
             # What only the archive tells stands in the record.
             submitted_at=source.submitted_at or entry.submitted_at,
+            time_source=source.time_source if source.submitted_at else entry.time_source,
             student_id=source.student_id or entry.student_id,
             identity=source.identity.completed(entry.identity),
         )

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import grader
-from grader.lab.kept_lab import named_files
+from grader.lab.kept_lab import interface_files, named_files
 from grader.lab.rubric import Rubric
 from grader.live.sandbox.environment import versions
 from grader.pipeline import Options
@@ -32,8 +32,13 @@ def lab_files(rubric: Rubric, *, figures: bool = True) -> dict[str, Path]:
 
     These are the reference programs and oracles, with all else in their folders; also those that only figures name.
     """
+    return _with_folders(rubric, named_files(rubric, figures=figures))
+
+
+def _with_folders(rubric: Rubric, names: Iterable[str]) -> dict[str, Path]:
+    """Return files beside a rubric with all else in their folders, which they may import."""
     files = {}
-    named = (rubric.folder / name for name in named_files(rubric, figures=figures))
+    named = (rubric.folder / name for name in names)
     for folder in {path.parent for path in named if path.is_file()}:
         for name, path in files_below(folder):
             # Of the rubric's own folder, which may be anybody's home, only what lies in it.
@@ -45,6 +50,30 @@ def lab_files(rubric: Rubric, *, figures: bool = True) -> dict[str, Path]:
 def lab_sha256(rubric: Rubric) -> str:
     """Return the hash of a rubric with its reference programs and oracles; no points depend on figures."""
     return sha256_of(rubric.sha256, lab_files(rubric, figures=False).items())
+
+
+def recording_sha256(rubric: Rubric) -> str:
+    """Return the hash of the parts of a lab that take part in a recording.
+
+    Checks, points, words and policy are left out: another judgement of the same recordings is enough for them.
+    """
+    sessions = {
+        name: (
+            [(step.kind, step.parameters, step.label) for step in session.steps],
+            session.timeout_s,
+        )
+        for name, session in rubric.sessions.items()
+    }
+    stated = (
+        rubric.lab.package,
+        sessions,
+        {name: spec.model_dump(mode="json") for name, spec in rubric.artifacts.items()},
+        {name: spec.model_dump(mode="json") for name, spec in rubric.reference.items()},
+        sorted(rubric.bonus_artifacts),
+    )
+    programs = [spec.file for spec in rubric.reference.values()]
+    files = _with_folders(rubric, [*programs, *interface_files(rubric)])
+    return sha256_of(stated, files.items())
 
 
 def submission_sha256(intake: Intake) -> str:
@@ -64,9 +93,12 @@ def options_sha256(options: Options) -> str:
     return sha256_of(stated)
 
 
-def policy_sha256(options: Options, name: str, submitted_at: str | None) -> str:
-    """Return the hash of what people decided about a submission, which needs no other recordings."""
-    return sha256_of((repr(options.overrides.of(name)), submitted_at))
+def judging_sha256(options: Options, name: str, handed_in: str, lab: str) -> str:
+    """Return the hash of everything that needs another judgement of a submission, and no other recordings.
+
+    The lab's hash is that of `lab_sha256`.
+    """
+    return sha256_of((repr(options.overrides.of(name)), handed_in, lab))
 
 
 def seed_for(submission: str, run_seed: int) -> int:

@@ -23,7 +23,7 @@ from typing import Any
 from grader.errors import GraderError
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import read_submission
-from grader.result_folder import JOURNAL_FILE, RECORDINGS
+from grader.result_folder import JOURNAL_FILE, LAYOUT_FILE, RECORDINGS
 
 #: Earlier results of submissions whose present state could not be graded.
 OUTDATED = ".outdated"
@@ -92,6 +92,10 @@ class Journal:
         )
         return entry if there else None
 
+    def knows(self, name: str) -> bool:
+        """Whether a submission was graded, by any rubric and options, also by itself, and has not failed since."""
+        return name in self._entries or (self.results / name / RECORDINGS).is_dir()
+
     def note(self, name: str, key: str, policy: str, isolation: str) -> None:
         """Note that the results of a submission are whole, once they lie on the disk; raises OSError if they cannot."""
         for path in [*(self.results / name).rglob("*"), self.results / name, self.results]:
@@ -148,12 +152,15 @@ def _lock(file: int, results: Path) -> None:
 def recordings_sha256(folder: Path) -> str:
     """Return the hash that tells the recordings of a submission's results from any others; empty without such.
 
-    The records hold their own times, so no two are equal; of the bags, which are large, the sizes must do.
+    The records hold their own times, so no two are equal; of the bags, which are large, the sizes must do. Layouts
+    are left out, because every judgement writes them anew.
     """
     recordings = folder / RECORDINGS
     try:
         digest = hashlib.sha256(read_submission(recordings).sha256.encode())
-        for path in sorted(path for path in recordings.glob("*/*") if path.is_file()):
+        for path in sorted(recordings.glob("*/*")):
+            if path.name == LAYOUT_FILE or not path.is_file():
+                continue
             content = (
                 path.read_bytes()
                 if path.name == SESSION_FILE

@@ -10,10 +10,11 @@ from urllib.parse import quote
 
 from grader.errors import RecordingError
 from grader.files import text_of
-from grader.lab.overrides import moment_of
+from grader.lab.policy import HandedIn, Policy
 from grader.recording.submission import Identity, Person, read_submission
 from grader.result import Result, load_result, result_of_text
 from grader.result_folder import EARLIER_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE
+from grader.submission.handed_in import handed_in_of
 from grader.submission.roster import Student, matches, person_of
 
 NOTHING_SUBMITTED = (
@@ -33,13 +34,22 @@ class ClassEntry:
     problem: str = ""
     #: Link to the report, relative to the class page; empty if there is none.
     report: str = ""
-    #: When it was handed in, with its offset from UTC, where that is known.
+    #: When it was handed in, if that is known; without offset from UTC if its source names none.
     submitted_at: datetime | None = None
     #: By which a grade book knows the student.
     student_id: str | None = None
     identity: Identity = field(default_factory=Identity)
     #: The result of what was handed in before, or of another run, that this one is compared with.
     before: Result | None = None
+    #: The source of the time of submission, in words.
+    time_source: str = ""
+    #: The time of the newest file in the archive.
+    newest_file: datetime | None = None
+
+    @property
+    def handed_in(self) -> HandedIn:
+        """When it was handed in, and how that is known."""
+        return HandedIn(self.submitted_at, self.time_source, self.newest_file)
 
     @property
     def people(self) -> tuple[Person, ...]:
@@ -84,13 +94,24 @@ def entry_in(folder: Path) -> ClassEntry:
         record = read_submission(folder / RECORDINGS)
     except (OSError, ValueError):
         return ClassEntry(folder.name, result, "", report)
-    moment, before = (
-        moment_of(record.submitted_at),
-        result_of_text(text_of(folder / RECORDINGS / EARLIER_FILE)),
-    )
+    handed_in = handed_in_of(record)
     return ClassEntry(
-        folder.name, result, "", report, moment, record.student_id, record.identity, before
+        folder.name,
+        result,
+        "",
+        report,
+        handed_in.at,
+        record.student_id,
+        record.identity,
+        result_of_text(text_of(folder / RECORDINGS / EARLIER_FILE)),
+        handed_in.source,
+        handed_in.newest_file,
     )
+
+
+def in_zone(entries: Sequence[ClassEntry], policy: Policy) -> list[ClassEntry]:
+    """Return the entries with the zone that a policy names in times that have none."""
+    return [replace(e, submitted_at=policy.zoned(e.handed_in).at) for e in entries]
 
 
 def compared_with(entries: Sequence[ClassEntry], earlier: Sequence[ClassEntry]) -> list[ClassEntry]:
@@ -104,7 +125,10 @@ def compared_with(entries: Sequence[ClassEntry], earlier: Sequence[ClassEntry]) 
 
 def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> list[ClassEntry]:
     """Return the entries with what a list knows of them, and one for each student of it who has none, by name."""
-    own = [Student(entry.name, entry.student_id, entry.submitted_at) for entry in entries]
+    own = [
+        Student(entry.name, entry.student_id, entry.submitted_at, time_source=entry.time_source)
+        for entry in entries
+    ]
     others = [(_without_id(entry), *entry.identity.names) for entry in entries]
     found = matches(students, list(zip(own, others, strict=True)))
     completed = {
@@ -112,6 +136,7 @@ def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> l
             entry,
             student_id=match.student_id,
             submitted_at=match.submitted_at,
+            time_source=match.time_source,
             identity=match.completed(entry.identity),
         )
         for entry, match in zip(entries, found, strict=True)
@@ -120,7 +145,13 @@ def with_roster(entries: Sequence[ClassEntry], students: Sequence[Student]) -> l
     for student in (student for student in students if person_of(student) not in there):
         name = student.name or student.student_id or student.person.login
         missing = ClassEntry(
-            name, None, NOTHING_SUBMITTED, "", student.submitted_at, student.student_id
+            name,
+            None,
+            NOTHING_SUBMITTED,
+            "",
+            student.submitted_at,
+            student.student_id,
+            time_source=student.time_source,
         )
         completed.setdefault(name, missing)
     return sorted(completed.values(), key=lambda entry: entry.name)

@@ -46,6 +46,7 @@ class Need(str, Enum):
     VIOLATION = "violation"
     UNDECIDED = "undecided"
     UNMEASURED = "unmeasured"
+    LATENESS = "lateness"
     OTHER_RUBRIC = "other rubric"
 
 
@@ -288,6 +289,9 @@ def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
             )
             lost = sum((check.lost for check in unmeasured), Decimal(0))
             found.append(Todo(n, Need.UNMEASURED, lost, titles, texts, unmeasured[0].id))
+        if row.result.timing is not None and row.result.timing.may_be_late:
+            texts = (row.result.timing.text,)
+            found.append(Todo(n, Need.LATENESS, Decimal(0), (), texts))
         if row.result.rubric_sha256 != rubric.sha256 or row.result.lab_sha256 not in ("", identity):
             found.append(Todo(n, Need.OTHER_RUBRIC, Decimal(0), (), ()))
     return found

@@ -204,13 +204,7 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
     )
     _note_single_files(options.submissions, rubric, console)
     remove_stale()
-    if (
-        several
-        or found.not_understood
-        or found.missing
-        or any(h.late or h.student for h in found.submissions)
-    ):
-        _print_discovery(found, console)
+    _print_discovery(found, console, several=several)
     allowed, status = [], 0
     for source in found.submissions:
         try:
@@ -368,7 +362,13 @@ def _grading_location(
     return isolation, Machine.of(isolation, live.jobs)
 
 
-def _print_discovery(found: Discovery, console: Console) -> None:
+def _print_discovery(found: Discovery, console: Console, *, several: bool) -> None:
+    """Say what the paths were taken for, unless a single submission without more to say lies there."""
+    for doubt in found.doubts:
+        print_note(console, f"Note: {doubt}")
+    told = any(source.late or source.student for source in found.submissions)
+    if not (several or told or found.not_understood or found.missing):
+        return
     for line in found.understood:
         print_note(console, line, "")
     for line in found.not_understood[:_MOST_LISTED]:

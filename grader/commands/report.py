@@ -14,6 +14,7 @@ from grader.files import replace_file
 from grader.result_folder import (
     ANONYMOUS_GRADES_FILE,
     ANONYMOUS_PAGE,
+    CLASS_LIST_FILE,
     CLASS_PAGE,
     GRADES_FILE,
     RECORDINGS,
@@ -39,7 +40,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     words = "write index-anonymous.html and grades-anonymous.csv instead: pseudonyms, no links, student ids or times"
     add_flag(parser, "--anonymous", words)
-    listed = "as for `grade`; who is on it without a result is listed as not graded"
+    listed = "as for `grade` (default: the one given last); students on it without a result are listed as not graded"
     add_path(parser, "--class-list", listed, "CSV")
     words = "results of another run over the class, such as that of the first due date: show what changed since"
     add_path(parser, "--before", words, "RESULTS_DIR")
@@ -107,13 +108,15 @@ def report_class(
     """Sum up a class and write its page and its table of grades, or both under pseudonyms and names of their own."""
     from grader.classroom.similarity import read_similarity
     from grader.cohort.anonymous import anonymous as under_pseudonyms
-    from grader.cohort.entries import with_roster
+    from grader.cohort.entries import in_zone, with_roster
     from grader.cohort.statistics import summarise
     from grader.report import class_page, grades_csv
     from grader.report.views import tenths
     from grader.submission.roster import read_class_list
 
-    entries = entries if class_list is None else with_roster(entries, read_class_list(class_list))
+    listed = _class_list(results, entries, class_list)
+    entries = entries if listed is None else with_roster(entries, read_class_list(listed))
+    entries = in_zone(entries, rubric.policy)
     summary = summarise(under_pseudonyms(entries, rubric) if anonymous else entries, rubric)
     page = results / (ANONYMOUS_PAGE if anonymous else CLASS_PAGE)
     grades = results / (ANONYMOUS_GRADES_FILE if anonymous else GRADES_FILE)
@@ -133,3 +136,19 @@ def report_class(
             f"{len(entries)} submission{'s' * (len(entries) != 1)}, {graded} graded{of}; {attention}."
         )
     console.print(f"Class: {page}\nGrades: {grades}", soft_wrap=True, markup=False)
+
+
+def _class_list(results: Path, entries: Sequence[ClassEntry], given: Path | None) -> Path | None:
+    """Return the class list that counts: the one given, which is kept, or else the one kept; None if there is none.
+
+    One that lies in a submission may be a student's, and does not count.
+    """
+    from grader.submission.separation import lies_within, made_from
+
+    kept = results / CLASS_LIST_FILE
+    if given is not None:
+        if given.resolve() != kept.resolve():
+            replace_file(kept, given.read_bytes())
+        return given
+    sources = [made_from(results / entry.name) for entry in entries]
+    return kept if kept.is_file() and not lies_within(results, sources) else None

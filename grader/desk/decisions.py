@@ -136,7 +136,8 @@ class Desk:
     def _adjusted(self, entry: ClassEntry, decided: Overrides) -> Result:
         assert entry.result is not None
         of = decided.of(entry.result.submission)
-        return adjust(entry.result, of, self.rubric.policy.late, entry.submitted_at)
+        policy = self.rubric.policy
+        return adjust(entry.result, of, policy.late, policy.zoned(entry.handed_in))
 
     # -- decisions ------------------------------------------------------------------------------
 

@@ -19,8 +19,8 @@ from grader.judging.rubrics import read_rubric, rubric_copy
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
 from grader.report.views import points
+from grader.result_folder import EDITED_RUBRIC
 
-EDITED = "rubric-edited.yaml"
 _NUMBER = re.compile(r"-?\d+(\.\d+)?\s?%?")
 
 
@@ -72,13 +72,13 @@ def would_change(results: Path, text: str, overrides: Overrides) -> Regrade:
 def save(results: Path, text: str) -> Path:
     """Write an edited rubric beside the submissions' folders; returns where. Raises RubricError with its mistakes."""
     _rubric_of(results, text)
-    replace_file(results / EDITED, text)
-    return results / EDITED
+    replace_file(results / EDITED_RUBRIC, text)
+    return results / EDITED_RUBRIC
 
 
 def _rubric_of(results: Path, text: str) -> Rubric:
     with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, EDITED)
+        file = Path(folder, EDITED_RUBRIC)
         file.write_text(text, encoding="utf-8")
         return read_rubric(file, rubric_copy(recorded_in(results)[0]))
 

@@ -5,14 +5,30 @@ The judgement itself stays as it is; each adjustment says how many points it add
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from datetime import datetime, timedelta
 from decimal import Decimal
 
 from grader.lab.overrides import Override
-from grader.lab.policy import LatePolicy, span_text, time_text
-from grader.result import WHOLE, Adjustment, AdjustmentKind, CheckResult, CriterionResult, Result
+from grader.lab.policy import (
+    NOT_KNOWN,
+    HandedIn,
+    LatePolicy,
+    earliest,
+    latest,
+    span_text,
+    time_text,
+)
+from grader.result import (
+    WHOLE,
+    Adjustment,
+    AdjustmentKind,
+    CheckResult,
+    CriterionResult,
+    Result,
+    Timing,
+)
 
 _KINDS = {
     "excused": AdjustmentKind.EXCUSED,
@@ -25,7 +41,7 @@ def adjust(
     result: Result,
     entries: Iterable[Override],
     late: LatePolicy | None = None,
-    submitted: datetime | None = None,
+    handed_in: HandedIn = NOT_KNOWN,
 ) -> Result:
     """Return a result with its adjustments; those that it had are replaced.
 
@@ -57,10 +73,8 @@ def adjust(
     made += [
         _by_hand(AdjustmentKind.BONUS, WHOLE, e.bonus, e) for e in listed if e.bonus is not None
     ]
-    if late is not None:
-        standing = result.score.earned + sum((change.points for change in made), Decimal(0))
-        made += _lateness(standing, listed, late, submitted)
-    return replace(result, adjustments=tuple(made))
+    adjusted = replace(result, adjustments=tuple(made), timing=None)
+    return adjusted if late is None else _with_lateness(adjusted, listed, late, handed_in)
 
 
 def _changed(points: Decimal, entry: Override, possible: Decimal) -> Decimal:
@@ -75,32 +89,97 @@ def _by_hand(kind: AdjustmentKind, what: str, points: Decimal, entry: Override) 
     return Adjustment(kind, what, points, reason, entry.who, entry.when, entry.comment or "")
 
 
-def _lateness(
-    standing: Decimal, entries: list[Override], late: LatePolicy, submitted: datetime | None
-) -> list[Adjustment]:
-    """Return what moved the times, and what lateness takes of the points that stand."""
-    due, changes = late.due, []
+def _with_lateness(
+    result: Result, entries: Sequence[Override], late: LatePolicy, handed_in: HandedIn
+) -> Result:
+    """Return a result with what moved its times, and with what lateness takes of the points that stand."""
+    moved, due, handed_in = _times(entries, late, handed_in)
+    timing = _timing(late, due, handed_in)
+    costs = _lateness(result.final, late, due, handed_in, timing)
+    return replace(result, adjustments=(*result.adjustments, *moved, *costs), timing=timing)
+
+
+def _times(
+    entries: Iterable[Override], late: LatePolicy, handed_in: HandedIn
+) -> tuple[list[Adjustment], datetime, HandedIn]:
+    """Return the decisions that move times, when it is due with these, and when it was handed in."""
+    due, moved = late.due, []
     for entry in entries:
         if entry.submitted is not None:
-            submitted = entry.submitted
-            changes.append(
-                _by_hand(AdjustmentKind.SUBMITTED, time_text(submitted), Decimal(0), entry)
-            )
+            handed_in = replace(handed_in, at=entry.submitted, source=entry.who)
+            kind, what = AdjustmentKind.SUBMITTED, time_text(entry.submitted)
         elif entry.due is not None or entry.extension is not None:
             due = entry.due if entry.due is not None else due + (entry.extension or timedelta())
-            changes.append(
-                _by_hand(AdjustmentKind.EXTENSION, f"due {time_text(due)}", Decimal(0), entry)
-            )
-    if submitted is None:
-        reason = "It is not known when this was handed in, so it does not count as late."
-        return [*changes, Adjustment(AdjustmentKind.LATE, WHOLE, Decimal(0), reason)]
-    if submitted > due:
-        behind = submitted - due
-        reason = f"Handed in {time_text(submitted)}, {span_text(behind)} after it was due. {_price(late, behind)}"
-        changes.append(
-            Adjustment(AdjustmentKind.LATE, WHOLE, -late.deduction(standing, behind), reason)
+            kind, what = AdjustmentKind.EXTENSION, f"due {time_text(due)}"
+        else:
+            continue
+        moved.append(_by_hand(kind, what, Decimal(0), entry))
+    return moved, due, handed_in
+
+
+def _timing(late: LatePolicy, due: datetime, handed_in: HandedIn) -> Timing:
+    """Compare when it was due and handed in.
+
+    A time without offset from UTC counts as early or late only if it is so wherever its clock stands.
+    """
+    at, is_late, may_be_late = handed_in.at, None, False
+    if at is not None:
+        if latest(at) <= due:
+            is_late = False
+        elif earliest(at) > due and at.utcoffset() is not None:
+            is_late = True
+        else:
+            may_be_late = True
+    elif handed_in.newest_file is not None:
+        may_be_late = latest(handed_in.newest_file) > due
+    return Timing(
+        due=time_text(due),
+        due_for_all=time_text(late.due) if due != late.due else "",
+        handed_in=_known(at),
+        source=handed_in.source,
+        newest_file=_known(handed_in.newest_file),
+        late=is_late,
+        may_be_late=may_be_late,
+    )
+
+
+def _known(time: datetime | None) -> str:
+    """Write a time, and say so if its zone is not known; empty for none."""
+    if time is None:
+        return ""
+    return time_text(time) + ("" if time.utcoffset() is not None else ", time zone not known")
+
+
+def _lateness(
+    standing: Decimal, late: LatePolicy, due: datetime, handed_in: HandedIn, timing: Timing
+) -> list[Adjustment]:
+    """Return what lateness takes of the points that stand, if it is certain."""
+    if timing.late is False:
+        return []
+    if timing.late is None or handed_in.at is None:
+        return [Adjustment(AdjustmentKind.LATE, WHOLE, Decimal(0), _unknown(timing))]
+    behind = handed_in.at - due
+    reason = (
+        f"Handed in {timing.handed_in}, {span_text(behind)} after it was due. "
+        f"{_price(late, behind)}"
+    )
+    return [Adjustment(AdjustmentKind.LATE, WHOLE, -late.deduction(standing, behind), reason)]
+
+
+def _unknown(timing: Timing) -> str:
+    """Say why nothing is taken although it is not known to be in time."""
+    if timing.handed_in:
+        return (
+            f"Handed in {timing.handed_in} (by {timing.source}). It does not count as late until "
+            "the time zone is known: the rubric's policy can name it by the key timezone."
         )
-    return changes
+    reason = "It is not known when this was handed in, so it does not count as late."
+    if timing.newest_file:
+        reason += (
+            f" The newest file in it says {timing.newest_file}. A clock of the student's machine "
+            "proves nothing, so a person decides."
+        )
+    return reason
 
 
 def _price(late: LatePolicy, behind: timedelta) -> str:

@@ -18,7 +18,7 @@ from grader.errors import BoundError
 from grader.files import text_of
 from grader.judging.adjust import adjust
 from grader.judging.judge import FULL, Effort, Recordings, judge, open_recordings
-from grader.lab.overrides import Overrides, moment_of
+from grader.lab.overrides import Overrides
 from grader.lab.patterns import patterns_bounded
 from grader.lab.rubric import Rubric
 from grader.recording.bag import Stream
@@ -28,6 +28,7 @@ from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.foxglove import layout_of
 from grader.result import Result, result_of_text, to_json
 from grader.result_folder import EARLIER_FILE
+from grader.submission.handed_in import handed_in_of
 
 if TYPE_CHECKING:
     from grader.report.figures.svg import Figure
@@ -74,8 +75,8 @@ def judge_recordings(
     """
     recordings = open_recordings(folder, rubric, effort)
     by_rubric, submission = earlier or judge(recordings, rubric), recordings.submission
-    moment = moment_of(submission.submitted_at)
-    result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, moment)
+    handed_in = rubric.policy.zoned(handed_in_of(submission))
+    result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, handed_in)
     if not page:
         return Judgement(by_rubric, result, "", to_json(result))
     layouts = {name: layout_of(recorded) for name, recorded in recordings.sessions.items()}

@@ -73,13 +73,17 @@ def named_files(rubric: Rubric, *, figures: bool = True) -> list[str]:
         if figures
     ]
     functions = (function.partition(":")[0] for part in parts for function in functions_of(part))
-    defined = (
-        read_folder(rubric.folder / rubric.interfaces) if rubric.interfaces is not None else {}
-    )
-    interfaces = (f"{rubric.interfaces}/{name}" for name in defined)
-    return list(
-        dict.fromkeys([*(spec.file for spec in rubric.reference.values()), *functions, *interfaces])
-    )
+    programs = (spec.file for spec in rubric.reference.values())
+    return list(dict.fromkeys([*programs, *functions, *interface_files(rubric)]))
+
+
+def interface_files(rubric: Rubric) -> list[str]:
+    """Return the definitions of a lab's own interfaces, as paths beside the rubric."""
+    if rubric.interfaces is None:
+        return []
+    return [
+        f"{rubric.interfaces}/{name}" for name in read_folder(rubric.folder / rubric.interfaces)
+    ]
 
 
 def functions_of(part: BaseModel) -> list[str]:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
-from datetime import date, datetime, timedelta
+from dataclasses import dataclass, replace
+from datetime import date, datetime, timedelta, timezone
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_DOWN, Decimal
 from typing import Annotated, Any, Literal
+from zoneinfo import ZoneInfo, available_timezones
 
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
-from grader.lab.yaml_with_lines import Strict
+from grader.lab.yaml_with_lines import Strict, meant
 
 _TENTH = Decimal("0.1")
 _DAY = timedelta(days=1)
@@ -178,14 +179,79 @@ class LatePolicy(Strict):
         )
 
 
+def _zone_name(value: Any) -> Any:
+    if value is None or (isinstance(value, str) and value in available_timezones()):
+        return value
+    near = meant(str(value), sorted(available_timezones()))
+    raise ValueError(f"a time zone is expected, such as Europe/Berlin{near}")
+
+
+#: The name of a time zone in the IANA database.
+MaybeZone = Annotated[
+    str | None,
+    BeforeValidator(_zone_name),
+    WithJsonSchema({"type": "string", "description": "A time zone, such as Europe/Berlin."}),
+]
+
+
+@dataclass(frozen=True)
+class HandedIn:
+    """When a submission was handed in, and how that is known."""
+
+    #: As the source says it: without offset from UTC if the source has none. None if nothing tells.
+    at: datetime | None = None
+    #: The source, in words, e.g. "the class list".
+    source: str = ""
+    #: The time of the newest file in the student's archive, which proves nothing.
+    newest_file: datetime | None = None
+
+
+#: Nothing tells the time of submission.
+NOT_KNOWN = HandedIn()
+
+
 class Policy(Strict):
     """What a rubric says beside points: what lateness costs, if anything."""
 
     late: LatePolicy | None = None
+    timezone: MaybeZone = Field(
+        None,
+        description="Time zone of the times in downloads and class lists that name none.",
+    )
+
+    def zoned(self, handed_in: HandedIn) -> HandedIn:
+        """Return times of submission with their offset from UTC, as far as the policy names the zone of all others."""
+        return replace(
+            handed_in, at=self._zoned(handed_in.at), newest_file=self._zoned(handed_in.newest_file)
+        )
+
+    def _zoned(self, time: datetime | None) -> datetime | None:
+        if time is None or time.utcoffset() is not None or self.timezone is None:
+            return time
+        # An hour that the clocks repeat counts as the first, in the student's favour.
+        return time.replace(tzinfo=ZoneInfo(self.timezone), fold=0)
+
+
+#: Offsets from UTC of the clocks that are first and last to show a time.
+_FIRST_CLOCK, _LAST_CLOCK = timedelta(hours=14), timedelta(hours=-12)
+
+
+def earliest(moment: datetime) -> datetime:
+    """Return the first instant at which a clock somewhere shows a time; the time itself if it has its offset."""
+    if moment.utcoffset() is not None:
+        return moment
+    return moment.replace(tzinfo=timezone(_FIRST_CLOCK))
+
+
+def latest(moment: datetime) -> datetime:
+    """Return the last instant at which a clock somewhere shows a time; the time itself if it has its offset."""
+    if moment.utcoffset() is not None:
+        return moment
+    return moment.replace(tzinfo=timezone(_LAST_CLOCK))
 
 
 def time_text(moment: datetime | date) -> str:
-    """Write a date, with time and offset where it has them."""
+    """Write a date, with time and offset where it has them, e.g. "2026-11-20 23:59 +01:00"."""
     if not isinstance(moment, datetime):
         return moment.isoformat()
     written, offset = moment.strftime("%Y-%m-%d %H:%M"), moment.strftime("%z")

@@ -128,8 +128,12 @@ class SubmissionRecord:
     left_out: list[str] = field(default_factory=list)
     #: The sessions that were asked for; None for all of the rubric's.
     sessions: list[str] | None = None
-    #: When it was handed in, as ISO 8601 with its offset from UTC; None where nobody knows.
+    #: When it was handed in, as ISO 8601, without offset from UTC if its source names none; None if nothing tells.
     submitted_at: str | None = None
+    #: The source of this time, in words; empty in recordings of earlier versions.
+    time_source: str = ""
+    #: The time of the newest file in the archive, in the same form; it proves nothing.
+    newest_file: str | None = None
     #: By which a grade book knows the student, where a learning-management system or a class list told it.
     student_id: str | None = None
     identity: Identity = field(default_factory=Identity)

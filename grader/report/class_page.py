@@ -6,11 +6,12 @@ With scripts its tables can be sorted and filtered; without them it shows the sa
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import timedelta, timezone
+from datetime import timezone
 
 from grader.cohort.changes import Changes, by_check, changes_between
 from grader.cohort.similarity import Similarity
 from grader.cohort.statistics import CheckStatistics, ClassSummary, Need, Row
+from grader.lab.policy import time_text
 from grader.report import views
 from grader.report.figures.scores import scores_figure
 from grader.report.page import render_page
@@ -40,6 +41,12 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
         "such as an example that was left in: a person judges. The points are lost already.",
         Badge("partial", "#", "numbers not measured"),
     ),
+    Need.LATENESS: (
+        "Perhaps late",
+        "No time of submission is known for certain, and nothing was taken. Give a class list or the grading "
+        "worksheet, name the policy’s time zone, or write “submitted:” into overrides.yaml.",
+        Badge("undecided", "⏱", "perhaps late"),
+    ),
     Need.OTHER_RUBRIC: (
         "Judged by another rubric",
         "These results come from another version of the rubric, or of the files that it names, than the others, and "
@@ -59,6 +66,8 @@ def render(
     needs = {todo.need: _TASKS[todo.need] for todo in summary.todos}
     rows = range(len(summary.rows))
     compared = {n: changes for n in rows if (changes := _changes(summary.rows[n])) is not None}
+    zone = _zone(summary)
+    times = [_when(row, zone) for row in summary.rows]
     return render_page(
         "class.html.j2",
         ("report.css", "class.css"),
@@ -95,7 +104,10 @@ def render(
         adjustments_of=views.adjustments_of,
         cell_badge=views.cell_badge,
         beside=any(row.result.beside_criteria for row in summary.rows if row.result),
-        zone=_zone(summary),
+        zone=zone,
+        dated=any(when != ("–", "") for when in times),
+        times=times,
+        due=_due(summary),
     )
 
 
@@ -133,10 +145,40 @@ def _codes(row: Row, summary: ClassSummary) -> str:
 
 
 def _zone(summary: ClassSummary) -> timezone | None:
-    """Return the zone that times are shown in: the one that all were given in, or else UTC; None without times."""
+    """Return the zone that times are shown in: the one that all were given in, or else UTC; None without such times."""
     times = [row.entry.submitted_at for row in summary.rows if row.entry.submitted_at is not None]
-    offsets = {time.utcoffset() or timedelta() for time in times}
-    return (timezone(offsets.pop()) if len(offsets) == 1 else timezone.utc) if offsets else None
+    offsets = {offset for time in times if (offset := time.utcoffset()) is not None}
+    if not offsets:
+        return None
+    return timezone(offsets.pop()) if len(offsets) == 1 else timezone.utc
+
+
+def _due(summary: ClassSummary) -> str:
+    """Return when the class's submissions were due without extensions; empty if the rubric does not say so."""
+    for row in summary.rows:
+        if row.result is not None and row.result.timing is not None:
+            return row.result.timing.due_for_all or row.result.timing.due
+    return ""
+
+
+def _when(row: Row, zone: timezone | None) -> tuple[str, str]:
+    """Return when a submission was handed in, in a zone, and how that is known, with an extension of the due date."""
+    entry, timing = row.entry, row.result.timing if row.result is not None else None
+    notes = [entry.time_source] if entry.submitted_at is not None else []
+    shown = "–"
+    if timing is not None and timing.source and entry.submitted_at is None:
+        shown, notes = timing.handed_in, [timing.source]
+    elif entry.submitted_at is not None:
+        shown = entry.submitted_at.strftime("%Y-%m-%d %H:%M")
+        if entry.submitted_at.utcoffset() is None:
+            notes.append("time zone not known")
+        elif zone is not None:
+            shown = entry.submitted_at.astimezone(zone).strftime("%Y-%m-%d %H:%M")
+    elif entry.newest_file is not None:
+        notes.append(f"newest file {time_text(entry.newest_file)}")
+    if timing is not None and timing.due_for_all:
+        notes.append(f"due {timing.due}, extended")
+    return shown, "; ".join(note for note in notes if note)
 
 
 def _remark(check: CheckStatistics, noise: float | None) -> str:

@@ -19,6 +19,7 @@ from grader.recording.submission import ArtifactFact, FileFact, PackageFact, Sub
 from grader.submission.choice import Candidates, Chooser
 from grader.submission.extraction import Intake, SubmissionSource
 from grader.submission.file_names import TEXT_SUFFIXES, displayed
+from grader.submission.handed_in import set_handed_in
 from grader.submission.packages.colcon import find_packages
 
 #: A text beyond this, and the largest of those that are too much together, are not read by the judging half.
@@ -39,9 +40,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
         name=source.name, left_out=list(intake.left_out), source=source.origin
     )
     record.student_id, record.identity = source.student_id, source.identity
-    record.submitted_at = (
-        source.submitted_at.isoformat() if source.submitted_at is not None else None
-    )
+    set_handed_in(record, source.handed_in)
     collect_files(intake.folder, record)
     if not record.files:
         raise SubmissionError(

@@ -21,6 +21,7 @@ from typing import BinaryIO, TypeVar
 
 from grader.bounded import Bound, in_process
 from grader.errors import BoundError, SubmissionError
+from grader.lab.policy import HandedIn, latest
 from grader.recording.submission import Identity
 from grader.submission import file_names
 from grader.submission.beneath import open_regular_beneath
@@ -143,18 +144,26 @@ class SubmissionSource:
     #: Under which its results are known: fit for a file's name, and of one submission only.
     name: str
     pieces: tuple[Piece, ...]
-    #: What a learning-management system tells: its id of the student, when it came (with the offset from UTC), whether
-    #: that is marked as late, and the student's name.
+    #: What a learning-management system tells: its id of the student, whether it is marked as late, the student's name.
     student_id: str | None = None
-    submitted_at: datetime | None = None
     late: bool = False
     student: str = ""
+    #: When it was handed in, without offset from UTC if the source of the time names none; and that source, in words.
+    submitted_at: datetime | None = None
+    time_source: str = ""
+    #: The time of the newest file in the archive, once that is extracted; it proves nothing.
+    newest_file: datetime | None = None
     #: All that is known of those who handed it in.
     identity: Identity = field(default_factory=Identity)
     #: Where it comes from, in words; written by students, so not to be trusted.
     location: str = ""
     #: The path that it was found by, the same however that was typed; empty where nobody knows.
     origin: str = ""
+
+    @property
+    def handed_in(self) -> HandedIn:
+        """When it was handed in, and how that is known."""
+        return HandedIn(self.submitted_at, self.time_source, self.newest_file)
 
     @classmethod
     def of(cls, path: Path) -> SubmissionSource:
@@ -170,7 +179,7 @@ class Intake:
 
     #: Holds regular files only.
     folder: Path
-    #: When nothing else tells when it came, with the newest time of a file in the archive, as a student's machine said.
+    #: With the time of the newest file in the archive.
     source: SubmissionSource
     #: What was not extracted, a line each with its reason.
     left_out: tuple[str, ...] = ()
@@ -211,7 +220,7 @@ def _extracted(source: SubmissionSource, scratch: Path, limits: Limits) -> Intak
             f"Left out: {'; '.join(left_out[:3])}." if left_out else "Put the lab's files into it."
         )
         raise SubmissionError(problem, remedy=remedy)
-    source = replace(source, submitted_at=source.submitted_at or extraction.newest)
+    source = replace(source, newest_file=extraction.newest)
     return Intake(extraction.folder, source, left_out, tuple(extraction.unreadable))
 
 
@@ -301,7 +310,8 @@ class _Extraction:
                 self._note(member.name, str(reason))
                 continue
             if added and timed and member.modified:
-                self.newest = max(self.newest or member.modified, member.modified)
+                times = (self.newest or member.modified, member.modified)
+                self.newest = max(times, key=latest)
 
     def _add(self, member: Member, parts: tuple[str, ...]) -> bool:
         """Add a file, if it is one that a student may have meant to hand in; returns whether it was."""

@@ -63,7 +63,7 @@ class Member:
     kind: Kind
     #: What is claimed.
     size_bytes: int = 0
-    #: With its offset from UTC.
+    #: As the machine that packed it says, without offset from UTC if only its local time is known.
     modified: datetime | None = None
     #: Gives the content, piece by piece; only until the next member is asked for.
     pieces: Callable[[], Iterator[bytes]] = lambda: iter(())
@@ -241,7 +241,7 @@ def _zip_kind(info: zipfile.ZipInfo) -> Kind:
 
 
 def _zip_time(info: zipfile.ZipInfo) -> datetime | None:
-    """Return a member's time: from Unix's or NTFS's field, which are in UTC, else as local time of this machine."""
+    """Return a member's time: from Unix's or NTFS's field, which are in UTC, else as some local time."""
     extra = info.extra
     while len(extra) >= 4:
         field, length = struct.unpack_from("<HH", extra)
@@ -250,10 +250,10 @@ def _zip_time(info: zipfile.ZipInfo) -> datetime | None:
             return _utc(struct.unpack_from("<i", data, 1)[0])
         if field == 0x000A and len(data) >= 16 and data[4:6] == b"\x01\x00":
             return _utc(struct.unpack_from("<Q", data, 8)[0] / 1e7 - 11_644_473_600)
-    with suppress(ValueError, OverflowError, OSError):
-        return (
-            None if tuple(info.date_time) == _ZIP_EPOCH else datetime(*info.date_time).astimezone()
-        )
+    if tuple(info.date_time) == _ZIP_EPOCH:
+        return None
+    with suppress(ValueError):
+        return datetime(*info.date_time)
     return None
 
 

@@ -5,24 +5,27 @@
 
 `name` is the submission's name, or the one that a learning-management system wrote. All other columns may be missing:
 `student_id`, `login`, `email`, `section`, `team` (those of one team hand in together), `submitted_at`. A time without
-offset from UTC is local. Of several lines of a student with an id, the last time counts. What the grade books of
-Moodle, Canvas, Blackboard and Brightspace export is such a list too, with a form of its own for each.
+offset from UTC is one of the time zone that the rubric's policy names. Of several lines of a student with an id, the
+last time counts. What the grade books of Moodle (a grading worksheet, in any language), Canvas, Blackboard and
+Brightspace export is such a list too, with a form of its own for each.
 """
 
 from __future__ import annotations
 
 import csv
+import re
 import unicodedata
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime
+from datetime import datetime, timezone
 from pathlib import Path
 
 from grader.errors import SubmissionError
-from grader.lab.policy import parse_time
+from grader.lab.policy import latest, parse_time
 from grader.recording.submission import Identity, Person
+from grader.submission.lms.worksheet import WORKSHEET_TIME, columns_of, worksheet_time
 
 _MOST_BYTES = 4 * 1024 * 1024
 #: What is known of a person -> how columns with it are called, in lower case, with underscores for blanks.
@@ -46,12 +49,21 @@ class Student:
 
     name: str
     student_id: str | None = None
-    #: With its offset from UTC.
+    #: Without offset from UTC if the list names none.
     submitted_at: datetime | None = None
     #: All that the list knows of them.
     person: Person = field(default_factory=Person)
     #: Who hands in together is of one team.
     team: str = ""
+    #: The source of the time, in words.
+    time_source: str = ""
+    #: A time in a worksheet that could not be read.
+    unread_time: str = ""
+
+    @property
+    def shown(self) -> str:
+        """The name, or the id or login of a student without."""
+        return self.name or self.student_id or self.person.login
 
 
 def read_class_list(path: Path) -> list[Student]:
@@ -74,13 +86,14 @@ def read_class_list(path: Path) -> list[Student]:
     first = text.partition("\n")[0]
     rows = csv.reader(text.splitlines(), delimiter=max(",;\t", key=first.count))
     try:
-        columns = [column.strip().lower().replace(" ", "_") for column in next(rows, [])]
+        columns = columns_of(next(rows, []))
         if not {*_COLUMNS["name"], *_COLUMNS["login"], *_COLUMNS["student_id"]} & {*columns}:
             raise ValueError("there is no column 'name'")
-        filled = (row for row in rows if any(cell.strip() for cell in row))
-        listed = (
-            _listed({c: v.strip() for c, v in zip(columns, row, strict=False)}) for row in filled
-        )
+        listed = []
+        for row in rows:
+            cells = {c: v.strip() for c, v in zip(columns, row, strict=False)}
+            if any(cells.values()):
+                listed.append(_listed(cells))
         return _once_each(student for student in listed if student.name != _POINTS_POSSIBLE)
     except (ValueError, OverflowError, csv.Error) as problem:
         raise SubmissionError(
@@ -96,27 +109,53 @@ def _once_each(listed: Iterable[Student]) -> list[Student]:
     found: dict[tuple[str, str | None, int], Student] = {}
     for number, student in enumerate(listed):
         key = (student.name, student.student_id, 0 if student.student_id else number)
-        times = [
-            s.submitted_at
-            for s in (found.get(key), student)
-            if s is not None and s.submitted_at is not None
-        ]
-        found[key] = replace(student, submitted_at=max(times, default=None))
+        before = found.get(key)
+        if before is not None and before.submitted_at is not None:
+            own = student.submitted_at
+            if own is None or latest(own) < latest(before.submitted_at):
+                student = replace(
+                    student, submitted_at=before.submitted_at, time_source=before.time_source
+                )
+        found[key] = student
     return list(found.values())
 
 
 def _listed(row: Mapping[str, str]) -> Student:
     known = {fact: _value(row, columns) for fact, columns in _COLUMNS.items()}
     name = known["name"] or f"{_value(row, _FIRST)} {_value(row, _LAST)}".strip()
-    person = Person(**(known | {"name": name, "moodle": known["moodle"].rpartition(" ")[2]}))
-    time = row.get("submitted_at", "")
+    person = Person(**(known | {"name": name, "moodle": _number_in(known["moodle"])}))
     if not (person.name or person.student_id or person.login):
         raise ValueError("neither a name nor a student_id")
-    submitted_at = parse_time(time) if time else None
-    if time and submitted_at is None:
-        raise ValueError(f"{time!r} is not a time")
-    moment = submitted_at.astimezone() if submitted_at is not None else None
-    return Student(name, person.student_id or None, moment, person, row.get("team", ""))
+    time, source = _handed_in(row)
+    unread = row.get(WORKSHEET_TIME, "") if time is None else ""
+    return Student(
+        name,
+        person.student_id or None,
+        time,
+        person,
+        row.get("team", ""),
+        source,
+        "" if unread == "-" else unread,
+    )
+
+
+def _number_in(participant: str) -> str:
+    """Return the number at the end of a text such as "Participant 11" or "Teilnehmer/in11"."""
+    number = re.search(r"\d{1,20}$", participant)
+    return number[0] if number is not None else participant
+
+
+def _handed_in(row: Mapping[str, str]) -> tuple[datetime | None, str]:
+    """Return when a student handed in, by a column of the list's own or of Moodle's worksheet, and which of the two."""
+    text = row.get("submitted_at", "")
+    if text:
+        time = parse_time(text)
+        if time is None:
+            raise ValueError(f"{text!r} is not a time")
+        time.astimezone(timezone.utc)  # Raises OverflowError for a time that no clock shows.
+        return time, "the class list"
+    time = worksheet_time(row.get(WORKSHEET_TIME, ""))
+    return time, "Moodle's grading worksheet" if time is not None else ""
 
 
 def _value(row: Mapping[str, str], columns: Iterable[str]) -> str:
@@ -132,6 +171,7 @@ class Match:
 
     student_id: str | None
     submitted_at: datetime | None
+    time_source: str
     #: Places in the list of all that it may belong to.
     may_be: frozenset[int]
     #: Of whom it is, if that is certain: the student, and the others of the team; or a team of whom nobody is known to
@@ -171,15 +211,13 @@ def matches(
         known = students[sure] if sure is not None else Student("")
         members = teams[team] if team and of_team.count(team) == 1 else ()
         shares = dict.fromkeys([*([] if sure is None else [sure]), *members])
-        student_id, time = (
-            known.student_id or item.student_id,
-            known.submitted_at or item.submitted_at,
-        )
+        told = known if known.submitted_at is not None else item
         people = tuple(person_of(students[index]) for index in shares)
         found.append(
             Match(
-                student_id,
-                time,
+                known.student_id or item.student_id,
+                told.submitted_at,
+                told.time_source,
                 frozenset({*may_be, *shares}),
                 people,
                 bool(people) and sure is None,
@@ -188,10 +226,36 @@ def matches(
     return found
 
 
+#: Shorter logins, ids and single names are words of other things too often.
+_LEAST_CHARACTERS = 3
+
+#: Something that was handed in, and the names that it bears.
+_Item = tuple[Student, Sequence[str]]
+
+
 def _owners(
-    students: Sequence[Student], items: Sequence[tuple[Student, Sequence[str]]]
+    students: Sequence[Student], items: Sequence[_Item]
 ) -> list[tuple[int | None, set[int]]]:
     """Return the place of each thing's student, None if that does not tell, and of all to whom it may belong."""
+    found = _by_whole_names(students, items)
+    words = _by_words(students, items)
+    certain = {sure for sure, _ in found if sure is not None}
+    taken = Counter(sure for (whole, _), (sure, _) in zip(found, words, strict=True) if not whole)
+    for n, (sure, may_be) in enumerate(found):
+        by_words, candidates = words[n]
+        if sure is not None or may_be:
+            continue
+        if by_words is None or taken[by_words] > 1 or by_words in certain:
+            found[n] = None, candidates
+        else:
+            found[n] = by_words, {by_words}
+    return found
+
+
+def _by_whole_names(
+    students: Sequence[Student], items: Sequence[_Item]
+) -> list[tuple[int | None, set[int]]]:
+    """Find owners by names, logins, ids and addresses that are all of a name that something bears."""
     called: dict[str, set[int]] = defaultdict(set)
     for index, student in enumerate(students):
         # Of a download, folders are called after both.
@@ -209,6 +273,65 @@ def _owners(
         sure = next((min(called[key]) for key in telling if len(called[key]) == 1), None)
         found.append((sure, {index for key in keys for index in called[key]}))
     return found
+
+
+def _by_words(
+    students: Sequence[Student], items: Sequence[_Item]
+) -> list[tuple[int | None, set[int]]]:
+    """Find owners by a login or id among the words of a name that something bears, or by all words of their names.
+
+    `Müller_Änne_aemuell_4711` has the login aemuell and the words of "Änne Müller". Where logins and names point to
+    different students, it does not tell. A login or id among the words of several things, as a year is, tells nothing.
+    """
+    spoken = [f" {' '.join(map(_plain, (item.name, *names)))} " for item, names in items]
+    names = [frozenset(_plain(student.name).split()) for student in students]
+    numbers = [_numbers_of(student) for student in students]
+    common = Counter(number for known in numbers for number in known)
+    for number in list(common):
+        common[number] = sum(f" {number} " in text for text in spoken)
+    found: list[tuple[int | None, set[int]]] = []
+    for text in spoken:
+        by_number: set[int] = set()
+        unclear: set[int] = set()
+        for index, known in enumerate(numbers):
+            here = [number for number in known if f" {number} " in text]
+            if any(common[number] == 1 for number in here):
+                by_number.add(index)
+            elif here:
+                unclear.add(index)
+        by_name = _named_in(frozenset(text.split()), names)
+        found.append(_owner_of(by_number, by_name, unclear))
+    return found
+
+
+def _owner_of(
+    by_number: set[int], by_name: set[int], unclear: set[int]
+) -> tuple[int | None, set[int]]:
+    """Return the one student to whom logins or ids, and names, point; None and all of them if there is no such one."""
+    both = (by_number | unclear) & by_name
+    if len(both) == 1 and by_number <= both:
+        return min(both), both
+    all_named = by_number | by_name
+    if len(all_named) == 1:
+        return min(all_named), all_named
+    return None, all_named
+
+
+def _numbers_of(student: Student) -> frozenset[str]:
+    """Return the login, id and addresses of a student, as words."""
+    mailbox = student.person.email.partition("@")[0]
+    texts = (student.student_id or "", student.person.login, student.person.email, mailbox)
+    plain = map(_plain, texts)
+    return frozenset(text for text in plain if len(text) >= _LEAST_CHARACTERS)
+
+
+def _named_in(words: frozenset[str], names: Sequence[frozenset[str]]) -> set[int]:
+    """Return the students all of whose names are among some words, without names that are a part of another one's."""
+    found = set()
+    for index, name in enumerate(names):
+        if name and name <= words and len("".join(name)) >= _LEAST_CHARACTERS:
+            found.add(index)
+    return {index for index in found if not any(names[index] < names[other] for other in found)}
 
 
 def person_of(student: Student) -> Person:

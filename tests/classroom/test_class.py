@@ -14,6 +14,7 @@ from decimal import Decimal
 from pathlib import Path
 
 import pytest
+import yaml
 
 pytest.importorskip("rclpy")
 
@@ -27,7 +28,7 @@ from grader.live.sandbox.probing import probe_isolation
 from grader.recording.session import read_session, write_session
 from grader.result_folder import JOURNAL_FILE, RECORDINGS
 from tests.classroom.small_class import ASTRAY, CRASHES, SLEEPS, Family, SmallClass, make_class
-from tests.live.small_lab import TALKER, command_of, name_of, remains, until
+from tests.live.small_lab import FREE, TALKER, command_of, name_of, remains, until
 from tests.regraded import judge_results
 from tests.report.exports.importers import (
     User,
@@ -37,6 +38,8 @@ from tests.report.exports.importers import (
 )
 
 pytestmark = pytest.mark.live
+#: The bag of the only session.
+BAG = f"{RECORDINGS}/only/only.mcap"
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -176,6 +179,52 @@ def test_exactly_what_is_undecided_is_run_again(tmp_path: Path) -> None:
         "there is nothing to decide any more"
     )
     assert small.files_of("ann") == again
+
+
+def test_undecided_sessions_are_found_after_the_rubric_changed(tmp_path: Path) -> None:
+    """After a corrected hint, judged again or not, --undecided still knows who is graded and what is open."""
+    small = make_class(tmp_path, {"ann": TALKER, "bob": CRASHES})
+    assert small.grade()[0] == 0
+    leave_open(small, "ann")
+    bags = {name: small.files_of(name)[BAG] for name in ("ann", "bob")}
+    small.rubric.write_text(small.rubric.read_text().replace("publishes", "is_published"))
+    command = [sys.executable, "-m", "grader.cli", "regrade", str(small.results), "--apply"]
+    subprocess.run([*command, "--rubric", str(small.rubric)], check=True, capture_output=True)
+    status, output, errors = small.grade("--undecided")
+    assert (status, errors) == (0, "")
+    assert "left out" not in output
+    assert "2 graded" in output
+    assert small.result("ann")["score"]["undecided"] == 0
+    assert small.files_of("ann")[BAG] != bags["ann"], "its session was not recorded again"
+    assert small.files_of("bob")[BAG] == bags["bob"], "a decided session was recorded again"
+
+    leave_open(small, "ann")
+    small.rubric.write_text(small.rubric.read_text().replace("is_published", "publishes"))
+    assert "left out" not in small.grade("--undecided")[1], "without `regrade` it is forgotten"
+    assert small.result("ann")["criteria"][0]["checks"][0]["id"] == "publishes"
+    assert small.result("ann")["score"]["undecided"] == 0
+
+
+def test_a_submission_changed_since_is_not_called_ungraded(tmp_path: Path) -> None:
+    """With --undecided, files handed in anew are named as changed, because they were graded before."""
+    small = make_class(tmp_path, {"ann": TALKER, "eve": None})
+    assert small.grade()[0] == 3
+    small.hand_in("ann", ASTRAY)
+    output = small.grade("--undecided")[1]
+    assert "Not graded yet, and left out: eve." in output
+    assert "Graded before, and left out: ann." in output
+
+
+def test_a_class_without_sessions_is_graded(tmp_path: Path) -> None:
+    """A lab of documents alone records nothing, and judges every submission of a class all the same."""
+    small = make_class(tmp_path, {"ann": TALKER, "bob": CRASHES})
+    plain = yaml.safe_load(small.rubric.read_text())
+    plain["sessions"] = {}
+    plain["criteria"][0]["checks"] = [{**FREE, "points": 1}]
+    small.rubric.write_text(yaml.safe_dump(plain))
+    status, output, errors = small.grade()
+    assert (status, errors) == (0, "")
+    assert "2 graded, mean" in output
 
 
 def leave_open(small: SmallClass, name: str) -> None:

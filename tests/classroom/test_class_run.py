@@ -22,6 +22,7 @@ from grader.errors import GraderError
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
 from grader.lab.overrides import load_overrides
+from grader.lab.policy import HandedIn
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.pipeline import Options
 from grader.recording.submission import Identity, Person, read_submission, write_submission
@@ -109,11 +110,11 @@ def test_who_handed_in_is_told_to_recordings_that_hold_good(tmp_path: Path) -> N
             Machine(1),
             RunProgress(Console(), 1),
         )
-        run._state_intake(_Task(listed, "", NOON.isoformat(), "", ""))
+        run._state_intake(_Task(listed, "", HandedIn(NOON), "", ""))
         record = read_submission(results / "ann" / RECORDINGS)
         assert (record.student_id, record.identity) == ("0012", listed.identity)
         before = (results / "ann" / RECORDINGS / "submission.json").stat()
-        run._state_intake(_Task(with_earlier(ann, results), "", NOON.isoformat(), "", ""))
+        run._state_intake(_Task(with_earlier(ann, results), "", HandedIn(NOON), "", ""))
         after = (results / "ann" / RECORDINGS / "submission.json").stat()
     assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns), (
         "a run without a list changed it"
@@ -134,7 +135,7 @@ def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -
     options = Options(
         Path(sys.executable), overrides=load_overrides(tmp_path / "overrides.yaml", rubric)
     )
-    lab, chosen = fingerprint.lab_sha256(rubric), fingerprint.options_sha256(options)
+    lab, chosen = fingerprint.recording_sha256(rubric), fingerprint.options_sha256(options)
     key = fingerprint.sha256_of((fingerprint.engine_sha256(), lab, chosen))
     with open_submission(SubmissionSource.of(handed_in)) as intake:
         key = fingerprint.sha256_of((key, fingerprint.submission_sha256(intake)))

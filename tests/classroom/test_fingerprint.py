@@ -105,6 +105,26 @@ def test_the_rubric_with_all_its_programs_counts(tmp_path: Path, rubric: Rubric)
     assert fingerprint.lab_sha256(here.model_copy(update={"text": here.text + "\n"})) != whole
 
 
+def test_words_points_and_checks_need_no_other_recordings(rubric: Rubric) -> None:
+    """What judges a recording does not change its key; sessions, programs and wanted files do."""
+    whole = fingerprint.recording_sha256(rubric)
+    words = rubric.text.replace("hint:", "hint: Look here.").replace("Lab 09-01", "Lab 9-1")
+    assert words != rubric.text
+    for change in ({"text": words}, {"criteria": rubric.criteria[:2]}, {"bonus": ()}):
+        assert fingerprint.recording_sha256(rubric.model_copy(update=change)) == whole or (
+            "bonus" in change
+        )
+    name, session = next(iter(rubric.sessions.items()))
+    artifact = next(iter(rubric.artifacts))
+    others = [
+        {"sessions": {**rubric.sessions, name: session.model_copy(update={"steps": ()})}},
+        {"artifacts": {k: v for k, v in rubric.artifacts.items() if k != artifact}},
+        {"reference": {}},
+    ]
+    for change in others:
+        assert fingerprint.recording_sha256(rubric.model_copy(update=change)) != whole, change
+
+
 def test_of_the_rubrics_own_folder_not_everything_counts(tmp_path: Path, rubric: Rubric) -> None:
     """With programs right beside the rubric, the folders there, such as submissions, are no part of the lab."""
     for name in ("arm.py", "arm_model.py", "oracles.py"):
@@ -149,8 +169,8 @@ def test_decisions_of_people_concern_those_whom_they_name(tmp_path: Path, rubric
     (tmp_path / "overrides.yaml").write_text(f"overrides:\n  - {override}\n", encoding="utf-8")
     decided = replace(OPTIONS, overrides=read_overrides(None, tmp_path, rubric))
 
-    def policy(options: Options, name: str, submitted_at: str | None = None) -> str:
-        return fingerprint.policy_sha256(options, name, submitted_at)
+    def policy(options: Options, name: str, handed_in: str = "") -> str:
+        return fingerprint.judging_sha256(options, name, handed_in, "lab")
 
     assert policy(decided, "ann") != policy(OPTIONS, "ann")
     assert policy(decided, "bob") == policy(OPTIONS, "bob")

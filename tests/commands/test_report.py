@@ -13,6 +13,7 @@ from grader import result_folder
 from grader.cli import main
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
+from grader.recording.submission import read_submission, write_submission
 from tests.regraded import judge_results, regraded
 
 pytestmark = pytest.mark.usefixtures("judged_before")
@@ -91,6 +92,40 @@ def test_writing_it_again_gives_the_same_bytes(
     first = [file.read_bytes() for file in files]
     run(capsys, results)
     assert [file.read_bytes() for file in files] == first
+
+
+def test_those_who_handed_in_nothing_stay(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The list is kept with the results, so that a report without it lists the same students."""
+    roster = tmp_path / "class.csv"
+    roster.write_text("name,student_id\nsolution,007\nnobody,8\n", encoding="utf-8")
+    run(capsys, results, "--class-list", roster)
+    before, page = grades(results), (results / result_folder.CLASS_PAGE).read_bytes()
+    roster.unlink()
+    _, output, _ = run(capsys, results)
+    assert output.startswith("4 submissions, 3 graded")
+    assert grades(results) == before
+    assert (results / result_folder.CLASS_PAGE).read_bytes() == page
+    run(capsys, results, "--class-list", results / result_folder.CLASS_LIST_FILE)
+    assert grades(results) == before
+    roster.write_text("name,student_id\nsolution,007\n", encoding="utf-8")
+    run(capsys, results, "--class-list", roster)
+    run(capsys, results)
+    assert "nobody" not in grades(results), "the list given last counts"
+
+
+def test_a_list_in_a_submission_is_nobodys_word(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Where results lie in a student's folder, a list that lies there adds nobody."""
+    recordings = results / "solution" / result_folder.RECORDINGS
+    record = read_submission(recordings)
+    record.source = str(tmp_path)
+    write_submission(recordings, record)
+    (results / result_folder.CLASS_LIST_FILE).write_text("name\nnobody\n", encoding="utf-8")
+    run(capsys, results)
+    assert "nobody" not in grades(results)
 
 
 def test_a_list_adds_ids_and_who_is_missing(

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from grader.judging.adjust import adjust
 from grader.lab.overrides import Override
-from grader.lab.policy import LatePolicy
+from grader.lab.policy import HandedIn, LatePolicy, Policy
 from grader.result import AdjustmentKind, CheckResult, CriterionResult, Outcome, Result, Score
 
 DUE = datetime.fromisoformat("2026-11-20T23:59:00+01:00")
@@ -131,14 +131,14 @@ def test_an_undecided_check_can_be_decided_by_hand() -> None:
 
 def late(hours: float, *entries: Override, judged: Result = JUDGED) -> Result:
     """Give the result of a submission so many hours after it was due."""
-    return adjust(judged, entries, LATE, DUE + timedelta(hours=hours))
+    return adjust(judged, entries, LATE, HandedIn(DUE + timedelta(hours=hours), "the class list"))
 
 
 def test_in_time_nothing_is_said() -> None:
     """A submission in time, or a lab without a due date, has no adjustment."""
     assert late(-1).adjustments == ()
     assert late(0).adjustments == ()
-    assert adjust(JUDGED, [], None, DUE + timedelta(days=9)).adjustments == ()
+    assert adjust(JUDGED, [], None, HandedIn(DUE + timedelta(days=9))).adjustments == ()
 
 
 @pytest.mark.parametrize(
@@ -176,15 +176,70 @@ def test_lateness_says_what_it_costs(hours: float, taken: str, words: str) -> No
 def test_each_way_of_counting_has_its_words(parts: dict[str, str], hours: int, words: str) -> None:
     """The reason follows the lab's policy."""
     policy = LatePolicy.model_validate({"due": DUE, **parts})
-    (made,) = adjust(JUDGED, [], policy, DUE + timedelta(hours=hours)).adjustments
+    (made,) = adjust(JUDGED, [], policy, HandedIn(DUE + timedelta(hours=hours))).adjustments
     assert made.reason.endswith(words)
 
 
 def test_a_time_that_nobody_knows_costs_nothing() -> None:
     """Without a time of submission nothing is taken, and the report says so."""
-    (made,) = adjust(JUDGED, [], LATE, None).adjustments
+    (made,) = adjust(JUDGED, [], LATE).adjustments
     assert (made.kind, made.points) == (AdjustmentKind.LATE, Decimal(0))
     assert "not known" in made.reason
+
+
+NAIVE = datetime.fromisoformat("2026-11-20T23:40:00")
+
+
+def test_the_time_of_a_file_never_costs_points() -> None:
+    """Even years after it was due, a file's time is told for a person, and takes nothing."""
+    for newest in (NAIVE, NAIVE + timedelta(days=900), DUE + timedelta(days=3)):
+        adjusted = adjust(JUDGED, [], LATE, HandedIn(newest_file=newest))
+        (made,) = adjusted.adjustments
+        assert made.points == 0
+        assert f"The newest file in it says {newest:%Y-%m-%d %H:%M}" in made.reason
+        assert "a person decides" in made.reason
+        assert adjusted.timing is not None
+        assert (adjusted.timing.late, adjusted.timing.may_be_late) == (None, True)
+    berlin = Policy.model_validate({"timezone": "Europe/Berlin"})
+    for known in (HandedIn(newest_file=NAIVE - timedelta(days=2)), HandedIn(newest_file=NAIVE)):
+        early = adjust(JUDGED, [], LATE, berlin.zoned(known)).timing
+        assert early is not None
+        assert (early.late, early.may_be_late) == (None, False)
+
+
+def test_a_time_without_a_zone_costs_points_nowhere() -> None:
+    """A download's time without a zone is in time if it is so on every clock; else the policy's zone decides."""
+    made = adjust(JUDGED, [], LATE, HandedIn(NAIVE, "Blackboard"))
+    assert made.final == JUDGED.final
+    assert "by the key timezone" in made.adjustments[0].reason
+    early = adjust(JUDGED, [], LATE, HandedIn(NAIVE - timedelta(days=1), "Blackboard"))
+    assert early.adjustments == ()
+    assert early.timing is not None
+    assert early.timing.late is False
+    for zone, late in (("Europe/Berlin", False), ("UTC", True), ("America/Los_Angeles", True)):
+        policy = Policy.model_validate({"timezone": zone})
+        known = adjust(JUDGED, [], LATE, policy.zoned(HandedIn(NAIVE, "Blackboard")))
+        assert known.timing is not None
+        assert known.timing.late is late
+        assert (known.final < JUDGED.final) is late
+
+
+def test_what_decided_about_lateness_is_said() -> None:
+    """Due time, extension, time and its source are told, also for a submission in time."""
+    timing = late(-1).timing
+    assert timing is not None
+    assert timing.text == (
+        "Handed in 2026-11-20 22:59 +01:00 (by the class list), due 2026-11-20 23:59 +01:00: in time."
+    )
+    extended = late(30, entry(extension="2 days")).timing
+    assert extended is not None
+    assert extended.text == (
+        "Handed in 2026-11-22 05:59 +01:00 (by the class list), due 2026-11-22 23:59 +01:00 "
+        "(extended from 2026-11-20 23:59 +01:00): in time."
+    )
+    by_hand = late(30, entry(submitted=DUE)).timing
+    assert by_hand is not None
+    assert (by_hand.source, by_hand.late) == ("J. Smith", False)
 
 
 @pytest.mark.parametrize(
@@ -256,6 +311,7 @@ decisions = st.lists(
     st.one_of(of_parts, st.sampled_from(MOVES).map(lambda change: entry(**change))), max_size=6
 )
 moments = st.none() | st.integers(-300, 900).map(lambda hours: DUE + timedelta(hours=hours))
+moments |= st.just(DUE.replace(tzinfo=None))
 policies = st.none() | st.just(LATE)
 
 
@@ -264,7 +320,7 @@ def test_the_total_stays_within_what_is_possible(
     judged: Result, entries: list[Override], policy: LatePolicy | None, submitted: datetime | None
 ) -> None:
     """Without a bonus the final points lie between nothing and all, and the judgement is as it was."""
-    adjusted = adjust(judged, entries, policy, submitted)
+    adjusted = adjust(judged, entries, policy, HandedIn(submitted))
     assert 0 <= adjusted.final <= adjusted.score.possible
     assert (adjusted.score, adjusted.criteria) == (judged.score, judged.criteria)
 
@@ -278,7 +334,7 @@ def test_only_a_bonus_goes_beyond(
     submitted: datetime | None,
 ) -> None:
     """The final points are never below nothing, and above all that is possible by at most the bonuses."""
-    adjusted = adjust(judged, [*entries, *extra], policy, submitted)
+    adjusted = adjust(judged, [*entries, *extra], policy, HandedIn(submitted))
     beyond = sum((e.bonus or Decimal(0) for e in extra), Decimal(0))
     assert 0 <= adjusted.final <= adjusted.score.possible + beyond
 
@@ -292,8 +348,8 @@ def test_adjusting_again_changes_nothing(
     submitted: datetime | None,
 ) -> None:
     """However often a result is adjusted by the same decisions, it is the same; without them it is as judged."""
-    once = adjust(judged, [*entries, *extra], policy, submitted)
-    assert adjust(once, [*entries, *extra], policy, submitted) == once
+    once = adjust(judged, [*entries, *extra], policy, HandedIn(submitted))
+    assert adjust(once, [*entries, *extra], policy, HandedIn(submitted)) == once
     assert adjust(once, []) == judged
 
 

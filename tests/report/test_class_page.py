@@ -14,7 +14,10 @@ import pytest
 from grader.cohort.anonymous import anonymous
 from grader.cohort.entries import ClassEntry, report_link
 from grader.cohort.statistics import ClassSummary, summarise
+from grader.judging.adjust import adjust
 from grader.judging.rubrics import read_rubric
+from grader.lab.overrides import Override
+from grader.lab.policy import HandedIn, LatePolicy
 from grader.lab.rubric import Rubric
 from grader.report.class_page import render
 from tests.cohort.made_up import entry_of, result_of, rubric_of
@@ -260,6 +263,49 @@ def test_times_of_submission_can_be_compared(
     words = " ".join(page_of(*students).words.split())
     assert f"{heading} " in words
     assert shown in words
+
+
+DUE = LatePolicy.model_validate({"due": "2026-11-20T23:59:00+01:00", "per_day": "10 %"})
+
+
+def timed(name: str, handed_in: HandedIn, *decided: Override) -> ClassEntry:
+    """Give an entry with all that is known of its times."""
+    plain = entry(name, [1, 1, 1])
+    assert plain.result is not None
+    return dataclasses.replace(
+        plain,
+        result=adjust(plain.result, decided, DUE, handed_in),
+        submitted_at=handed_in.at,
+        time_source=handed_in.source,
+        newest_file=handed_in.newest_file,
+    )
+
+
+def test_the_page_says_how_times_are_known() -> None:
+    """Due time, extensions and the source of each time are shown; a time that proves nothing is to do."""
+    at = datetime(2026, 11, 20, 22, tzinfo=timezone(timedelta(hours=1)))
+    extended = Override.model_validate(
+        {
+            "submission": "bob",
+            "extension": "2 days",
+            "reason": "ill",
+            "who": "J",
+            "when": "2026-11-19",
+        }
+    )
+    page = page_of(
+        timed("alice", HandedIn(at, "Moodle's grading worksheet")),
+        timed("bob", HandedIn(at + timedelta(days=1), "the class list"), extended),
+        timed("carl", HandedIn(newest_file=datetime(2026, 11, 20, 23, 40))),
+        timed("dora", HandedIn(datetime(2026, 11, 20, 23, 40), "Blackboard's download")),
+    )
+    words = " ".join(page.words.split())
+    assert "due 2026-11-20 23:59 +01:00" in words
+    assert "2026-11-20 22:00 Moodle's grading worksheet" in words
+    assert "the class list; due 2026-11-22 23:59 +01:00, extended" in words
+    assert "newest file 2026-11-20 23:40" in words
+    assert "Blackboard's download; time zone not known" in words
+    assert "Perhaps late 2 " in words
 
 
 def test_outcomes_are_reported_by_more_than_colour() -> None:

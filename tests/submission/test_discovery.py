@@ -120,6 +120,12 @@ ONE = {
     "an archive and a report": ["lab.zip", "report.pdf"],
     "an archive beside the files": ["README.md", *in_folders({"lab": FIVE}), "lab.zip"],
     "nothing of interest": ["notes.txt", "a/b.txt"],
+    "old and new": in_folders({"old": FIVE, "new": FIVE}),
+    "versions by words": in_folders({"lab9_draft": FIVE, "lab9_final": FIVE}),
+    "one and its copy": in_folders({"arm": FIVE, "arm (copy)": FIVE}),
+    "a tutorial beside the work": in_folders({"arm": FIVE, "turtle_tutorial": FIVE[:2]}),
+    "packages with the same files in src": in_folders({"ws/src/a": FIVE, "ws/src/b": FIVE}),
+    "a workspace of doubled packages": in_folders({"src/a": FIVE, "src/b": FIVE}),
     "a repository with two solutions": in_folders({".git": ["HEAD"], "mine": FIVE, "hers": FIVE}),
 }
 EACH: dict[str, tuple[dict[str, Iterable[str]], list[str]]] = {
@@ -207,6 +213,107 @@ def test_each_gets_its_own_files(form: str, rubric: Rubric, tmp_path: Path) -> N
     assert files_of(bob) == {f"src/p/{name}" for name in FIVE}
     with open_submission(bob) as intake:
         assert read_submission(intake, rubric).name == "bob"
+
+
+WRAPPERS = (
+    "lab9_submissions",
+    "Lab 9",
+    "Abgaben",
+    "submissions",
+    "archive",
+    "old",
+    "final",
+    "backup",
+    "lab9",
+    "task2",
+    "tests",
+    "code",
+    "a/b/c/d/e/f",
+    "Lab_09-01_Abgaben/Abgaben",
+)
+
+
+@pytest.mark.parametrize("shape", [Shape.AUTO, Shape.EACH])
+@pytest.mark.parametrize("packed", ["lab9_submissions", "export"])
+@pytest.mark.parametrize("wrapper", WRAPPERS)
+def test_a_single_folder_is_a_wrapper(
+    wrapper: str, packed: str, shape: Shape, rubric: Rubric, tmp_path: Path
+) -> None:
+    """Whatever the only folder and the archive are called, a class in it is the class of the unpacked folder."""
+    tree = in_folders({f"{wrapper}/alice": FIVE, f"{wrapper}/bob": FIVE[:3]})
+    folder = lay_out(tmp_path / packed, tree)
+    archive = pack(folder, tmp_path / f"{packed}.zip")
+    inner = folder / wrapper
+    for path in (folder, archive, inner, pack(inner, tmp_path / "inner.zip")):
+        found = find_submissions([path], rubric, shape=shape)
+        assert [source.name for source in found.submissions] == ["alice", "bob"], path
+        assert files_of(found.submissions[1]) == set(FIVE[:3])
+        assert found.doubts == ()
+
+
+@pytest.mark.parametrize("shape", [Shape.AUTO, Shape.EACH])
+def test_the_only_one_of_a_class_keeps_the_name(
+    shape: Shape, rubric: Rubric, tmp_path: Path
+) -> None:
+    """Where one student has handed in, the folder in the class's folder is the submission, however it is packed."""
+    folder = lay_out(tmp_path / "export", in_folders({"Lab 9/Abgaben/alice/ws/src/p": FIVE}))
+    for path in (folder, pack(folder, tmp_path / "export.zip")):
+        (alice,) = find_submissions([path], rubric, shape=Shape.AUTO).submissions
+        assert (alice.name, files_of(alice)) == ("alice", {f"ws/src/p/{name}" for name in FIVE})
+    flat = lay_out(tmp_path / "flat", in_folders({"Lab 9/alice": FIVE}))
+    (alice,) = find_submissions([flat], rubric, shape=Shape.EACH).submissions
+    assert (alice.name, files_of(alice)) == ("alice", set(FIVE))
+
+
+def test_a_large_class_in_a_wrapper_is_seen_whole(rubric: Rubric, tmp_path: Path) -> None:
+    """A wrapped folder with more names than one submission has holds all of its students."""
+    names = [f"s{number:03}" for number in range(60)]
+    extra = [f"data/{number}.txt" for number in range(110)]
+    tree = in_folders({f"lab/{name}": (FIVE[0], *extra) for name in names})
+    assert found_in(lay_out(tmp_path / "export", tree), rubric) == names
+
+
+MANIFEST = '<?xml version="1.0"?><package format="3"><name>{}</name></package>'
+
+
+def test_packages_with_the_same_file_are_one_submission(rubric: Rubric, tmp_path: Path) -> None:
+    """A package named as its folder is no student: a tutorial's package beside the work's stays part of it."""
+    folder = lay_out(tmp_path / "alice", in_folders({"arm_lab/arm_lab": FIVE, "turtle": FIVE[:1]}))
+    for name in ("arm_lab", "turtle"):
+        (folder / name / "package.xml").write_text(MANIFEST.format(name))
+    for path in (folder, pack(folder, tmp_path / "alice.zip")):
+        found = find_submissions([path], rubric)
+        assert [source.name for source in found.submissions] == ["alice"]
+        (doubt,) = found.doubts
+        assert "arm_lab/ and turtle/" in doubt
+        assert "--each" in doubt
+    (folder / "turtle/package.xml").write_text(MANIFEST.format("turtlesim_tutorial"))
+    assert found_in(folder, rubric) == ["alice"], "one package and one folder share nothing else"
+
+
+def test_students_whose_folders_are_packages_are_a_class(rubric: Rubric, tmp_path: Path) -> None:
+    """Whole packages, or packages of the lab's name in folders of students, are one submission each."""
+    group = lay_out(tmp_path / "group", in_folders({"alice": FIVE, "bob": FIVE}))
+    for name in ("alice", "bob"):
+        (group / name / "package.xml").write_text(MANIFEST.format(name))
+    assert found_in(group, rubric) == ["alice", "bob"]
+    group = lay_out(tmp_path / "other", in_folders({"alice": FIVE[:1], "bob": FIVE[:2]}))
+    for name in ("alice", "bob"):
+        (group / name / "package.xml").write_text(MANIFEST.format("student_lab"))
+    assert found_in(group, rubric) == ["alice", "bob"]
+
+
+def test_a_class_of_which_nobody_is_on_the_list_stops(rubric: Rubric, tmp_path: Path) -> None:
+    """A list of another class, or submissions told apart wrongly, end with the question which of both it is."""
+    group = lay_out(tmp_path / "group", in_folders({"alice": FIVE, "bob": FIVE}))
+    (tmp_path / "class.csv").write_text("name\nzoe\nyann\n", encoding="utf-8")
+    for shape in (Shape.AUTO, Shape.ONE):
+        with pytest.raises(SubmissionError, match="nobody on the class list") as caught:
+            find_submissions([group], rubric, shape=shape, class_list=tmp_path / "class.csv")
+        assert "--each" in caught.value.remedy
+    (tmp_path / "class.csv").write_text("name\nzoe\nbob\n", encoding="utf-8")
+    found = find_submissions([group], rubric, class_list=tmp_path / "class.csv")
+    assert found.missing == ("zoe",)
 
 
 def test_a_path_called_submissions_holds_submissions(rubric: Rubric, tmp_path: Path) -> None:
@@ -340,7 +447,7 @@ def test_blackboards_download(form: str, rubric: Rubric, tmp_path: Path) -> None
     found = find_submissions([download(tmp_path, form, names)], rubric)
     ann, bob = found.submissions
     assert (ann.name, ann.student_id) == ("ann1", "ann1")
-    assert ann.submitted_at == datetime(2026, 3, 2, 23, 41, 5).astimezone()
+    assert ann.submitted_at == datetime(2026, 3, 2, 23, 41, 5)
     assert files_of(ann) == {"robot_service.py"}
     assert len(found.not_understood) == 2
     with pytest.raises(SubmissionError, match="empty"), open_submission(bob):
@@ -406,7 +513,7 @@ def test_brightspaces_download(form: str, rubric: Rubric, tmp_path: Path) -> Non
     assert list(students) == ["Anne_-_Marie_Smith_68", "Mary-Ann_O_Brien_67"]
     mary = students["Mary-Ann_O_Brien_67"]
     assert (mary.student, mary.student_id) == ("Mary-Ann O'Brien", "67")
-    assert mary.submitted_at == datetime(2026, 3, 2, 13, 21).astimezone()
+    assert mary.submitted_at == datetime(2026, 3, 2, 13, 21)
     assert files_of(mary) == {"lab/joint_publisher.py"}
     assert "Brightspace's download of 2 submissions" in found.understood[0]
     assert [line.rpartition(": ")[2] for line in found.not_understood] == ["an earlier attempt"]
@@ -699,7 +806,7 @@ def test_equal_names_are_distinguished_for_good(rubric: Rubric, tmp_path: Path) 
     names = [source.name for source in found.submissions]
     assert len(set(names)) == 2
     assert {
-        f"{h.location}: called {h.name}, since there is another alice" for h in found.submissions
+        f"{h.location}: called {h.name}, because there is another alice" for h in found.submissions
     } < {*found.understood}
     assert all(name.startswith("alice-") for name in names)
     paths.append(lay_out(tmp_path / "c" / "Alice", FIVE))

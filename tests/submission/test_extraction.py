@@ -164,7 +164,7 @@ def test_pieces_make_one_submission(tmp_path: Path) -> None:
 
 
 def test_the_time_is_that_of_the_newest_file_that_came_in(tmp_path: Path) -> None:
-    """Files that are left out do not count, and a time that is known otherwise goes first."""
+    """Files that are left out do not count, and no file tells when a submission was handed in."""
     members = []
     for day, name in enumerate(["a.py", "b.py", "x.pyc", "build/c.py"], 1):
         info = tarfile.TarInfo(name)
@@ -172,7 +172,8 @@ def test_the_time_is_that_of_the_newest_file_that_came_in(tmp_path: Path) -> Non
         members.append((info, PROGRAM))
     (tmp_path / "ann.tar").write_bytes(tar_of(members))
     with open_submission(tmp_path / "ann.tar") as intake:
-        assert intake.source.submitted_at == datetime(2026, 3, 2, tzinfo=timezone.utc)
+        assert intake.source.newest_file == datetime(2026, 3, 2, tzinfo=timezone.utc)
+        assert intake.source.submitted_at is None
     told = datetime(2026, 4, 1, tzinfo=timezone.utc)
     with open_submission(
         replace(SubmissionSource.of(tmp_path / "ann.tar"), submitted_at=told)

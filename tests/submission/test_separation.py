@@ -9,12 +9,16 @@ from pathlib import Path
 
 import pytest
 
+from grader import result_folder
 from grader.errors import UsageError
 from grader.judging.rubrics import read_overrides, read_rubric
+from grader.lab.kept_lab import KEPT
+from grader.lab.overrides import OVERRIDES_FILE
 from grader.lab.rubric import Rubric
 from grader.recording.submission import Person, SubmissionRecord, write_submission
+from grader.report.exports import EXPORTS
 from grader.result_folder import RECORDINGS
-from grader.submission.discovery import TAKEN_NAMES, Discovery, Shape, find_submissions
+from grader.submission.discovery import Discovery, Shape, find_submissions
 from grader.submission.extraction import SubmissionSource
 from grader.submission.separation import (
     lies_within,
@@ -201,17 +205,33 @@ def test_no_submission_is_called_like_what_lies_among_results(
     rubric: Rubric, tmp_path: Path
 ) -> None:
     """One that is called so, in whatever letters, gets a mark, and that is said."""
-    names = sorted({*TAKEN_NAMES, "Index.HTML", "HISTORY", "Recordings"})
+    constants = {
+        value
+        for name, value in vars(result_folder).items()
+        if name.isupper() and not name.startswith("_")
+    }
+    exports = {form.file_name for form in EXPORTS.values()}
+    names = sorted(
+        {*constants, *exports, OVERRIDES_FILE, KEPT, "overrides.yml", "Index.HTML", "HISTORY"}
+        | {"Recordings", "RUBRIC-edited.YAML"}
+    )
     for name in names:
         lay_out(tmp_path / "class" / name, *LAB)
     found = found_in(tmp_path / "class", rubric)
     assert len(found.submissions) == len(names)
-    given = [source.name for source in found.submissions]
-    assert not {name.casefold() for name in given} & TAKEN_NAMES
-    assert len({name.casefold() for name in given}) == len(names)
+    given = {source.name.casefold() for source in found.submissions}
+    assert not given & {name.casefold() for name in names}
+    assert not any(map(result_folder.is_reserved, given))
+    assert len(given) == len(names)
     assert sum(": called " in line for line in found.understood) == len(names)
     single = find_submissions([tmp_path / "class/history"], rubric)
     assert [h.name.startswith("history-") for h in single.submissions] == [True]
+    plain = ["ann.lee", "j.smith.2", "Dr._Who", "v1.0"]
+    for name in plain:
+        lay_out(tmp_path / "others" / name, *LAB)
+    assert sorted(h.name for h in found_in(tmp_path / "others", rubric).submissions) == sorted(
+        plain
+    ), "other dots in names are no endings of files"
 
 
 # -- who handed it in, by earlier results --------------------------------------------------------------

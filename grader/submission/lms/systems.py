@@ -41,7 +41,7 @@ class Delivered:
     first_called: str = ""
     #: Whether the system marked it so.
     late: bool = False
-    #: When it was handed in, where the download says it.
+    #: When it was handed in, if the download says so; without offset from UTC if it names none.
     attempt_at: datetime | None = None
     #: Where in an archive the system takes something back for the student: a file of this name and kind or, behind a
     #: slash or an underscore, one of any name. Empty if it takes nothing back so.
@@ -101,10 +101,10 @@ def _matches(pattern: str, entries: Entries, *, folders: bool) -> list[re.Match[
 
 
 def _time(text: str, form: str) -> datetime | None:
-    """Read a time, of this machine's zone if it names none; None if it is none of that form."""
+    """Read a time, without offset from UTC if it names none; None if it is not of that form."""
     try:
-        return datetime.strptime(text, form).astimezone()
-    except (ValueError, OverflowError, OSError):
+        return datetime.strptime(text, form)
+    except ValueError:
         return None
 
 

@@ -1,0 +1,71 @@
+"""Moodle's grading worksheet: its columns and times, in whatever language it was downloaded.
+
+Facts from Moodle's source (`mod/assign/gradingtable.php`, `lib/moodlelib.php`): headings are those of the language of
+the user who downloads. "Last modified (submission)" stands before "Last modified (grade)" and differs from it by the
+words in brackets only, in every language. Its times are those of `userdate` in the language's long form and the user's
+time zone, which is not written: "Monday, 2 March 2026, 11:41 PM", "Montag, 2. März 2026, 23:41". The first column is
+the participant's number behind a word ("Participant 12", "Teilnehmer/in12"), the second the full name unless hidden.
+"""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Sequence
+from datetime import datetime
+
+#: The column of the time of submission, as `columns_of` names it.
+WORKSHEET_TIME = "last_modified_(submission)"
+_BRACKETED = re.compile(r"(?P<head>[^(（]+)[(（].*")
+_CLOCK = re.compile(r"\d{1,2}[:.h]\d\d")
+_YEAR = re.compile(r"\b\d{4}\b|\d{4}年")
+#: A date of numbers without the year in front.
+_TWO_DAYS = re.compile(r"\b\d{1,2}[-/.]\d{1,2}[-/.]\d{4}")
+_MOST_CHARACTERS = 100
+_KNOWN = frozenset({"full_name", "id_number", "email_address"})
+_NAME = re.compile(r"(?i).*(name|nom|naam|nimi|jméno|név|имя|氏名|姓名|名前).*")
+
+
+def columns_of(headings: Sequence[str]) -> list[str]:
+    """Return the columns of a class list: in lower case, with underscores for blanks, and those of a worksheet in English."""
+    columns = [heading.strip().lower().replace(" ", "_") for heading in headings]
+    heads = [match["head"] if (match := _BRACKETED.fullmatch(c)) else "" for c in columns]
+    pairs = [head for head, count in Counter(heads).items() if head and count == 2]
+    if len(pairs) != 1:
+        return columns
+    columns[heads.index(pairs[0])] = WORKSHEET_TIME
+    if "identifier" not in columns:
+        columns[0] = "identifier"
+        if not _KNOWN & {*columns} and _NAME.fullmatch(columns[1]):
+            columns[1] = "full_name"
+        if not _KNOWN & {*columns[2:]}:
+            _translate(columns)
+    return columns
+
+
+def _translate(columns: list[str]) -> None:
+    """Name the columns of ID numbers and addresses, as far as a heading in another language tells them."""
+    for n, column in enumerate(columns[1:5], 1):
+        if "mail" in column or "correo" in column or "courriel" in column:
+            columns[n] = "email_address"
+        elif re.match(r"(?i)(id[-_]|n.*[-_ ’']id|.*matri[ck]el)", column):
+            columns[n] = "id_number"
+
+
+def worksheet_time(text: str) -> datetime | None:
+    """Read a time such as "Montag, 2. März 2026, 23:41"; without offset from UTC. None if it tells no time for certain.
+
+    A date of numbers alone, such as 3/2/2026, may mean two days, and tells none.
+    """
+    import dateparser
+
+    told = len(text) <= _MOST_CHARACTERS and _CLOCK.search(text) and _YEAR.search(text)
+    if not told or _TWO_DAYS.search(text):
+        return None
+    settings = {
+        "PARSERS": ["absolute-time"],
+        "REQUIRE_PARTS": ["day", "month", "year"],
+        "RETURN_AS_TIMEZONE_AWARE": False,
+        "TIMEZONE": "UTC",
+    }
+    return dateparser.parse(text, settings=settings)

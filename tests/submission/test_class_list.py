@@ -1,0 +1,247 @@
+"""Who in a class list handed in what, and when, by all forms in which systems write names and times."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import zipfile
+from datetime import datetime, timezone
+from pathlib import Path
+
+import pytest
+
+from grader.lab.policy import HandedIn, Policy
+from grader.submission.lms.worksheet import columns_of, worksheet_time
+from grader.submission.roster import Match, Student, matches, read_class_list
+
+#: Times of worksheets in the forms of Moodle's languages, with the time that they mean.
+EVENING = datetime(2026, 3, 2, 23, 41)
+TIMES = {
+    "en": ("Monday, 2 March 2026, 11:41 PM", EVENING),
+    "en_us": ("Monday, March 2, 2026, 11:41 PM", EVENING),
+    "en, after midnight": ("Tuesday, 3 March 2026, 12:05 AM", datetime(2026, 3, 3, 0, 5)),
+    "de": ("Montag, 2. März 2026, 23:41", EVENING),
+    "fr": ("lundi 2 mars 2026, 23:41", EVENING),
+    "es": ("lunes, 2 de marzo de 2026, 23:41", EVENING),
+    "it": ("lunedì, 2 marzo 2026, 23:41", EVENING),
+    "nl": ("maandag, 2 maart 2026, 23:41", EVENING),
+    "pl": ("wtorek, 20 października 2026, 23:59", datetime(2026, 10, 20, 23, 59)),
+    "hr": ("utorak, 20. listopada 2026., 23:59", datetime(2026, 10, 20, 23, 59)),
+    "ru": ("понедельник, 2 марта 2026, 23:41", EVENING),
+    "ja": ("2026年 03月 2日(月曜日) 23:41", EVENING),
+    "iso": ("2026-03-02 23:41", EVENING),
+    "nothing handed in": ("-", None),
+    "two possible days": ("03/02/2026, 23:41", None),
+    "no year": ("Monday, 2 March, 11:41 PM", None),
+    "no time": ("Monday, 2 March 2026", None),
+}
+
+
+@pytest.mark.parametrize("language", TIMES)
+def test_times_of_worksheets(language: str) -> None:
+    """A time is read in the language of the person who downloaded it; what may mean two days is not known."""
+    text, meant = TIMES[language]
+    assert worksheet_time(text) == meant
+
+
+HEADINGS = {
+    "en": "Identifier,Full name,ID number,Email address,Status,Grade,Maximum Grade,Grade can be changed,"
+    "Last modified (submission),Online text,Last modified (grade),Feedback comments",
+    "de": "ID,Vollständiger Name,ID-Nummer,E-Mail-Adresse,Status,Bewertung,Bestwertung,"
+    "Bewertung kann geändert werden,Zuletzt geändert (Abgabe),Texteingabe online,"
+    "Zuletzt geändert (Bewertung),Feedback als Kommentar",
+    "fr": "Identifiant,Nom complet,Numéro d’identification,Adresse de courriel,Statut,Note,Note maximale,"
+    "La note peut être modifiée,Dernière modification (travail remis),Texte en ligne,"
+    "Dernière modification (note),Feedback par commentaires",
+    "nl": "Identificatie,Volledige naam,ID-nummer,E-mailadres,Status,Cijfer,Maximale cijfer,"
+    "Cijfer kan gewijzigd worden,Laatst gewijzigd (inzending),Online tekst,"
+    "Laatst gewijzigd (beoordeling),Feedback",
+}
+
+
+@pytest.mark.parametrize("language", HEADINGS)
+def test_a_worksheet_of_any_language_is_a_class_list(language: str, tmp_path: Path) -> None:
+    """Participant, name, id, address and time of submission are read whatever the headings' language is."""
+    number = "Teilnehmer/in11" if language == "de" else "Participant 11"
+    row = [number, '"Müller, Änne"', "0012", "am@uni.example", "Submitted", "", "100", "Yes"]
+    text, _ = TIMES[language]
+    row += [f'"{text}"', "", "-", ""]
+    (tmp_path / "sheet.csv").write_text(
+        f"{HEADINGS[language]}\n{','.join(row)}\n", encoding="utf-8-sig"
+    )
+    (student,) = read_class_list(tmp_path / "sheet.csv")
+    assert (student.name, student.person.moodle) == ("Müller, Änne", "11")
+    assert (student.student_id, student.person.email) == ("0012", "am@uni.example")
+    assert (student.submitted_at, student.time_source) == (EVENING, "Moodle's grading worksheet")
+
+
+def test_other_lists_keep_their_columns() -> None:
+    """Only two headings that differ in their brackets make a worksheet of a list."""
+    for headings in (["Name", "Points (of 10)"], ["name", "Lab 1 (x)", "Lab 2 (y)", "id"]):
+        assert columns_of(headings) == [h.strip().lower().replace(" ", "_") for h in headings]
+
+
+def test_a_repeated_hour_counts_as_the_first() -> None:
+    """A policy's zone gives a time its offset, in the student's favour when clocks are set back."""
+    policy = Policy.model_validate({"timezone": "Europe/Berlin"})
+    night = datetime(2026, 10, 25, 2, 30)
+    zoned = policy.zoned(HandedIn(night, "Blackboard"))
+    assert zoned.at is not None
+    assert zoned.at.astimezone(timezone.utc) == datetime(2026, 10, 25, 0, 30, tzinfo=timezone.utc)
+    known = HandedIn(datetime(2026, 10, 25, 2, 30, tzinfo=timezone.utc))
+    assert policy.zoned(known) == known
+
+
+def test_an_unknown_zone_is_a_mistake() -> None:
+    """A zone that does not exist is refused, with the one that may be meant."""
+    with pytest.raises(ValueError, match="did you mean 'Europe/Berlin'"):
+        Policy.model_validate({"timezone": "Europe/Berln"})
+
+
+#: Run under each zone of the machine: what is known of three downloads, and what lateness takes by that.
+PROGRAM = """
+import json, sys
+from pathlib import Path
+from grader.judging.adjust import adjust
+from grader.judging.rubrics import read_rubric
+from grader.lab.policy import Policy
+from grader.submission.discovery import find_submissions
+from grader.submission.extraction import open_submission
+from tests.judging.test_adjust import JUDGED
+folder, policies = Path(sys.argv[1]), json.loads(sys.argv[2])
+told = []
+for path, listed in (("class", None), ("class", "class.csv"), ("blackboard", None)):
+    class_list = folder / listed if listed else None
+    for source in find_submissions([folder / path], read_rubric(None), class_list=class_list).submissions:
+        with open_submission(source) as intake:
+            for plain in policies:
+                policy = Policy.model_validate(plain)
+                known = policy.zoned(intake.source.handed_in)
+                result = adjust(JUDGED, (), policy.late, known)
+                told.append([source.name, str(result.final), result.timing.text])
+print(json.dumps(told))
+"""
+
+
+def test_no_verdict_depends_on_the_machines_time_zone(tmp_path: Path) -> None:
+    """Zips of Windows, a list and a download without zones cost the same points in Berlin, UTC and Los Angeles."""
+    (tmp_path / "class").mkdir()
+    for name in ("anna", "ben"):
+        with zipfile.ZipFile(tmp_path / f"class/{name}.zip", "w") as packed:
+            info = zipfile.ZipInfo("joint_publisher.py", (2026, 11, 20, 23, 40, 0))
+            packed.writestr(info, "pass\n")
+    (tmp_path / "class.csv").write_text("name,submitted_at\nanna,2026-11-20T23:40\nben,\n")
+    (tmp_path / "blackboard").mkdir()
+    for user in ("cem1", "dora2"):
+        attempt = f"Lab 9_{user}_attempt_2026-11-20-23-40-00"
+        (tmp_path / f"blackboard/{attempt}_joint_publisher.py").write_text("pass\n")
+        (tmp_path / f"blackboard/{attempt}.txt").write_text("")
+    late = {"due": "2026-11-20T23:59:00+01:00", "per_day": "10 %"}
+    policies = json.dumps([{"late": late}, {"late": late, "timezone": "Europe/Berlin"}])
+    told = []
+    for zone in ("Europe/Berlin", "UTC", "America/Los_Angeles"):
+        done = subprocess.run(
+            [sys.executable, "-c", PROGRAM, str(tmp_path), policies],
+            capture_output=True,
+            text=True,
+            env={**os.environ, "TZ": zone},
+            cwd=Path(__file__).parents[2],
+            check=True,
+        )
+        told.append(json.loads(done.stdout))
+    assert told[0] == told[1] == told[2]
+    assert {points for _, points, _ in told[0]} == {"12.5"}
+    texts = {(name, text) for name, _, text in told[0]}
+    assert any(
+        "newest file in it says 2026-11-20 23:40, time zone not known" in t for _, t in texts
+    )
+    assert sum("+01:00 (by Blackboard's download)" in t and "in time" in t for _, t in texts) == 2
+    assert sum("(by the class list)" in t and t.endswith(": in time.") for _, t in texts) == 1
+
+
+# -- whose what is ---------------------------------------------------------------------------------
+
+
+def whose(students: list[Student], *names: str) -> list[Match]:
+    """Find the owners of folders of these names."""
+    return matches(students, [(Student(name), ()) for name in names])
+
+
+def listed(name: str, student_id: str = "", login: str = "", email: str = "") -> Student:
+    """Give a student of a class list."""
+    from grader.recording.submission import Person
+
+    return Student(name, student_id or None, person=Person(name, student_id, login, email))
+
+
+CLASS = [
+    listed("Müller, Änne", "4711", "aemuell"),
+    listed("Bob O'Brien", "4712", "bobrien"),
+    listed("Anna Berg", "4713", "berga"),
+    listed("Anna Maria Berg", "4714", "bergam", "anna.maria@uni.example"),
+]
+
+
+@pytest.mark.parametrize(
+    ("name", "index"),
+    [
+        ("Müller_Änne_aemuell_4711", 0),
+        ("O_Brien_Bob_bobrien_4712", 1),
+        ("lab9-31-bobrien", 1),
+        ("Lab-9_4712", 1),
+        ("Änne Müller (2)", 0),
+        ("Berg_Anna_berga_4713", 2),
+        ("Berg_Anna_Maria", 3),
+        ("anna.maria_9", 3),
+        ("Berg_Anna", 2),
+        ("Berg_Anna_x", 2),
+    ],
+)
+def test_a_login_or_all_words_of_a_name_tell_the_student(name: str, index: int) -> None:
+    """The forms of ILIAS and Artemis, and others with a login, an id or all words of a name, find the student."""
+    (found,) = whose(CLASS, name)
+    assert [person.name for person in found.people] == [CLASS[index].name]
+    assert found.may_be == {index}
+
+
+@pytest.mark.parametrize(
+    ("name", "may_be"),
+    [
+        ("Änne_Müller_bobrien", {0, 1}),
+        ("aemuell_bobrien", {0, 1}),
+        ("Müller", set()),
+        ("lab_471", set()),
+        ("obrien", set()),
+    ],
+)
+def test_what_points_to_two_or_to_nobody_is_not_guessed(name: str, may_be: set[int]) -> None:
+    """A name that fits two students, or only a part of one, is nobody's; whom it may be is known."""
+    (found,) = whose(CLASS, name)
+    assert found.people == ()
+    assert found.may_be == may_be
+
+
+def test_a_word_of_several_folders_is_no_id() -> None:
+    """A number that all folders bear, such as a year, is not the id of a student."""
+    year = listed("Zoe Ray", "2026", "zray")
+    found = whose([*CLASS, year], "lab_2026_aemuell", "lab_2026_bobrien", "lab_2026_carl")
+    assert [[p.name for p in match.people] for match in found] == [
+        ["Müller, Änne"],
+        ["Bob O'Brien"],
+        [],
+    ]
+    short = listed("Yann", "9", "y")
+    assert whose([short], "lab_9_y")[0].may_be == frozenset()
+
+
+def test_two_folders_with_a_students_words_are_not_told_apart() -> None:
+    """Where one name stands in two folders, neither gets the student, and the student is not missing."""
+    first, second = whose(CLASS, "Bob_O'Brien_a", "Bob_O'Brien_b")
+    assert first.people == second.people == ()
+    assert first.may_be == second.may_be == {1}
+    whole, part = whose(CLASS, "Bob O'Brien", "Bob_O'Brien_b")
+    assert [p.name for p in whole.people] == ["Bob O'Brien"]
+    assert part.people == ()
+    assert part.may_be == {1}
