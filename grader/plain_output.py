@@ -40,9 +40,9 @@ _PLAIN = {
 
 
 def write_to_any_terminal() -> None:
-    """Make the standard output and the standard error replace signs that they cannot encode.
+    r"""Make the standard output and the standard error replace signs that they cannot encode.
 
-    Letters of names become escapes such as `\\xfc`, so that no two names look the same. Bytes that are written to the
+    Letters of names become escapes such as `\xfc`, so that no two names look the same. Bytes that are written to the
     buffer below, as exports on the standard output are, stay as they are.
     """
     codecs.register_error(_HANDLER, _replaced)
