@@ -15,6 +15,7 @@ from rich.console import Console
 from grader.commands import COMMANDS
 from grader.errors import GraderError, described
 from grader.live.process.priority import going_first
+from grader.plain_output import write_to_any_terminal
 
 _EXIT_STATUS = """\
 exit status:
@@ -28,6 +29,7 @@ exit status:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command; returns the exit status."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    write_to_any_terminal()
     console = _Console(highlight=False)
     # What is imported stays: looking for garbage in it took a sixth of the start, and 0.16 s at the end.
     gc.set_threshold(200_000, 20, 100)

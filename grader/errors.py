@@ -5,6 +5,33 @@ A student's fault is a finding, never an exception. Each class has its exit stat
 
 from __future__ import annotations
 
+import re
+
+#: Beginning of the names of the grader's temporary folders.
+TEMPORARY = "grade-temporary-"
+#: A temporary folder of the grader's within a text, with the folder in it that holds what the user knows.
+_SCRATCH = re.compile(
+    r"(?:/[^\s'\":]*)?/(?:grade-\d+-\d+-\d+-|grade-intake-|grade-doctor-|grade-temporary-)[^/\s'\":]+"
+    r"(?:/(?:submission|workspace|trial|sources|lab|results)(?![^/\s'\":]))?/*"
+)
+#: Folders in which results, and the recording of a session, are made before they take their places.
+_IN_THE_MAKING = re.compile(r"/\.unfinished(?![^/\s'\":])|(?<=/)\.([\w-]+)\.partial(?![^/\s'\":])")
+
+
+def without_temporary_names(text: str) -> str:
+    """Return a text in which no name of a temporary folder of the grader's stands.
+
+    For example `/tmp/grade-1-2-3-intake-x/submission/a/b.py` becomes `a/b.py`, and `results/ann/.unfinished/recordings`
+    becomes `results/ann/recordings`.
+    """
+
+    def known(found: re.Match[str]) -> str:
+        goes_on = found[0].endswith("/") and text[found.end() : found.end() + 1].strip("'\": ")
+        return "" if goes_on else "a temporary folder"
+
+    text = _IN_THE_MAKING.sub(lambda found: found[1] or "", text)
+    return _SCRATCH.sub(known, text)
+
 
 class GraderError(Exception):
     """Base of all errors that end a grading without a score: what is wrong, where, and what can be done about it."""
@@ -13,7 +40,9 @@ class GraderError(Exception):
 
     def __init__(self, problem: str, *, location: str = "", remedy: str = "") -> None:
         super().__init__(problem)
-        self.problem, self.location, self.remedy = problem, location, remedy
+        self.problem = without_temporary_names(problem)
+        self.location = without_temporary_names(location)
+        self.remedy = without_temporary_names(remedy)
 
 
 class UsageError(GraderError):
@@ -37,7 +66,7 @@ class RubricError(GraderError):
         self, problem: str, mistakes: list[str], *, location: str = "", remedy: str = ""
     ) -> None:
         super().__init__(problem, location=location, remedy=remedy)
-        self.mistakes = mistakes
+        self.mistakes = list(map(without_temporary_names, mistakes))
 
 
 class PlatformError(GraderError):

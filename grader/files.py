@@ -64,6 +64,7 @@ def replace_files(texts: Mapping[Path, str | bytes | None]) -> None:
     nothing is written through one: each text goes to a new file under a name that cannot be guessed.
     """
     partials = {path: path.with_name(f".{secrets.token_hex(8)}{_PARTIAL}") for path in texts}
+    known = {str(partial): str(path) for path, partial in partials.items()}
     try:
         for path, text in texts.items():
             if text is not None:
@@ -75,6 +76,10 @@ def replace_files(texts: Mapping[Path, str | bytes | None]) -> None:
                     path.unlink(missing_ok=True)
                 else:
                     partial.replace(path)
+    except OSError as error:
+        # The user knows the file by the name that it was to have.
+        error.filename = known.get(str(error.filename), error.filename)
+        raise
     finally:
         for partial in partials.values():
             partial.unlink(missing_ok=True)

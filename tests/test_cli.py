@@ -154,6 +154,61 @@ def test_a_rubric_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixtur
     assert (status, "Check --rubric" in errors) == (4, True)
 
 
+@pytest.mark.parametrize("option", ["--lab", "--rubric"])
+@pytest.mark.parametrize("command", [[], ["regrade"], ["report"]])
+def test_a_lab_that_is_not_there_is_blamed_on_the_option_that_names_it(
+    command: list[str], option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The two are names of one option; the message has the one that was used."""
+    status, _, errors = run(capsys, *command, tmp_path, option, tmp_path / "nosuch")
+    assert status == 4
+    assert f"{tmp_path / 'nosuch'}: the rubric cannot be read" in errors
+    assert f"Check {option}." in errors
+
+
+def test_a_file_that_cannot_be_written_has_its_own_name(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The name under which an export is written first means nothing to anybody."""
+    results = results_of("wrong_topic", tmp_path)
+    assert run(capsys, "regrade", results)[0] == 0
+    target = tmp_path / "gone/x.xml"
+    status, _, errors = run(capsys, "export", results, "--to", "junit", "-o", target)
+    assert (status, errors.splitlines()[0]) == (70, f"grade: {target}: No such file or directory")
+
+
+#: Environments in which a terminal has fewer signs than our texts.
+TERMINALS = {
+    "latin-1": {"PYTHONIOENCODING": "latin-1"},
+    "ascii": {"PYTHONIOENCODING": "ascii"},
+    "c": {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+}
+
+
+@pytest.mark.parametrize("name", TERMINALS)
+def test_any_terminal_can_show_a_result(name: str, tmp_path: Path) -> None:
+    """Signs that it does not have are replaced; an export on the standard output stays UTF-8."""
+    results = results_of("wrong_topic", tmp_path)
+    (tmp_path / "Änne").mkdir()
+    results = results.rename(tmp_path / "Änne/wrong_topic")
+    grade = [str(Path(sys.executable).with_name("grade"))]
+    environment = {**os.environ, **TERMINALS[name]}
+
+    def said(*arguments: str | Path) -> subprocess.CompletedProcess[bytes]:
+        command = [*grade, *map(str, arguments)]
+        return subprocess.run(command, env=environment, capture_output=True, check=False)
+
+    done = said("regrade", results)
+    assert (done.returncode, b"Traceback" in done.stderr) == (0, False)
+    assert re.search(rb"-> .*\n", done.stdout)
+    assert re.search(rb"\n x +\S", done.stdout)
+    missing = said("regrade", tmp_path / "Änne/nobody…")
+    assert (missing.returncode, b"Traceback" in missing.stderr) == (6, False)
+    assert b"nobody" in missing.stderr
+    export = said("export", results, "--to", "github-summary", "-o", "-")
+    assert not export.stdout.decode("utf-8").isascii()
+
+
 def test_a_session_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A session that the rubric does not have is wrong usage, and the known ones are named."""
     out = tmp_path / "results"

@@ -86,6 +86,14 @@ def run(arguments: Sequence[str], console: Console) -> int:
             f"there is no check {id_!r}{meant(id_, ids)}",
             remedy="The report names the id at each check.",
         )
+    before = next(check for check in result.checks if check.id == id_)
+    if options.set is not None and not 0 <= options.set <= before.possible:
+        most = points_text(before.possible)
+        raise UsageError(
+            f"{id_} has 0 to {most} points, not {points_text(options.set)}",
+            location="--set",
+            remedy="A bonus in overrides.yaml gives more.",
+        )
     found = regrade(
         [folder],
         options.rubric,
@@ -98,7 +106,6 @@ def run(arguments: Sequence[str], console: Console) -> int:
     page = folder / f"{anchor('appeal', id_)}.html"
     replace_file(page, evidence_of(judged.result, folder / RECORDINGS, judged.rubric, id_))
     again = next(check for check in judged.result.checks if check.id == id_)
-    before = next(check for check in result.checks if check.id == id_)
     same = (
         "as before"
         if again.earned == before.earned

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import errno
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -45,8 +46,28 @@ def add_lab(parser: _ActionsContainer, words: str) -> None:
     """Add `--lab`, which `--rubric` is another name of: a lab's folder, or a rubric."""
     words = f"folder of a lab, or its rubric.yaml ({words})"
     parser.add_argument(
-        "--lab", "--rubric", dest="rubric", type=rubric_path, metavar="LAB", help=words
+        "--lab", "--rubric", dest="rubric", action=_NameLab, metavar="LAB", help=words
     )
+
+
+class _NameLab(argparse.Action):
+    """Stores the path of the rubric; raises RubricError if it is missing, with the option by which it was named."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: object,
+        option_string: str | None = None,
+    ) -> None:
+        path = rubric_path(str(values))
+        if not path.exists():
+            reason = os.strerror(errno.ENOENT)
+            remedy = f"Check {option_string}."
+            raise RubricError(
+                "the rubric cannot be read", [reason], location=str(path), remedy=remedy
+            )
+        setattr(namespace, self.dest, path)
 
 
 def rubric_path(text: str) -> Path:

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from decimal import Decimal
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -19,11 +20,14 @@ from grader.report.exports.writing import (
     FORMS,
     STANDARD_OUTPUT,
     ExportTarget,
-    write_export,
+    write_class_export,
     write_exports,
 )
 from grader.result import load_result
 from grader.result_folder import RESULT_FILE
+
+if TYPE_CHECKING:
+    from grader.cohort.entries import ClassEntry
 
 #: Submissions that a note names.
 _MOST_NAMED = 10
@@ -162,30 +166,48 @@ def _export_class(
         options.column,
         options.sender or "",
     )
-    notes = {
-        "Not graded, so left out": [entry.name for entry in entries if entry.result is None],
-        "Points of these are still undecided, and not in what is exported": [
-            entry.name
-            for entry in entries
-            if entry.result is not None and entry.result.still_undecided
-        ],
-    }
+    notes = _standing_of(entries)
+    beside = any(target.file == STANDARD_OUTPUT for target in targets)
+    told = Console(stderr=True) if beside else console
+    reaches_nobody = []
     for target in targets:
         returned = CLASS_EXPORTS[target.name].render(given)
-        notes |= {
-            f"{target.name}: left out, because {why}": names
-            for why, names in returned.left_out.items()
-        }
-        for path in write_export(target, results, returned.content):
-            # The standard output may be a form's.
-            beside = any(other.file == STANDARD_OUTPUT for other in targets)
-            words = f"{terminal_text(str(path))}: {returned.count}"
-            (Console(stderr=True) if beside else console).print(words, soft_wrap=True, markup=False)
+        for why, names in returned.left_out.items():
+            notes[f"{target.name}: left out, because {why}"] = names
+        if not returned.count:
+            reaches_nobody.append(target.name)
+            continue
+        for path, part in write_class_export(target, results, returned):
+            told.print(f"{terminal_text(str(path))}: {part.count}", soft_wrap=True, markup=False)
+        for part in (returned, *returned.further):
+            notes |= {f"{target.name}: {note}": names for note, names in part.notes.items()}
+    _print_notes(notes)
+    if reaches_nobody:
+        raise RecordingError(
+            f"nothing was written for {', '.join(reaches_nobody)}: nobody of these results can be reached so",
+            location=str(results),
+            remedy="The notes above say why. --class-list adds what is known of students; a grade book's own export is one.",
+        )
+    return Decimal(0)
+
+
+def _standing_of(entries: Sequence[ClassEntry]) -> dict[str, list[str]]:
+    """Return notes on submissions without a result, and on points that are still undecided."""
+    ungraded = [entry.name for entry in entries if entry.result is None]
+    still_open = [entry.name for entry in entries if entry.result and entry.result.still_undecided]
+    notes = {
+        "Not graded, so left out": ungraded,
+        "Points of these are still undecided, and not in what is exported": still_open,
+    }
+    return {words: names for words, names in notes.items() if names}
+
+
+def _print_notes(notes: Mapping[str, Sequence[str]]) -> None:
+    """Print each note, with the submissions that it is about."""
     for words, names in notes.items():
         more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-        if names:
-            print_note(Console(stderr=True), f"{words}: {', '.join(names[:_MOST_NAMED])}{more}")
-    return Decimal(0)
+        listed = f": {', '.join(names[:_MOST_NAMED])}{more}" if names else ""
+        print_note(Console(stderr=True), f"{words}{listed}")
 
 
 def _export(

@@ -24,7 +24,7 @@ from grader.commands.arguments import (
     parser_of,
     print_note,
 )
-from grader.errors import SubmissionError
+from grader.errors import TEMPORARY, SubmissionError
 from grader.report.escape import terminal_text
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _run(
     # What is run is known: it needs no more confinement than there is.
     live = pipeline.Options(interpreter, least_isolation="none")
     folder = (
-        tempfile.TemporaryDirectory()
+        tempfile.TemporaryDirectory(prefix=TEMPORARY)
         if options.output is None
         else nullcontext(str(options.output))
     )

@@ -13,7 +13,7 @@ from typing import Any
 import yaml
 
 from grader.classroom.regrade import Regrade, recorded_in, regrade_all
-from grader.errors import RubricError
+from grader.errors import TEMPORARY, RubricError
 from grader.files import replace_file
 from grader.judging.rubrics import read_rubric, rubric_copy
 from grader.lab.overrides import Overrides
@@ -77,7 +77,7 @@ def save(results: Path, text: str) -> Path:
 
 
 def _rubric_of(results: Path, text: str) -> Rubric:
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory(prefix=TEMPORARY) as folder:
         file = Path(folder, EDITED_RUBRIC)
         file.write_text(text, encoding="utf-8")
         return read_rubric(file, rubric_copy(recorded_in(results)[0]))

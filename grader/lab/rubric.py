@@ -483,7 +483,7 @@ def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
 
     The files that it names are looked up in the first of the folders in which all is right; by default, beside it.
     """
-    text = read_text(path, "the rubric", "Check --rubric.")
+    text = read_text(path, "the rubric", "Name a lab's folder, or its rubric.yaml.")
     plain, mistakes = parse_yaml(path, text, "the rubric")
     for loc, words in _wrong_sums(plain):
         mistakes.add(loc, words)

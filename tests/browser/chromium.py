@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib.resources
+import io
 import os
 import shutil
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -13,6 +15,7 @@ from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page, Route, expect, sync_playwright
+from pypdf import PdfReader
 
 ARGUMENTS = (
     "--no-sandbox",
@@ -24,6 +27,8 @@ ARGUMENTS = (
     "--disable-sync",
 )
 DESK, PHONE = (1240, 900), (390, 844)
+#: A4 at 96 dots per inch, by which a browser chooses rules for paper.
+PAPER = (794, 1123)
 #: Rules of axe-core whose breach keeps someone from using a page.
 GRAVE = ("serious", "critical")
 # What a page shows is waited for; on a busy machine that takes longer than the five seconds of Playwright's own.
@@ -114,3 +119,30 @@ def visit(
         assert [url for url in seen.requests if not url.startswith("file:")] == []
     finally:
         context.close()
+
+
+def printed(started: Browser, file: Path) -> PdfReader:
+    """Print a file on A4, and give its pages."""
+    page = started.new_page()
+    try:
+        page.goto(file.as_uri())
+        return PdfReader(io.BytesIO(page.pdf(format="A4", prefer_css_page_size=True)))
+    finally:
+        page.close()
+
+
+def letters(text: str) -> str:
+    """Give a text without blanks and ligatures, by which texts of a PDF can be compared."""
+    return "".join(unicodedata.normalize("NFKC", text).split())
+
+
+#: Cells whose text stands in more lines than half of its letters, at the width of A4 between its margins.
+NARROW = """() => {
+  document.body.style.width = '688px';
+  return [...document.querySelectorAll('td, th, dd, dt, .check-title, .name, figcaption, li')].filter(cell => {
+  const range = document.createRange();
+  range.selectNodeContents(cell);
+  const lines = new Set([...range.getClientRects()].filter(r => r.width).map(r => Math.round(r.top)));
+  return lines.size > 3 && cell.textContent.trim().length < 3 * lines.size;
+  }).map(cell => cell.outerHTML.slice(0, 200));
+}"""

@@ -16,7 +16,7 @@ from grader.cohort.statistics import ClassSummary, summarise
 from grader.judging.rubrics import read_rubric
 from grader.report.class_page import render
 from grader.result import Outcome
-from tests.browser.chromium import DESK, PHONE, browser, visit
+from tests.browser.chromium import DESK, NARROW, PAPER, PHONE, browser, letters, printed, visit
 from tests.sample_class import sample_class
 
 pytestmark = pytest.mark.browser
@@ -345,6 +345,17 @@ def test_paper_shows_what_is_folded_and_no_controls(page: Page) -> None:
     expect(page.locator("#class-table thead .paper:visible").first).to_have_text("Student")
     page.evaluate("window.dispatchEvent(new Event('afterprint'))")
     assert folded.count() == before
+
+
+def test_a_class_of_forty_prints_on_few_pages(chromium: Browser, file: Path, page: Page) -> None:
+    """Every student and every mistake is on them, and no column is one letter wide."""
+    paper = printed(chromium, file)
+    assert len(paper.pages) <= 8
+    text = letters("".join(sheet.extract_text() for sheet in paper.pages))
+    assert [name for name in names(page) if letters(name) not in text] == []
+    page.set_viewport_size({"width": PAPER[0], "height": PAPER[1]})
+    page.emulate_media(media="print")
+    assert page.evaluate(NARROW) == []
 
 
 def test_a_hostile_class_does_nothing(

@@ -11,7 +11,8 @@ from playwright.sync_api import Browser, expect
 
 from grader import result_folder
 from grader.judging import rubrics
-from tests.browser.chromium import DESK, PHONE, browser, visit
+from grader.result import Outcome, load_result
+from tests.browser.chromium import DESK, NARROW, PAPER, PHONE, browser, letters, printed, visit
 from tests.regraded import judge_results
 
 pytestmark = pytest.mark.browser
@@ -75,6 +76,43 @@ def test_without_scripts_all_is_there(chromium: Browser, reports: dict[str, Path
         output = seen.page.locator("details.output").first
         output.locator("summary").click()
         expect(output).to_have_attribute("open", "")
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_paper_has_what_cost_points_and_nothing_else(
+    name: str, chromium: Browser, reports: dict[str, Path]
+) -> None:
+    """Head, lost checks with sentences and figures; no folded proof of what passed, no output, no versions."""
+    paper = printed(chromium, reports[name])
+    assert len(paper.pages) <= (2 if name == "solution" else 6)
+    text = letters(" ".join(page.extract_text() for page in paper.pages))
+    result = load_result(reports[name].with_name(result_folder.RESULT_FILE))
+    for check in result.checks:
+        assert letters(check.title) in text
+        if check.outcome in (Outcome.FAILED, Outcome.PARTIAL):
+            assert letters(check.reason)[:20] in text
+            assert letters(check.measured)[:20] in text
+    for folded in (
+        "Output of",
+        "appeal",
+        "Send this to your instructor",
+        "Try again",
+        "Does not cover",
+    ):
+        assert letters(folded) not in text
+
+
+@pytest.mark.parametrize("unfolded", [False, True], ids=["folded", "unfolded"])
+def test_no_column_on_paper_is_one_letter_wide(
+    unfolded: bool, chromium: Browser, reports: dict[str, Path]
+) -> None:
+    """Not even if somebody unfolds all parts before they print."""
+    for file in reports.values():
+        with visit(chromium, file, PAPER) as seen:
+            if unfolded:
+                seen.page.get_by_role("button", name="Expand all").click()
+            seen.page.emulate_media(media="print")
+            assert seen.page.evaluate(NARROW) == [], file
 
 
 def test_a_phone_shows_it_without_scrolling_sideways(

@@ -68,6 +68,18 @@ def test_the_evidence_is_a_page_and_nothing_else_changes(alice: Path) -> None:
     assert after == before
 
 
+@pytest.mark.parametrize("points", ["99", "-1"])
+def test_points_that_the_check_does_not_have_are_refused_first(alice: Path, points: str) -> None:
+    """The range is said before anything is judged or written, whatever else is wrong."""
+    before = {path: path.read_bytes() for path in alice.parent.rglob("*") if path.is_file()}
+    with pytest.raises(UsageError) as refused:
+        run(alice, "--set", points)
+    problem = refused.value.problem
+    assert problem == f"{CHECK} has 0 to 2 points, not {points.replace('-', '−')}"
+    after = {path: path.read_bytes() for path in alice.parent.rglob("*") if path.is_file()}
+    assert after == before
+
+
 def test_a_question_waits_and_is_shown(alice: Path) -> None:
     """It changes no points; the report shows it at its check, and the file that the student asked."""
     printed = run(alice, "--question", "My mean is <b>right</b>: see line 40.")

@@ -215,10 +215,10 @@ def test_a_class_goes_into_files_of_its_own(
         "blackboard": 1,
         "brightspace": 1,
         "feedback": 2,
-        "mail": 0,
-        "eml": 0,
     }
-    assert status == 0
+    assert status == 6
+    assert "nothing was written for mail, eml" in err
+    assert "--class-list" in err
     assert out.splitlines() == [
         f"{of_class / CLASS_EXPORTS[name].file_name}: {n}" for name, n in counts.items()
     ]
@@ -266,8 +266,33 @@ def test_a_table_on_the_standard_output_is_alone_there(
 ) -> None:
     """So it can be piped, while others go into files and are named beside it."""
     status, out, err = run(capsys, of_class, "--to=moodle=-", "--to=feedback")
-    assert (status, [*csv.DictReader(out.splitlines())][1]["ID number"]) == (0, "0012")
+    assert (status, [*csv.DictReader(out.splitlines())][1]["Identifier"]) == (0, "Participant 11")
     assert f"{of_class / 'exports/feedback.zip'}: 2" in err
+
+
+def test_students_without_a_common_key_go_into_tables_of_their_own(
+    results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The message names each table, which student it has, and by which column; the standard output has no room."""
+    listed = tmp_path / "list.csv"
+    listed.write_text("name,student_id,email\nann,0012,\nben,,ben@uni.example\n", encoding="utf-8")
+    shutil.copytree(results, results.parent / "ben")
+    folder = results.parent
+    status, out, err = run(capsys, folder, "--to=moodle", "--class-list", listed)
+    assert (status, out.splitlines()) == (
+        0,
+        [f"{folder / 'exports' / name}: 1" for name in ("moodle.csv", "moodle-2.csv")],
+    )
+    assert "choose 'Map from' ID number" in err
+    assert "choose 'Map from' Email address" in err
+    keys = [
+        next(csv.DictReader((folder / "exports" / name).read_text().splitlines()))
+        for name in ("moodle.csv", "moodle-2.csv")
+    ]
+    assert (keys[0]["ID number"], keys[1]["Email address"]) == ("0012", "ben@uni.example")
+    status, out, err = run(capsys, folder, "--to=moodle=-", "--class-list", listed)
+    assert (status, out) == (2, "")
+    assert "--class-list" in err
 
 
 def test_one_submission_goes_back_as_a_class_of_one(

@@ -9,10 +9,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import jsonschema
 import pytest
 
 from grader.judging.rubrics import read_rubric
 from tests.report.exports.sample_results import VARIABLES
+from tests.report.exports.test_gradescope import SCHEMA
 from tests.report.runner_commands import bracket_command, colon_command
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -167,7 +169,7 @@ def test_gradescope(checkout: Path, tmp_path: Path) -> None:
 
 
 def test_gradescope_without_a_score(tmp_path: Path) -> None:
-    """What cannot be graded is said to the student, without points."""
+    """The reason is said in a file that Gradescope takes: each test has a score, of 0 of 0 points."""
     autograder = tmp_path / "autograder"
     (autograder / "results").mkdir(parents=True)
     (autograder / "submission").mkdir()
@@ -176,9 +178,12 @@ def test_gradescope_without_a_score(tmp_path: Path) -> None:
     done = run(autograder, [ROOT / "ci/gradescope/run_autograder"], AUTOGRADER=autograder)
     assert done.returncode == 0, done.stdout + done.stderr
     data = json.loads((autograder / "results/results.json").read_text(encoding="utf-8"))
-    assert "score" not in data
-    assert [test["status"] for test in data["tests"]] == ["failed"]
-    assert "submission is empty" in data["tests"][0]["output"]
+    jsonschema.validate(data, SCHEMA)
+    (test,) = data["tests"]
+    assert (test["score"], test["max_score"], test["status"]) == (0, 0, "failed")
+    assert "submission is empty" in test["output"]
+    assert "Not graded: this is not a score of 0." in data["output"]
+    assert data["extra_data"] == {"graded": False}
 
 
 @by_root

@@ -17,6 +17,7 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
+from grader.errors import without_temporary_names
 from grader.live.ros_node.graph import interface_named, new_context, silent_node
 from grader.recording.bag import BagWriter
 from grader.recording.definitions import definition_of, type_hash_of
@@ -240,12 +241,12 @@ class Recorder:
                         self._writer.flush()
             self._poll()
         except Exception as error:
-            self.problems.append(f"recording stopped early: {error}")
+            self.problems.append(without_temporary_names(f"recording stopped early: {error}"))
         try:
             with self._lock:
                 self._writer.close()
         except OSError as error:
-            self.problems.append(f"the bag is not finished: {error}")
+            self.problems.append(without_temporary_names(f"the bag is not finished: {error}"))
 
     def _poll(self) -> None:
         """Empty all queues."""

@@ -20,6 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from grader.errors import without_temporary_names
 from grader.live.process.cpu_watch import CpuWatch
 from grader.live.process.forked import Program, run_script
 from grader.live.process.priority import MEASURED, STANDING, put_self_first
@@ -94,7 +95,8 @@ class Session:
                     watcher.result()
                 watcher.cancel()
         except Exception as problem:
-            self.record.problems.append(f"{type(problem).__name__}: {problem}")
+            text = without_temporary_names(f"{type(problem).__name__}: {problem}")
+            self.record.problems.append(text)
         try:
             await self._finish()
         finally:

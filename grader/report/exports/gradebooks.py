@@ -4,13 +4,19 @@ Cells by which students are found are written as they are known, to the last zer
 spreadsheet would take for a formula is left empty. All other texts are made harmless (see `csv_cell`). Every cell
 stands in quotes, without a byte order mark before the first, since not all importers expect one.
 
+An importer that finds students by one column needs a cell in each line of it. A column with an empty cell is therefore
+left out, and students without a cell in any complete column go into a further table.
+
 References
 ----------
 Moodle: `mod/assign/feedback/offline` (the grading worksheet: the columns Identifier, Grade and Last modified (grade)
-are needed; what is empty in the last is older than any grade given in Moodle) and `grade/import/csv` (by ID number,
-user name or address), in moodle/moodle.
+are needed; an empty cell in the last is older than any grade given in Moodle; a grade above the maximum is skipped) and
+`grade/import/csv` (by one of ID number, user name and address; with an empty cell there, 3.3 gives the grade to the
+student of the line above, and 4.2 looks for a user without an ID number; a grade above the maximum ends the import),
+in moodle/moodle.
 Canvas: `lib/gradebook_importer.rb` in instructure/canvas-lms: the first columns and their order are fixed; students
-are found by ID, else by SIS ids; a column is an assignment's if its heading ends with the assignment's number.
+are found by ID, else by SIS ids; a column is an assignment's if its heading ends with the assignment's number; columns
+called like Canvas' own sums are ignored (`NON_ASSIGNMENT_COLUMN_HEADERS`; by issue 2134 any with "final").
 Blackboard Help, "Work offline with grade data": Username, and a column's own number behind `|` in its heading; cells
 of comma-separated files stand in quotes.
 D2L, "Importing grades" (community.d2l.com): OrgDefinedId or Username, headings that end with `Points Grade`, and
@@ -20,12 +26,14 @@ D2L, "Importing grades" (community.d2l.com): OrgDefinedId or Username, headings 
 from __future__ import annotations
 
 import csv
+import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from functools import partial
 
+from grader.errors import UsageError
 from grader.report.escape import line
 from grader.report.exports.returned import Returned, ReturnedClass, Share, comment
 from grader.report.grades_csv import BYTE_ORDER_MARK, csv_cell, csv_text
@@ -42,47 +50,125 @@ class Column:
 
 
 @dataclass(frozen=True)
+class _Line:
+    """A student's line: the share, and by heading the cells that the grade book can find the student by."""
+
+    share: Share
+    keys: dict[str, str]
+
+
+def _as_it_is(heading: str, asked: bool) -> str:
+    return heading
+
+
+def _no_advice(headings: Sequence[str]) -> str:
+    return ""
+
+
+@dataclass(frozen=True)
 class GradeBook:
-    """What a system's grade book imports."""
+    """The table that a system's grade book imports."""
 
     columns: Sequence[Column]
     #: The heading of the column of points, unless the user knows it; `{lab}` and `{points}` stand for the lab's.
     heading: str = "{lab}"
     #: What the second line says before the points that there are, in the column of points; none if there is no such.
     second: str = ""
+    #: Whether each line is looked up by its first cell that is not empty, so that key columns may have empty cells.
+    line_by_line: bool = False
+    #: Consequence of more points than the maximum; empty if the system takes them.
+    above: str = ""
+    #: Gives a heading in the form that the system reads; the other argument says whether the user asked for it.
+    readable: Callable[[str, bool], str] = _as_it_is
+    #: Tells the person who imports a table how to map its key columns.
+    advice: Callable[[Sequence[str]], str] = _no_advice
+
+    @property
+    def _key_headings(self) -> list[str]:
+        return [column.heading for column in self.columns if column.is_key]
 
     def render(self, given: ReturnedClass) -> Returned:
-        """Return the table of a class in which somebody has a result."""
-        returned, shares = Returned(), list(given.shares)
-        found = [self._keys(share) for share in shares]
-        times = Counter(key for keys in found for key in keys.items())
-        rows = []
-        for share, keys in zip(shares, found, strict=True):
-            if not keys:
-                wanted = ", ".join(column.heading for column in self.columns if column.is_key)
-                returned.left_out[f"none of these is known: {wanted}"].append(share.entry.name)
-            elif any(times[key] > 1 for key in keys.items()):
-                returned.left_out["the same student stands behind several submissions"].append(
-                    share.entry.name
-                )
-            else:
-                rows.append(
-                    [keys.get(c.heading, "") if c.is_key else c.cell(share) for c in self.columns]
-                )
-        first = shares[0].result
-        heading = given.column or self.heading.format(
-            lab=line(first.lab), points=points(first.score.possible)
-        )
-        others = ["" for _ in self.columns[1:-1]]
-        second: list[list[str | Decimal]] = (
-            [[self.second, *others, first.score.possible]] if self.second else []
-        )
-        head = [column.heading or heading for column in self.columns]
-        returned.count = len(rows)
-        returned.content = (
-            csv_text([head, *second, *rows], csv.QUOTE_ALL).removeprefix(BYTE_ORDER_MARK).encode()
-        )
+        """Return the table of a class in which somebody has a result, and further ones if one cannot name all.
+
+        Raises
+        ------
+        UsageError
+            If the system ignores the column that the user asks for.
+        """
+        lab = next(given.shares).result
+        possible = lab.score.possible
+        default = self.heading.format(lab=line(lab.lab), points=points(possible))
+        asked = given.column or default
+        heading = self.readable(asked, bool(given.column))
+        left_out = Returned().left_out
+        lines = self._lines(given, left_out)
+        tables = [self._table(part, heading, possible) for part in self._parts(lines)]
+        returned, *returned.further = tables or [Returned()]
+        returned.left_out = left_out
+        returned.notes |= self._notes(lines)
+        if heading != asked:
+            returned.notes[f"ignores columns like {asked!r}; this one is called {heading!r}"] = []
         return returned
+
+    def _lines(self, given: ReturnedClass, left_out: dict[str, list[str]]) -> list[_Line]:
+        """Return the lines of the students that can be found, and note the others."""
+        lines = [_Line(share, self._keys(share)) for share in given.shares]
+        times = Counter(key for found in lines for key in found.keys.items())
+        unknown = f"none of these is known: {', '.join(self._key_headings)}"
+        kept = []
+        for found in lines:
+            name = found.share.entry.name
+            if not found.keys:
+                left_out[unknown].append(name)
+            elif any(times[key] > 1 for key in found.keys.items()):
+                left_out["the same student stands behind several submissions"].append(name)
+            else:
+                kept.append(found)
+        return kept
+
+    def _parts(self, lines: Sequence[_Line]) -> Iterator[Sequence[_Line]]:
+        """Divide the lines into tables that have a complete key column each, the largest first."""
+        if self.line_by_line and lines:
+            yield lines
+            return
+        while lines:
+            known = Counter(heading for found in lines for heading in found.keys)
+            # Of those that name equally many students, the first in the table.
+            key = max(self._key_headings, key=lambda heading: known[heading])
+            yield [found for found in lines if key in found.keys]
+            lines = [found for found in lines if key not in found.keys]
+
+    def _table(self, lines: Sequence[_Line], heading: str, possible: Decimal) -> Returned:
+        complete = {name for name in self._key_headings if _everybody_has(name, lines)}
+        columns = [
+            column
+            for column in self.columns
+            if self.line_by_line or not column.is_key or column.heading in complete
+        ]
+        table: list[Sequence[str | Decimal]] = [[column.heading or heading for column in columns]]
+        if self.second:
+            others = ["" for _ in columns[1:-1]]
+            table.append([self.second, *others, possible])
+        table += [[_cell(column, found) for column in columns] for found in lines]
+        text = csv_text(table, csv.QUOTE_ALL).removeprefix(BYTE_ORDER_MARK)
+        returned = Returned(text.encode(), len(lines))
+        if advice := self.advice([name for name in self._key_headings if name in complete]):
+            returned.notes[advice] = []
+        return returned
+
+    def _notes(self, lines: Sequence[_Line]) -> dict[str, list[str]]:
+        """Return notes on incomplete columns and on points above the maximum, each with whom it is about."""
+        notes = {}
+        for name in () if self.line_by_line else self._key_headings:
+            without = [found.share.entry.name for found in lines if name not in found.keys]
+            if without and len(without) < len(lines):
+                notes[f"not all have {name}, so no table has it with a gap; it is missing of"] = (
+                    without
+                )
+        above = [found.share for found in lines if found.share.is_above]
+        if above and self.above:
+            notes[f"more points than the maximum, {self.above}"] = [s.entry.name for s in above]
+        return notes
 
     def _keys(self, share: Share) -> dict[str, str]:
         """Return by what the grade book finds a student, as far as that is known and can be written as it is."""
@@ -90,6 +176,16 @@ class GradeBook:
             column.heading: str(column.cell(share)) for column in self.columns if column.is_key
         }
         return {heading: cell for heading, cell in cells.items() if cell and csv_cell(cell) == cell}
+
+
+def _everybody_has(heading: str, lines: Sequence[_Line]) -> bool:
+    return all(heading in found.keys for found in lines)
+
+
+def _cell(column: Column, found: _Line) -> str | Decimal:
+    if column.is_key:
+        return found.keys.get(column.heading, "")
+    return column.cell(found.share)
 
 
 def _known(fact: str, share: Share, before: str = "") -> str:
@@ -111,9 +207,54 @@ _ID, _LOGIN, _EMAIL = (
 )
 
 
+def _moodle_advice(headings: Sequence[str]) -> str:
+    """Say which columns find students in Moodle's two imports."""
+    mapped = [heading for heading in headings if heading != _PARTICIPANT]
+    texts = []
+    if _PARTICIPANT in headings:
+        texts.append("'Upload grading worksheet' finds students by Identifier")
+    if mapped:
+        others = "all other columns but Grade"
+        if _PARTICIPANT in headings:
+            others = f"{_PARTICIPANT} and {others}"
+        texts.append(
+            f"for 'Import > CSV file' choose 'Map from' {' or '.join(mapped)}, and leave {others} on 'Ignore'"
+        )
+    else:
+        texts.append("'Import > CSV file' cannot; --class-list adds what it needs")
+    return "; ".join(texts)
+
+
+#: Words in headings by which Canvas takes a column for one of its own sums, and the number of an assignment.
+_CANVAS_SUMS = re.compile(
+    r"\w*final\w*|\b(?:current|override) (?:score|points|grade|status)", re.IGNORECASE
+)
+_CANVAS_NUMBER = re.compile(r"\s\(\d+\)$")
+
+
+def _read_by_canvas(heading: str, asked: bool) -> str:
+    """Return a heading without words by which Canvas ignores a column; its number is enough to find an assignment.
+
+    For example `Final Lab (4711)` becomes `Lab (4711)`. Raises UsageError if the user asks for a heading without number.
+    """
+    if not _CANVAS_SUMS.search(heading):
+        return heading
+    number = _CANVAS_NUMBER.search(heading)
+    if asked and number is None:
+        raise UsageError(
+            f"Canvas ignores a column that is called {heading!r}, as it does all with 'final' in their name",
+            location="--column",
+            remedy="Give the heading with the assignment's number as Canvas' export has it, as in 'Lab 9 (4711)'.",
+        )
+    title = _CANVAS_NUMBER.sub("", heading)
+    kept = " ".join(_CANVAS_SUMS.sub("", title).split()) or "Lab"
+    return kept if number is None else f"{kept} {number[0].strip()}"
+
+
+_PARTICIPANT = "Identifier"
 MOODLE = GradeBook(
     (
-        Column("Identifier", partial(_number, "moodle", before="Participant "), is_key=True),
+        Column(_PARTICIPANT, partial(_number, "moodle", before="Participant "), is_key=True),
         Column("Full name", _NAME),
         Column("ID number", _ID, is_key=True),
         Column("Username", _LOGIN, is_key=True),
@@ -124,6 +265,9 @@ MOODLE = GradeBook(
         Column("Feedback comments", lambda share: comment(share.result)),
     ),
     heading="Grade",
+    above="with which 'Import > CSV file' imports nobody, and 'Upload grading worksheet' skips the line: raise the "
+    "maximum in Moodle, or give these by hand",
+    advice=_moodle_advice,
 )
 CANVAS = GradeBook(
     (
@@ -135,6 +279,8 @@ CANVAS = GradeBook(
         _POINTS,
     ),
     second="    Points Possible",
+    line_by_line=True,
+    readable=_read_by_canvas,
 )
 BLACKBOARD = GradeBook(
     (
@@ -153,4 +299,5 @@ BRIGHTSPACE = GradeBook(
         Column("End-of-Line Indicator", lambda share: "#"),
     ),
     heading="{lab} Points Grade",
+    above="which Brightspace cuts off unless the item has 'Can Exceed'",
 )

@@ -30,6 +30,11 @@ class Share:
     entry: ClassEntry
     result: Result
 
+    @property
+    def is_above(self) -> bool:
+        """Whether there are more points than the lab has."""
+        return self.result.final > self.result.score.possible
+
 
 @dataclass(frozen=True)
 class ReturnedClass:
@@ -65,6 +70,10 @@ class Returned:
     count: int = 0
     #: Why somebody is not in it -> their submissions.
     left_out: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
+    #: Notes for the person that imports the file; names of submissions stand behind a note, if it is about some.
+    notes: dict[str, list[str]] = field(default_factory=dict)
+    #: Further files of the same form, for students that this one cannot name.
+    further: list[Returned] = field(default_factory=list)
 
 
 def comment(result: Result) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 from grader.errors import UsageError
 from grader.files import replace_file
 from grader.report.exports import CLASS_EXPORTS, EXPORTS, ClassExport, Export, render_export
+from grader.report.exports.returned import Returned
 from grader.result import Result
 
 #: Stands for the standard output.
@@ -62,6 +63,28 @@ def write_exports(
     for target in targets:
         text = render_export(target.name, result, path_prefix=path_prefix, environment=os.environ)
         written += write_export(target, results, text.encode())
+    return written
+
+
+def write_class_export(
+    target: ExportTarget, results: Path, returned: Returned
+) -> list[tuple[Path, Returned]]:
+    """Write a form of a class and its further files, called `moodle-2.csv` and so on; returns the files.
+
+    Raises UsageError if several files are to go to the standard output.
+    """
+    if target.file == STANDARD_OUTPUT and returned.further:
+        raise UsageError(
+            f"the form {target.name} needs {1 + len(returned.further)} files, because no column names all students",
+            location=STANDARD_OUTPUT,
+            remedy="Leave out the file, or give --class-list with what is missing.",
+        )
+    written = [(path, returned) for path in write_export(target, results, returned.content)]
+    path = target.path(results)
+    for number, further in enumerate(returned.further, 2):
+        beside = str(path.with_name(f"{path.stem}-{number}{path.suffix}"))
+        target = ExportTarget(target.name, beside)
+        written += [(file, further) for file in write_export(target, results, further.content)]
     return written
 
 

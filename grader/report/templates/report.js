@@ -31,13 +31,4 @@
   }
   window.addEventListener("hashchange", reveal);
   reveal();
-  var closed = [];
-  window.addEventListener("beforeprint", function () {
-    closed = all().filter(function (d) { return !d.open; });
-    closed.forEach(function (d) { d.open = true; });
-  });
-  window.addEventListener("afterprint", function () {
-    closed.forEach(function (d) { d.open = false; });
-    closed = [];
-  });
 })();

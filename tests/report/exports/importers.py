@@ -61,24 +61,39 @@ def moodle_worksheet(
 
 
 def moodle_grade_book(
-    content: bytes, users: Iterable[User], heading: str, fact: str
+    content: bytes,
+    users: Sequence[User],
+    heading: str,
+    fact: str,
+    most: Decimal = Decimal(100),
+    *,
+    skips_empty_keys: bool = False,
 ) -> dict[str, Decimal | None]:
     """Read a table into the grade book, students by one column: user's number -> grade.
 
-    `gradeimport_csv_load_data` in `grade/import/csv`: a student who is not found ends the import, an empty cell does
-    not; `-` and nothing are no grade; what else is no number ends the import.
+    `gradeimport_csv_load_data` in `grade/import/csv`: a student who is not found, or is not the only one, ends the
+    import; `-` and nothing are no grade; another cell that is no number ends the import, and so does a grade above the
+    maximum. Until 4.1 an empty key cell is skipped, which leaves the student of the line before; since then it is
+    looked up like any other. `MOODLE_SAID` in the tests has what the PHP itself said.
     """
     head, *rows = table(content)
-    known = {getattr(user, fact): user.number for user in users}
     read: dict[str, Decimal | None] = {}
+    student = ""
     for row in rows:
-        if key := row[head.index(heading)]:
-            if key not in known:
-                raise Refused(f"no user {key}")
-            grade = row[head.index("Grade")]
-            if grade not in ("", "-") and not re.fullmatch(r"-?\d+(\.\d+)?", grade):
-                raise Refused(f"no grade: {grade}")
-            read[known[key]] = Decimal(grade) if grade not in ("", "-") else None
+        key = row[head.index(heading)].strip()
+        if key or not skips_empty_keys:
+            found = [user.number for user in users if getattr(user, fact) == key]
+            if len(found) != 1:
+                raise Refused(f"no user or several: {key!r}")
+            (student,) = found
+        if not student:
+            raise Refused("no user")
+        grade = row[head.index("Grade")]
+        if grade not in ("", "-") and not re.fullmatch(r"-?\d+(\.\d+)?", grade):
+            raise Refused(f"no grade: {grade}")
+        read[student] = Decimal(grade) if grade not in ("", "-") else None
+        if (read[student] or 0) > most:
+            raise Refused(f"too big: {grade}")
     return read
 
 
@@ -89,8 +104,9 @@ def canvas(
 
     `GradebookImporter` in `lib/gradebook_importer.rb`: `Student` first, then `ID`; either `SIS Login ID` or both SIS
     columns, `Section` last before the assignments; a heading's number in brackets is the assignment's, else its title
-    is looked up; lines of nothing but commas are skipped, a line with `Points Possible` is about no student; numbers
-    with a decimal comma get a point. A student is found by ID, else by SIS ids, else by name; others would be new.
+    is looked up; columns called like Canvas' own sums are passed over (issue 2134: any with "final" in its name); lines
+    of nothing but commas are skipped, a line with `Points Possible` is about no student; numbers with a decimal comma get
+    a point. A student is found by ID, else by SIS ids, else by name; others would be new.
     """
     rows = [row for row in table(content) if any(cell.strip(" ;,") for cell in row)]
     head = rows[0]
@@ -102,6 +118,10 @@ def canvas(
         raise Refused("Invalid header row")
     read: dict[str, dict[str, str]] = {}
     for at in range(end + 1, len(head)):
+        if re.search(
+            "final|(Current|Override) (Score|Points|Grade|Status)", head[at], re.IGNORECASE
+        ):
+            continue
         named = re.fullmatch(r"(.*)\s\((\d+)\)", head[at])
         titled = {title: number for number, title in assignments.items()}
         number = named[2] if named and named[2] in assignments else titled.get(head[at], head[at])
@@ -188,7 +208,7 @@ def brightspace(
             points = read[item[1]] = {}
             for row in rows:
                 cells = dict(zip(head, row, strict=True))
-                ids = (_unmarked(cells["OrgDefinedId"]), _unmarked(cells["Username"]))
+                ids = [_unmarked(cells.get(name, "")) for name in ("OrgDefinedId", "Username")]
                 known = [
                     u
                     for u in users

@@ -9,10 +9,11 @@ from decimal import Decimal
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from grader.cohort.entries import ClassEntry, with_roster
+from grader.errors import UsageError
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
 from grader.recording.submission import Identity, Person
@@ -107,6 +108,149 @@ def test_moodles_grade_book_finds_all_of_any_download(
     given = graded(system, tmp_path, rubric, CLASS_LIST if system != "Canvas" else canvas_export())
     returned = CLASS_EXPORTS["moodle"].render(given)
     assert importers.moodle_grade_book(returned.content, USERS, heading, FACTS[heading]) == POINTS
+
+
+MOODLE_USERS = (
+    User("1", "Admin", "", "admin"),
+    User("11", "Ann", "0012", "am12"),
+    User("12", "Bob", "", "bob"),
+    User("13", "Cem", "0014", "cem"),
+)
+#: Identified by, empty key cells skipped (3.3.1) or not (4.2.3 and 4.4), last grade -> student's grades. The class
+#: `gradeimport_csv_load_data` said so itself, run by PHP 8.2 with a made-up data base.
+MOODLE_SAID = (
+    ("ID number", True, "80", {"11": 70, "13": 80}),
+    ("ID number", False, "80", None),
+    ("Username", True, "80", {"11": 60, "12": 70, "13": 80}),
+    ("Username", False, "80", {"11": 60, "12": 70, "13": 80}),
+    ("Username", True, "101", None),
+    ("Username", False, "101", None),
+)
+
+
+@pytest.mark.parametrize(("heading", "skips", "last", "said"), MOODLE_SAID)
+def test_the_port_of_moodles_import_says_what_moodle_says(
+    heading: str, skips: bool, last: str, said: dict[str, int] | None
+) -> None:
+    """An empty cell gives the grade to the student of the line above, or ends the import as too high a grade does."""
+    text = f"ID number,Username,Grade\n0012,am12,60\n,bob,70\n0014,cem,{last}\n"
+    fact = FACTS[heading]
+    if said is None:
+        with pytest.raises(Refused):
+            importers.moodle_grade_book(
+                text.encode(), MOODLE_USERS, heading, fact, skips_empty_keys=skips
+            )
+    else:
+        assert said == importers.moodle_grade_book(
+            text.encode(), MOODLE_USERS, heading, fact, skips_empty_keys=skips
+        )
+
+
+KNOWN = st.sets(st.sampled_from(["student_id", "login", "email"]))
+
+
+@settings(max_examples=60)
+@given(st.lists(KNOWN, min_size=1, max_size=6), st.booleans())
+def test_any_key_column_of_any_table_gives_each_student_their_own_points(
+    known: list[set[str]], skips: bool
+) -> None:
+    """Whatever is known of some students only, both ways in which Moodle takes empty cells give the same."""
+    users = [
+        User(f"{n}", f"S{n}", f"{n:04}", f"login{n}", f"s{n}@uni.example")
+        for n in range(len(known))
+    ]
+    entries = []
+    for user, facts in zip(users, known, strict=True):
+        person = Person(user.name, **{fact: getattr(user, fact) for fact in facts})
+        result = result_of(LAB, [1, int(user.number) / 100])
+        entries.append(entry_of(user.name, result, identity=Identity((person,))))
+    returned = CLASS_EXPORTS["moodle"].render(ReturnedClass(entries, Path()))
+    tables = [table for table in (returned, *returned.further) if table.count]
+    reached = []
+    for table in tables:
+        head = importers.table(table.content)[0]
+        keys = [heading for heading in FACTS if heading in head]
+        assert keys
+        for heading in keys:
+            read = importers.moodle_grade_book(
+                table.content, users, heading, FACTS[heading], skips_empty_keys=skips
+            )
+            assert read == {number: 60 + Decimal(number) * 4 / 10 for number in read}
+            assert len(read) == table.count
+        reached += [*read]
+    assert sorted(reached) == [
+        user.number for user, facts in zip(users, known, strict=True) if facts
+    ]
+
+
+def test_an_incomplete_column_is_left_out_and_said(tmp_path: Path, rubric: Rubric) -> None:
+    """The note says of whom it is missing, which columns can be mapped, and that Identifier must not be."""
+    listed = "name;student_id;email\nMüller, Änne;0012;aenne@uni.example\n"
+    listed += "O'Brien, Bob;;bob@uni.example\nÇelik, Cem;0014;cem+lab@uni.example\n"
+    returned = CLASS_EXPORTS["moodle"].render(graded("Moodle", tmp_path, rubric, listed))
+    head = importers.table(returned.content)[0]
+    assert "ID number" not in head
+    assert {"Identifier", "Email address"} <= {*head}
+    advice, missing = returned.notes
+    assert "choose 'Map from' Email address, and leave Identifier and all other" in advice
+    assert "ID number" in missing
+    assert returned.notes[missing] == ["Bob_O_Brien_12"]
+
+
+def test_points_above_the_maximum_are_said_with_what_moodle_does() -> None:
+    """Moodle imports nothing of such a table, so whose points they are is named."""
+    plain = result_of(LAB, [1, 1])
+    plain["adjustments"] = [
+        {"kind": "bonus", "what": "x", "points": 3, "reason": "", "who": "", "when": ""}
+    ]
+    entries = [
+        one(Person("Ann", "0012"), "a"),
+        entry_of("b", plain, identity=Identity((Person("Bob", "0013"),))),
+    ]
+    given = ReturnedClass(entries, Path())
+    returned = CLASS_EXPORTS["moodle"].render(given)
+    with pytest.raises(Refused):
+        importers.moodle_grade_book(
+            returned.content,
+            [User("1", "", "0012"), User("2", "", "0013")],
+            "ID number",
+            "student_id",
+        )
+    (note,) = (note for note in returned.notes if "maximum" in note)
+    assert "imports nobody" in note
+    assert returned.notes[note] == ["b"]
+    assert CLASS_EXPORTS["canvas"].render(given).notes == {}
+
+
+@pytest.mark.parametrize(
+    ("column", "lab", "number"),
+    [
+        ("Final Lab (4711)", "x", "4711"),
+        ("Semifinal (4711)", "x", "4711"),
+        ("Current Score (4711)", "x", "4711"),
+        ("", "Final Project", "Project"),
+        ("", "FINAL", "Lab"),
+        ("", "Lab 9: Nodes", "Lab 9: Nodes"),
+    ],
+)
+def test_canvas_ignores_no_column_of_ours(column: str, lab: str, number: str) -> None:
+    """Its number alone says which assignment a column is; a new one gets a name without the word, which is said."""
+    plain = result_of(LAB, [1, 0]) | {"lab": lab}
+    entries = [entry_of("ann", plain, identity=Identity((Person("Ann", "0012"),)))]
+    returned = CLASS_EXPORTS["canvas"].render(ReturnedClass(entries, Path(), column))
+    users = [User("12", "Ann", "0012")]
+    scores = importers.canvas(returned.content, users, {"4711": "Final Lab"})
+    assert scores == {number: {"12": "60"}}
+    assert bool(returned.notes) == (lab != "Lab 9: Nodes")
+
+
+def test_a_column_that_canvas_would_ignore_is_refused() -> None:
+    """By its name alone Canvas would not find it; the remedy is its number."""
+    with pytest.raises(UsageError) as refused:
+        CLASS_EXPORTS["canvas"].render(
+            ReturnedClass([one(Person("Ann", "0012"))], Path(), "Final Lab")
+        )
+    assert "number" in refused.value.remedy
 
 
 def test_a_number_of_another_system_is_no_participant_of_moodle(

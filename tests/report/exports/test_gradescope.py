@@ -19,11 +19,16 @@ from tests.report.exports.sample_results import (
 
 _FORMAT = {"enum": ["text", "simple_format", "html", "md", "ansi"]}
 _VISIBILITY = {"enum": ["hidden", "after_due_date", "after_published", "visible"]}
-#: "Autograder Specifications", output format: every key, and what it may be.
-_SCHEMA = {
+#: "Autograder Specifications", output format: every key, and what it may be. A score is required on top, or on each
+#: test; a file without is no result: "The autograder failed to execute correctly".
+SCHEMA = {
     "type": "object",
     "additionalProperties": False,
-    "required": ["tests", "score"],
+    "required": ["tests"],
+    "anyOf": [
+        {"required": ["score"]},
+        {"properties": {"tests": {"minItems": 1, "items": {"required": ["score"]}}}},
+    ],
     "properties": {
         "score": {"type": "number", "minimum": 0},
         "execution_time": {"type": "number", "minimum": 0},
@@ -62,7 +67,7 @@ _SCHEMA = {
 def valid(plain: dict[str, Any]) -> dict[str, Any]:
     """Export, and return the data if they are valid."""
     data: dict[str, Any] = json.loads(exported("gradescope", plain))
-    jsonschema.validate(data, _SCHEMA)
+    jsonschema.validate(data, SCHEMA)
     # Where one test is not visible, Gradescope hides the total; and what is not plain text it would render.
     assert {test["visibility"] for test in data["tests"]} | {data["visibility"]} == {"visible"}
     assert {test["output_format"] for test in data["tests"]} == {"text"}

@@ -1,0 +1,64 @@
+"""Output that any terminal takes: signs that its encoding does not have are replaced, never an error."""
+
+from __future__ import annotations
+
+import codecs
+import io
+import sys
+
+#: Name of the error handler below.
+_HANDLER = "grade-plain"
+#: Signs of our texts, and what says the same in ASCII.
+_PLAIN = {
+    "✓": "+",
+    "✕": "x",
+    "✗": "x",
+    "◐": "~",
+    "○": "o",
+    "●": "*",
+    "•": "*",
+    "·": "-",
+    "→": "->",
+    "▸": ">",
+    "−": "-",
+    "–": "-",
+    "—": "-",
+    "±": "+-",
+    "×": "x",
+    "≤": "<=",
+    "≥": ">=",
+    "…": "...",
+    "‘": "'",
+    "’": "'",
+    "“": '"',
+    "”": '"',
+    "⟨": "<",
+    "⟩": ">",
+    "\N{NO-BREAK SPACE}": " ",
+    "\N{NARROW NO-BREAK SPACE}": " ",
+}
+
+
+def write_to_any_terminal() -> None:
+    r"""Make the standard output and the standard error replace signs that they cannot encode.
+
+    Letters of names become escapes such as `\xfc`, so that no two names look the same. Bytes that are written to the
+    buffer below, as exports on the standard output are, stay as they are.
+    """
+    codecs.register_error(_HANDLER, _replaced)
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors=_HANDLER)
+
+
+def _replaced(error: UnicodeError) -> tuple[str, int]:
+    """Return what stands for the text that cannot be encoded, and where to go on."""
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    text = error.object[error.start : error.end]
+    plain = [_PLAIN.get(sign) or _escaped(sign) for sign in text]
+    return "".join(plain), error.end
+
+
+def _escaped(sign: str) -> str:
+    return sign.encode("ascii", "backslashreplace").decode("ascii")
