@@ -1,1 +1,1 @@
-"""A class as a whole, from its results; pure. Imports the lab, the submission and results."""
+"""A class as a whole, summed up from its results; pure. Imports the lab, the submission and results."""

@@ -1,4 +1,4 @@
-"""A class without names: pseudonyms instead, and nothing left of the names in what students wrote."""
+"""A class without names: pseudonyms, and texts of students with all names hidden."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import hashlib
 import hmac
 import re
 import unicodedata
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from grader.cohort.entries import ClassEntry
@@ -16,40 +16,54 @@ from grader.result import BY_HAND, Adjustment, CheckResult, CriterionResult, Res
 HIDDEN = "‹name›"
 #: Shortest parts of a name, in letters and in digits, that are hidden.
 LEAST_LETTERS, LEAST_DIGITS = 3, 4
-#: Names below this length are hidden only where they stand alone, not within a word.
+#: Length from which names are hidden within a word, too. Shorter names must stand alone.
 LEAST_WITHIN_A_WORD = 4
-#: Names in scripts that are written without blanks are hidden from this length, wherever they stand.
+#: Length from which names in scripts without blanks between words are hidden everywhere.
 LEAST_UNPARTED = 2
-#: How letters that plain ASCII lacks are written in names of files and nodes.
+#: ASCII spellings of letters in names of files and nodes.
 _SPELT = str.maketrans(
     {"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss", "å": "aa", "ø": "oe", "æ": "ae"}
 )
 
 
 def anonymous(entries: Sequence[ClassEntry], rubric: Rubric) -> list[ClassEntry]:
-    """Return the entries under pseudonyms, in the order of these; the rubric's words are no names, even in one.
+    """Return the entries under pseudonyms, and in their order.
 
-    Pseudonyms are numbers in an order that a keyed hash of the names gives. The key comes from the hashes of what was
-    handed in, so that a list of the class is not enough to find the order again. Of a result only outcomes, points and
-    what the grader says of them stay, in which names, and parts of them, are hidden.
+    The pseudonyms are numbers, ordered by a keyed hash of the names. The key comes from the hashes of the submissions,
+    because a list of the class must not be enough to find the order again. A result keeps only outcomes, points and
+    the grader's own texts. Names of students, and parts of them, are hidden in these texts unless the part is a word
+    of the rubric.
     """
-    submitted = (
-        entry.result.provenance.get("submission_sha256", "") if entry.result else ""
-        for entry in entries
-    )
-    key = hashlib.sha256("\n".join(sorted(submitted)).encode()).digest()
-    names = [entry.name.encode("utf-8", "surrogatepass") for entry in entries]
-    order = sorted(range(len(entries)), key=lambda n: (hmac.digest(key, names[n], "sha256"), n))
+    key = _key_of(entries)
+    digests = []
+    for place, entry in enumerate(entries):
+        name = entry.name.encode("utf-8", "surrogatepass")
+        digests.append((hmac.digest(key, name, "sha256"), place))
     digits = max(2, len(str(len(entries))))
     hide = _Hider(entries, rubric)
-    return [
-        _hidden(entries[index], f"Student {rank:0{digits}d}", hide)
-        for rank, index in enumerate(order, 1)
-    ]
+    hidden = []
+    for number, (_, place) in enumerate(sorted(digests), 1):
+        pseudonym = f"Student {number:0{digits}d}"
+        hidden.append(_hidden(entries[place], pseudonym, hide))
+    return hidden
+
+
+def _key_of(entries: Iterable[ClassEntry]) -> bytes:
+    """Return a key that only the submissions themselves give."""
+    hashes = []
+    for entry in entries:
+        submitted = ""
+        if entry.result:
+            submitted = entry.result.provenance.get("submission_sha256", "")
+        hashes.append(submitted)
+    return hashlib.sha256("\n".join(sorted(hashes)).encode()).digest()
+
+
+# -- a result ----------------------------------------------------------------------------------
 
 
 def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
-    """Return an entry without what its checks quote of the submission, and what else might tell whose it is."""
+    """Return an entry without quotes from the submission and without further signs of its author."""
     result = entry.result
     if result is None:
         return ClassEntry(pseudonym, None, hide(entry.problem))
@@ -59,76 +73,116 @@ def _hidden(entry: ClassEntry, pseudonym: str, hide: _Hider) -> ClassEntry:
         score=result.score,
         criteria=_without_quotes(result.criteria, hide),
         bonus=_without_quotes(result.bonus, hide),
-        problems=tuple(hide(problem) for problem in result.problems),
-        violations=tuple(
-            Violation(v.kind, v.session, hide(v.text), certain=v.certain) for v in result.violations
-        ),
-        adjustments=tuple(
-            Adjustment(each.kind, each.what if each.kind in BY_HAND else "", each.points)
-            for each in result.adjustments
-        ),
+        problems=tuple(map(hide, result.problems)),
+        violations=_hidden_violations(result.violations, hide),
+        adjustments=tuple(map(_hidden_adjustment, result.adjustments)),
         provenance={"rubric_sha256": result.rubric_sha256, "lab_sha256": result.lab_sha256},
     )
     return ClassEntry(pseudonym, hidden)
 
 
+def _hidden_violations(violations: Iterable[Violation], hide: _Hider) -> tuple[Violation, ...]:
+    hidden = []
+    for violation in violations:
+        text = hide(violation.text)
+        kind, session, certain = violation.kind, violation.session, violation.certain
+        hidden.append(Violation(kind, session, text, certain=certain))
+    return tuple(hidden)
+
+
+def _hidden_adjustment(adjustment: Adjustment) -> Adjustment:
+    """Return an adjustment; only one by hand keeps its subject, because the others name parts of the submission."""
+    subject = adjustment.what if adjustment.kind in BY_HAND else ""
+    return Adjustment(adjustment.kind, subject, adjustment.points)
+
+
 def _without_quotes(
     criteria: Sequence[CriterionResult], hide: _Hider
 ) -> tuple[CriterionResult, ...]:
-    return tuple(
-        replace(c, checks=tuple(_unquoted(check, hide) for check in c.checks)) for c in criteria
-    )
+    hidden = []
+    for criterion in criteria:
+        checks = [_unquoted(check, hide) for check in criterion.checks]
+        hidden.append(replace(criterion, checks=tuple(checks)))
+    return tuple(hidden)
 
 
 def _unquoted(check: CheckResult, hide: _Hider) -> CheckResult:
-    bare = replace(check, expected="", measured="", where=(), notes=(), counted=())
-    unmeasured = hide(check.unmeasured) if check.unmeasured else None
-    return replace(bare, reason=hide(check.reason), hint=hide(check.hint), unmeasured=unmeasured)
+    unmeasured = None
+    if check.unmeasured:
+        unmeasured = hide(check.unmeasured)
+    reason = hide(check.reason)
+    hint = hide(check.hint)
+    hidden = replace(check, reason=reason, hint=hint, unmeasured=unmeasured)
+    return replace(hidden, expected="", measured="", where=(), notes=(), counted=())
+
+
+# -- names -------------------------------------------------------------------------------------
 
 
 class _Hider:
-    """Hides the names of a class in texts: whole ones, and parts that are no words of the rubric."""
+    """Hides the names of a class in texts: whole names, and their parts except words of the rubric."""
 
     def __init__(self, entries: Iterable[ClassEntry], rubric: Rubric) -> None:
-        known = {word.lower() for word in re.findall(r"[^\W_]+", _plain(rubric.text))}
+        words = re.findall(r"[^\W_]+", _plain(rubric.text))
+        known = {word.lower() for word in words}
         wanted: set[str] = set()
-        for name in filter(None, (text for entry in entries for text in _names(entry))):
-            lowered = unicodedata.normalize("NFC", name).lower()
-            for spelling in (_plain(lowered), _plain(lowered.translate(_SPELT))):
-                wanted |= {spelling, *(part for part in _parts(spelling) if part not in known)}
+        for entry in entries:
+            for name in _names(entry):
+                wanted |= _spellings(name, known)
         ordered = sorted(wanted, key=lambda name: (-len(name), name))
-        self._pattern = re.compile("|".join(map(_matching, ordered)) or "(?!)", re.IGNORECASE)
+        pattern = "|".join(map(_matching, ordered)) or "(?!)"
+        self._pattern = re.compile(pattern, re.IGNORECASE)
 
     def __call__(self, text: str) -> str:
         """Return a text without names."""
         text = unicodedata.normalize("NFC", text)
-        parts, at = [], 0
+        parts = []
+        end = 0
         for match in self._pattern.finditer(_plain(text)):
-            parts += [text[at : match.start()], HIDDEN]
-            at = match.end()
-        return "".join([*parts, text[at:]])
+            parts += [text[end : match.start()], HIDDEN]
+            end = match.end()
+        parts.append(text[end:])
+        return "".join(parts)
 
 
-def _names(entry: ClassEntry) -> list[str | None]:
-    """Return all by which those who handed something in are known, but for numbers that mean nothing elsewhere."""
-    people = (
-        (who.name, who.student_id, who.login, who.email.partition("@")[0]) for who in entry.people
-    )
-    return [entry.name, entry.student_id, *(name for names in people for name in names)]
+def _names(entry: ClassEntry) -> Iterator[str]:
+    """Yield the names, ids, logins and mail names of a submission's authors."""
+    names = [entry.name, entry.student_id]
+    for person in entry.people:
+        mail_name, _, _ = person.email.partition("@")
+        names += [person.name, person.student_id, person.login, mail_name]
+    for name in names:
+        if name:
+            yield name
+
+
+def _spellings(name: str, known: set[str]) -> set[str]:
+    """Return a name with and without ASCII spellings, and its parts that are no known words."""
+    lowered = unicodedata.normalize("NFC", name).lower()
+    found = set()
+    for spelling in (_plain(lowered), _plain(lowered.translate(_SPELT))):
+        parts = set(_parts(spelling))
+        found |= {spelling} | (parts - known)
+    return found
 
 
 def _parts(name: str) -> list[str]:
-    letters = [
-        part
-        for part in re.findall(r"[^\W\d_]+", name)
-        if len(part) >= (LEAST_UNPARTED if _is_unparted(part) else LEAST_LETTERS)
-    ]
-    return letters + [part for part in re.findall(r"\d+", name) if len(part) >= LEAST_DIGITS]
+    """Return the words and numbers in a name that are long enough to be hidden."""
+    parts = []
+    for word in re.findall(r"[^\W\d_]+", name):
+        least = LEAST_UNPARTED if _is_unparted(word) else LEAST_LETTERS
+        if len(word) >= least:
+            parts.append(word)
+    for number in re.findall(r"\d+", name):
+        if len(number) >= LEAST_DIGITS:
+            parts.append(number)
+    return parts
 
 
 def _matching(name: str) -> str:
-    """Return the pattern of a name; a short one has to stand alone, be it as a word of a name in camel case."""
-    if len(name) >= LEAST_WITHIN_A_WORD or (len(name) >= LEAST_UNPARTED and _is_unparted(name)):
+    """Return the pattern of a name; a short one must stand alone, or as a word in camel case (`startEva`)."""
+    unparted = len(name) >= LEAST_UNPARTED and _is_unparted(name)
+    if unparted or len(name) >= LEAST_WITHIN_A_WORD:
         return re.escape(name)
     before = r"(?:(?<![^\W_])|(?-i:(?<=[a-z0-9])(?=[A-Z])))"
     after = r"(?:(?![^\W_])|(?-i:(?=[A-Z])))"
@@ -136,16 +190,19 @@ def _matching(name: str) -> str:
 
 
 def _is_unparted(name: str) -> bool:
-    """Whether a name is of Chinese, Japanese or Korean letters, to which other words are joined without a blank."""
+    """Return whether a name has only Chinese, Japanese or Korean letters, with no blank to the next word."""
     return all(unicodedata.east_asian_width(character) == "W" for character in name)
 
 
 def _plain(text: str) -> str:
-    """Return a text with letters without their marks; each stays one character, so that places stay the same.
+    """Return a text with letters without their marks: `Zoë` becomes `Zoe`.
 
-    A Korean syllable stays whole: of its parts, the first alone is that of hundreds.
+    Each letter stays one character, to keep all places. A Korean syllable stays whole, because hundreds of syllables
+    have the same first part.
     """
-    first = (unicodedata.normalize("NFKD", character)[0] for character in text)
-    return "".join(
-        old if "\u1100" <= new <= "\u11ff" else new for old, new in zip(text, first, strict=True)
-    )
+    plain = []
+    for character in text:
+        base = unicodedata.normalize("NFKD", character)[0]
+        korean = "\u1100" <= base <= "\u11ff"
+        plain.append(character if korean else base)
+    return "".join(plain)

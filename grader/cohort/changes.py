@@ -1,4 +1,4 @@
-"""What another judgement of the same submission changes: points and outcomes, old against new. Pure."""
+"""Differences between two judgements of the same submission: points and outcomes. Pure."""
 
 from __future__ import annotations
 
@@ -6,60 +6,71 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, NamedTuple, TypeVar
 
-from grader.result import CheckResult, CriterionResult, Outcome, Result, number
+from grader.result import Adjustment, CheckResult, CriterionResult, Outcome, Result, number
 
 Part = TypeVar("Part", CriterionResult, CheckResult)
+_NONE = Decimal(0)
 
 
 @dataclass(frozen=True)
 class Change:
-    """A criterion, a check, or all adjustments of one kind that concern the same, where points or outcome differ."""
+    """A criterion or check with other points or another outcome, or all adjustments of a kind with one subject."""
 
     level: Literal["criterion", "check", "adjustment"]
+    #: Id of the criterion or check, or subject of the adjustments.
     id: str
-    #: The kind, for an adjustment.
+    #: Title of the criterion or check, or kind of the adjustments.
     title: str
-    #: Points; None on the side where there is no such criterion or check.
+    #: Points; None if the criterion or check is missing in that result.
     before: Decimal | None
     after: Decimal | None
-    #: Those of a check, before and after.
+    #: Outcomes of a check, before and after.
     outcomes: tuple[Outcome | None, Outcome | None] = (None, None)
 
     @property
     def difference(self) -> Decimal:
-        """Points that there are more, or fewer."""
-        return (self.after or Decimal(0)) - (self.before or Decimal(0))
+        """Points gained, or lost if negative."""
+        return (self.after or _NONE) - (self.before or _NONE)
+
+    @property
+    def differs(self) -> bool:
+        """True if points or outcome differ."""
+        was, now = self.outcomes
+        return was != now or self.before != self.after
 
 
 @dataclass(frozen=True)
 class Changes:
-    """What differs between two judgements of one submission."""
+    """Differences between two judgements of one submission."""
 
     submission: str
     #: Final points; None if there was no result.
     before: Decimal | None
     #: Final points.
     after: Decimal
-    #: Points that are undecided, and that could be had (equal where there was no result), before and after.
+    #: Undecided and possible points, before and after; possible points are equal if there was no result.
     undecided: tuple[Decimal, Decimal]
     possible: tuple[Decimal, Decimal]
     #: Each criterion before its checks, and adjustments last.
     parts: tuple[Change, ...] = ()
-    #: Whether the result differs in anything, such as a reason, beside its provenance.
+    #: True if the results differ in anything except their provenance, such as a reason.
     words: bool = False
 
     @property
     def difference(self) -> Decimal:
-        """Final points that there are more, or fewer."""
-        return self.after - (self.before or Decimal(0))
+        """Final points gained, or lost if negative."""
+        return self.after - (self.before or _NONE)
 
     @property
     def matters(self) -> bool:
-        """Whether there was no result before, or points or an outcome differ."""
-        moved = any(was != now for was, now in (self.undecided, self.possible))
-        return self.before is None or bool(self.difference or self.parts) or moved
+        """True if there was no previous result, or points or an outcome differ."""
+        if self.before is None or self.difference or self.parts:
+            return True
+        undecided_before, undecided_after = self.undecided
+        possible_before, possible_after = self.possible
+        return undecided_before != undecided_after or possible_before != possible_after
 
     def at(self, level: str) -> list[Change]:
         """Return the changes of criteria, of checks, or of adjustments."""
@@ -67,98 +78,179 @@ class Changes:
 
 
 def changes_between(before: Result | None, after: Result) -> Changes:
-    """Compare two results of one submission; there may have been none before."""
+    """Compare two results of one submission; the first may be missing."""
+    if before is None:
+        return Changes(
+            submission=after.submission,
+            before=None,
+            after=after.final,
+            undecided=(_NONE, after.score.undecided),
+            possible=(after.score.possible, after.score.possible),
+            parts=tuple(_adjustments((), after.adjustments)),
+        )
+    parts = [*_parts(before, after), *_adjustments(before.adjustments, after.adjustments)]
+    # The provenance describes the judging and not the submission.
+    judged_before = replace(before, provenance={})
+    judged_after = replace(after, provenance={})
     return Changes(
-        after.submission,
-        before.final if before is not None else None,
-        after.final,
-        (before.score.undecided if before is not None else Decimal(0), after.score.undecided),
-        ((before or after).score.possible, after.score.possible),
-        (*(_parts(before, after) if before is not None else ()), *_adjustments(before, after)),
-        # Provenance says by what it was judged, and not how it is.
-        before is not None and replace(before, provenance={}) != replace(after, provenance={}),
+        submission=after.submission,
+        before=before.final,
+        after=after.final,
+        undecided=(before.score.undecided, after.score.undecided),
+        possible=(before.score.possible, after.score.possible),
+        parts=tuple(parts),
+        words=judged_before != judged_after,
     )
 
 
+# -- criteria and checks -----------------------------------------------------------------------
+
+
 def _parts(before: Result, after: Result) -> Iterator[Change]:
-    for was, now in _pairs((*before.criteria, *before.bonus), (*after.criteria, *after.bonus)):
-        pairs = _pairs(was.checks if was else (), now.checks if now else ())
-        checks = [check for pair in pairs if _differs(check := _change("check", *pair))]
+    """Yield each criterion that differs, and after it its checks that differ."""
+    old = (*before.criteria, *before.bonus)
+    new = (*after.criteria, *after.bonus)
+    for was, now in _pairs(old, new):
+        checks = _checks(was, now)
         criterion = _change("criterion", was, now)
-        if checks or _differs(criterion):
-            yield from (criterion, *checks)
+        if checks or criterion.differs:
+            yield criterion
+            yield from checks
+
+
+def _checks(before: CriterionResult | None, after: CriterionResult | None) -> list[Change]:
+    """Return the checks of a criterion that differ."""
+    old = before.checks if before else ()
+    new = after.checks if after else ()
+    changes = []
+    for was, now in _pairs(old, new):
+        change = _change("check", was, now)
+        if change.differs:
+            changes.append(change)
+    return changes
 
 
 def _pairs(before: Sequence[Part], after: Sequence[Part]) -> list[tuple[Part | None, Part | None]]:
+    """Return the parts of both results by their ids: first all new ones, then those missing now."""
     old: dict[str, Part] = {part.id: part for part in before}
     new: dict[str, Part] = {part.id: part for part in after}
-    return [(old.get(identity), new.get(identity)) for identity in dict.fromkeys([*new, *old])]
+    pairs = []
+    for part_id in dict.fromkeys([*new, *old]):
+        pairs.append((old.get(part_id), new.get(part_id)))
+    return pairs
 
 
 def _change(level: Literal["criterion", "check"], was: Part | None, now: Part | None) -> Change:
     named = now or was
     assert named is not None
-    before, after = (part.outcome if isinstance(part, CheckResult) else None for part in (was, now))
-    earned = [part.earned if part else None for part in (was, now)]
-    return Change(level, named.id, named.title, earned[0], earned[1], (before, after))
+    before, after = _earned_in(was), _earned_in(now)
+    outcomes = (_outcome_of(was), _outcome_of(now))
+    return Change(level, named.id, named.title, before, after, outcomes)
 
 
-def _differs(change: Change) -> bool:
-    return change.outcomes[0] != change.outcomes[1] or change.before != change.after
+def _earned_in(part: CriterionResult | CheckResult | None) -> Decimal | None:
+    """Return the earned points; None if the part is missing."""
+    if part is None:
+        return None
+    return part.earned
 
 
-def _adjustments(before: Result | None, after: Result) -> Iterator[Change]:
-    """Compare adjustments, added up by kind and what they concern."""
-    old: defaultdict[tuple[str, str], Decimal] = defaultdict(Decimal)
-    new: defaultdict[tuple[str, str], Decimal] = defaultdict(Decimal)
-    for sums, result in ((old, before), (new, after)):
-        for each in result.adjustments if result is not None else ():
-            sums[each.kind.value, each.what] += each.points
-    for kind, what in dict.fromkeys([*new, *old]):
-        change = Change("adjustment", what, kind, old[kind, what], new[kind, what])
+def _outcome_of(part: CriterionResult | CheckResult | None) -> Outcome | None:
+    """Return the outcome of a check; None for a criterion."""
+    if isinstance(part, CheckResult):
+        return part.outcome
+    return None
+
+
+# -- adjustments -------------------------------------------------------------------------------
+
+
+def _adjustments(before: Iterable[Adjustment], after: Iterable[Adjustment]) -> Iterator[Change]:
+    """Yield the adjustments that differ, added up by kind and subject."""
+    old = _sums(before)
+    new = _sums(after)
+    for kind, subject in dict.fromkeys([*new, *old]):
+        was, now = old[kind, subject], new[kind, subject]
+        change = Change("adjustment", subject, kind, was, now)
         if change.difference:
             yield change
 
 
-def by_check(changes: Iterable[Changes]) -> list[tuple[str, int, int, Decimal]]:
-    """Return for each check that differs its title, how many gain and lose by it, and their points together."""
-    met: defaultdict[str, list[Change]] = defaultdict(list)
-    for check in (check for each in changes for check in each.at("check")):
-        met[check.id].append(check)
-    found = [
-        (
-            of[0].title,
-            sum(c.difference > 0 for c in of),
-            sum(c.difference < 0 for c in of),
-            sum((c.difference for c in of), Decimal(0)),
-        )
-        for of in met.values()
-    ]
-    return sorted(found, key=lambda each: -abs(each[3]))
+def _sums(adjustments: Iterable[Adjustment]) -> defaultdict[tuple[str, str], Decimal]:
+    """Return points by kind and subject."""
+    sums: defaultdict[tuple[str, str], Decimal] = defaultdict(Decimal)
+    for adjustment in adjustments:
+        sums[adjustment.kind.value, adjustment.what] += adjustment.points
+    return sums
+
+
+# -- a class, and plain data -------------------------------------------------------------------
+
+
+class ChangedCheck(NamedTuple):
+    """A check that differs for some submissions: how many gain and lose by it, and the sum of points."""
+
+    title: str
+    gaining: int
+    losing: int
+    points: Decimal
+
+
+def by_check(changes: Iterable[Changes]) -> list[ChangedCheck]:
+    """Return the checks that differ, the largest sum of points first."""
+    by_id: defaultdict[str, list[Change]] = defaultdict(list)
+    for submission in changes:
+        for check in submission.at("check"):
+            by_id[check.id].append(check)
+    found = map(_changed_check, by_id.values())
+    return sorted(found, key=lambda check: -abs(check.points))
+
+
+def _changed_check(changes: Sequence[Change]) -> ChangedCheck:
+    """Add up the changes of one check."""
+    gaining = 0
+    losing = 0
+    points = _NONE
+    for change in changes:
+        gaining += change.difference > 0
+        losing += change.difference < 0
+        points += change.difference
+    return ChangedCheck(changes[0].title, gaining, losing, points)
 
 
 def plain_changes(changes: Changes) -> dict[str, Any]:
-    """Return changes as plain data, for the audit trail: what each was and is."""
-    return {
-        "final": _numbers(changes.before, changes.after),
-        "undecided": _numbers(*changes.undecided),
-        **({"possible": _numbers(*changes.possible)} if len(set(changes.possible)) > 1 else {}),
-        "criteria": {
-            c.id: _numbers(c.before, c.after) for c in changes.at("criterion") if c.difference
-        },
-        "checks": {
-            c.id: {
-                "outcome": [o.value if o is not None else None for o in c.outcomes],
-                "points": _numbers(c.before, c.after),
-            }
-            for c in changes.at("check")
-        },
-        "adjustments": [
-            {"kind": a.title, "what": a.id, "points": _numbers(a.before, a.after)}
-            for a in changes.at("adjustment")
-        ],
-    }
+    """Return changes as plain data for the audit trail, each as values before and after."""
+    plain: dict[str, Any] = {}
+    plain["final"] = _numbers(changes.before, changes.after)
+    plain["undecided"] = _numbers(*changes.undecided)
+    if len(set(changes.possible)) > 1:
+        plain["possible"] = _numbers(*changes.possible)
+    plain["criteria"] = {}
+    for criterion in changes.at("criterion"):
+        if criterion.difference:
+            plain["criteria"][criterion.id] = _points(criterion)
+    plain["checks"] = {check.id: _plain_check(check) for check in changes.at("check")}
+    plain["adjustments"] = list(map(_plain_adjustment, changes.at("adjustment")))
+    return plain
+
+
+def _plain_check(check: Change) -> dict[str, Any]:
+    outcomes: list[str | None] = []
+    for outcome in check.outcomes:
+        outcomes.append(None if outcome is None else outcome.value)
+    return {"outcome": outcomes, "points": _points(check)}
+
+
+def _plain_adjustment(adjustment: Change) -> dict[str, Any]:
+    return {"kind": adjustment.title, "what": adjustment.id, "points": _points(adjustment)}
+
+
+def _points(change: Change) -> list[int | float | None]:
+    return _numbers(change.before, change.after)
 
 
 def _numbers(*points: Decimal | None) -> list[int | float | None]:
-    return [None if value is None else number(value) for value in points]
+    numbers: list[int | float | None] = []
+    for value in points:
+        numbers.append(None if value is None else number(value))
+    return numbers

@@ -1,14 +1,14 @@
-"""Which programs of a class share code that neither the lab gave out nor many have: facts, without a verdict. Pure.
+"""Code that programs of a class share, except code from the lab and common code: facts without a verdict. Pure.
 
-A Python file is parsed by tree-sitter, which also reads what is no correct Python, and becomes the kinds of its
-syntax nodes in order: without names, texts, numbers, comments, annotations, imports and layout. Each `LENGTH` nodes
-that follow one another are a fingerprint. What two submissions have in common are the longest runs of equal
-fingerprints, each node in one of them, wherever they stand; all else is their own.
+A Python file is parsed by tree-sitter, which also accepts incorrect Python. It becomes the kinds of its syntax nodes in
+their order: without names, texts, numbers, comments, annotations, imports and layout. Each `LENGTH` consecutive nodes
+are a fingerprint. Two submissions share the longest runs of equal fingerprints, wherever these are; each node is in one
+run at most.
 
 References
 ----------
 Schleimer, S., Wilkerson, D. S. and Aiken, A. (2003). Winnowing: local algorithms for document fingerprinting.
-SIGMOD 2003, 76-85. A class is small enough to keep every fingerprint, so that none is winnowed.
+SIGMOD 2003, 76-85. A class is small enough to keep every fingerprint; none is winnowed.
 
 Prechelt, L., Malpohl, G. and Philippsen, M. (2002). Finding plagiarisms among a set of programs with JPlag.
 Journal of Universal Computer Science 8, 1016-1038.
@@ -18,9 +18,9 @@ from __future__ import annotations
 
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from functools import cache
-from itertools import combinations, groupby, islice
+from dataclasses import dataclass, replace
+from functools import cache, cached_property
+from itertools import combinations
 
 import numpy as np
 import numpy.typing as npt
@@ -29,52 +29,43 @@ import tree_sitter_python
 
 from grader.recording.submission import FileFact, SubmissionRecord
 
-#: Nodes of a fingerprint. On 66 disguised copies and the 125 fixtures, 8 lists more pairs that have next to no line in
-#: common, and 15 finds less of what was disguised.
+#: Nodes of a fingerprint. On 66 disguised copies and the 125 fixtures, 8 nodes list more pairs with almost no line in
+#: common, and 15 nodes find less of the disguised code.
 LENGTH = 12
-#: A pair is shown with so many nodes in common, some 35 lines, if they are this share of what is one's own. The least
-#: that a disguise of `tests/cohort/disguises.py` leaves is 0.7; of the fixtures' pairs, see docs/similarity.md.
+#: Least number of common nodes of a listed pair, some 35 lines, and their least share of one submission's own nodes.
+#: The disguises of `tests/cohort/disguises.py` leave a share of 0.7 or more; docs/similarity.md has the fixtures' pairs.
 LEAST_NODES, LEAST_SHARE = 100, 0.4
-#: Code that more have than these, or than this share of the class, is what one writes in such a lab.
+#: Most submissions, or most of the class as a share, that have a piece of code before it counts as common.
 MOST_HOLDERS, MOST_HOLDERS_SHARE = 10, 0.1
-#: Smaller files are alike by chance.
+#: Size below which files are alike by chance.
 LEAST_BYTES = 200
-#: Beyond what anybody writes for a lab: nodes of a submission, places of a fingerprint in it, pairs looked at.
+#: Bounds far beyond real submissions: nodes of a submission, places of a fingerprint in it, and compared pairs.
 MOST_NODES, MOST_PLACES, MOST_PAIRS = 100_000, 20, 500
-#: What is shown of a pair: places, lines of each, characters of a line.
+#: Bounds of a shown pair: places, lines of each, and characters of a line.
 MOST_SPANS, MOST_LINES, MOST_CHARACTERS = 60, 200, 160
-#: Lines between two runs over which they are shown as one.
+#: Lines between two runs that are shown as one.
 _GAP = 2
+#: Factor of the rolling hash: 2**64 divided by the golden ratio.
+_FACTOR = np.uint64(0x9E3779B97F4A7C15)
 
+#: Place of a file in the paths of a program, and line from 1.
+_Line = tuple[int, int]
 _Numbers = npt.NDArray[np.uint64]
+_Flags = npt.NDArray[np.bool_]
 
-#: What says nothing of a program's structure; the first are left out with all that is in them.
-_LEFT_OUT = {
-    "comment",
-    "type",
-    "import_statement",
-    "import_from_statement",
-    "future_import_statement",
-}
-_PASSED_OVER = {
-    *(
-        "identifier",
-        "module",
-        "block",
-        "expression_statement",
-        "parenthesized_expression",
-        "decorator",
-    ),
-    *(
-        "argument_list",
-        "parameters",
-        "typed_parameter",
-        "typed_default_parameter",
-        "float",
-        "integer",
-    ),
-    *(":", ",", ".", "(", ")", "[", "]", "{", "}", "@", "ERROR"),
-}
+#: Syntax nodes that are left out with all nodes in them.
+_LEFT_OUT = frozenset(
+    ("comment", "type", "import_statement", "import_from_statement", "future_import_statement")
+)
+#: Syntax nodes that are left out by themselves, because they tell nothing about a program's structure.
+_PASSED_OVER = frozenset(
+    (
+        *("identifier", "module", "block", "expression_statement", "parenthesized_expression"),
+        *("decorator", "argument_list", "parameters", "typed_parameter", "typed_default_parameter"),
+        *("float", "integer", "ERROR"),
+        *(":", ",", ".", "(", ")", "[", "]", "{", "}", "@"),
+    )
+)
 
 
 @dataclass(frozen=True)
@@ -85,12 +76,12 @@ class Program:
     sha256: str
     texts: dict[str, str]
     files: tuple[FileFact, ...]
-    #: Of each node its kind, the place of its file in `paths`, and its line from 1.
+    #: Each node's kind, the place of its file in `paths`, and its line from 1.
     kinds: tuple[int, ...]
     places: tuple[int, ...]
     lines: tuple[int, ...]
     paths: tuple[str, ...]
-    #: Whether it has more nodes than are compared.
+    #: True if it has more than `MOST_NODES` nodes; the others are not compared.
     cut: bool = False
 
 
@@ -101,7 +92,7 @@ class Span:
     path: str
     first: int
     last: int
-    #: Their texts, cut where they are more or longer than anybody reads.
+    #: Texts of the lines, as far as `MOST_LINES` and `MOST_CHARACTERS` allow.
     texts: tuple[str, ...]
 
 
@@ -110,44 +101,50 @@ class Pair:
     """Two submissions that share code."""
 
     names: tuple[str, str]
-    #: Nodes that they share, and the shares of what is each one's own, from 0 to 1.
+    #: Common nodes, and their share of each submission's own nodes, from 0 to 1.
     nodes: int
     shares: tuple[float, float]
-    #: Lines on which these stand, in each.
+    #: Number of lines with common nodes in each.
     lines: tuple[int, int]
     spans: tuple[tuple[Span, Span], ...]
 
 
 @dataclass(frozen=True)
 class Copies:
-    """A file that several handed in byte for byte; each with the path that it has there."""
+    """The same file in several submissions."""
 
     size_bytes: int
+    #: Names of the submissions, each with the file's path in it.
     found: tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True)
 class Similarity:
-    """What a class has in common."""
+    """The code that submissions of a class share."""
 
     #: Hash of each submission that was compared.
     compared: dict[str, str]
-    #: Why some were not, or not all of them.
+    #: Reasons why some were not compared, or only in part.
     problems: dict[str, str]
-    #: The folders whose code does not count.
+    #: Folders with code that does not count.
     common: tuple[str, ...]
     pairs: tuple[Pair, ...]
     copies: tuple[Copies, ...]
 
     @property
     def clusters(self) -> tuple[tuple[str, ...], ...]:
-        """Groups of three or more that pairs connect, the largest first."""
-        group = {name: {name} for pair in self.pairs for name in pair.names}
-        for one, other in (pair.names for pair in self.pairs):
-            if group[one] is not group[other]:
-                group[one] |= group[other]
-                group.update(dict.fromkeys(group[other], group[one]))
-        found = {tuple(sorted(names)) for names in group.values() if len(names) > 2}
+        """Groups of three or more submissions that pairs connect, the largest first."""
+        groups: dict[str, set[str]] = {}
+        for pair in self.pairs:
+            joined = set(pair.names)
+            for name in pair.names:
+                joined |= groups.get(name, set())
+            for name in joined:
+                groups[name] = joined
+        found = set()
+        for names in groups.values():
+            if len(names) > 2:
+                found.add(tuple(sorted(names)))
         return tuple(sorted(found, key=lambda names: (-len(names), names)))
 
 
@@ -160,9 +157,10 @@ def _parser() -> tree_sitter.Parser:
 
 
 def nodes_of(text: str, most: int = MOST_NODES) -> list[tuple[int, int]]:
-    """Return kind and line of the nodes of a Python text that tell its structure, so many at most."""
+    """Return kind and line of a Python text's structural nodes, at most some number of them."""
     found: list[tuple[int, int]] = []
-    waiting = [_parser().parse(text.encode("utf-8", "replace")).root_node]
+    tree = _parser().parse(text.encode("utf-8", "replace"))
+    waiting = [tree.root_node]
     while waiting and len(found) < most:
         node = waiting.pop()
         if node.type in _LEFT_OUT or _is_docstring(node):
@@ -175,195 +173,308 @@ def nodes_of(text: str, most: int = MOST_NODES) -> list[tuple[int, int]]:
 
 
 def _is_docstring(node: tree_sitter.Node) -> bool:
-    return node.type == "expression_statement" and [child.type for child in node.children] == [
-        "string"
-    ]
+    if node.type != "expression_statement":
+        return False
+    return [child.type for child in node.children] == ["string"]
 
 
 def program_of(record: SubmissionRecord) -> Program:
-    """Return what is compared of a submission; the largest files are left out where there is too much of it."""
+    """Return the Python files of a submission; if these are too much, the largest are left out."""
     texts = {path: text for path, text in record.texts.items() if path.endswith(".py")}
-    nodes: list[tuple[int, int, int]] = []
-    paths = sorted(texts, key=lambda path: (len(texts[path]), path))
+
+    def size(path: str) -> tuple[int, str]:
+        return len(texts[path]), path
+
+    paths = sorted(texts, key=size)
+    kinds: list[int] = []
+    places: list[int] = []
+    lines: list[int] = []
     for place, path in enumerate(paths):
-        nodes += (
-            (kind, place, line) for kind, line in nodes_of(texts[path], MOST_NODES + 1 - len(nodes))
-        )
-    kinds, places, lines = zip(*nodes[:MOST_NODES], strict=True) if nodes else ((), (), ())
-    cut = len(nodes) > MOST_NODES
+        # One node too many shows that the program was cut.
+        for kind, line in nodes_of(texts[path], MOST_NODES + 1 - len(kinds)):
+            kinds.append(kind)
+            places.append(place)
+            lines.append(line)
     return Program(
-        record.name,
-        record.sha256,
-        texts,
-        tuple(record.files),
-        kinds,
-        places,
-        lines,
-        tuple(paths),
-        cut,
+        name=record.name,
+        sha256=record.sha256,
+        texts=texts,
+        files=tuple(record.files),
+        kinds=tuple(kinds[:MOST_NODES]),
+        places=tuple(places[:MOST_NODES]),
+        lines=tuple(lines[:MOST_NODES]),
+        paths=tuple(paths),
+        cut=len(kinds) > MOST_NODES,
     )
 
 
-# -- a class -----------------------------------------------------------------------------------
+# -- fingerprints ------------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
 class _Prints:
-    """The fingerprints of a program: of each node, that which begins with it."""
+    """The fingerprints of a program: one for each node, which is its first."""
 
-    def __init__(self, program: Program) -> None:
-        self.program = program
-        number = max(0, len(program.kinds) - LENGTH + 1)
-        kinds, places = np.array(program.kinds, dtype=np.uint64), np.array(program.places)
-        self.all: _Numbers = np.zeros(number, dtype=np.uint64)
-        for n in range(LENGTH):
-            self.all = (
-                self.all * np.uint64(0x9E3779B97F4A7C15) + kinds[n : n + number] + np.uint64(1)
-            )
-        #: Those that lie within a file and are the submission's own.
-        self.own = places[:number] == places[LENGTH - 1 :] if number else np.zeros(0, dtype=bool)
+    program: Program
+    values: _Numbers
+    #: Fingerprints within one file that neither the lab nor many of the class have.
+    own: _Flags
 
-    def leave_out(self, prints: _Numbers) -> None:
-        self.own &= ~np.isin(self.all, prints)
+    @classmethod
+    def of(cls, program: Program) -> _Prints:
+        """Compute the fingerprints of a program."""
+        count = max(0, len(program.kinds) - LENGTH + 1)
+        kinds = np.array(program.kinds, dtype=np.uint64)
+        values = np.zeros(count, dtype=np.uint64)
+        for offset in range(LENGTH):
+            nodes = kinds[offset : offset + count]
+            values = values * _FACTOR + nodes + np.uint64(1)
+        within_file = np.zeros(count, dtype=bool)
+        if count:
+            places = np.array(program.places)
+            within_file = places[:count] == places[LENGTH - 1 :]
+        return cls(program, values, within_file)
+
+    def without(self, values: _Numbers) -> _Prints:
+        """Return the fingerprints, with those of some values no longer counted as own."""
+        return replace(self, own=self.own & ~np.isin(self.values, values))
 
     @property
     def unique(self) -> _Numbers:
-        return np.unique(self.all[self.own])
+        """Different values of the own fingerprints."""
+        return np.unique(self.values[self.own])
 
-    @property
+    @cached_property
     def own_nodes(self) -> int:
+        """Number of nodes in own fingerprints."""
         covered = np.zeros(len(self.program.kinds), dtype=bool)
         for start in np.flatnonzero(self.own):
             covered[start : start + LENGTH] = True
         return int(covered.sum())
 
+    def share_of(self, nodes: int) -> float:
+        """Return a number of nodes as a share of all own nodes."""
+        if not self.own_nodes:
+            return 0.0
+        return nodes / self.own_nodes
+
+    def listed(self) -> list[int]:
+        """Return the values, with 0 for each fingerprint that is not own."""
+        listed: list[int] = np.where(self.own, self.values, np.uint64(0)).tolist()
+        return listed
+
+
+def _own_prints(programs: Sequence[Program], common: Sequence[Program]) -> list[_Prints]:
+    """Return the fingerprints of programs, without those of common code."""
+    given = _joined(_Prints.of(program).values for program in common)
+    prints = [_Prints.of(program).without(given) for program in programs]
+    values, holders = np.unique(_joined(each.unique for each in prints), return_counts=True)
+    usual = values[holders > _most_holders(programs)]
+    return [each.without(usual) for each in prints]
+
+
+def _joined(parts: Iterable[_Numbers]) -> _Numbers:
+    """Return arrays as one; an empty one if there are none."""
+    return np.concatenate([np.zeros(0, dtype=np.uint64), *parts])
+
+
+def _most_holders(programs: Sequence[Program]) -> float:
+    """Return how many programs of a class may have a piece of code before it counts as common."""
+    return max(MOST_HOLDERS, MOST_HOLDERS_SHARE * len(programs))
+
+
+# -- pairs -------------------------------------------------------------------------------------
+
 
 def pairs_of(programs: Sequence[Program], common: Sequence[Program] = ()) -> list[Pair]:
-    """Return the pairs that share enough code beside what is common ground, that with the largest share first."""
-    prints = [_Prints(program) for program in programs]
-    given = np.concatenate(
-        [np.zeros(0, dtype=np.uint64), *(_Prints(program).all for program in common)]
-    )
-    for each in prints:
-        each.leave_out(given)
-    found, held = np.unique(
-        np.concatenate([given[:0], *(each.unique for each in prints)]), return_counts=True
-    )
-    usual = found[held > max(MOST_HOLDERS, MOST_HOLDERS_SHARE * len(programs))]
-    for each in prints:
-        each.leave_out(usual)
-    own = [each.own_nodes for each in prints]
-    pairs = [_pair(prints[a], prints[b], own[a], own[b]) for a, b in _candidates(prints)]
-    shown = (
-        pair for pair in pairs if pair.nodes >= LEAST_NODES and max(pair.shares) >= LEAST_SHARE
-    )
+    """Return the pairs that share enough code besides common code, the largest share first."""
+    prints = _own_prints(programs, common)
+    shown = []
+    for one, other in _candidates(prints):
+        pair = _pair(prints[one], prints[other])
+        if pair.nodes >= LEAST_NODES and max(pair.shares) >= LEAST_SHARE:
+            shown.append(pair)
     return sorted(shown, key=lambda pair: (-max(pair.shares), -pair.nodes, pair.names))
 
 
 def _candidates(prints: Sequence[_Prints]) -> list[tuple[int, int]]:
-    """Return which have enough fingerprints in common to be looked at, those with most first."""
-    holders = ((value, n) for n, each in enumerate(prints) for value in each.unique.tolist())
+    """Return the places of pairs with enough common fingerprints, those with most of them first."""
+    holders: defaultdict[int, list[int]] = defaultdict(list)
+    for place, each in enumerate(prints):
+        for value in each.unique.tolist():
+            holders[value].append(place)
     counts: Counter[tuple[int, int]] = Counter()
-    for _, group in groupby(sorted(holders), key=lambda pair: pair[0]):
-        counts.update(combinations([n for _, n in group], 2))
-    return [
-        pair for pair, number in counts.most_common(MOST_PAIRS) if number * LENGTH >= LEAST_NODES
-    ]
+    for value in sorted(holders):
+        counts.update(combinations(holders[value], 2))
+    least = LEAST_NODES / LENGTH
+    return [pair for pair, count in counts.most_common(MOST_PAIRS) if count >= least]
 
 
-def _pair(a: _Prints, b: _Prints, own_a: int, own_b: int) -> Pair:
-    runs = _runs(a, b)
-    shared = sum(length for _, _, length in runs)
-    shares = (shared / own_a if own_a else 0.0, shared / own_b if own_b else 0.0)
-    lines = (
-        _lines(a.program, [run[0::2] for run in runs]),
-        _lines(b.program, [run[1:] for run in runs]),
+def _pair(a: _Prints, b: _Prints) -> Pair:
+    runs = _Comparison(a, b).runs()
+    shared = 0
+    mine: set[_Line] = set()
+    theirs: set[_Line] = set()
+    for run in runs:
+        shared += len(run.mine)
+        mine |= _lines(a.program, run.mine)
+        theirs |= _lines(b.program, run.theirs)
+    return Pair(
+        names=(a.program.name, b.program.name),
+        nodes=shared,
+        shares=(a.share_of(shared), b.share_of(shared)),
+        lines=(len(mine), len(theirs)),
+        spans=tuple(_spans(a.program, b.program, runs)),
     )
-    spans = tuple(islice(_spans(a.program, b.program, runs), MOST_SPANS))
-    return Pair((a.program.name, b.program.name), shared, shares, lines, spans)
 
 
-def _lines(program: Program, runs: Iterable[tuple[int, ...]]) -> int:
-    """Return on how many lines the nodes of runs stand, each given by its begin and length."""
-    nodes = (n for start, length in runs for n in range(start, start + length))
-    return len({(program.places[n], program.lines[n]) for n in nodes})
+def _lines(program: Program, nodes: range) -> set[_Line]:
+    """Return the lines on which nodes stand."""
+    places = program.places[nodes.start : nodes.stop]
+    lines = program.lines[nodes.start : nodes.stop]
+    return set(zip(places, lines, strict=True))
 
 
-def _runs(a: _Prints, b: _Prints) -> list[tuple[int, int, int]]:
-    """Return where runs of equal nodes begin in both, and how long they are; no node is in two of them."""
-    mine, theirs = (np.where(each.own, each.all, np.uint64(0)).tolist() for each in (a, b))
-    places: defaultdict[int, list[int]] = defaultdict(list)
-    for place, value in enumerate(theirs):
-        places[value].append(place)
-    used = bytearray(len(theirs) + LENGTH)
-    runs, start = [], 0
-    while start < len(mine):
-        near = places.get(mine[start], ())[:MOST_PLACES] if mine[start] else ()
-        length, place = max(
-            ((_run(mine, theirs, used, start, at), -at) for at in near), default=(0, 0)
-        )
-        if length:
-            length += LENGTH - 1
-            runs.append((start, -place, length))
-            used[-place : -place + length] = b"\1" * length
-        start += max(1, length)
-    return runs
+# -- runs of equal nodes -----------------------------------------------------------------------
 
 
-def _run(mine: Sequence[int], theirs: Sequence[int], used: bytearray, start: int, at: int) -> int:
-    """Return how many fingerprints from two places on are equal, and none's nodes in use."""
-    length = 0
-    while (
-        start + length < len(mine)
-        and at + length < len(theirs)
-        and mine[start + length] == theirs[at + length] != 0
-        and not any(used[at + length : at + length + LENGTH])
-    ):
-        length += 1
-    return length
+@dataclass(frozen=True)
+class _Run:
+    """Equal nodes in two programs, by their numbers."""
+
+    mine: range
+    theirs: range
 
 
-def _spans(
-    a: Program, b: Program, runs: Sequence[tuple[int, int, int]]
-) -> Iterable[tuple[Span, Span]]:
-    """Return the lines of runs in both, near ones as one."""
-    shown: list[list[tuple[int, int, int]]] = []
-    for start, at, length in sorted(runs):
-        both = [
-            (program.places[n], program.lines[n], max(program.lines[n : n + length]))
-            for program, n in ((a, start), (b, at))
-        ]
-        last = shown[-1] if shown else None
-        if last and all(
-            new[0] == old[0] and 0 <= new[1] - old[2] <= _GAP
-            for old, new in zip(last, both, strict=True)
-        ):
-            shown[-1] = [(old[0], old[1], new[2]) for old, new in zip(last, both, strict=True)]
-        else:
-            shown.append(both)
-    return ((_span(a, *one), _span(b, *other)) for one, other in shown)
+class _Comparison:
+    """The search for runs of equal fingerprints in two programs."""
+
+    def __init__(self, a: _Prints, b: _Prints) -> None:
+        self.mine = a.listed()
+        self.theirs = b.listed()
+        #: Places of each fingerprint in the second program.
+        self.places: defaultdict[int, list[int]] = defaultdict(list)
+        for place, value in enumerate(self.theirs):
+            self.places[value].append(place)
+        #: Nodes of the second program that are in a run.
+        self.used = bytearray(len(self.theirs) + LENGTH)
+
+    def runs(self) -> list[_Run]:
+        """Return the longest runs in the order of the first program; no node is in two of them."""
+        runs = []
+        start = 0
+        while start < len(self.mine):
+            run = self._longest_run(start)
+            if run is None:
+                start += 1
+                continue
+            runs.append(run)
+            self.used[run.theirs.start : run.theirs.stop] = b"\1" * len(run.theirs)
+            start = run.mine.stop
+        return runs
+
+    def _longest_run(self, start: int) -> _Run | None:
+        """Return the longest run from a node of the first program on, by unused nodes of the second."""
+        value = self.mine[start]
+        if not value:
+            return None
+        longest, place = 0, 0
+        for at in self.places.get(value, ())[:MOST_PLACES]:
+            length = self._length(start, at)
+            if length > longest:
+                longest, place = length, at
+        if not longest:
+            return None
+        nodes = longest + LENGTH - 1
+        mine = range(start, start + nodes)
+        return _Run(mine, range(place, place + nodes))
+
+    def _length(self, start: int, at: int) -> int:
+        """Return how many equal fingerprints with unused nodes follow one another from two places on."""
+        mine_left = len(self.mine) - start
+        theirs_left = len(self.theirs) - at
+        most = min(mine_left, theirs_left)
+        for length in range(most):
+            value = self.theirs[at + length]
+            if not value or value != self.mine[start + length]:
+                return length
+            if any(self.used[at + length : at + length + LENGTH]):
+                return length
+        return most
 
 
-def _span(program: Program, place: int, first: int, last: int) -> Span:
-    path = program.paths[place]
-    lines = program.texts[path].split("\n")[first - 1 : last][:MOST_LINES]
-    return Span(path, first, last, tuple(line[:MOST_CHARACTERS] for line in lines))
+# -- lines to be shown -------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Lines of a program's file, from 1, the last one included."""
+
+    program: Program
+    #: Place of the file in the program's paths.
+    file: int
+    first: int
+    last: int
+
+    @classmethod
+    def of(cls, program: Program, nodes: range) -> _Block:
+        """Return the lines of a run's nodes."""
+        file = program.places[nodes.start]
+        lines = program.lines[nodes.start : nodes.stop]
+        return cls(program, file, lines[0], max(lines))
+
+    def reaches(self, other: _Block) -> bool:
+        """Return whether another block follows in the same file, with a small gap at most."""
+        gap = other.first - self.last
+        return self.file == other.file and 0 <= gap <= _GAP
+
+    @property
+    def span(self) -> Span:
+        """The lines with their texts."""
+        path = self.program.paths[self.file]
+        lines = self.program.texts[path].split("\n")
+        shown = lines[self.first - 1 : self.last][:MOST_LINES]
+        texts = tuple(line[:MOST_CHARACTERS] for line in shown)
+        return Span(path, self.first, self.last, texts)
+
+
+def _spans(a: Program, b: Program, runs: Sequence[_Run]) -> list[tuple[Span, Span]]:
+    """Return the lines of runs in both programs; runs that are near each other in both are joined."""
+    blocks: list[tuple[_Block, _Block]] = []
+    for run in runs:
+        mine = _Block.of(a, run.mine)
+        theirs = _Block.of(b, run.theirs)
+        if blocks:
+            my_last, their_last = blocks[-1]
+            if my_last.reaches(mine) and their_last.reaches(theirs):
+                blocks.pop()
+                mine = replace(my_last, last=mine.last)
+                theirs = replace(their_last, last=theirs.last)
+        blocks.append((mine, theirs))
+    return [(mine.span, theirs.span) for mine, theirs in blocks[:MOST_SPANS]]
+
+
+# -- equal files -------------------------------------------------------------------------------
 
 
 def copies_of(programs: Sequence[Program], common: Sequence[Program] = ()) -> list[Copies]:
-    """Return the files that several handed in byte for byte, and that are neither common ground nor usual."""
+    """Return the files that are the same in several submissions, except common files."""
     given = {file.sha256 for program in common for file in program.files}
-    found: defaultdict[str, dict[str, FileFact]] = defaultdict(dict)
+    holders: defaultdict[str, dict[str, FileFact]] = defaultdict(dict)
     for program in programs:
         for file in program.files:
             if file.size_bytes >= LEAST_BYTES and file.sha256 not in given:
-                found[file.sha256].setdefault(program.name, file)
-    most = max(MOST_HOLDERS, MOST_HOLDERS_SHARE * len(programs))
-    copies = [
-        Copies(
-            next(iter(by.values())).size_bytes,
-            tuple((name, file.path) for name, file in sorted(by.items())),
-        )
-        for by in found.values()
-        if 1 < len(by) <= most
-    ]
-    return sorted(copies, key=lambda each: (-each.size_bytes, each.found))
+                holders[file.sha256].setdefault(program.name, file)
+    most = _most_holders(programs)
+    copies = []
+    for files in holders.values():
+        if 1 < len(files) <= most:
+            copies.append(_copies(files))
+    return sorted(copies, key=lambda copy: (-copy.size_bytes, copy.found))
+
+
+def _copies(files: dict[str, FileFact]) -> Copies:
+    """Return one file of several submissions."""
+    found = [(name, file.path) for name, file in sorted(files.items())]
+    first, *_ = files.values()
+    return Copies(first.size_bytes, tuple(found))

@@ -1,4 +1,4 @@
-"""A class in numbers: who has what, how the points spread, what each check tells, and what needs a person.
+"""A class in numbers: points by submission and criterion, their spread, statistics of checks, and open tasks.
 
 Pure: equal entries and rubric give an equal summary, in the order of the entries.
 """
@@ -8,18 +8,18 @@ from __future__ import annotations
 import math
 import statistics
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 from decimal import Decimal
 from enum import Enum
 
 from grader.cohort.entries import ClassEntry
 from grader.cohort.mistakes import Mistake, mistakes_of
 from grader.lab.kept_lab import identity_of
-from grader.lab.rubric import Rubric
-from grader.result import CriterionResult, Outcome, Result
+from grader.lab.rubric import CheckSpec, Rubric
+from grader.result import CheckResult, CriterionResult, Outcome, Result, Violation
 
-#: Submissions below which a correlation says next to nothing.
+#: Number of submissions from which a correlation is meaningful.
 LEAST_FOR_DISCRIMINATION = 10
 BARS = 20
 UNCERTAIN = "This may have another cause than the submission."
@@ -30,17 +30,17 @@ class Row:
     """One student."""
 
     entry: ClassEntry
-    #: By criterion of the rubric; None for one that was not judged.
+    #: Results by criterion of the rubric; None for a criterion that was not judged.
     cells: tuple[CriterionResult | None, ...]
 
     @property
     def result(self) -> Result | None:
-        """None if the submission was not graded."""
+        """Result of the submission; None if it was not graded."""
         return self.entry.result
 
 
 class Need(str, Enum):
-    """Why a submission needs a person."""
+    """Reason why a submission needs a person."""
 
     NOT_GRADED = "not graded"
     VIOLATION = "violation"
@@ -52,7 +52,7 @@ class Need(str, Enum):
 
 @dataclass(frozen=True)
 class Todo:
-    """Something that a person has to look at."""
+    """A task for a person."""
 
     #: Place of the student in the class, from 0.
     row: int
@@ -61,15 +61,15 @@ class Todo:
     points: Decimal
     #: Titles of checks, or kinds of violations.
     titles: tuple[str, ...]
-    #: What is known of it, each sentence once.
+    #: Known facts, each sentence once.
     texts: tuple[str, ...]
-    #: The first check concerned; empty if it is about no check.
+    #: Id of the first check concerned; empty if there is none.
     check_id: str = ""
 
 
 @dataclass(frozen=True)
 class Bar:
-    """How many have from `low` points up to, but without, `high`; the last bar is with it and beyond."""
+    """Number of submissions from `low` points to below `high`; the last bar also counts `high` and more."""
 
     low: Decimal
     high: Decimal
@@ -78,9 +78,9 @@ class Bar:
 
 @dataclass(frozen=True)
 class Spread:
-    """How points are spread over those that were graded.
+    """Distribution of points over the graded submissions.
 
-    Quartiles are those of spreadsheets' QUARTILE.INC. What is undecided is not counted.
+    Quartiles equal QUARTILE.INC of spreadsheets. Undecided points are not counted.
     """
 
     count: int
@@ -95,7 +95,7 @@ class Spread:
 
 
 class Silent(str, Enum):
-    """Why there is no discrimination."""
+    """Reason why there is no discrimination."""
 
     TOO_FEW = "too few"
     ALL_ALIKE = "all alike"
@@ -103,13 +103,13 @@ class Silent(str, Enum):
 
 @dataclass(frozen=True)
 class CheckStatistics:
-    """What a check tells about a class, over the submissions for which it is decided.
+    """Statistics of a check over the submissions with a decision on it.
 
     Notes
     -----
-    The discrimination is the corrected item-total correlation: Pearson's, between the check's credit and the share of
-    points earned in all other decided checks, before adjustments. There is none for fewer than
-    `LEAST_FOR_DISCRIMINATION` submissions, nor where all have the same credit or the same rest.
+    The discrimination is the corrected item-total correlation: Pearson's correlation between the check's credit and the
+    share of points earned in all other decided checks, before adjustments. There is none for fewer than
+    `LEAST_FOR_DISCRIMINATION` submissions, or if all have the same credit or the same share.
 
     References
     ----------
@@ -121,18 +121,18 @@ class CheckStatistics:
     #: Place of its criterion, from 0.
     column: int
     points: Decimal
-    #: Number of those submissions, and of those that passed it.
+    #: Number of submissions with a decision, and with a passed check.
     decided: int
     passed: int
-    #: Mean share of its points, from 0 to 1; None if it is decided for nobody.
+    #: Mean share of its points, from 0 to 1; None without any decision.
     mean_credit: float | None
-    #: Whether it tells strong submissions from weak ones: see Notes.
+    #: Measure of how well the check separates strong submissions from weak ones: see Notes.
     discrimination: float | Silent
 
 
 @dataclass(frozen=True)
 class Column:
-    """A criterion, and the mean of the points in it, as people decided; what is undecided is not counted."""
+    """A criterion with the mean of its points, after decisions of people and without undecided points."""
 
     id: str
     title: str
@@ -142,114 +142,173 @@ class Column:
 
 @dataclass(frozen=True)
 class ClassSummary:
-    """A class."""
+    """Summary of a class."""
 
     lab: str
-    #: In the order of the entries.
+    #: Rows in the order of the entries.
     rows: tuple[Row, ...]
     columns: tuple[Column, ...]
     #: None if nothing was graded.
     spread: Spread | None
     checks: tuple[CheckStatistics, ...]
     mistakes: tuple[Mistake, ...]
-    #: By kind, in the order of `Need`.
+    #: Tasks by kind, in the order of `Need`.
     todos: tuple[Todo, ...]
-    #: Correlations nearer to 0 than this are insignificant in a class of this size (two standard
-    #: errors).
+    #: Size below which correlations are insignificant in a class of this size (two standard errors); None for a class
+    #: with fewer than `LEAST_FOR_DISCRIMINATION` results.
     noise: float | None
 
 
 def summarise(entries: Sequence[ClassEntry], rubric: Rubric) -> ClassSummary:
-    """Sum up a class; what was judged by another rubric than this is told among the things to do."""
-    judged = [{c.id: c for c in entry.result.criteria} if entry.result else {} for entry in entries]
-    rows = tuple(
-        Row(entry, tuple(cells.get(criterion.id) for criterion in rubric.criteria))
-        for entry, cells in zip(entries, judged, strict=True)
-    )
-    results = {n: row.result for n, row in enumerate(rows) if row.result is not None}
+    """Sum up a class; results of another rubric become tasks."""
+    rows = [_row(entry, rubric) for entry in entries]
+    results = {}
+    for place, row in enumerate(rows):
+        if row.result is not None:
+            results[place] = row.result
+    graded = list(results.values())
+    spread = None
+    if graded:
+        spread = _spread([result.final for result in graded], rubric.lab.points)
+    noise = None
+    if len(graded) >= LEAST_FOR_DISCRIMINATION:
+        noise = 2 / math.sqrt(len(graded))
     return ClassSummary(
-        f"Lab {rubric.lab.id}: {rubric.lab.title}",
-        rows,
-        tuple(_column(n, rubric, rows) for n in range(len(rubric.criteria))),
-        _spread([result.final for result in results.values()], rubric.lab.points)
-        if results
-        else None,
-        _check_statistics(list(results.values()), rubric),
-        mistakes_of(results, rubric),
-        tuple(sorted(_todos(rows, rubric), key=lambda todo: list(Need).index(todo.need))),
-        2 / math.sqrt(len(results)) if len(results) >= LEAST_FOR_DISCRIMINATION else None,
+        lab=f"Lab {rubric.lab.id}: {rubric.lab.title}",
+        rows=tuple(rows),
+        columns=tuple(_columns(rows, rubric)),
+        spread=spread,
+        checks=_check_statistics(graded, rubric),
+        mistakes=mistakes_of(results, rubric),
+        todos=_todos(rows, rubric),
+        noise=noise,
     )
 
 
-def _column(index: int, rubric: Rubric, rows: Sequence[Row]) -> Column:
-    spec = rubric.criteria[index]
-    cells = [(row.result, row.cells[index]) for row in rows]
-    earned = [
-        result.final_of(cell) for result, cell in cells if result is not None and cell is not None
-    ]
-    return Column(spec.id, spec.title, spec.points, statistics.mean(earned) if earned else None)
+def _row(entry: ClassEntry, rubric: Rubric) -> Row:
+    """Return an entry with its results in the order of the rubric."""
+    judged: dict[str, CriterionResult] = {}
+    if entry.result is not None:
+        for result in entry.result.criteria:
+            judged[result.id] = result
+    cells = [judged.get(criterion.id) for criterion in rubric.criteria]
+    return Row(entry, tuple(cells))
 
 
-# -- how points spread -------------------------------------------------------------------------
+def _columns(rows: Sequence[Row], rubric: Rubric) -> Iterator[Column]:
+    """Yield the criteria with the means of their points."""
+    for place, criterion in enumerate(rubric.criteria):
+        earned = []
+        for row in rows:
+            cell = row.cells[place]
+            if row.result is not None and cell is not None:
+                earned.append(row.result.final_of(cell))
+        mean = statistics.mean(earned) if earned else None
+        yield Column(criterion.id, criterion.title, criterion.points, mean)
+
+
+# -- spread of points --------------------------------------------------------------------------
 
 
 def _spread(totals: Sequence[Decimal], possible: Decimal) -> Spread:
+    """Return the distribution of points; there is at least one total."""
     ordered = sorted(totals)
-    first, median, third = statistics.quantiles(
-        ordered * 2 if len(ordered) == 1 else ordered, method="inclusive"
-    )
-    width = possible / BARS
-    places = Counter(max(0, min(BARS - 1, int(total / width) if width else 0)) for total in ordered)
-    bars = tuple(Bar(width * n, width * (n + 1), places[n]) for n in range(BARS))
+    # Quartiles need two values.
+    values = ordered * 2 if len(ordered) == 1 else ordered
+    first, median, third = statistics.quantiles(values, method="inclusive")
     return Spread(
-        len(ordered),
-        possible,
-        statistics.mean(ordered),
-        ordered[0],
-        first,
-        median,
-        third,
-        ordered[-1],
-        bars,
+        count=len(ordered),
+        possible=possible,
+        mean=statistics.mean(ordered),
+        lowest=ordered[0],
+        first_quartile=first,
+        median=median,
+        third_quartile=third,
+        highest=ordered[-1],
+        bars=_bars(ordered, possible),
     )
 
 
-# -- what each check tells ---------------------------------------------------------------------
+def _bars(totals: Sequence[Decimal], possible: Decimal) -> tuple[Bar, ...]:
+    """Count totals in bars of equal width; totals beyond the ends are in the outer bars."""
+    width = possible / BARS
+    counts: Counter[int] = Counter()
+    for total in totals:
+        place = int(total / width) if width else 0
+        place = max(0, min(BARS - 1, place))
+        counts[place] += 1
+    bars = []
+    for place in range(BARS):
+        low = width * place
+        bars.append(Bar(low, width * (place + 1), counts[place]))
+    return tuple(bars)
 
 
-def _check_statistics(results: Sequence[Result], rubric: Rubric) -> tuple[CheckStatistics, ...]:
-    pairs: dict[str, list[tuple[float, float]]] = {check.id: [] for check in rubric.checks()}
-    passed = dict.fromkeys(pairs, 0)
-    for result in results:
-        earned = sum((c.earned for c in result.checks), Decimal(0))
-        decided = sum((c.possible - c.undecided for c in result.checks), Decimal(0))
-        for check in result.checks:
-            if check.share is not None and check.id in pairs:
-                rest = decided - check.possible
-                pairs[check.id].append(
-                    (check.share, float((earned - check.earned) / rest) if rest else math.nan)
-                )
-                passed[check.id] += check.outcome is Outcome.PASSED
-    return tuple(
-        CheckStatistics(
-            check.id,
-            check.title,
-            column,
-            check.points,
-            len(pairs[check.id]),
-            passed[check.id],
-            statistics.fmean(credit for credit, _ in pairs[check.id]) if pairs[check.id] else None,
-            discrimination(pairs[check.id]),
+# -- statistics of checks ----------------------------------------------------------------------
+
+
+@dataclass
+class _Decided:
+    """Decisions on a check, one per submission."""
+
+    credits: list[float] = field(default_factory=list)
+    #: Shares of points earned in all other decided checks; not a number if there are no other checks.
+    rests: list[float] = field(default_factory=list)
+    passed: int = 0
+
+    def statistics(self, check: CheckSpec, column: int) -> CheckStatistics:
+        """Return the statistics of the check."""
+        return CheckStatistics(
+            id=check.id,
+            title=check.title,
+            column=column,
+            points=check.points,
+            decided=len(self.credits),
+            passed=self.passed,
+            mean_credit=statistics.fmean(self.credits) if self.credits else None,
+            discrimination=discrimination(list(zip(self.credits, self.rests, strict=True))),
         )
-        for column, criterion in enumerate(rubric.criteria)
-        for check in criterion.checks
-    )
+
+
+def _check_statistics(results: Iterable[Result], rubric: Rubric) -> tuple[CheckStatistics, ...]:
+    """Return the statistics of each check in the rubric's criteria."""
+    decided = {check.id: _Decided() for check in rubric.checks()}
+    for result in results:
+        _count(result, decided)
+    found = []
+    for column, criterion in enumerate(rubric.criteria):
+        for check in criterion.checks:
+            found.append(decided[check.id].statistics(check, column))
+    return tuple(found)
+
+
+def _count(result: Result, decided: dict[str, _Decided]) -> None:
+    """Add the decisions of a result to those on each check."""
+    earned = Decimal(0)
+    possible = Decimal(0)
+    for check in result.checks:
+        earned += check.earned
+        possible += check.possible - check.undecided
+    for check in result.checks:
+        if check.share is None or check.id not in decided:
+            continue
+        decisions = decided[check.id]
+        decisions.credits.append(check.share)
+        decisions.passed += check.outcome is Outcome.PASSED
+        rest = math.nan
+        others = possible - check.possible
+        if others:
+            rest = float((earned - check.earned) / others)
+        decisions.rests.append(rest)
 
 
 def discrimination(pairs: Sequence[tuple[float, float]]) -> float | Silent:
     """Return the correlation of a check's credit with the share of all other points; see `CheckStatistics`.
 
-    Given are both for each submission; where there are no other checks the share is NaN, and left out.
+    Parameters
+    ----------
+    pairs
+        Credit and share of each submission. Pairs without a share (NaN) are left out.
     """
     known = [pair for pair in pairs if not math.isnan(pair[1])]
     if len(known) < LEAST_FOR_DISCRIMINATION:
@@ -260,38 +319,75 @@ def discrimination(pairs: Sequence[tuple[float, float]]) -> float | Silent:
     return statistics.correlation(credits, rests)
 
 
-# -- what needs a person -----------------------------------------------------------------------
+# -- tasks for a person ------------------------------------------------------------------------
 
 
-def _todos(rows: Sequence[Row], rubric: Rubric) -> list[Todo]:
-    found = []
-    identity = identity_of(rubric)
-    for n, row in enumerate(rows):
+def _todos(rows: Sequence[Row], rubric: Rubric) -> tuple[Todo, ...]:
+    """Return the tasks of a class, by kind and then in the order of the rows."""
+    lab = identity_of(rubric)
+    todos: list[Todo] = []
+    for place, row in enumerate(rows):
         if row.result is None:
-            found.append(Todo(n, Need.NOT_GRADED, rubric.lab.points, (), (row.entry.problem,)))
-            continue
-        if violations := row.result.violations:
-            kinds = tuple(dict.fromkeys(v.kind.value.replace("_", " ") for v in violations))
-            described = (
-                v.text if v.certain else f"{v.text} {UNCERTAIN}" for v in violations if v.text
-            )
-            texts = tuple(dict.fromkeys(described))
-            found.append(Todo(n, Need.VIOLATION, row.result.score.possible, kinds, texts))
-        if undecided := row.result.open_checks:
-            texts = tuple(dict.fromkeys(c.reason for c in undecided if c.reason))
-            titles = tuple(c.title for c in undecided)
-            found.append(
-                Todo(n, Need.UNDECIDED, row.result.still_undecided, titles, texts, undecided[0].id)
-            )
-        if unmeasured := [check for check in row.result.checks if check.unmeasured]:
-            titles, texts = zip(
-                *((check.title, check.unmeasured or "") for check in unmeasured), strict=True
-            )
-            lost = sum((check.lost for check in unmeasured), Decimal(0))
-            found.append(Todo(n, Need.UNMEASURED, lost, titles, texts, unmeasured[0].id))
-        if row.result.timing is not None and row.result.timing.may_be_late:
-            texts = (row.result.timing.text,)
-            found.append(Todo(n, Need.LATENESS, Decimal(0), (), texts))
-        if row.result.rubric_sha256 != rubric.sha256 or row.result.lab_sha256 not in ("", identity):
-            found.append(Todo(n, Need.OTHER_RUBRIC, Decimal(0), (), ()))
-    return found
+            points, problem = rubric.lab.points, row.entry.problem
+            todos.append(Todo(place, Need.NOT_GRADED, points, (), (problem,)))
+        else:
+            todos += _todos_of(place, row.result)
+            if _of_other_rubric(row.result, rubric, lab):
+                todos.append(Todo(place, Need.OTHER_RUBRIC, Decimal(0), (), ()))
+    needs = list(Need)
+    return tuple(sorted(todos, key=lambda todo: needs.index(todo.need)))
+
+
+def _of_other_rubric(result: Result, rubric: Rubric, lab: str) -> bool:
+    """Return whether a result was judged by another rubric or lab than these; an unknown lab is no other one."""
+    if result.rubric_sha256 != rubric.sha256:
+        return True
+    return result.lab_sha256 not in ("", lab)
+
+
+def _todos_of(row: int, result: Result) -> Iterator[Todo]:
+    """Yield the tasks that a result leaves to a person."""
+    if result.violations:
+        yield _violated(row, result.violations, result.score.possible)
+    if result.open_checks:
+        yield _undecided(row, result.open_checks, result.still_undecided)
+    unmeasured = [check for check in result.checks if check.unmeasured]
+    if unmeasured:
+        yield _unmeasured(row, unmeasured)
+    if result.timing is not None and result.timing.may_be_late:
+        yield Todo(row, Need.LATENESS, Decimal(0), (), (result.timing.text,))
+
+
+def _violated(row: int, violations: Sequence[Violation], points: Decimal) -> Todo:
+    kinds = []
+    texts = []
+    for violation in violations:
+        kinds.append(violation.kind.value.replace("_", " "))
+        if violation.text and violation.certain:
+            texts.append(violation.text)
+        elif violation.text:
+            texts.append(f"{violation.text} {UNCERTAIN}")
+    return Todo(row, Need.VIOLATION, points, _once(kinds), _once(texts))
+
+
+def _undecided(row: int, checks: Sequence[CheckResult], points: Decimal) -> Todo:
+    titles = tuple(check.title for check in checks)
+    reasons = _once(check.reason for check in checks if check.reason)
+    return Todo(row, Need.UNDECIDED, points, titles, reasons, checks[0].id)
+
+
+def _unmeasured(row: int, checks: Sequence[CheckResult]) -> Todo:
+    titles = []
+    reasons = []
+    lost = Decimal(0)
+    for check in checks:
+        titles.append(check.title)
+        reasons.append(check.unmeasured or "")
+        lost += check.lost
+    first = checks[0].id
+    return Todo(row, Need.UNMEASURED, lost, tuple(titles), tuple(reasons), first)
+
+
+def _once(texts: Iterable[str]) -> tuple[str, ...]:
+    """Return the different texts in their order."""
+    return tuple(dict.fromkeys(texts))

@@ -1,11 +1,11 @@
-"""The page of all evidence about one check, one criterion, or the whole of a submission: for the person who decides.
+"""The page with all evidence about one check, one criterion, or a whole submission, for a deciding person.
 
-It needs no script, and is shown where none may run.
+The page works without scripts, and is shown where none may run.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from grader.evidence.recorded import Recorded
 from grader.recording.submission import SubmissionRecord
@@ -14,9 +14,9 @@ from grader.report.figures.posture import Motion
 from grader.report.figures.svg import Figure
 from grader.report.page import render_page
 from grader.report.timeline import timeline_of
-from grader.result import WHOLE, Location, Result
+from grader.result import WHOLE, CheckResult, Location, Result, Violation
 
-#: Of a file that is shown whole.
+#: Characters of a file that is shown whole.
 _MOST_CHARACTERS = 20_000
 
 
@@ -27,24 +27,27 @@ def render(
     recordings: Mapping[str, Recorded],
     submission: SubmissionRecord,
 ) -> str:
-    """Return the page about a check's or a criterion's id, or `score` for the whole; equal arguments give equal bytes.
+    """Return the page about a check's or criterion's id, or about the whole (`score`).
 
-    The figures are those that show one of the checks, or else those of their sessions.
+    Equal arguments give equal bytes. The page has the figures of its checks, or else those of their sessions.
     """
-    anchors = views.anchors_of({name: recorded.record for name, recorded in recordings.items()})
-    checks = [c for part in result.criteria for c in part.checks if what in (c.id, part.id)]
-    violations = [
-        v
-        for v in result.violations
-        if what == WHOLE or {c.id for c in checks}.intersection(v.checks)
-    ]
-    named = {check.session for check in checks} | {violation.session for violation in violations}
-    # A robot that moves needs a script; the report has it.
-    drawn = [
-        figure for of in figures.values() for figure in of if not isinstance(figure.content, Motion)
-    ]
-    shown = [f for f in drawn if {c.id for c in checks}.intersection(f.shows)]
-    places = [place for check in checks for place in check.where]
+    records = {name: recorded.record for name, recorded in recordings.items()}
+    anchors = views.anchors_of(records)
+    checks = list(_checks(result, what))
+    violations = list(_violations(result, what, checks))
+    named = {check.session for check in checks}
+    named.update(violation.session for violation in violations)
+    sessions = {}
+    timelines = {}
+    for name, recorded in recordings.items():
+        if name in named:
+            sessions[name] = recorded.record
+            timelines[name] = timeline_of(recorded, result)
+    places: list[Location] = []
+    locations = {}
+    for check in checks:
+        places += check.where
+        locations[check.id] = views.locations_of(check, submission.texts, anchors)
     return render_page(
         "evidence.html.j2",
         ("report.css", "timeline.css", "evidence.css"),
@@ -54,23 +57,61 @@ def render(
         checks=checks,
         said=views.said_of(result),
         violations=violations,
-        figures=shown or [figure for figure in drawn if figure.session in named],
-        sessions={name: recorded.record for name, recorded in recordings.items() if name in named},
-        timelines={
-            name: timeline_of(recorded, result)
-            for name, recorded in recordings.items()
-            if name in named
-        },
+        figures=_shown(figures, checks, named),
+        sessions=sessions,
+        timelines=timelines,
         files=_files(places, submission.texts),
-        locations={
-            check.id: views.locations_of(check, submission.texts, anchors) for check in checks
-        },
+        locations=locations,
         beside={},
         views=views,
     )
 
 
-def _files(places: Sequence[Location], texts: Mapping[str, str]) -> dict[str, str]:
-    """Return the files that are named as a whole, or in which a line is, with their texts."""
-    names = dict.fromkeys(place.file for place in places if place.file in texts)
-    return {name: texts[name][:_MOST_CHARACTERS] for name in names if name is not None}
+def _checks(result: Result, what: str) -> Iterator[CheckResult]:
+    """Yield the check with an id, or the checks of the criterion with it."""
+    for criterion in result.criteria:
+        for check in criterion.checks:
+            if what in (check.id, criterion.id):
+                yield check
+
+
+def _violations(result: Result, what: str, checks: Iterable[CheckResult]) -> Iterator[Violation]:
+    """Yield the violations that concern some checks; all of them for the whole."""
+    ids = {check.id for check in checks}
+    for violation in result.violations:
+        if what == WHOLE or ids.intersection(violation.checks):
+            yield violation
+
+
+def _shown(
+    figures: Mapping[str, Sequence[Figure]],
+    checks: Iterable[CheckResult],
+    sessions: set[str | None],
+) -> list[Figure]:
+    """Return the figures that show one of some checks, or else those of some sessions."""
+    ids = {check.id for check in checks}
+    of_checks = []
+    of_sessions = []
+    for figure in _still(figures):
+        if ids.intersection(figure.shows):
+            of_checks.append(figure)
+        if figure.session in sessions:
+            of_sessions.append(figure)
+    return of_checks or of_sessions
+
+
+def _still(figures: Mapping[str, Sequence[Figure]]) -> Iterator[Figure]:
+    """Yield the figures without players, which need the scripts of the report."""
+    for drawn in figures.values():
+        for figure in drawn:
+            if not isinstance(figure.content, Motion):
+                yield figure
+
+
+def _files(places: Iterable[Location], texts: Mapping[str, str]) -> dict[str, str]:
+    """Return the texts of the files in some locations."""
+    files = {}
+    for place in places:
+        if place.file is not None and place.file in texts:
+            files[place.file] = texts[place.file][:_MOST_CHARACTERS]
+    return files

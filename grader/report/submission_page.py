@@ -1,8 +1,10 @@
-"""The HTML report of one submission: one page that needs nothing else, neither a network nor scripts."""
+"""The HTML report of one submission, as one self-contained page: it needs no network, and no scripts to be read."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from grader.cohort.changes import changes_between
 from grader.evidence.recorded import Recorded
@@ -22,24 +24,24 @@ def render(
     submission: SubmissionRecord,
     before: Result | None = None,
 ) -> str:
-    """Return the report as a page of HTML, with figures by the criterion's id; equal arguments give equal bytes.
+    """Return the report as a page of HTML; equal arguments give equal bytes.
 
-    `before` is the result of what the student handed in before.
+    Parameters
+    ----------
+    figures
+        Figures by the criterion's id.
+    before
+        Result of the previous submission.
     """
     sessions = {name: recorded.record for name, recorded in recordings.items()}
-    anchors = views.anchors_of(sessions)
+    timelines = {name: timeline_of(recorded, result) for name, recorded in recordings.items()}
     losses = views.losses_of(result)
-    every = [figure for drawn in figures.values() for figure in drawn]
-    players = [figure for figure in every if isinstance(figure.content, Motion)]
-    beside = views.figures_by_loss(losses, [figure for figure in every if figure not in players])
-    placed = [id(figure) for drawn in (players, *beside.values()) for figure in drawn]
+    placed = _Placed.of(figures, losses)
     return render_page(
         "report.html.j2",
         ("report.css", "player.css", "timeline.css"),
         ("report.js", "player.js", "timeline.js"),
         result=result,
-        changes=changes_between(before, result) if before is not None else None,
-        other_rubric=before is not None and before.rubric_sha256 != result.rubric_sha256,
         score=views.final_share(result),
         most=views.points(result.final + result.still_undecided),
         judged=views.points(result.score.earned),
@@ -47,25 +49,84 @@ def render(
         said=views.said_of(result),
         recorded=views.utc(min((record.started_ns for record in sessions.values()), default=0)),
         lost=losses,
-        unreached=[c for c in result.checks if c.outcome is Outcome.NOT_REACHED and c.lost > 0],
-        undecided=[c for c in result.checks if not c.outcome.decided],
-        beside=beside,
-        players=[(figure, views.moments_of(result, figure)) for figure in players],
-        figures={
-            of: [figure for figure in drawn if id(figure) not in placed]
-            for of, drawn in figures.items()
-        },
+        beside=placed.beside,
+        players=[(figure, views.moments_of(result, figure)) for figure in placed.players],
+        figures=placed.others,
         sessions=sessions,
-        timelines={name: timeline_of(recorded, result) for name, recorded in recordings.items()},
+        timelines=timelines,
         isolations=views.isolations_of(sessions),
         versions=views.versions_of(result),
         submission=submission,
         views=views,
-        locations={
-            c.id: views.locations_of(c, submission.texts, anchors) for c in result.every_check
-        },
-        violations=[
-            (v, views.location_of(v.where, {}, anchors), views.titles_of(v, result))
-            for v in result.violations
-        ],
+        **_compared(before, result),
+        **_open_checks(result),
+        **_places(result, recordings, submission),
     )
+
+
+def _compared(before: Result | None, result: Result) -> dict[str, Any]:
+    """Return the template's values about the previous result."""
+    if before is None:
+        return {"changes": None, "other_rubric": False}
+    other_rubric = before.rubric_sha256 != result.rubric_sha256
+    return {"changes": changes_between(before, result), "other_rubric": other_rubric}
+
+
+def _open_checks(result: Result) -> dict[str, Any]:
+    """Return the template's values about checks without a decision."""
+    unreached = []
+    undecided = []
+    for check in result.checks:
+        if check.outcome is Outcome.NOT_REACHED and check.lost > 0:
+            unreached.append(check)
+        if not check.outcome.decided:
+            undecided.append(check)
+    return {"unreached": unreached, "undecided": undecided}
+
+
+def _places(
+    result: Result, recordings: Mapping[str, Recorded], submission: SubmissionRecord
+) -> dict[str, Any]:
+    """Return the template's values with locations in files and logs."""
+    records = {name: recorded.record for name, recorded in recordings.items()}
+    anchors = views.anchors_of(records)
+    locations = {}
+    for check in result.every_check:
+        locations[check.id] = views.locations_of(check, submission.texts, anchors)
+    violations = []
+    for violation in result.violations:
+        location = views.location_of(violation.where, {}, anchors)
+        violations.append((violation, location, views.titles_of(violation, result)))
+    return {"locations": locations, "violations": violations}
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """The figures of a page by their places."""
+
+    #: Figures to be played.
+    players: Sequence[Figure]
+    #: Figures beside lost points.
+    beside: Mapping[str, Sequence[Figure]]
+    #: Further figures by the criterion's id.
+    others: Mapping[str, Sequence[Figure]]
+
+    @classmethod
+    def of(cls, figures: Mapping[str, Sequence[Figure]], losses: Sequence[views.Loss]) -> _Placed:
+        """Place each figure once."""
+        players = []
+        still = []
+        for drawn in figures.values():
+            for figure in drawn:
+                if isinstance(figure.content, Motion):
+                    players.append(figure)
+                else:
+                    still.append(figure)
+        beside = views.figures_by_loss(losses, still)
+        placed = {id(figure) for figure in players}
+        for drawn in beside.values():
+            placed.update(id(figure) for figure in drawn)
+        others = {}
+        for criterion, drawn in figures.items():
+            others[criterion] = [figure for figure in drawn if id(figure) not in placed]
+        return cls(players, beside, others)

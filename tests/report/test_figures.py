@@ -28,6 +28,7 @@ from grader.recording.session import (
     StepRun,
 )
 from grader.report.figures import FIGURES, draw
+from grader.report.figures.plan import Tree
 from grader.report.figures.svg import HALF, MOST_POINTS, NARROW, WIDE, Figure, duration
 from tests.thorough import examples
 
@@ -293,12 +294,13 @@ def test_calls_are_those_of_the_service(tmp_path: Path) -> None:
     )
 
 
-def planned(folder: Path, *processes: dict[str, Any], **plan: Any) -> dict[str, Any]:
-    """Return what the figure of a plan shows."""
+def planned(folder: Path, *processes: dict[str, Any], **plan: Any) -> Tree:
+    """Return the tree in the figure of a plan."""
     listed = [{"id": f"p-{n}", "path": "/p", **process} for n, process in enumerate(processes)]
     whole = {"schema": PLAN_SCHEMA, "outcome": "ok", "processes": listed, **plan}
-    content: dict[str, Any] = shown("plan", recorded(folder, {}, plan=whole)).content
-    return content
+    tree = shown("plan", recorded(folder, {}, plan=whole)).content
+    assert isinstance(tree, Tree)
+    return tree
 
 
 def test_plan_is_a_tree(tmp_path: Path) -> None:
@@ -330,21 +332,21 @@ def test_plan_is_a_tree(tmp_path: Path) -> None:
         ],
         warnings=[{"message": "odd", "file": "l.py", "line": 2}],
     )
-    assert content["arguments"] == [("rate", "'5'", "l.py:3"), ("must", "must be given", "")]
-    assert content["includes"] == [("other.py", "a: '1'", "l.py:9")]
-    (process,) = content["processes"]
-    assert (process["name"], process["runs"], process["where"]) == (
+    assert content.arguments == [("rate", "'5'", "l.py:3"), ("must", "must be given", "")]
+    assert content.includes == [("other.py", "a: '1'", "l.py:9")]
+    (process,) = content.processes
+    assert (process.name, process.runs, process.where) == (
         "/ns/talker",
         "pkg/talker",
         "l.py:12",
     )
-    assert process["conditions"] == ["starts after 2.0 s"]
-    assert process["words"] == ["--fast"]
-    assert process["environment"] == [("A_B", "'c'", "")]
-    assert content["not_started"] == [("Node", "its condition does not hold", "l.py:20")]
-    assert content["warnings"] == [("odd", "l.py:2")]
-    assert process["parameters"][0] == ("use_sim_time", "true", "bool")
-    assert process["remappings"] == (("/a", "/b"),)
+    assert process.conditions == ["starts after 2.0 s"]
+    assert process.words == ["--fast"]
+    assert process.environment == [("A_B", "'c'", "")]
+    assert content.not_started == [("Node", "its condition does not hold", "l.py:20")]
+    assert content.warnings == [("odd", "l.py:2")]
+    assert process.parameters[0] == ("use_sim_time", "true", "bool")
+    assert process.remappings == (("/a", "/b"),)
 
 
 def test_a_parameter_file_shows_what_it_sets_and_for_whom(tmp_path: Path) -> None:
@@ -354,7 +356,7 @@ def test_a_parameter_file_shows_what_it_sets_and_for_whom(tmp_path: Path) -> Non
         "ns": {"other": {"ros__parameters": {"mode": "a"}}},
     }
     files = [{"file": "p.yaml", "content": content}, {"file": "gone.yaml", "content": None}]
-    assert planned(tmp_path, {"name": "n", "parameters": files})["processes"][0]["parameters"] == [
+    assert planned(tmp_path, {"name": "n", "parameters": files}).processes[0].parameters == [
         ("rate", "2.5", "p.yaml"),
         ("gains.p", "1", "p.yaml"),
         ("mode", "'a'", "p.yaml, for /ns/other"),
@@ -369,9 +371,9 @@ def test_what_all_processes_find_in_their_environment_stands_once(tmp_path: Path
         {"name": "b", "env": {"ALL": "1"}},
     ]
     content = planned(tmp_path, *processes)
-    assert content["environment"] == [("ALL", "'1'", "")]
-    assert [p["environment"] for p in content["processes"]] == [[("ONE", "'2'", "")], []]
-    assert not planned(tmp_path / "x", processes[0])["environment"]
+    assert content.environment == [("ALL", "'1'", "")]
+    assert [p.environment for p in content.processes] == [[("ONE", "'2'", "")], []]
+    assert not planned(tmp_path / "x", processes[0]).environment
 
 
 @pytest.mark.parametrize(
@@ -393,7 +395,7 @@ def test_what_a_process_waits_for_is_reported_in_words(
     tmp_path: Path, when: dict[str, Any], words: str
 ) -> None:
     """Starts, ends and times of other processes are put into words."""
-    assert planned(tmp_path, {"when": when})["processes"][0]["conditions"] == [words]
+    assert planned(tmp_path, {"when": when}).processes[0].conditions == [words]
 
 
 json_values = st.recursive(
@@ -446,11 +448,11 @@ def test_qos_comes_from_discovery_and_source(tmp_path: Path) -> None:
     claim = Claim("node", "publisher", "a", "/node", FLOATS, "node.py", 31, asked)
     data = recorded(tmp_path, {"/a": ticking(4, 10**7)}, graph=[graph], claims=[claim])
     publisher, subscription = shown("qos_table", data, topics=["/a", "/b"]).content
-    assert publisher["qos"] == Qos(
+    assert publisher.qos == Qos(
         reliability="best_effort", durability="volatile", history="keep_last", depth=7
     )
-    assert (publisher["where"], publisher["messages"]) == ("node.py:31", 4)
-    assert (subscription["qos"], subscription["where"]) == (seen, "")
+    assert (publisher.where, publisher.messages) == ("node.py:31", 4)
+    assert (subscription.qos, subscription.where) == (seen, "")
 
 
 def test_latency_is_arrival_minus_sending(tmp_path: Path) -> None:

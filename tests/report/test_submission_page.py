@@ -18,10 +18,11 @@ from grader.evidence.recorded import Recorded
 from grader.recording.bag import Bag
 from grader.recording.session import OutputLine, ProcessRun, Qos, SessionRecord, StepRun
 from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
-from grader.report.figures.graph import Call
+from grader.report.figures.graph import Call, CallGroup, QosRow
 from grader.report.figures.link import LinkTable, Profile
 from grader.report.figures.link import Outcome as Crossed
-from grader.report.figures.svg import Figure, text
+from grader.report.figures.plan import Branch, Item, Tree, Warned
+from grader.report.figures.svg import Figure
 from grader.report.submission_page import render
 from grader.report.views import location_of
 from grader.result import (
@@ -305,38 +306,32 @@ def test_nothing_is_fetched() -> None:
         assert f"'sha256-{digest}'" in policy
 
 
-_ITEM = (EVIL, EVIL, EVIL)
-_PROCESS = {
-    **dict.fromkeys(("name", "runs", "where"), EVIL),
-    **{key: [EVIL] for key in ("conditions", "words")},
-    **{key: [_ITEM] for key in ("parameters", "environment")},
-    "remappings": [(EVIL, EVIL)],
-}
-_PLAN = {
-    "outcome": "error",
-    "problem": EVIL,
-    **{key: [_ITEM] for key in ("arguments", "includes", "environment", "not_started")},
-    "processes": [_PROCESS],
-    "warnings": [(EVIL, EVIL)],
-}
-_QOS = {
-    "topic": EVIL,
-    "kind": "publisher",
-    "qos": Qos(EVIL, EVIL, EVIL),
-    "where": EVIL,
-    "messages": 3,
-}
+_ITEM = Item(EVIL, EVIL, EVIL)
+_BRANCH = Branch(EVIL, EVIL, EVIL, [EVIL], [EVIL], [_ITEM], [_ITEM], [(EVIL, EVIL)])
+_PLAN = Tree(
+    outcome="error",
+    problem=EVIL,
+    arguments=[_ITEM],
+    includes=[_ITEM],
+    environment=[_ITEM],
+    processes=[_BRANCH],
+    not_started=[_ITEM],
+    warnings=[Warned(EVIL, EVIL)],
+)
+_QOS = QosRow(EVIL, "publisher", Qos(EVIL, EVIL, EVIL), EVIL, 3)
 _LINK = LinkTable([Profile(EVIL, EVIL, "", EVIL, (), EVIL)], "a.bad", EVIL)
 FIGURES = (
     Figure(
         EVIL,
-        lambda width: (90, [text(1, 2, EVIL)]),
+        lambda canvas: canvas.text(1, 2, EVIL),
         (("line-0", EVIL),),
         title="Joints",
         session="alone",
     ),
     Figure(
-        table="calls_table", content=[(EVIL, EVIL, [Call(0.0, 0.001, {EVIL: EVIL})])], title="Calls"
+        table="calls_table",
+        content=[CallGroup(EVIL, EVIL, [Call(0.0, 0.001, {EVIL: EVIL})])],
+        title="Calls",
     ),
     Figure(table="plan", content=_PLAN, title="Plan"),
     Figure(table="qos", content=[_QOS], title="QoS"),

@@ -1,4 +1,4 @@
-"""The figures of a report: a class a kind, with its settings in the rubric and how it is drawn."""
+"""The figures of a report: one class per kind, with its settings in the rubric and the way it is drawn."""
 
 from __future__ import annotations
 
@@ -37,11 +37,9 @@ FIGURES: Mapping[str, type[FigureKind]] = {
 
 
 def draw(spec: FigureSpec, recorded: Recorded, lab_folder: Path) -> Figure | None:
-    """Draw what a rubric asks for; None where nothing was recorded that could be shown."""
+    """Draw a figure of the rubric; return None if the recording holds nothing to be shown."""
     assert isinstance(spec.parameters, FigureKind)
     figure = spec.parameters.draw(recorded, lab_folder)
-    return (
-        replace(figure, title=spec.title, session=spec.session, shows=spec.shows)
-        if figure is not None
-        else None
-    )
+    if figure is None:
+        return None
+    return replace(figure, title=spec.title, session=spec.session, shows=spec.shows)

@@ -1,37 +1,39 @@
-"""What a session's graph held: the calls of a service, and endpoints with their QoS."""
+"""The graph of a session: calls of a service, and endpoints with their QoS profiles."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
-
-from markupsafe import Markup
+from typing import Any, NamedTuple
 
 from grader.evidence.recorded import Recorded
 from grader.lab import references as ref
-from grader.recording.session import Endpoint, asked_for, completed
+from grader.recording.session import Claim, Endpoint, Qos, StepRun, asked_for, completed
 from grader.report.escape import line
 from grader.report.figures.svg import (
     SINCE,
+    Canvas,
     Figure,
     FigureKind,
+    Frame,
+    Range,
     duration,
-    frame_in,
     padded,
-    rule,
-    tag,
-    text,
 )
 from grader.report.views import fields, literal
 
 _MOST_ENDPOINTS = 16
+_HEIGHT = 260
+
+
+# -- calls -------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Call:
-    """One call of a service; `response` is None where none came in time."""
+    """One call of a service; `response` is None if there was no answer in time."""
 
     start_s: float
     latency_s: float
@@ -39,34 +41,60 @@ class Call:
 
     @classmethod
     def of(cls, recorded: Recorded, call: Mapping[str, Any]) -> Call:
-        """Return one of a step's."""
-        start_s, latency_s = (
-            recorded.since_start_s(call["started_ns"]),
-            (call["ended_ns"] - call["started_ns"]) / 1e9,
-        )
-        return cls(start_s, latency_s, call["response"])
+        """Read a call from the result of a step."""
+        started_ns = call["started_ns"]
+        latency_s = (call["ended_ns"] - started_ns) / 1e9
+        return cls(recorded.since_start_s(started_ns), latency_s, call["response"])
+
+    @property
+    def end_s(self) -> float:
+        """Time of the answer, or of giving up."""
+        return self.start_s + self.latency_s
+
+    @property
+    def accepted(self) -> bool | None:
+        """First truth value in the response; None if it has none."""
+        if isinstance(self.response, Mapping):
+            for value in self.response.values():
+                if isinstance(value, bool):
+                    return value
+        return None
 
     @property
     def key(self) -> tuple[str, str]:
-        """Style class of its mark and what it means: the first truth value says whether the service did as asked."""
+        """Style class of the call's mark, and its meaning."""
         if self.response is None:
             return "call-silent", "no answer in time"
-        values = self.response.values() if isinstance(self.response, Mapping) else ()
-        accepted = next((value for value in values if isinstance(value, bool)), None)
-        if accepted is None:
+        if self.accepted is None:
             return "call-accepted", "answered"
-        return ("call-accepted" if accepted else "call-refused"), f"answered: {literal(accepted)}"
+        style = "call-accepted" if self.accepted else "call-refused"
+        return style, f"answered: {literal(self.accepted)}"
 
-    def mark(self, x: float, y: float) -> Markup:
-        """Return its mark."""
+    def paint(self, canvas: Canvas, x: float, y: float) -> None:
+        """Draw a circle if the service accepted, a diamond if it refused, and a cross if it did not answer."""
         style, _ = self.key
         if style == "call-accepted":
-            return tag("circle", cx=x, cy=y, r=4, class_=style)
-        silent, refused = (
-            f"M{x - 4:.1f} {y - 4:.1f}l8 8m0 -8l-8 8",
-            f"M{x:.1f} {y - 5:.1f}l5 5l-5 5l-5 -5z",
-        )
-        return tag("path", d=silent if self.response is None else refused, class_=style)
+            canvas.dot(x, y, 4, style)
+        elif style == "call-silent":
+            canvas.path(f"M{x - 4:.1f} {y - 4:.1f}l8 8m0 -8l-8 8", style)
+        else:
+            canvas.path(f"M{x:.1f} {y - 5:.1f}l5 5l-5 5l-5 -5z", style)
+
+
+class CallGroup(NamedTuple):
+    """The calls of one step, as the page's table lists them."""
+
+    label: str
+    request: str
+    calls: Sequence[Call]
+
+
+@dataclass(frozen=True)
+class _SetParameters:
+    """Parameters that were set between calls."""
+
+    at_s: float
+    words: str
 
 
 class Calls(FigureKind):
@@ -75,67 +103,129 @@ class Calls(FigureKind):
     service: ref.Topic
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
-        """Draw each call at its time, as high as it took long; below them stand requests and answers."""
-        record, service = recorded.record, recorded.used(self.service)
-        groups = []
-        for step in record.steps:
-            if (
-                step.kind == "call"
-                and step.result.get("service") == service
-                and step.result.get("calls")
-            ):
-                group = [Call.of(recorded, call) for call in step.result["calls"]]
-                groups.append(
-                    (step.label or "call", fields(step.parameters.get("request", {})), group)
-                )
-        calls = [call for _, _, group in groups for call in group]
+        """Draw each call as high as it took long; a table lists requests and answers."""
+        service = recorded.used(self.service)
+        groups = _groups_of(recorded, service)
+        calls = [call for group in groups for call in group.calls]
         if not calls:
             return None
-        answered = [call.latency_s for call in calls if call.response is not None]
-        slowest = max(answered or [call.latency_s for call in calls])
-        start, end = (
-            min(call.start_s for call in calls),
-            max(call.start_s + call.latency_s for call in calls),
-        )
-        marks = [
-            (
-                at_s,
-                ", ".join(
-                    f"{k} = {literal(v)}" for k, v in step.parameters.get("values", {}).items()
-                ),
-            )
-            for step in record.steps
-            if step.kind == "set_parameters"
-            and step.outcome == "done"
-            and start <= (at_s := recorded.since_start_s(step.ended_ns)) <= end
-        ]
-        scale, unit = (1.0, "s") if slowest >= 1 else (1e3, "ms")
+        chart = _CallChart(service, calls, _parameters_set(recorded, calls))
+        kinds = {call.key for call in calls}
+        key = tuple(sorted(kinds, reverse=True))
+        return Figure(chart.caption, chart.paint, key, table="calls_table", content=groups)
 
-        def paint(width: int) -> tuple[float, list[Markup]]:
-            x = padded([call.start_s for call in calls], 0.04, 0.02)
-            frame = frame_in(width, 260, x, (0, slowest * 1.15 or 1e-3), top=52)
-            parts = [
-                *frame.y_axis(4, scale),
-                text(4, 16, f"time until the answer, {unit}", "start", "label"),
-            ]
-            for n, (at_s, words) in enumerate(marks):
-                at, top = frame.px(at_s), frame.top - 6 - 14 * (n % 2)
-                parts.append(rule(at, top, at, frame.bottom, "mark"))
-                aside, gap = ("end", -3) if at > width * 0.6 else ("start", 3)
-                parts.append(text(at + gap, top - 2, line(words, 30), aside, "note"))
-            for call in calls:
-                at, high = frame.px(call.start_s), frame.py(min(call.latency_s, slowest))
-                parts += [rule(at, frame.bottom, at, high, "stem"), call.mark(at, high)]
-            return 260, parts + frame.x_axis(SINCE)
 
-        silent = len(calls) - len(answered)
-        caption = f"{len(calls)} calls of {line(service, 60)}; "
-        caption += (
-            f"the slowest answer took {duration(slowest)}." if answered else "none was answered."
-        )
-        caption += f" {silent} got no answer in time." if silent and answered else ""
-        key = tuple(sorted({call.key for call in calls}, reverse=True))
-        return Figure(caption, paint, key, table="calls_table", content=groups)
+def _groups_of(recorded: Recorded, service: str) -> list[CallGroup]:
+    """Return the calls of a service, step by step."""
+    groups = []
+    for step in recorded.record.steps:
+        if step.kind != "call" or step.result.get("service") != service:
+            continue
+        calls = [Call.of(recorded, call) for call in step.result.get("calls") or ()]
+        if calls:
+            request = fields(step.parameters.get("request", {}))
+            groups.append(CallGroup(step.label or "call", request, calls))
+    return groups
+
+
+def _parameters_set(recorded: Recorded, calls: Sequence[Call]) -> list[_SetParameters]:
+    """Return the parameters that were set between the first call and the last answer."""
+    start_s = min(call.start_s for call in calls)
+    end_s = max(call.end_s for call in calls)
+    found = []
+    for step in recorded.record.steps:
+        if step.kind != "set_parameters" or step.outcome != "done":
+            continue
+        at_s = recorded.since_start_s(step.ended_ns)
+        if start_s <= at_s <= end_s:
+            found.append(_SetParameters(at_s, _assignments(step)))
+    return found
+
+
+def _assignments(step: StepRun) -> str:
+    """Write the parameters that a step sets: `max_speed = 1.5, mode = 'fast'`."""
+    values = step.parameters.get("values", {})
+    return ", ".join(f"{name} = {literal(value)}" for name, value in values.items())
+
+
+@dataclass(frozen=True)
+class _CallChart:
+    """Calls of a service over time."""
+
+    service: str
+    calls: Sequence[Call]
+    parameters: Sequence[_SetParameters]
+
+    @cached_property
+    def answered(self) -> Sequence[Call]:
+        """Calls with an answer."""
+        return [call for call in self.calls if call.response is not None]
+
+    @cached_property
+    def slowest_s(self) -> float:
+        """Latency of the slowest answer; if there is none, of the longest wait."""
+        return max(call.latency_s for call in self.answered or self.calls)
+
+    @property
+    def caption(self) -> str:
+        calls = f"{len(self.calls)} calls of {line(self.service, 60)}"
+        if not self.answered:
+            return f"{calls}; none was answered."
+        caption = f"{calls}; the slowest answer took {duration(self.slowest_s)}."
+        silent = len(self.calls) - len(self.answered)
+        if silent:
+            caption += f" {silent} got no answer in time."
+        return caption
+
+    def paint(self, canvas: Canvas) -> None:
+        scale, unit = 1e3, "ms"
+        if self.slowest_s >= 1:
+            scale, unit = 1.0, "s"
+        x = padded([call.start_s for call in self.calls], 0.04, 0.02)
+        y = Range(0, self.slowest_s * 1.15 or 1e-3)
+        frame = canvas.frame(_HEIGHT, x, y, top=52)
+        frame.y_axis(4, scale)
+        canvas.text(4, 16, f"time until the answer, {unit}", "start", "label")
+        self._paint_parameters(frame)
+        self._paint_calls(frame)
+        frame.x_axis(SINCE)
+
+    def _paint_parameters(self, frame: Frame) -> None:
+        """Draw a line for each time when parameters were set; their words alternate between two heights."""
+        canvas = frame.canvas
+        for n, parameters in enumerate(self.parameters):
+            x = frame.px(parameters.at_s)
+            top = frame.top - 6 - 14 * (n % 2)
+            canvas.vertical(x, top, frame.bottom, "mark")
+            words = line(parameters.words, 30)
+            if x > canvas.width * 0.6:
+                canvas.text(x - 3, top - 2, words, "end", "note")
+            else:
+                canvas.text(x + 3, top - 2, words, "start", "note")
+
+    def _paint_calls(self, frame: Frame) -> None:
+        for call in self.calls:
+            x = frame.px(call.start_s)
+            y = frame.py(min(call.latency_s, self.slowest_s))
+            frame.canvas.vertical(x, frame.bottom, y, "stem")
+            call.paint(frame.canvas, x, y)
+
+
+# -- endpoints ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class QosRow:
+    """An endpoint in the page's table."""
+
+    topic: str
+    #: `publisher` or `subscription`.
+    kind: str
+    qos: Qos
+    #: Place in the submission that asks for the endpoint, such as `node.py:31`.
+    where: str
+    #: Number of recorded messages on the topic.
+    messages: int
 
 
 class QosTable(FigureKind):
@@ -144,23 +234,26 @@ class QosTable(FigureKind):
     topics: tuple[ref.Topic, ...]
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
-        """List them: reliability and durability come from discovery, history and depth from the source."""
-        rows = [
-            _qos_row(endpoint, recorded)
-            for topic in self.topics
-            for kind in ("publisher", "subscription")
-            for endpoint in recorded.endpoints_on(topic, kind)[:_MOST_ENDPOINTS]
-        ]
-        return Figure(table="qos", content=rows) if rows else None
+        """List the endpoints: reliability and durability come from discovery, history and depth from the source."""
+        rows = []
+        for topic in self.topics:
+            for kind in ("publisher", "subscription"):
+                endpoints = recorded.endpoints_on(topic, kind)
+                rows += [_qos_row(endpoint, recorded) for endpoint in endpoints[:_MOST_ENDPOINTS]]
+        if not rows:
+            return None
+        return Figure(table="qos", content=rows)
 
 
-def _qos_row(endpoint: Endpoint, recorded: Recorded) -> dict[str, Any]:
+def _qos_row(endpoint: Endpoint, recorded: Recorded) -> QosRow:
     claim = asked_for(endpoint, recorded.record.claims)
-    inside = claim is not None and claim.file and not claim.file.startswith("/")
-    return {
-        "topic": endpoint.topic,
-        "kind": endpoint.kind,
-        "qos": completed(endpoint.qos, claim),
-        "where": f"{claim.file}:{claim.line}" if claim is not None and inside else "",
-        "messages": len(recorded.bag.stream(endpoint.topic)),
-    }
+    qos = completed(endpoint.qos, claim)
+    messages = len(recorded.bag.stream(endpoint.topic))
+    return QosRow(endpoint.topic, endpoint.kind, qos, _place(claim), messages)
+
+
+def _place(claim: Claim | None) -> str:
+    """Return file and line of a claim; empty for a file outside the submission."""
+    if claim is None or not claim.file or claim.file.startswith("/"):
+        return ""
+    return f"{claim.file}:{claim.line}"

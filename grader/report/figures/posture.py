@@ -1,4 +1,4 @@
-"""What stands and moves in space, as a line through points: a robot, and where it is commanded to be; to be played."""
+"""Postures in space to be played: a line through moving points, and a ghost at the commanded points."""
 
 from __future__ import annotations
 
@@ -10,73 +10,87 @@ import numpy as np
 from markupsafe import Markup
 from pydantic import Field
 
-from grader.evidence.recorded import Floats, Integers, NumericStream, Recorded
+from grader.evidence.recorded import Booleans, Floats, Integers, NumericStream, Recorded
 from grader.lab import references as ref
-from grader.report.figures.svg import Figure, FigureKind, short, tag
+from grader.report.figures.svg import Canvas, Figure, FigureKind, short
 from grader.report.figures.timing import FAR_NS
 
-#: So many postures are enough for ten seconds and more, since the page moves evenly from one to the next.
+#: Postures in a page; enough for ten seconds and more, because the player interpolates between them.
 _MOST_FRAMES = 360
+#: Points of a posture.
 _MOST_CHAIN = 64
-#: Farther away is nothing that is meant.
+#: Distance from the origin beyond which a point is not drawn, in m.
 _FAR_M = 1e6
-#: A page's numbers are whole; so many of them are half the size of what is shown.
+#: Half of the extent of all postures, in the whole numbers of the page.
 _RADIUS_UNITS = 2000
+#: Bound of the whole numbers; a ghost far away stays at it.
+_MOST_UNITS = 9999
+#: Height of the picture in px.
 _HEIGHT = 430
 _GRID_LINES = 9
+#: Widths of the first and last link in px.
 _THICKEST, _THINNEST = 13.0, 5.0
-#: So long the tip leaves its way behind.
+#: Duration of the trace behind the tip, in ms.
 _WAY_MS = 2000
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Postures over time, for the page's player: (frames, points, 3) in whole numbers, the foot of the first at zero.
+    """Postures over time for the page's player, in whole numbers from the foot of the first posture.
 
-    The ghost, where there is one, has the last frames; before those nothing was commanded.
+    The ghost has the last frames only, if nothing was commanded at first, or none.
     """
 
+    #: int64[n]: Times of the frames.
     times_ms: Integers
+    #: int64[n, points, 3]: Measured and commanded postures.
     solid: Integers
     ghost: Integers
-    #: From where it is seen at first, in degrees: about the vertical axis from x to y, and above the floor.
+    #: First viewing direction in degrees: about the vertical axis from x to y, and above the floor.
     view: tuple[float, float] = (-58.0, 20.0)
-    #: Of the picture, to whose middle the foot is put.
+    #: Width of the picture in px; the foot is at its middle.
     width: int = 640
 
     @property
     def encoded(self) -> Markup:
-        """Times and postures, a row a frame."""
-        return encoded(np.column_stack((self.times_ms, self.solid.reshape(len(self.solid), -1))))
+        """Times and postures, one row per frame."""
+        postures = self.solid.reshape(len(self.solid), -1)
+        return encoded(np.column_stack((self.times_ms, postures)))
 
     @property
     def encoded_ghost(self) -> Markup:
-        """The ghost's postures, a row a frame."""
+        """Postures of the ghost, one row per frame."""
         return encoded(self.ghost.reshape(len(self.ghost), 3 * self.points))
 
     @property
     def points(self) -> int:
-        """How many points a posture has."""
+        """Number of points in a posture."""
         return int(self.solid.shape[1])
 
     @property
+    def first_ghost(self) -> int:
+        """Number of frames before the first one with a ghost."""
+        return len(self.solid) - len(self.ghost)
+
+    @property
     def still(self) -> int:
-        """The frame to be shown where nothing moves: that of the greatest distance from the ghost, if there is one."""
+        """Frame of the still picture: at the greatest distance from the ghost, or in the middle without a ghost."""
         if not len(self.ghost):
             return len(self.solid) // 2
-        return len(self.solid) - len(self.ghost) + int(np.argmax(self.off))
+        return self.first_ghost + int(np.argmax(self.off))
 
     @property
     def off(self) -> Floats:
-        """How far the last point is from that of the ghost, in each of the ghost's frames."""
-        apart: Floats = np.linalg.norm(
-            self.solid[len(self.solid) - len(self.ghost) :, -1] - self.ghost[:, -1], axis=1
-        )
+        """Distances between the last points of posture and ghost, in each of the ghost's frames."""
+        tips = self.solid[self.first_ghost :, -1]
+        apart: Floats = np.linalg.norm(tips - self.ghost[:, -1], axis=1)
         return apart
 
 
 def encoded(rows: Integers) -> Markup:
-    """Write whole numbers as text, each as its difference from the one above it; what changes little is short.
+    """Write rows of whole numbers as text, each number as its difference from the one in the previous row.
+
+    Small differences are short: the rows (5, 7) and (5, 8) become `IM?A`.
 
     References
     ----------
@@ -84,7 +98,9 @@ def encoded(rows: Integers) -> Markup:
     """
     letters = []
     for number in np.diff(rows, axis=0, prepend=0).ravel().tolist():
-        rest = number << 1 if number >= 0 else ~(number << 1)
+        rest = number << 1
+        if number < 0:
+            rest = ~rest
         while rest >= 0x20:
             letters.append(chr((rest & 0x1F | 0x20) + 63))
             rest >>= 5
@@ -98,117 +114,160 @@ class Posture(FigureKind):
     topics: dict[str, ref.Topic] = Field(
         min_length=1,
         max_length=2,
-        description="Role -> topic: first what is, then as a ghost what is to be.",
+        description="Role -> topic: first the measured points, then the commanded ones as a ghost.",
     )
     field: ref.FieldPath
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
         """Draw one posture, and give all of them to the page."""
-        streams = [_in_space(recorded.numeric(topic, self.field)) for topic in self.topics.values()]
-        solid, ghost = (*streams, None)[:2]
+        solid, *others = (
+            _drawable(recorded.numeric(topic, self.field)) for topic in self.topics.values()
+        )
         if solid is None:
             return None
-        shown = np.unique(np.linspace(0, len(solid.values) - 1, _MOST_FRAMES).round().astype(int))
-        beside = np.empty((0, solid.values.shape[1]))
-        if ghost is not None and ghost.values.shape[1] == solid.values.shape[1]:
-            # Both are published together: what belongs to a posture was sent before the next one.
-            until = np.append(solid.source_ns[1:], np.iinfo(np.int64).max)
-            latest = (np.searchsorted(ghost.source_ns, until) - 1)[shown]
-            beside = ghost.values[latest[latest >= 0]]
-        motion, unit_m = _whole(
-            recorded.seconds(solid.source_ns[shown]), solid.values[shown], beside
-        )
+        count = len(solid.values)
+        shown: Integers = np.linspace(0, count - 1, _MOST_FRAMES).round().astype(int)
+        shown = np.unique(shown)
+        beside = _beside(solid, others[0] if others else None, shown)
+        times_s = recorded.seconds(solid.source_ns[shown])
+        motion, unit_m = _whole(times_s, solid.values[shown], beside)
         key = tuple(zip(("line-0", "line-1"), self.topics, strict=False))
-        return Figure(
-            _caption(motion, unit_m), lambda width: (_HEIGHT, _paint(motion)), key, content=motion
-        )
+        still = _Still(motion)
+        return Figure(_caption(motion, unit_m), still.paint, key, content=motion)
 
 
-def _in_space(stream: NumericStream | None) -> NumericStream | None:
-    """Return the messages that can be drawn; None where they hold no points, or do not move."""
-    if (
-        stream is None
-        or stream.values.shape[1] % 3
-        or not 6 <= stream.values.shape[1] <= 3 * _MOST_CHAIN
-    ):
+def _drawable(stream: NumericStream | None) -> NumericStream | None:
+    """Return the messages that can be drawn; None if they hold no points, or fewer than two can be drawn."""
+    if stream is None:
         return None
-    near = (np.abs(stream.values) < _FAR_M).all(axis=1) & (
-        np.abs(stream.source_ns - stream.received_ns) < FAR_NS
-    )
-    return stream.only(near) if near.sum() > 1 else None
+    length = stream.values.shape[1]
+    if length % 3 or not 6 <= length <= 3 * _MOST_CHAIN:
+        return None
+    near = (np.abs(stream.values) < _FAR_M).all(axis=1)
+    stamped_near = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
+    drawable = near & stamped_near
+    if drawable.sum() < 2:
+        return None
+    return stream.only(drawable)
+
+
+def _beside(solid: NumericStream, ghost: NumericStream | None, shown: Integers) -> Floats:
+    """Return the ghost's points for the shown postures, from its first message on: float64[n, 3 * points]."""
+    length = solid.values.shape[1]
+    if ghost is None or ghost.values.shape[1] != length:
+        return np.empty((0, length))
+    # Both are published together: the ghost of a posture was sent before the next posture.
+    end = np.iinfo(np.int64).max
+    until_ns = np.append(solid.source_ns[1:], end)
+    latest = (np.searchsorted(ghost.source_ns, until_ns) - 1)[shown]
+    return ghost.values[latest[latest >= 0]]
 
 
 def _whole(times_s: Floats, solid: Floats, ghost: Floats) -> tuple[Motion, float]:
-    """Return postures in whole numbers, and what their unit is in m; a ghost far out stays near enough to be drawn."""
-    solid, ghost = (rows.reshape(len(rows), rows.shape[1] // 3, 3) for rows in (solid, ghost))
+    """Return postures in whole numbers, and their unit in m."""
+    solid = _points_of(solid)
     foot = solid[0, 0]
-    radius = max(float(np.linalg.norm(solid - foot, axis=2).max()), 1e-6)
-    unit_m = radius / _RADIUS_UNITS
-    frames = (
-        np.rint(np.clip((rows - foot) / unit_m, -9999, 9999)).astype(np.int64)
-        for rows in (solid, ghost)
-    )
-    return Motion(np.rint(times_s * 1000).astype(np.int64), *frames), unit_m
+    radius_m = float(np.linalg.norm(solid - foot, axis=2).max())
+    unit_m = max(radius_m, 1e-6) / _RADIUS_UNITS
+    times_ms = np.rint(times_s * 1000).astype(np.int64)
+    whole = _in_units(solid - foot, unit_m)
+    whole_ghost = _in_units(_points_of(ghost) - foot, unit_m)
+    return Motion(times_ms, whole, whole_ghost), unit_m
+
+
+def _points_of(rows: Floats) -> Floats:
+    """Return rows of numbers as points: float64[n, points, 3]."""
+    return rows.reshape(len(rows), rows.shape[1] // 3, 3)
+
+
+def _in_units(points: Floats, unit_m: float) -> Integers:
+    """Return points in whole numbers of a unit, within bounds."""
+    bounded = np.clip(points / unit_m, -_MOST_UNITS, _MOST_UNITS)
+    return np.rint(bounded).astype(np.int64)
 
 
 def _caption(motion: Motion, unit_m: float) -> str:
     if not len(motion.ghost):
         return "No command reached it in this recording."
-    at_s, off_m = motion.times_ms[motion.still] / 1000, float(motion.off.max()) * unit_m
+    at_s = motion.times_ms[motion.still] / 1000
+    off_m = float(motion.off.max()) * unit_m
     off = f"{short(off_m)} m" if off_m >= 1 else f"{short(1000 * off_m)} mm"
     return f"At {at_s:.2f} s the tip is farthest from where it is commanded to be: {off}."
 
 
 def projected(points: Integers | Floats) -> Floats:
-    """Return where points are in the picture as it is seen at first: (..., 2)."""
+    """Return the places of points in the picture, seen from the first viewing direction: float64[..., 2]."""
     turn, rise = np.radians(Motion.view)
     right = np.array([-np.sin(turn), np.cos(turn), 0.0])
     up = np.array([-np.cos(turn) * np.sin(rise), -np.sin(turn) * np.sin(rise), np.cos(rise)])
-    # The foot stands low in the picture, since a robot is above its floor, and in the middle where seen from above.
-    scale, foot = 0.72 * _HEIGHT / _RADIUS_UNITS, (0.8 - 0.3 * Motion.view[1] / 90) * _HEIGHT
-    return np.stack(
-        (Motion.width / 2 + scale * (points @ right), foot - scale * (points @ up)), axis=-1
-    )
+    scale = 0.72 * _HEIGHT / _RADIUS_UNITS
+    # The foot is low in the picture, because a robot is above its floor; seen from above, it is in the middle.
+    foot = (0.8 - 0.3 * Motion.view[1] / 90) * _HEIGHT
+    x = Motion.width / 2 + scale * (points @ right)
+    y = foot - scale * (points @ up)
+    return np.stack((x, y), axis=-1)
 
 
-def _line(points: Floats, class_: str) -> Markup:
-    return tag("polyline", points=" ".join(f"{x:.1f},{y:.1f}" for x, y in points), class_=class_)
+@dataclass(frozen=True)
+class _Still:
+    """One frame of a motion, in the parts that the player moves."""
+
+    motion: Motion
+
+    def paint(self, canvas: Canvas) -> None:
+        canvas.height = _HEIGHT
+        _paint_floor(canvas)
+        self._paint_shadow(canvas)
+        self._paint_traces(canvas)
+        self._paint_ghost(canvas)
+        posture = projected(self.motion.solid[self.motion.still])
+        _paint_links(canvas, posture)
+        for x, y in posture:
+            canvas.dot(x, y, 2.2, "joint")
+
+    def _paint_shadow(self, canvas: Canvas) -> None:
+        posture = self.motion.solid[self.motion.still]
+        canvas.polyline(projected(posture * [1, 1, 0]), "shadow")
+
+    def _paint_traces(self, canvas: Canvas) -> None:
+        """Draw the way of both tips before the frame."""
+        motion = self.motion
+        now_ms = motion.times_ms[motion.still]
+        begun: Booleans = motion.times_ms > now_ms - _WAY_MS
+        recent = begun & (motion.times_ms <= now_ms)
+        ghost_tips = motion.ghost[recent[motion.first_ghost :], -1]
+        canvas.polyline(projected(ghost_tips), "ghost-way")
+        canvas.polyline(projected(motion.solid[recent, -1]), "way")
+
+    def _paint_ghost(self, canvas: Canvas) -> None:
+        """Draw the ghost as a line, without points if the frame has none."""
+        frame = self.motion.still - self.motion.first_ghost
+        ghost = projected(self.motion.ghost[frame : frame + 1])
+        canvas.polyline(ghost.reshape(-1, 2), "ghost")
 
 
-def _paint(motion: Motion) -> list[Markup]:
-    """Paint the still in the parts that the player moves: floor, shadow, the tip's ways, ghost, links and joints."""
-    frame, first = motion.still, len(motion.solid) - len(motion.ghost)
-    posture, ghost = (
-        projected(motion.solid[frame]),
-        projected(motion.ghost[frame - first : frame - first + 1]),
-    )
-    recent = (motion.times_ms > motion.times_ms[frame] - _WAY_MS) & (
-        motion.times_ms <= motion.times_ms[frame]
-    )
-    parts = [
-        _floor(),
-        _line(projected(motion.solid[frame] * [1, 1, 0]), "shadow"),
-        _line(projected(motion.ghost[recent[first:], -1]), "ghost-way"),
-        _line(projected(motion.solid[recent, -1]), "way"),
-        _line(ghost.reshape(-1, 2), "ghost"),
-    ]
-    widths = np.linspace(_THICKEST, _THINNEST, max(2, motion.points - 1))
-    for (a, b), thick in zip(itertools.pairwise(posture), widths, strict=False):
-        parts.append(
-            tag("line", x1=a[0], y1=a[1], x2=b[0], y2=b[1], stroke_width=thick, class_="link")
+def _paint_links(canvas: Canvas, posture: Floats) -> None:
+    """Draw the links between neighbouring points, each thinner than the previous one."""
+    widths = np.linspace(_THICKEST, _THINNEST, max(2, len(posture) - 1))
+    links = itertools.pairwise(posture)
+    for (start, end), width in zip(links, widths, strict=False):
+        canvas.add(
+            "line",
+            x1=start[0],
+            y1=start[1],
+            x2=end[0],
+            y2=end[1],
+            stroke_width=width,
+            class_="link",
         )
-    parts += [tag("circle", cx=x, cy=y, r=2.2, class_="joint") for x, y in posture]
-    return parts
 
 
-def _floor() -> Markup:
-    """Return a grid on the floor, as one path."""
+def _paint_floor(canvas: Canvas) -> None:
+    """Draw a grid on the floor, as one path."""
     reach = np.linspace(-_RADIUS_UNITS, _RADIUS_UNITS, _GRID_LINES)
     along = [[(at, reach[0], 0), (at, reach[-1], 0)] for at in reach]
-    across = [[(y, x, z) for x, y, z in line] for line in along]
-    lines = projected(np.array(along + across))
-    return tag(
-        "path",
-        d="".join(f"M{a[0]:.0f} {a[1]:.0f}L{b[0]:.0f} {b[1]:.0f}" for a, b in lines),
-        class_="floor",
-    )
+    across = [[(reach[0], at, 0), (reach[-1], at, 0)] for at in reach]
+    steps = []
+    for start, end in projected(np.array(along + across)):
+        steps.append(f"M{start[0]:.0f} {start[1]:.0f}L{end[0]:.0f} {end[1]:.0f}")
+    canvas.path("".join(steps), "floor")

@@ -1,79 +1,170 @@
-"""What became of requests over time: an action's goals, and the states of a lifecycle node."""
+"""Requests over time: an action's goals, and the states of a lifecycle node."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from grader.evidence.recorded import Recorded
 from grader.lab import references as ref
+from grader.recording.session import StepRun
 from grader.report.escape import line
 from grader.report.figures.svg import (
     MOST_POINTS,
     SINCE,
+    Canvas,
     Figure,
     FigureKind,
-    frame_in,
+    Frame,
+    Range,
     padded,
-    rect,
-    rule,
-    tag,
-    text,
 )
 from grader.report.views import fields
 
 _MOST_ROWS = 16
+#: Heights of a row and of its bar in px.
 _ROW, _BAR = 46, 14
+#: Width of a letter in px.
+_LETTER = 7
+
+
+@dataclass(frozen=True)
+class _Span:
+    """A time with a beginning and an end, drawn as a bar."""
+
+    begin_s: float
+    end_s: float
+    words: str
+    style: str
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """A moment with its words, drawn as a vertical line."""
+
+    at_s: float
+    words: str
 
 
 @dataclass(frozen=True)
 class _Row:
-    """A line of the picture: what stands above it, spans with their words and style, and moments."""
+    """A row of the picture under its title."""
 
     title: str
-    spans: Sequence[tuple[float, float, str, str]]
-    dots: Sequence[float] = ()
-    marks: Sequence[tuple[float, str]] = ()
+    spans: Sequence[_Span]
+    #: Times of messages in s, drawn as dots.
+    messages_s: Sequence[float] = ()
+    marks: Sequence[_Mark] = ()
+
+    def paint(self, frame: Frame, top: float) -> None:
+        canvas = frame.canvas
+        title = line(self.title, canvas.width // 8)
+        canvas.text(frame.left, top - 6, title, "start", "label")
+        for span in self.spans:
+            _paint_span(span, frame, top)
+        for at_s in self.messages_s:
+            canvas.dot(frame.px(at_s), top + _BAR + 5, 1.6, "dot")
+        for mark in self.marks:
+            _paint_mark(mark, frame, top)
+
+
+def _paint_span(span: _Span, frame: Frame, top: float) -> None:
+    canvas = frame.canvas
+    left = frame.px(span.begin_s)
+    width = max(2.0, frame.px(span.end_s) - left)
+    canvas.rect(left, top, width, _BAR, span.style)
+    # The caption repeats words that do not fit into their bar.
+    if width > _LETTER * len(span.words):
+        canvas.text(left + width / 2, top + 11, span.words, class_="note")
+
+
+def _paint_mark(mark: _Mark, frame: Frame, top: float) -> None:
+    canvas = frame.canvas
+    x = frame.px(mark.at_s)
+    canvas.vertical(x, top - 3, top + _BAR + 3, "mark")
+    if x > canvas.width * 0.7:
+        canvas.text(x - 4, top + 11, mark.words, "end", "note")
+    else:
+        canvas.text(x + 4, top + 11, mark.words, "start", "note")
+
+
+@dataclass(frozen=True)
+class _Chart:
+    """Rows over one axis of time."""
+
+    rows: Sequence[_Row]
 
     @property
-    def times(self) -> list[float]:
-        return [at for begin, end, *_ in self.spans for at in (begin, end)]
+    def range(self) -> Range:
+        """Time from the first beginning to the last end, in s."""
+        ends_s = []
+        for row in self.rows:
+            for span in row.spans:
+                ends_s += [span.begin_s, span.end_s]
+        return padded(ends_s, 0.02, 0.05)
+
+    def paint(self, canvas: Canvas) -> None:
+        height = _ROW * len(self.rows) + 60
+        frame = canvas.frame(height, self.range, Range(0, 1), top=10)
+        frame.x_axis(SINCE)
+        for n, row in enumerate(self.rows):
+            row.paint(frame, 28 + _ROW * n)
 
 
-def _figure(rows: Sequence[_Row], caption: str) -> Figure:
-    x = padded([at for row in rows for at in row.times], 0.02, 0.05)
+# -- goals -------------------------------------------------------------------------------------
 
-    def paint(width: int) -> tuple[float, list[Markup]]:
-        height = _ROW * len(rows) + 60
-        frame = frame_in(width, height, x, (0, 1), top=10)
-        parts = frame.x_axis(SINCE)
-        for n, row in enumerate(rows):
-            top = 28 + _ROW * n
-            parts.append(text(frame.left, top - 6, line(row.title, width // 8), "start", "label"))
-            for begin, end, words, style in row.spans:
-                left, wide = frame.px(begin), max(2.0, frame.px(end) - frame.px(begin))
-                parts.append(rect(left, top, wide, _BAR, style))
-                # What has no room in its span is said in the caption.
-                if wide > 7 * len(words):
-                    parts.append(text(left + wide / 2, top + 11, words, class_="note"))
-            parts += [
-                tag("circle", cx=frame.px(at), cy=top + _BAR + 5, r=1.6, class_="dot")
-                for at in row.dots
-            ]
-            for at, words in row.marks:
-                aside = ("end", -4) if frame.px(at) > width * 0.7 else ("start", 4)
-                parts += [
-                    rule(frame.px(at), top - 3, frame.px(at), top + _BAR + 3, "mark"),
-                    text(frame.px(at) + aside[1], top + 11, words, aside[0], "note"),
-                ]
-        return height, parts
 
-    return Figure(caption, paint)
+@dataclass(frozen=True)
+class _Goal:
+    """A goal that was sent, and the step that sent it."""
+
+    step: StepRun
+    #: Entry of the step's result.
+    facts: Mapping[str, Any]
+
+    @property
+    def accepted(self) -> bool | None:
+        """True if the server accepted the goal, and None without an answer."""
+        accepted: bool | None = self.facts["accepted"]
+        return accepted
+
+    @property
+    def end_ns(self) -> int:
+        """Time at which the goal ended or was rejected, or waiting ended."""
+        ended_ns: int | None = self.facts["ended_ns"]
+        if not ended_ns and self.accepted is False:
+            ended_ns = self.facts["answered_ns"]
+        return ended_ns or self.step.ended_ns
+
+    @property
+    def title(self) -> str:
+        """Label of the step with the goal's status and result."""
+        label = self.step.label or "goal"
+        if self.accepted is None:
+            return f"{label}: no answer"
+        if not self.accepted:
+            return f"{label}: rejected"
+        title = f"{label}: {self.facts['status']}"
+        if self.facts["result"]:
+            title += f", {fields(self.facts['result'])}"
+        return title
+
+    def row(self, recorded: Recorded) -> _Row:
+        begin_s = recorded.since_start_s(self.facts["sent_ns"])
+        end_s = recorded.since_start_s(self.end_ns)
+        style = "call-accepted faint" if self.accepted else "call-refused"
+        span = _Span(begin_s, end_s, "", style)
+        feedback_s = [recorded.since_start_s(each["t_ns"]) for each in self.facts["feedback"]]
+        marks = []
+        cancel = self.facts["cancel"]
+        if cancel is not None:
+            marks.append(_Mark(recorded.since_start_s(cancel["sent_ns"]), "cancel"))
+        return _Row(self.title, [span], _thinned(feedback_s), marks)
 
 
 class Goals(FigureKind):
@@ -82,44 +173,29 @@ class Goals(FigureKind):
     action: ref.RosName
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
-        """Draw a row for each goal: from when it was sent until it ended, with a dot for each feedback."""
-        steps = [
-            s
-            for s in recorded.record.steps
-            if s.kind == "send_goal" and s.parameters["action"] == self.action
-        ]
-        sent = [(step, goal) for step in steps for goal in step.result.get("goals", ())][
-            :_MOST_ROWS
-        ]
-        if not sent:
+        """Draw each goal as a bar from sending to its end, with a dot for each feedback."""
+        goals = self._goals(recorded)
+        if not goals:
             return None
-        rows = [
-            self._row(recorded, step.label or "goal", step.ended_ns, goal) for step, goal in sent
-        ]
-        accepted = sum(goal["accepted"] is True for _, goal in sent)
-        feedback = sum(goal["feedback_count"] for _, goal in sent)
-        caption = f"{len(sent)} goals, {accepted} accepted, with {feedback} messages of feedback, a dot each."
-        return _figure(rows, caption)
+        accepted = 0
+        feedback = 0
+        for goal in goals:
+            accepted += goal.accepted is True
+            feedback += goal.facts["feedback_count"]
+        caption = f"{len(goals)} goals, {accepted} accepted, with {feedback} messages of feedback, a dot each."
+        chart = _Chart([goal.row(recorded) for goal in goals])
+        return Figure(caption, chart.paint)
 
-    def _row(self, recorded: Recorded, label: str, waited_ns: int, goal: Mapping[str, Any]) -> _Row:
-        since = recorded.since_start_s
-        ended_ns = (
-            goal["ended_ns"]
-            or (goal["answered_ns"] if goal["accepted"] is False else None)
-            or waited_ns
-        )
-        status = {True: str(goal["status"]), False: "rejected", None: "no answer"}[goal["accepted"]]
-        result = f", {fields(goal['result'])}" if goal["accepted"] and goal["result"] else ""
-        style = "call-accepted faint" if goal["accepted"] else "call-refused"
-        dots = [since(each["t_ns"]) for each in goal["feedback"]]
-        cancel = goal["cancel"]
-        marks = [(since(cancel["sent_ns"]), "cancel")] if cancel is not None else []
-        return _Row(
-            f"{label}: {status}{result}",
-            [(since(goal["sent_ns"]), since(ended_ns), "", style)],
-            _thinned(dots),
-            marks,
-        )
+    def _goals(self, recorded: Recorded) -> list[_Goal]:
+        """Return the goals that steps sent to the action."""
+        goals = []
+        for step in recorded.record.steps:
+            if step.kind == "send_goal" and step.parameters["action"] == self.action:
+                goals += [_Goal(step, facts) for facts in step.result.get("goals", ())]
+        return goals[:_MOST_ROWS]
+
+
+# -- states ------------------------------------------------------------------------------------
 
 
 class States(FigureKind):
@@ -128,31 +204,47 @@ class States(FigureKind):
     topic: ref.Topic
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
-        """Draw a span for each state that transitions show, and a dot for each message."""
-        steps = [
-            s for s in recorded.record.steps if s.kind == "change_state" and s.outcome == "done"
-        ]
+        """Draw a bar for each state that transitions show, and a dot for each message."""
+        steps = []
+        for step in recorded.record.steps:
+            if step.kind == "change_state" and step.outcome == "done":
+                steps.append(step)
         if not steps:
             return None
-        since, record = recorded.since_start_s, recorded.record
-        begins = [record.started_ns, *(step.result["answered_ns"] for step in steps)]
-        ends = [*(step.result["called_ns"] for step in steps), record.ended_ns]
-        states = [str(steps[0].result["before"]), *(str(step.result["after"]) for step in steps)]
-        spans = [
-            (since(begin), since(end), state, "call-accepted faint" if state == "active" else "box")
-            for begin, end, state in zip(begins, ends, states, strict=True)
-        ]
-        times = recorded.seconds(np.sort(recorded.stream(self.topic).source_ns))
-        asked = ", ".join(
-            f"{step.parameters['transition']} → {step.result['after']}" for step in steps
+        sent_ns = np.sort(recorded.stream(self.topic).source_ns)
+        times_s = recorded.seconds(sent_ns).tolist()
+        messages = f"messages on {recorded.used(self.topic)}"
+        chart = _Chart(
+            [_Row(f"states, and {messages}", _spans(recorded, steps), _thinned(times_s))]
         )
-        row = _Row(
-            f"states, and messages on {recorded.used(self.topic)}", spans, _thinned(times.tolist())
-        )
-        return _figure(
-            [row], f"{asked}. {len(times)} messages on {recorded.used(self.topic)}, a dot each."
-        )
+        caption = f"{_transitions(steps)}. {len(times_s)} {messages}, a dot each."
+        return Figure(caption, chart.paint)
 
 
-def _thinned(times: Sequence[float]) -> Sequence[float]:
-    return times[:: -(-len(times) // MOST_POINTS) or 1]
+def _spans(recorded: Recorded, steps: Sequence[StepRun]) -> list[_Span]:
+    """Return the states before, between and after transitions."""
+    begins_ns = [recorded.record.started_ns]
+    ends_ns = []
+    states = [str(steps[0].result["before"])]
+    for step in steps:
+        ends_ns.append(step.result["called_ns"])
+        begins_ns.append(step.result["answered_ns"])
+        states.append(str(step.result["after"]))
+    ends_ns.append(recorded.record.ended_ns)
+    spans = []
+    for begin_ns, end_ns, state in zip(begins_ns, ends_ns, states, strict=True):
+        begin_s, end_s = recorded.since_start_s(begin_ns), recorded.since_start_s(end_ns)
+        style = "call-accepted faint" if state == "active" else "box"
+        spans.append(_Span(begin_s, end_s, state, style))
+    return spans
+
+
+def _transitions(steps: Sequence[StepRun]) -> str:
+    """Write transitions with their results: `configure → inactive, activate → active`."""
+    return ", ".join(f"{step.parameters['transition']} → {step.result['after']}" for step in steps)
+
+
+def _thinned(times_s: Sequence[float]) -> Sequence[float]:
+    """Return at most `MOST_POINTS` of the times, evenly chosen."""
+    step = math.ceil(len(times_s) / MOST_POINTS)
+    return times_s[:: max(1, step)]

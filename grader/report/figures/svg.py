@@ -1,10 +1,11 @@
-"""Pictures as inline SVG: axes, lines and marks.
+"""Pictures as inline SVG: a canvas for marks, a frame with axes, and figures.
 
-Colours and letters come from the page's style sheet by class. A wide picture has a narrow form for a phone.
+The page's style sheet gives each style class its colours and fonts. A wide picture also has a narrow form for phones.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -17,45 +18,126 @@ from grader.evidence.recorded import Floats, Recorded
 from grader.lab.references import Parameters
 from grader.report.escape import shown
 
+#: Widths of pictures in px: over the whole page, half of it, and on a phone.
 WIDE, HALF, NARROW = 920, 440, 330
+#: Margins around a frame in px.
 LEFT, RIGHT, TOP, BOTTOM = 50, 14, 14, 44
+#: Points of a line in a narrow picture.
 NARROW_POINTS = 160
-#: More points than these no eye tells apart.
+#: Points of a line in a wide picture; more cannot be told apart.
 MOST_POINTS = 400
+#: Label of an axis of times.
 SINCE = "seconds since the session's start"
 
-#: Gives the height and the parts of a picture of some width.
-Paint = Callable[[int], tuple[float, list[Markup]]]
+
+@dataclass(frozen=True)
+class Range:
+    """The numbers from a lowest to a highest one."""
+
+    low: float
+    high: float
+
+    @property
+    def length(self) -> float:
+        """Distance between both ends; 1 if they are equal, as a divisor."""
+        return (self.high - self.low) or 1.0
+
+    def clip(self, value: float) -> float:
+        """Return the number of the range that is nearest to a value."""
+        return min(self.high, max(self.low, value))
+
+
+class Canvas:
+    """A picture of a fixed width; each mark covers the marks drawn before it."""
+
+    def __init__(self, width: int) -> None:
+        self.width = width
+        self.height = 0.0
+        self.marks: list[Markup] = []
+
+    @property
+    def narrow(self) -> bool:
+        """True for the form of a picture on phones."""
+        return self.width <= NARROW
+
+    def frame(self, height: float, x: Range, y: Range, top: float) -> Frame:
+        """Set the picture's height, and return its only frame."""
+        self.height = height
+        return Frame(self, LEFT, top, self.width - RIGHT, height - BOTTOM, x, y)
+
+    def add(self, name: str, content: str | Markup = "", **attributes: str | float) -> None:
+        """Add an element as `tag` writes it."""
+        mark = tag(name, content, **attributes)
+        self.marks.append(mark)
+
+    def text(
+        self, x: float, y: float, content: str, anchor: str = "middle", class_: str = "tick"
+    ) -> None:
+        """Write a line of text; `anchor` is start, middle or end."""
+        self.add("text", content, x=x, y=y, text_anchor=anchor, class_=class_)
+
+    def horizontal(self, left: float, right: float, y: float, class_: str) -> None:
+        """Draw a horizontal line."""
+        self.add("line", x1=left, y1=y, x2=right, y2=y, class_=class_)
+
+    def vertical(self, x: float, top: float, bottom: float, class_: str) -> None:
+        """Draw a vertical line."""
+        self.add("line", x1=x, y1=top, x2=x, y2=bottom, class_=class_)
+
+    def rect(
+        self, x: float, y: float, width: float, height: float, class_: str, **more: float
+    ) -> None:
+        """Draw a rectangle with further attributes."""
+        self.add("rect", "", x=x, y=y, width=width, height=height, **more, class_=class_)
+
+    def dot(self, x: float, y: float, radius: float, class_: str) -> None:
+        """Draw a circle."""
+        self.add("circle", cx=x, cy=y, r=radius, class_=class_)
+
+    def path(self, steps: str, class_: str) -> None:
+        """Draw a path; `steps` is its `d` attribute, such as `M4 8v10`."""
+        self.add("path", d=steps, class_=class_)
+
+    def polyline(self, points: Iterable[Sequence[float] | Floats], class_: str) -> None:
+        """Draw a line through points (x, y)."""
+        written = [f"{x:.1f},{y:.1f}" for x, y in points]
+        self.add("polyline", points=" ".join(written), class_=class_)
+
+
+#: Draws a picture on a canvas of some width, and sets its height.
+Paint = Callable[[Canvas], None]
 
 
 @dataclass(frozen=True)
 class Figure:
-    """What a part of a report shows: a picture, with or without a table or tree that the template writes."""
+    """A part of a report: a picture, a table written by the template, or both."""
 
-    #: What the picture shows, in words and numbers.
+    #: Contents of the picture in words and numbers.
     caption: str = ""
     paint: Paint | None = None
     #: Style class and meaning of each sort of mark.
     key: tuple[tuple[str, str], ...] = ()
-    #: Whether two of this kind fit side by side; then it has one form only.
+    #: True if two figures of this kind fit side by side; such a figure has one form only.
     half: bool = False
-    #: The template's macro that writes `content`.
+    #: Macro of the template that writes `content`.
     table: str = ""
     content: Any = None
     title: str = ""
     session: str = ""
-    #: Ids of the checks whose loss it shows.
+    #: Ids of the checks that lost points for the facts in the figure.
     shows: tuple[str, ...] = ()
 
     def svg(self, name: str, width: int) -> Markup:
         """Return the picture; `name` is unique in the page."""
         assert self.paint is not None
-        height, parts = self.paint(width)
-        heads = tag("title", self.title, id=f"{name}-t") + tag("desc", self.caption, id=f"{name}-d")
+        canvas = Canvas(width)
+        self.paint(canvas)
+        title = tag("title", self.title, id=f"{name}-t")
+        description = tag("desc", self.caption, id=f"{name}-d")
         return tag(
             "svg",
-            heads + Markup("").join(parts),
-            viewBox=f"0 0 {width} {height}",
+            Markup("").join([title, description, *canvas.marks]),
+            viewBox=f"0 0 {width} {canvas.height}",
             role="img",
             aria_labelledby=f"{name}-t {name}-d",
             class_="chart",
@@ -63,146 +145,154 @@ class Figure:
 
 
 class FigureKind(Parameters):
-    """A kind of figure: its settings in the rubric, and how it is drawn."""
+    """A kind of figure: its settings in the rubric, and the way it is drawn."""
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
-        """Draw what a recording holds; None where that is nothing that could be shown."""
+        """Draw a recording; return None if it holds nothing to be shown."""
         raise NotImplementedError
 
 
 def duration(seconds: float) -> str:
-    """Write a short time with the unit that suits it."""
+    """Write a time in s, ms or µs: `1.5 s`, `20 ms`."""
     size = abs(seconds)
     if size >= 1 or size == 0:
         return f"{short(seconds)} s"
-    return f"{short(seconds * 1e3)} ms" if size >= 1e-3 else f"{short(seconds * 1e6)} µs"
+    if size >= 1e-3:
+        return f"{short(seconds * 1e3)} ms"
+    return f"{short(seconds * 1e6)} µs"
 
 
 def short(value: float) -> str:
-    """Write a number with three significant digits."""
+    """Write a number with three significant digits: `0.0123`, `1.2`, `4.56e+07`."""
     if not math.isfinite(value):
         return str(value)
-    if value and not 1e-3 <= abs(value) < 1e6:
+    if value == 0:
+        return f"{value:.0f}"
+    size = abs(value)
+    if size < 1e-3 or size >= 1e6:
         return f"{value:.2e}"
-    digits = 2 - math.floor(math.log10(abs(value))) if value else 0
-    text = f"{value:.{max(0, digits)}f}"
-    return text.rstrip("0").rstrip(".") if "." in text else text
+    digits = max(0, 2 - math.floor(math.log10(size)))
+    text = f"{value:.{digits}f}"
+    if "." in text:
+        text = text.rstrip("0").rstrip(".")
+    return text
 
 
 def ticks(low: float, high: float, most: int) -> list[float]:
-    """Return round numbers between two bounds, at most about `most`."""
+    """Return round numbers between two bounds, about `most` or fewer."""
     if not math.isfinite(high - low) or high <= low:
         return [low]
-    raw = (high - low) / max(1, most)
-    power = 10.0 ** math.floor(math.log10(raw))
-    step = next(m * power for m in (1, 2, 5, 10) if m * power >= raw * 0.999)
+    step = _round_step((high - low) / max(1, most))
     first = math.ceil(low / step - 1e-9)
-    return [n * step for n in range(first, math.floor(high / step + 1e-9) + 1)]
+    last = math.floor(high / step + 1e-9)
+    return [n * step for n in range(first, last + 1)]
 
 
-def padded(values: Iterable[float], share: float, least: float) -> tuple[float, float]:
-    """Return bounds with some air around values."""
+def _round_step(least: float) -> float:
+    """Return the smallest of 1, 2, 5, 10, 20 ... (or 0.1, 0.2, 0.5 ...) that is not below a number."""
+    power = 10.0 ** math.floor(math.log10(least))
+    for multiple in (1, 2, 5):
+        if multiple * power >= least * 0.999:
+            return multiple * power
+    return 10 * power
+
+
+def padded(values: Iterable[float], share: float, least: float) -> Range:
+    """Return the range of values, widened at both ends by a share of its length or by `least`."""
     known = list(values)
-    low, high = min(known), max(known)
-    air = max((high - low) * share, least)
-    return low - air, high + air
+    low = min(known)
+    high = max(known)
+    margin = max((high - low) * share, least)
+    return Range(low - margin, high + margin)
 
 
 def tag(name: str, content: str | Markup = "", **attributes: str | float) -> Markup:
-    """Return an element; `class_` and `text_anchor` become class and text-anchor, and text is made fit to be shown."""
+    """Return an element, such as `<text x="4" text-anchor="end" class="tick">5</text>`.
+
+    Names of attributes are written with hyphens and without a trailing underscore. Text is escaped, and made visible
+    as `shown` does.
+    """
     parts = []
     for key, value in attributes.items():
-        written = escape(value) if isinstance(value, str) else f"{value:.1f}".removesuffix(".0")
-        parts.append(f' {key.rstrip("_").replace("_", "-")}="{written}"')
-    inside = content if isinstance(content, Markup) else escape(shown(content))
-    return Markup(f"<{name}{''.join(parts)}>{inside}</{name}>")
-
-
-def text(x: float, y: float, content: str, anchor: str = "middle", class_: str = "tick") -> Markup:
-    """Return a line of text; `anchor` is start, middle or end."""
-    return tag("text", content, x=x, y=y, text_anchor=anchor, class_=class_)
-
-
-def rule(x1: float, y1: float, x2: float, y2: float, class_: str) -> Markup:
-    """Return a straight line."""
-    return tag("line", x1=x1, y1=y1, x2=x2, y2=y2, class_=class_)
-
-
-def rect(x: float, y: float, width: float, height: float, class_: str, **more: float) -> Markup:
-    """Return a rectangle, with more attributes."""
-    return tag("rect", "", x=x, y=y, width=width, height=height, **more, class_=class_)
+        attribute = key.rstrip("_").replace("_", "-")
+        if isinstance(value, str):
+            written = escape(value)
+        else:
+            written = Markup(f"{value:.1f}".removesuffix(".0"))
+        parts.append(f' {attribute}="{written}"')
+    if not isinstance(content, Markup):
+        content = escape(shown(content))
+    return Markup(f"<{name}{''.join(parts)}>{content}</{name}>")
 
 
 @dataclass(frozen=True)
 class Frame:
     """A rectangle of a picture, and the numbers at its edges."""
 
+    canvas: Canvas
     left: float
     top: float
     right: float
     bottom: float
-    x: tuple[float, float]
-    y: tuple[float, float]
+    x: Range
+    y: Range
+
+    @property
+    def middle(self) -> float:
+        """Horizontal middle in px."""
+        return (self.left + self.right) / 2
 
     def px(self, value: float) -> float:
-        """Return where a number lies on the x axis."""
-        low, high = self.x
-        return self.left + (self.right - self.left) * (value - low) / ((high - low) or 1.0)
+        """Return the place of a number on the x axis in px."""
+        width = self.right - self.left
+        return self.left + width * (value - self.x.low) / self.x.length
 
     def py(self, value: float) -> float:
-        """Return where a number lies on the y axis."""
-        low, high = self.y
-        return self.bottom - (self.bottom - self.top) * (value - low) / ((high - low) or 1.0)
+        """Return the place of a number on the y axis in px."""
+        height = self.bottom - self.top
+        return self.bottom - height * (value - self.y.low) / self.y.length
 
-    def path(
+    def line(
         self, times: Sequence[float] | Floats, values: Sequence[float] | Floats, class_: str
-    ) -> Markup:
-        """Return a line through points."""
-        points = " ".join(
-            f"{self.px(t):.1f},{self.py(v):.1f}" for t, v in zip(times, values, strict=True)
-        )
-        return tag("polyline", points=points, class_=class_)
+    ) -> None:
+        """Draw a line through points."""
+        points = []
+        for time, value in zip(times, values, strict=True):
+            points.append((self.px(time), self.py(value)))
+        self.canvas.polyline(points, class_)
 
-    def y_axis(self, most: int, scale: float = 1.0) -> list[Markup]:
-        """Return at most about so many horizontal lines with their numbers."""
-        parts = []
-        for value in ticks(self.y[0] * scale, self.y[1] * scale, most):
-            at = self.py(value / scale)
-            parts += [
-                rule(self.left, at, self.right, at, "grid"),
-                text(self.left - 7, at + 4, short(value), "end"),
-            ]
-        return parts
+    def level(self, value: float, class_: str) -> None:
+        """Draw a horizontal line over the whole frame at a number of the y axis."""
+        self.canvas.horizontal(self.left, self.right, self.py(value), class_)
 
-    def x_axis(self, label: str, scale: float = 1.0) -> list[Markup]:
-        """Return the axis at the bottom with its numbers."""
-        parts = [rule(self.left, self.bottom, self.right, self.bottom, "axis")]
-        for value in ticks(
-            self.x[0] * scale, self.x[1] * scale, round((self.right - self.left) / 75)
-        ):
-            at = self.px(value / scale)
-            parts += [
-                rule(at, self.bottom, at, self.bottom + 4, "axis"),
-                text(at, self.bottom + 17, short(value)),
-            ]
-        return [*parts, text((self.left + self.right) / 2, self.bottom + 36, label, class_="label")]
+    def y_axis(self, most: int, scale: float = 1.0) -> None:
+        """Draw horizontal lines with their numbers, about `most` or fewer."""
+        for value in ticks(self.y.low * scale, self.y.high * scale, most):
+            at = value / scale
+            self.level(at, "grid")
+            self.canvas.text(self.left - 7, self.py(at) + 4, short(value), "end")
 
-    def log_axis(self, top: float, bottom: float, *, dense: bool) -> list[Markup]:
-        """Return the lines of times whose logarithms are on the x axis: powers of ten, and if dense what is between."""
-        parts = []
-        low, high = self.x
-        for power in range(math.floor(low), math.ceil(high) + 1):
-            for factor in (1, 2, 5) if dense else (1,):
-                value = math.log10(factor) + power
-                if low <= value <= high:
-                    at = self.px(value)
-                    parts.append(rule(at, top, at, bottom, "grid"))
-                    parts.append(text(at, bottom + 14, duration(factor * 10.0**power)))
-        return parts
+    def x_axis(self, label: str, scale: float = 1.0) -> None:
+        """Draw the axis at the bottom with its numbers."""
+        canvas = self.canvas
+        canvas.horizontal(self.left, self.right, self.bottom, "axis")
+        most = round((self.right - self.left) / 75)
+        for value in ticks(self.x.low * scale, self.x.high * scale, most):
+            x = self.px(value / scale)
+            canvas.vertical(x, self.bottom, self.bottom + 4, "axis")
+            canvas.text(x, self.bottom + 17, short(value))
+        canvas.text(self.middle, self.bottom + 36, label, class_="label")
 
+    def log_axis(self, top: float, bottom: float, *, dense: bool) -> None:
+        """Draw vertical lines at powers of ten, if dense also at their doubles and fivefolds.
 
-def frame_in(
-    width: float, height: float, x: tuple[float, float], y: tuple[float, float], top: float
-) -> Frame:
-    """Return the frame of a picture of one frame."""
-    return Frame(LEFT, top, width - RIGHT, height - BOTTOM, x, y)
+        The x axis holds the logarithms of times in s.
+        """
+        factors = (1, 2, 5) if dense else (1,)
+        powers = range(math.floor(self.x.low), math.ceil(self.x.high) + 1)
+        for power, factor in itertools.product(powers, factors):
+            value = math.log10(factor) + power
+            if self.x.low <= value <= self.x.high:
+                x = self.px(value)
+                self.canvas.vertical(x, top, bottom, "grid")
+                self.canvas.text(x, bottom + 14, duration(factor * 10.0**power))
