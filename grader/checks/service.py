@@ -78,10 +78,12 @@ def _ended_before_call(context: Context, artifact: str) -> bool:
     The graph may have shown its service for a moment in which nobody could call it.
     """
     runs = context.session.processes_of(artifact)
+    exited_ns = runs[0].exited_ns if runs else None
+    if not exited_ns:
+        return False
     for step in context.session.record.steps:
         if step.kind == "call":
-            exited_ns = runs[0].exited_ns if runs else None
-            return bool(exited_ns) and exited_ns < step.started_ns
+            return exited_ns < step.started_ns
     return False
 
 
