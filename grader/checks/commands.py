@@ -62,7 +62,7 @@ def commands_of(
     used: Mapping[str, str],
     finding: Finding,
 ) -> tuple[str, ...]:
-    """Return the commands that show the fault of a check; empty if it lost no points, or if its kind has none.
+    """Return the commands that show the fault of a check; empty if it lost no points.
 
     Parameters
     ----------

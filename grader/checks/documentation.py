@@ -135,7 +135,7 @@ class _OfFiles(Parameters):
 
 
 class Part(Parameters):
-    """Names by which a README may mention one part of the submission."""
+    """Names for one part of the submission in a README."""
 
     artifact: ref.Artifact
     names: tuple[str, ...]
@@ -282,7 +282,7 @@ def _readme_facts(context: Context, paths: Sequence[PurePosixPath], p: Readme) -
 
 
 def _names_of(context: Context, part: Part) -> tuple[str, ...]:
-    """Return the names of a part: those of the rubric, and the student's name of its file."""
+    """Return the names of a part in the rubric, and the student's name of its file."""
     path = PurePosixPath(context.path_of(part.artifact) or "")
     return (*part.names, path.name, path.stem)
 

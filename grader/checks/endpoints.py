@@ -95,7 +95,7 @@ def student_endpoints(context: Context, topic: str, kind: str) -> tuple[Endpoint
 
 
 def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
-    """Return the policy in which a subscription's request and an offer are incompatible, in words, or None.
+    """Return the incompatible policy of a subscription's request and an offer, in words, or None.
 
     References
     ----------
@@ -113,7 +113,7 @@ def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
 
 
 def unheard(context: Context, topic: str) -> str | None:
-    """Return the policy by which none of the student's subscriptions hears the grader's own publishers.
+    """Return the policy that keeps all of the student's subscriptions from the grader's own publishers.
 
     None if one hears one of them, or if one side is missing.
     """
@@ -132,7 +132,7 @@ def unheard(context: Context, topic: str) -> str | None:
 
 
 def claim_of(context: Context, kind: str, name: str) -> Claim | None:
-    """Return the first call by which the student's node asked for an endpoint, by the tap."""
+    """Return the student's first call for an endpoint, as the tap noted it."""
     return next(iter(context.session.claims_of(kind, name)), None)
 
 

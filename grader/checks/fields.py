@@ -149,7 +149,7 @@ class OfMessages(InWindow):
         return [place for place in order if span.start_ns <= source_ns[place] <= span.end_ns]
 
 
-#: Time after the first message in which a node may begin to listen.
+#: Latest time for a node to begin to listen, after the first message.
 LATE_NS = 2_000_000_000
 
 
@@ -203,8 +203,7 @@ def moment(context: Context, topic: str, t_ns: int) -> tuple[float, Span]:
 Limit = float | tuple[float, ...] | None
 
 
-#: Relative error of a limit as a float32, where 0.1 is a little more; and share by which an uneven timer can make a
-#: change look faster.
+#: Relative error of a limit as a float32, such as 0.1; and relative error of a change per second by an uneven timer.
 _FLOAT32, _UNEVEN = 1e-7, 0.01
 
 

@@ -34,7 +34,7 @@ def with_checks(tampering: Tampering, recorded: Recorded, rubric: Rubric) -> Vio
 
 
 def not_measurable(expected: str, violation: Violation) -> Finding:
-    """Return the finding of a check whose measurement was tampered with."""
+    """Return the finding of a check after tampering with its measurement."""
     reason = f"{violation.text} So this cannot be measured."
     return Finding(
         Outcome.FAILED, Decimal(0), expected, "not measured", reason, where=(violation.where,)

@@ -49,7 +49,7 @@ class LatencyLimit(Parameters):
 
 
 class End(Parameters):
-    """A topic, and the field by which its messages are matched."""
+    """A topic, and the field that matches its messages."""
 
     topic: ref.Topic
     field: ref.WordField | None = Field(
@@ -82,7 +82,7 @@ class MessageLatency(OfMessages):
         return self
 
     def keys(self, context: Context, end: End) -> Sequence[object]:
-        """Return the key by which each message of a topic is matched; None if it has none."""
+        """Return the matching key of each message of a topic; None if it has none."""
         if self.match == "stamp":
             return context.session.stamps_ns(end.topic)
         values = context.session.stream(end.topic).field(end.field or "")
@@ -109,7 +109,7 @@ class _Quantile:
     best: float
     text: str
     reason: str
-    #: Whether the machine delays decide the credit.
+    #: True if the machine delays decide the credit.
     is_unsure: bool
 
 
@@ -206,7 +206,7 @@ def _doubt(context: Context, there: _Answers, quantiles: Sequence[_Quantile], lo
     return ""
 
 
-#: Time before a message in which a delay may keep its answer waiting, in seconds.
+#: Longest time from a delay to a message that still waits for it, in seconds.
 _WAITED_S = 0.05
 
 

@@ -481,7 +481,7 @@ def _node_excuse(
 
 
 def _environment_gap(context: Context, entry: Process, wanted: WantedNode) -> str | None:
-    """Say what a launched node needs that is missing on the grading computer."""
+    """Name the requirement of a launched node that is missing on the grading computer."""
     run = context.session.process(entry.id)
     found = context.explain(run) if run is not None else None
     return environment_gap_of(context, wanted.artifact, found)
@@ -525,7 +525,7 @@ def _charged_elsewhere(context: Context, entry: Process, wanted: WantedNode) -> 
     return ""
 
 
-#: Features by which two ends of a program are told apart; None if it did not end by itself.
+#: Distinguishing features of a program's end; None if it did not end by itself.
 _End = tuple[object, ...] | None
 
 
@@ -667,7 +667,7 @@ class _Given:
     planned: Any
     #: The running node's value, or the planned one if it was not read.
     value: Any
-    #: Whether the node declares it, but did not tell its value.
+    #: True if the node declares it, but did not tell its value.
     is_unreadable: bool
 
     @classmethod

@@ -50,7 +50,7 @@ class Lifecycle(Parameters):
 
 @dataclass(frozen=True)
 class _Stay:
-    """A time in which the node was in a state, from the answer to a transition to the next request."""
+    """A time in one state, from the answer to a transition to the next request."""
 
     state: str
     span: Span
@@ -159,7 +159,7 @@ def _stays(context: Context, nodes: set[Any]) -> list[_Stay]:
     return stays
 
 
-#: Time after a change of state in which a message of the old state may still be stamped.
+#: Latest stamp of a message of the old state, after a change of state, in ns.
 _UNDER_WAY_NS = 50_000_000
 
 

@@ -105,7 +105,7 @@ class Target(Parameters):
 class Reaches(InWindow, NumbersOf):
     """A field comes near a target in time after a step or a window's start, and stays there.
 
-    Credit is that of the time at which it came; where it never came to stay, that of how near it did.
+    The time of arrival decides the credit. Without an arrival, the nearest distance earns a part.
     """
 
     example: ClassVar = {"target": {"value": 1.0}}

@@ -136,7 +136,7 @@ class _Wanted:
 
     @property
     def asked(self) -> Booleans:
-        """Whether there is something to publish, for each row."""
+        """True for each row with something to publish."""
         return _asked(self.values)
 
 
@@ -427,7 +427,7 @@ def _by_time(p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted) ->
     rows = np.arange(len(best))
     right = np.array(tried_right)[best, rows]
     excess = np.array(tried_excess)[best, rows]
-    # Nothing is compared at times for which the oracle has no values.
+    # Nothing is compared unless the oracle has values.
     known = _asked(right)
     return _Compared(published.only(known), excess[known], right[known], int(known.sum()), 0)
 
@@ -437,7 +437,7 @@ _TIMES = 17
 
 
 def _at(p: TopicEqualsOracle, times: Integers, values: Floats, at_ns: Integers) -> Floats:
-    """Return the right values at some times; not a number at times for which the oracle has none."""
+    """Return the right values at some times; not a number if the oracle has none."""
     if p.match == "interpolated":
         columns = [np.interp(at_ns, times, each, left=np.nan, right=np.nan) for each in values.T]
         return np.column_stack(columns)

@@ -79,7 +79,7 @@ class ParameterEffect(Parameters):
 
     @property
     def is_rate(self) -> bool:
-        """Whether the rate of the topic counts."""
+        """True if the rate of the topic counts."""
         return self.topic is not None and self.field is None and self.text is None
 
     @property
@@ -276,7 +276,7 @@ def _mistake(p: ParameterEffect, observed: _Observed) -> _Mistake:
 
 
 def _unchanged(p: ParameterEffect, observed: _Observed) -> _Mistake:
-    """Return the mistake by which the parameter changed nothing."""
+    """Return the mistake of a parameter that changed nothing."""
     hint = _TIMER_HINT if p.is_rate else _READ_HINT
     if p.fits(observed.restarted, p.new):
         at_start = _AT_START

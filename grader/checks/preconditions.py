@@ -52,7 +52,7 @@ def proof(context: Context, p: Any) -> tuple[Location, ...]:
 
 
 def artifact_of(context: Context, p: Any) -> str | None:
-    """Return the artifact of a check: the named one, that of its process, or else the first started one."""
+    """Return the artifact of a check: the named one, its process's, or else the first started one."""
     artifact: str | None = getattr(p, "artifact", None)
     if artifact:
         return artifact
@@ -125,7 +125,7 @@ def not_assessable_here(context: Context, artifact: str, expected: str) -> Findi
 
 
 def environment_gap_of(context: Context, artifact: str, found: Diagnosis | None) -> str | None:
-    """Say what a program needs that is missing on the grading computer, by how one of its runs ended.
+    """Name the requirement of a program that is missing on the grading computer, by the end of a run.
 
     None if its runs in any session end otherwise, because nothing is missing in one session alone.
     """
@@ -182,7 +182,7 @@ _NAMED_BY = {
 
 
 def wanted_by(p: Any) -> list[dict[str, Any]]:
-    """Return the parameters of each of several parts, or those of the check itself."""
+    """Return the parameters of each of several parts, or of the check itself."""
     plain: dict[str, Any] = p.model_dump()
     for name in ("topics", "nodes", "profiles"):
         if name in plain:

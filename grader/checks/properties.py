@@ -139,7 +139,7 @@ def signal_property(context: Context, p: SignalProperty) -> Finding:
 
 
 def _common_span(context: Context, p: SignalProperty, streams: Mapping[str, NumericStream]) -> Span:
-    """Return the part of the window in which all signals have begun, and one still goes on."""
+    """Return the part of the window after all signals began and before the last ended."""
     record = context.session.record
     counts = p.span(context) or Span(record.started_ns, record.ended_ns)
     begins_ns = [int(stream.source_ns[0]) for stream in streams.values()]

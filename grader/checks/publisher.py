@@ -338,7 +338,7 @@ def _too_few_messages(context: Context, p: TopicRate, span: Span | None) -> Find
 
 @dataclass(frozen=True)
 class _Silence:
-    """Time at the end of a window in which nothing was published."""
+    """Silence at the end of a window."""
 
     length_s: float
     #: Intended length of the window.
@@ -462,9 +462,9 @@ def _bounds_hz(
 ) -> tuple[float, float]:
     """Return the lowest and the highest rate that the node may have had on an idle machine.
 
-    Neither bound goes beyond the wanted rate. The node lost at most the time in which it was ready
-    and had no core, and may have sent messages late that were due before the window. A few delays
-    do not change the median interval; many can lengthen half of the intervals.
+    Neither bound goes beyond the wanted rate. The node lost at most the time that it waited for a
+    core, and may have sent messages late that were due before the window. A few delays do not
+    change the median interval; many can lengthen half of the intervals.
     """
     usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
     least_hz = max(timing.rate_hz * length_s / (length_s + before_s), usual_hz, wanted_hz)

@@ -339,7 +339,7 @@ def _all_alike(sides: _Sides) -> bool:
 
 
 def _without_history(sides: _Sides) -> str | None:
-    """Return the first side whose history and depth are not known, in words."""
+    """Return the first side without a known history and depth, in words."""
     for wanted, both in sides.items():
         for side in both:
             if side.seen and side.asked is None:
@@ -407,7 +407,7 @@ class Row(Parameters):
 
 
 class ReportedTraffic(Parameters):
-    """Reported counts and latencies agree with what was recorded; each row is a part."""
+    """Reported counts and latencies agree with the recording; each row is a part."""
 
     artifact: ref.Artifact
     rows: tuple[Row, ...] = Field(min_length=1)
@@ -751,7 +751,7 @@ _LEAST_MEDIAN_S, _MOST_MEDIAN_S, _RECORDER_BUSY = -0.001, 0.03, 0.2
 
 
 def _stamped_otherwise(context: Context, latencies: Floats) -> bool:
-    """Tell whether the student's process has stamped messages with other times than those of publication."""
+    """Tell whether the student's process stamped messages with other times than the publication."""
     record = context.session.record
     span = Span(record.started_ns, record.ended_ns)
     busy = context.session.recorder_delay_s(span) > _RECORDER_BUSY * span.duration_s

@@ -75,7 +75,7 @@ def _offers(context: Context, service: str) -> list[ServiceEndpoint]:
 def _ended_before_call(context: Context, artifact: str) -> bool:
     """Tell whether the process of an artifact ended before the first call.
 
-    The graph may have shown its service for a moment in which nobody could call it.
+    The graph may have shown its service for a moment, too short for a call.
     """
     runs = context.session.processes_of(artifact)
     exited_ns = runs[0].exited_ns if runs else None

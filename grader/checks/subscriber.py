@@ -180,8 +180,8 @@ class Alternative(Parameters):
     def explains(self, context: Context, finding: Finding, least: float = 0.0) -> Finding:
         """State the credit of numbers that match this mistake, and name it.
 
-        A note names it only if no other check has charged it. Numbers of which a share is right all
-        the same earn at least that share.
+        A note names it only if no other check has charged it. The share of right numbers is the
+        least credit.
         """
         meant = f"Your numbers match {self.meaning}."
         notes = finding.notes
@@ -428,7 +428,7 @@ def _ended_early(context: Context, p: ReportedSeries, series: _Series) -> bool:
     return series.reached < series.count and _went_on(context, p.artifact) is None
 
 
-#: Longest stall of the grader, in seconds, in which it reads each report on its own plateau.
+#: Longest stall of the grader, in seconds, without a report that is read on the next plateau.
 _READ_LATE_S = 0.3
 
 
@@ -437,7 +437,7 @@ def _kept_behind(
 ) -> tuple[float, str]:
     """Return the number of plateaus that the machine may have spoiled, and a doubt about them.
 
-    It may have spoiled each given plateau for half of which the node had no core, and any plateau
+    It may have spoiled each given plateau if the node had no core for half of it, and any plateau
     if the grader stalled and read the printed reports too late.
     """
     run = _went_on(context, p.artifact)
@@ -888,7 +888,7 @@ def _is_replaced(before: set[str], there: set[str], nodes: Mapping[str, str]) ->
 
 
 def _never_matched(context: Context, step: StepRun) -> bool:
-    """Tell whether a step published to no subscription, though those of the student are compatible."""
+    """Tell whether a step published to no subscription, though the student's are compatible."""
     if step.kind != "publish" or step.result.get("matched") is not False:
         return False
     topic = str(step.parameters.get("topic", ""))

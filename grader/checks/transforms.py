@@ -120,7 +120,7 @@ class TransformTree(OfNode):
         0.1, description="Relative deviation of a rate up to which credit is full."
     )
     rate_beyond: Share = Field(0.5, description="Relative deviation from which there is none.")
-    # tf2's BufferCore refuses quaternions whose squared length is more than 0.01 off 1.
+    # tf2's BufferCore refuses quaternions with a squared length more than 0.01 off 1.
     unit_within: float = Field(
         0.005, gt=0, description="How far the length of a quaternion may be from 1."
     )
@@ -196,7 +196,7 @@ def _parts_by_group(seen: _Seen) -> dict[str, list[Part]]:
 
 
 def _nothing(seen: _Seen) -> str:
-    """Say what was sent in place of the wanted frames."""
+    """Describe the transforms that were sent in place of the wanted ones."""
     for topic in (seen.p.topic, seen.p.static_topic):
         kind = seen.session.stream(topic).topic_type
         if kind not in ("", TF_MESSAGE):
@@ -626,7 +626,7 @@ def _frame_tree(seen: _Seen) -> FrameTree:
 
 
 def _pose_times_ns(seen: _Seen, p: WantedPose, tree: FrameTree) -> Integers:
-    """Return the times at which a pose is judged: the given ones, or those of all broadcasts."""
+    """Return the times of the judged poses: the given ones, or the times of all broadcasts."""
     if not p.at_s:
         return tree.times_ns(p.frame, p.within)
     start_ns: list[int] = []
@@ -672,8 +672,8 @@ def _is_calm(seen: _Seen, t_ns: int) -> bool:
     return seen.delay_s(t_ns - _NEAR_NS, t_ns + _NEAR_NS) < _HARMLESS_S
 
 
-#: Time about a pose in which a delay may have changed it, in ns; longest harmless delay, in seconds; and number of
-#: undisturbed poses that can stand for all.
+#: Time about a pose that is searched for delays, in ns; longest harmless delay, in seconds; and number of undisturbed
+#: poses that can stand for all.
 _NEAR_NS, _HARMLESS_S, _FEWEST_CALM = 200_000_000, 0.01, 5
 
 
@@ -783,7 +783,7 @@ _WXYZ_HINT = (
 
 
 def _suspects(tree: FrameTree, p: WantedPose) -> Iterator[list[Broadcast]]:
-    """Yield the broadcasts between two frames whose numbers may be in another order: all, or one at a time."""
+    """Yield the broadcasts between two frames that may have another order of numbers: all, or one at a time."""
     edges: list[Broadcast] = []
     for way in tree.between(p.frame, p.within) or ():
         edges += way
