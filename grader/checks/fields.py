@@ -345,25 +345,33 @@ def _beyond(p: FieldRange, row: Floats | None) -> tuple[float, str]:
 
     The excess is 0 if there is none, and infinite if the numbers cannot be compared.
     """
+    if row is None or not len(row):
+        return np.inf, f"the message holds no numbers{_in_field(p)}"
     low = _of_limit(p.low, -np.inf)
     high = _of_limit(p.high, np.inf)
     length = max(len(low), len(high))
-    if row is None or not len(row):
-        return np.inf, f"the message holds no numbers{_in_field(p)}"
     if length not in (1, len(row)):
         return np.inf, f"the message holds {len(row)} numbers, not {length}{_in_field(p)}"
-    if p.finite and not np.isfinite(row).all():
-        index = int(np.argmin(np.isfinite(row)))
+    finite = np.isfinite(row)
+    if p.finite and not finite.all():
+        index = int(np.argmin(finite))
         return np.inf, f"{_element(p, row, index)} is {row[index]}"
-    excess = np.nan_to_num(np.maximum(row - high, low - row), nan=0.0, posinf=np.inf)
+    excess = np.maximum(row - high, low - row)
+    excess = np.nan_to_num(excess, nan=0.0, posinf=np.inf)
     index = int(np.argmax(excess))
     if excess[index] <= 0:
         return 0.0, ""
     least = float(np.broadcast_to(low, row.shape)[index])
     most = float(np.broadcast_to(high, row.shape)[index])
-    side = f"below {least:g}" if row[index] < least else f"above {most:g}"
-    shown = apart(float(row[index]), least, most, places=3)
-    return float(excess[index]), f"{_element(p, row, index)} is {shown}, {side}"
+    return float(excess[index]), _outside(_element(p, row, index), float(row[index]), least, most)
+
+
+def _outside(name: str, value: float, least: float, most: float) -> str:
+    """Say on which side of its limits a number is."""
+    shown = apart(value, least, most, places=3)
+    if value < least:
+        return f"{name} is {shown}, below {least:g}"
+    return f"{name} is {shown}, above {most:g}"
 
 
 def _in_field(p: FieldRange) -> str:

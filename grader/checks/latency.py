@@ -163,27 +163,41 @@ def message_latency(context: Context, p: MessageLatency) -> Finding:
             f"No message on {context.session.used(p.output.topic)} answers one on {p.input.topic}."
         )
         return unexplained(failed(p.expected, f"0 of {count} messages answered", reason))
+    return _judge_answers(context, p, answers)
+
+
+def _judge_answers(context: Context, p: MessageLatency, answers: _Answers) -> Finding:
+    """Judge how many messages were answered, and how soon."""
     lost = lost_share(context, context.session.students, [p.input.topic], answers.asked_ns)
-    answered_share = float(answers.there.mean())
     there = answers.only_answered()
     quantiles = _quantiles(context, p, there)
-    reasons = [each.reason for each in quantiles if each.share < 1]
-    texts = [each.text for each in quantiles]
-    texts.append(f"{len(there.asked_ns)} of {count} messages answered")
-    all_there = p.credit(min(1.0, answered_share))
-    if all_there < 1:
-        reasons.append(f"{count - len(there.asked_ns)} of {count} messages were not answered.")
-    share = sum(each.share for each in quantiles) / len(quantiles)
-    best = sum(each.best for each in quantiles) / len(quantiles)
+    texts = []
+    reasons = []
+    for quantile in quantiles:
+        texts.append(quantile.text)
+        if quantile.share < 1:
+            reasons.append(quantile.reason)
+    count = len(answers.asked_ns)
+    answered = len(there.asked_ns)
+    texts.append(f"{answered} of {count} messages answered")
+    answered_share = float(answers.there.mean())
+    kept = p.credit(min(1.0, answered_share))
+    if kept < 1:
+        reasons.append(f"{count - answered} of {count} messages were not answered.")
+    kept_at_best = p.credit(min(1.0, answered_share + lost))
     return graded(
-        share * all_there,
+        kept * _mean([quantile.share for quantile in quantiles]),
         p.expected,
         "; ".join(texts),
         " ".join(reasons),
         where=(context.location(p.output.topic, there.slowest),),
-        best=best * p.credit(min(1.0, answered_share + lost)),
+        best=kept_at_best * _mean([quantile.best for quantile in quantiles]),
         doubt=_doubt(context, there, quantiles, lost),
     )
+
+
+def _mean(values: Sequence[float]) -> float:
+    return sum(values) / len(values)
 
 
 def _quantiles(context: Context, p: MessageLatency, there: _Answers) -> list[_Quantile]:

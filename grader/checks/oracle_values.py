@@ -347,12 +347,15 @@ def _by_place(
     again = np.ones(len(places), dtype=bool)
     again[first_ones] = False
     places = np.where(again, -1, places)
-    right = np.where(places[:, None] >= 0, wanted.values[places], np.nan)
-    used = places[places >= 0]
+    has_row = places >= 0
+    right = np.where(has_row[:, None], wanted.values[places], np.nan)
+    used = places[has_row]
     first_ns = int(wanted.times_ns[used].min(initial=published.source_ns[0]))
     due = wanted.asked & p.due(context, wanted.times_ns, first_ns, p.within_s)
-    missing = int(due.sum() - due[used].sum())
-    return _Compared(published, _excess(p, published.values, right), right, int(due.sum()), missing)
+    count = int(due.sum())
+    missing = count - int(due[used].sum())
+    excess = _excess(p, published.values, right)
+    return _Compared(published, excess, right, count, missing)
 
 
 def _in_order(
@@ -360,25 +363,40 @@ def _in_order(
 ) -> _Compared:
     """Compare the n-th message with the n-th row, or with a later one if the node began late."""
     asked = np.flatnonzero(wanted.asked)
-    stream = context.session.stream(p.topic)
-    counted = published.sequence - stream.sequence.min()
-    begun_ns = min(int(stream.source_ns.min()), int(wanted.times_ns[asked].min()) + LATE_NS)
-    missed = int((wanted.times_ns[asked] <= begun_ns).sum())
+    first = context.session.stream(p.topic).sequence.min()
+    counted = published.sequence - first
 
     def after(skipped: Integers | int) -> _Compared:
         row = counted + skipped
-        places = np.where(row < len(asked), asked[np.minimum(row, len(asked) - 1)], -1)
+        inside = np.minimum(row, len(asked) - 1)
+        places = np.where(row < len(asked), asked[inside], -1)
         return _by_place(context, p, published, wanted, places)
 
+    missed = _missed_before(context, p, wanted.times_ns[asked])
     starts = [after(start) for start in range(min(max(missed, 1), _MOST_MISSED))]
     start = int(np.argmax([found.right_ones for found in starts]))
+    found = starts[start]
     unheard = min(_unheard(context, p, len(asked)), _MOST_MISSED)
-    if not unheard or starts[start].right_ones == len(counted):
-        return starts[start]
-    right = [starts[start].excess <= 0]
+    if not unheard or found.right_ones == len(counted):
+        return found
+    right = [found.excess <= 0]
     for more in range(1, unheard + 1):
         right.append(after(start + more).excess <= 0)
     return after(start + _skipped(np.array(right)))
+
+
+def _missed_before(context: Context, p: TopicEqualsOracle, asked_ns: Integers) -> int:
+    """Return the greatest number of rows that a node missed before it listened.
+
+    Parameters
+    ----------
+    asked_ns
+        int64[n]: Times of the rows that ask for a message.
+    """
+    first_sent_ns = int(context.session.stream(p.topic).source_ns.min())
+    latest_ns = int(asked_ns.min()) + LATE_NS
+    missed = asked_ns <= min(first_sent_ns, latest_ns)
+    return int(missed.sum())
 
 
 def _skipped(right: Booleans) -> Integers:
@@ -441,10 +459,14 @@ def _at(p: TopicEqualsOracle, times: Integers, values: Floats, at_ns: Integers) 
     if p.match == "interpolated":
         columns = [np.interp(at_ns, times, each, left=np.nan, right=np.nan) for each in values.T]
         return np.column_stack(columns)
-    after = np.minimum(np.searchsorted(times, at_ns), len(times) - 1)
+    after = np.searchsorted(times, at_ns)
+    after = np.minimum(after, len(times) - 1)
     before = np.maximum(after - 1, 0)
-    nearest = np.where(at_ns - times[before] <= times[after] - at_ns, before, after)
-    near = np.abs(at_ns - times[nearest]) <= p.within_s * 1e9 / (_TIMES - 1) + 1
+    since_ns = at_ns - times[before]
+    until_ns = times[after] - at_ns
+    nearest = np.where(since_ns <= until_ns, before, after)
+    off_ns = np.abs(at_ns - times[nearest])
+    near = off_ns <= p.within_s * 1e9 / (_TIMES - 1) + 1
     right: Floats = np.where(near[:, None], values[nearest], np.nan)
     return right
 
@@ -459,7 +481,9 @@ def _excess(p: TopicEqualsOracle, values: Floats, right: Floats) -> Floats:
     same_infinity = same & ~np.isfinite(values)
     values = np.where(same_infinity, 0.0, values)
     right = np.where(same_infinity, 0.0, right)
-    size = np.linalg.norm(right, axis=1) if p.distance == "straight" else np.zeros(len(right))
-    off: Floats = DISTANCES[p.distance](values, right) - p.tolerance - p.relative * size
+    off: Floats = DISTANCES[p.distance](values, right) - p.tolerance
+    if p.distance == "straight":
+        sizes = np.linalg.norm(right, axis=1)
+        off = off - p.relative * sizes
     off[np.isnan(off) | ~asked] = np.inf
     return off

@@ -657,15 +657,17 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
             return unclear(expected, measured, f"{few} Those were answered in time.")
         notes.append(few)
     delays_s = [_call_delay_s(context, call) for call in calls]
+    share = quick / len(calls)
+    busy = "Not your fault: the grading computer was too busy to time the calls"
     return graded(
-        quick / len(calls),
+        share,
         expected,
         measured,
         _late_calls(quick, len(calls), latencies_s, p.within_s),
         where=(call_location(context, step),),
         notes=notes,
-        best=max(quick / len(calls), _undelayed_share(calls, delays_s, p.within_s)),
-        doubt=f"Not your fault: the grading computer was too busy to time the calls (up to {max(delays_s):.2f} s).",
+        best=max(share, _undelayed_share(calls, delays_s, p.within_s)),
+        doubt=f"{busy} (up to {max(delays_s):.2f} s).",
     )
 
 

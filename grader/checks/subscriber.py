@@ -95,21 +95,33 @@ def _judge_subscription(
         reason = f"There is no subscription on {wanted.topic}, nor on a similar name."
         return Part(1 - p.other_name_costs, f"nothing on {wanted.topic}", reason)
     used = context.session.used(wanted.topic)
-    endpoint = next((each for each in endpoints if each.type == wanted.type), endpoints[0])
+    endpoint = _fitting(endpoints, wanted.type)
+    qos = endpoint.qos
     costs = p.faults("topic", (wanted.topic, wanted.type), (used, endpoint.type), [endpoint.node])
     policy = clash(endpoint, p.offered) or unheard(context, wanted.topic)
     if policy is not None:
         arrives = "so no message would arrive from the lab's publisher."
         reason = f"On {used} the two sides are incompatible in {policy}, {arrives}"
         costs.append((p.incompatible_costs, reason))
-    note = f"The subscription on {used} requests BEST_EFFORT; with RELIABLE a lost message would be sent again."
+    notes = []
+    if _is_weaker(p, endpoints):
+        best_effort = f"The subscription on {used} requests BEST_EFFORT"
+        notes.append(f"{best_effort}; with RELIABLE a lost message would be sent again.")
     return Part(
         1 - max((cost for cost, _ in costs), default=0.0),
-        f"{endpoint.type} from {used} ({endpoint.qos.reliability}, {endpoint.qos.durability})",
+        f"{endpoint.type} from {used} ({qos.reliability}, {qos.durability})",
         " ".join(reason for _, reason in costs),
         where=claimed_at(claim_of(context, "subscription", wanted.topic)),
-        notes=(note,) if _is_weaker(p, endpoints) else (),
+        notes=tuple(notes),
     )
+
+
+def _fitting(endpoints: Sequence[Endpoint], wanted_type: str) -> Endpoint:
+    """Return the first endpoint of the wanted type, or else the first one."""
+    for endpoint in endpoints:
+        if endpoint.type == wanted_type:
+            return endpoint
+    return endpoints[0]
 
 
 def _is_weaker(p: TopicsSubscribed, endpoints: Sequence[Endpoint]) -> bool:

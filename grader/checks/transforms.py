@@ -557,11 +557,16 @@ def _rate(seen: _Seen, wanted: WantedFrame, rate_hz: float) -> Part:
     low_hz = _measured_hz(times_ns, span)
     delay_s = seen.delay_s(span.start_ns, span.end_ns)
     high_hz = max(low_hz, min(rate_hz, without_delay(low_hz, delay_s, span.duration_s)))
-    error_hz = 2 * float(np.std(np.diff(times_ns))) / 1e9 * low_hz / span.duration_s
+    deviation_ns = float(np.std(np.diff(times_ns)))
+    error_hz = 2 * deviation_ns / 1e9 * low_hz / span.duration_s
     share, best = _rate_shares(seen.p, rate_hz, low_hz - error_hz, high_hz + error_hz)
-    reason = f"{wanted.child} is sent at {low_hz:.1f} Hz, not {rate_hz:g} Hz." if share < 1 else ""
-    doubt = cpu_delay_doubt(delay_s, span.duration_s) if best > share and delay_s else ""
-    return Part(share, f"{wanted.child} at {low_hz:.1f} Hz", reason, best=best, doubt=doubt)
+    part = Part(share, f"{wanted.child} at {low_hz:.1f} Hz", best=best)
+    if share < 1:
+        reason = f"{wanted.child} is sent at {low_hz:.1f} Hz, not {rate_hz:g} Hz."
+        part = replace(part, reason=reason)
+    if best > share and delay_s:
+        part = replace(part, doubt=cpu_delay_doubt(delay_s, span.duration_s))
+    return part
 
 
 def _measured_hz(times_ns: Integers, span: Span) -> float:
