@@ -1,1 +1,1 @@
-"""What is right: functions of the evidence and of parameters; they know nothing of points. Imports the evidence."""
+"""Checks: functions of the evidence and of parameters that decide about behaviour, not about points."""

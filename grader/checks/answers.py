@@ -1,8 +1,8 @@
-"""Check of what services answer, field by field; and what checks of answers have in common."""
+"""Check of the answers of services, field by field, and helpers of other checks of answers."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, ClassVar
 
@@ -29,7 +29,7 @@ from grader.result import Finding
 
 
 class WantedAnswer(Parameters):
-    """What a call is answered with, by the paths of fields."""
+    """The right answer to a call, by the paths of fields."""
 
     step: ref.CallLabel
     values: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "step")] = Field(
@@ -63,10 +63,10 @@ class CallValue(Parameters):
 
     @model_validator(mode="after")
     def _asks_for_something(self) -> CallValue:
-        if self.oracle is None and not all(
-            answer.values or answer.patterns for answer in self.each
-        ):
-            raise ValueError("each needs values or patterns, where no oracle computes them")
+        if self.oracle is None:
+            for answer in self.each:
+                if not answer.values and not answer.patterns:
+                    raise ValueError("each needs values or patterns, where no oracle computes them")
         return self
 
     def wanted(
@@ -79,50 +79,51 @@ class CallValue(Parameters):
         """Return the values that an answer must have, with other parameters of the oracle."""
         if self.oracle is None:
             return dict(answer.values)
-        request, parameters = (
-            step.parameters.get("request", {}),
-            {**self.parameters, **(other or {})},
-        )
+        request = step.parameters.get("request", {})
+        parameters = {**self.parameters, **(other or {})}
         computed = context.oracle(self.oracle)(request, parameters, context.session.record.seed)
-        # An oracle may compute with numpy.
-        plain = {
-            path: value.tolist() if hasattr(value, "tolist") else value
-            for path, value in computed.items()
-        }
+        plain = {path: _without_numpy(value) for path, value in computed.items()}
         return {**plain, **answer.values}
 
     def right(self, got: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
-        """Return the paths of the fields that are as wanted."""
-        tolerances = {path: self.tolerances.get(path, self.tolerance) for path in wanted}
-        return [
-            path
-            for path, value in wanted.items()
-            if equal_within(value_at(got, path), value, tolerances[path])
-        ]
+        """Return the paths of the right fields."""
+        right = []
+        for path, value in wanted.items():
+            tolerance = self.tolerances.get(path, self.tolerance)
+            if equal_within(value_at(got, path), value, tolerance):
+                right.append(path)
+        return right
+
+
+def _without_numpy(value: Any) -> Any:
+    """Return a value of an oracle as plain Python."""
+    return value.tolist() if hasattr(value, "tolist") else value
 
 
 def call_value(context: Context, p: CallValue) -> Finding:
-    """Judge the answers to several calls by their fields; where none is answered, that costs more only once."""
+    """Judge the answers to several calls by their fields; if none is answered, it costs points only once."""
     steps = [context.session.step(answer.step) for answer in p.each]
     expected = "; ".join(f"{answer.step}: {_wanted_words(answer, p)}" for answer in p.each)
     answers = [answer_of(step) for step in steps]
     if all(answer is None for answer in answers):
         return silence(context, steps[0], expected, problem_of(steps[0]))
-    parts = [
-        _judge_answer(context, p, answer, step) for answer, step in zip(p.each, steps, strict=True)
-    ]
-    requests = [step.parameters.get("request") for step in steps if step is not None]
-    alike = (
-        len(answers) > 1
-        and answers.count(answers[0]) == len(answers)
-        and requests.count(requests[0]) == 1
-    )
-    if alike and any(part.share < 1 for part in parts):
-        parts[0] = replace(
-            parts[0], reason=f"All {len(parts)} calls get the same answer, whatever they ask for."
-        )
+    parts = []
+    for answer, step in zip(p.each, steps, strict=True):
+        parts.append(_judge_answer(context, p, answer, step))
+    if _all_alike(steps) and any(part.share < 1 for part in parts):
+        reason = f"All {len(parts)} calls get the same answer, whatever they ask for."
+        parts[0] = replace(parts[0], reason=reason)
         parts[1:] = [replace(part, reason="") for part in parts[1:]]
     return of_parts(expected, parts, where=tuple(call_location(context, step) for step in steps))
+
+
+def _all_alike(steps: Sequence[StepRun | None]) -> bool:
+    """Tell whether several calls got the same answer, though the first request differs from the others."""
+    answers = [answer_of(step) for step in steps]
+    if len(answers) < 2 or answers.count(answers[0]) < len(answers):
+        return False
+    requests = [step.parameters.get("request") for step in steps if step is not None]
+    return requests.count(requests[0]) == 1
 
 
 def _wanted_words(answer: WantedAnswer, p: CallValue) -> str:
@@ -133,75 +134,91 @@ def _wanted_words(answer: WantedAnswer, p: CallValue) -> str:
 def _judge_answer(
     context: Context, p: CallValue, answer: WantedAnswer, step: StepRun | None
 ) -> Part:
-    """Judge one answer by the share of its fields that are right, or by the known mistake that it shows."""
+    """Judge one answer by the share of its right fields, or by a known mistake."""
     got = answer_of(step)
     if step is None or got is None:
-        earlier = earlier_silence(context, step, "") is not None
-        return Part(
-            0.0,
-            f"{answer.step}: no answer",
-            "" if earlier else f"{answer.step}: {problem_of(step)}",
-        )
-    if (same := same_request(context, step)) is not None:
-        return Part(
-            0.0,
-            reason=f"The request of '{answer.step}' cannot be sent: it is that of '{same.label}'.",
-        )
+        return _no_answer(context, answer, step)
+    same = same_request(context, step)
+    if same is not None:
+        reason = f"The request of '{answer.step}' cannot be sent: it is that of '{same.label}'."
+        return Part(0.0, reason=reason)
     wanted = p.wanted(context, answer, step)
-    right = p.right(got, wanted)
-    paths = [*wanted, *answer.patterns]
-    values = {path: value_at(got, path) for path in paths}
-    there = {path: str(values[path]) for path in answer.patterns if values[path] is not None}
-    right += [path for path, text in there.items() if search(answer.patterns[path], text)]
+    values = {path: value_at(got, path) for path in (*wanted, *answer.patterns)}
+    right = [*p.right(got, wanted), *_matching(answer, values)]
     text = f"{answer.step}: {shown(values)[:_MOST_SHOWN]}"
-    share = len(right) / max(1, len(paths))
+    share = len(right) / max(1, len(wanted) + len(answer.patterns))
     if share == 1:
         return Part(1.0, text)
-    asked = {
-        **{path: f", not {value!r}" for path, value in wanted.items()},
-        **dict.fromkeys(answer.patterns, ""),
-    }
-    wrong = [
-        f"{path} is {values[path]!r}"[:_MOST_SHOWN] + words
-        for path, words in asked.items()
-        if path not in right
-    ]
-    more = f" and {len(wrong) - _MOST_WRONG} more are wrong" if len(wrong) > _MOST_WRONG else ""
-    reason = f"In the answer to '{answer.step}', {' and '.join(wrong[:_MOST_WRONG])}{more}."
+    reason = _wrong_fields(answer, wanted, values, right)
     for known in p.alternatives:
         other = p.wanted(context, answer, step, known.parameters)
         if len(p.right(got, other)) == len(other):
-            return Part(
-                max(share, known.left(context)), text, f"{reason} It matches {known.meaning}."
-            )
+            credit = max(share, known.left(context))
+            return Part(credit, text, f"{reason} It matches {known.meaning}.")
     return Part(share, text, reason)
 
 
-#: Characters of an answer that are shown, and fields of it that are named.
+def _no_answer(context: Context, answer: WantedAnswer, step: StepRun | None) -> Part:
+    """State that a call got no answer; the reason is only given for the first such call."""
+    reason = ""
+    if earlier_silence(context, step, "") is None:
+        reason = f"{answer.step}: {problem_of(step)}"
+    return Part(0.0, f"{answer.step}: no answer", reason)
+
+
+def _matching(answer: WantedAnswer, values: Mapping[str, Any]) -> list[str]:
+    """Return the paths of the fields that match their patterns."""
+    matching = []
+    for path, pattern in answer.patterns.items():
+        if values[path] is not None and search(pattern, str(values[path])):
+            matching.append(path)
+    return matching
+
+
+def _wrong_fields(
+    answer: WantedAnswer,
+    wanted: Mapping[str, Any],
+    values: Mapping[str, Any],
+    right: Sequence[str],
+) -> str:
+    """Say which fields of an answer are wrong."""
+    wrong = []
+    for path, value in values.items():
+        if path not in right:
+            clause = f"{path} is {value!r}"[:_MOST_SHOWN]
+            if path not in answer.patterns:
+                clause += f", not {wanted[path]!r}"
+            wrong.append(clause)
+    more = ""
+    if len(wrong) > _MOST_WRONG:
+        more = f" and {len(wrong) - _MOST_WRONG} more are wrong"
+    return f"In the answer to '{answer.step}', {' and '.join(wrong[:_MOST_WRONG])}{more}."
+
+
+#: Greatest number of characters of an answer that are shown, and of its fields that are named.
 _MOST_SHOWN, _MOST_WRONG = 200, 3
 
 
-#: Steps in which the node itself has to answer.
+#: Steps that the node itself must answer.
 _ASKING = ("call", "get_parameters", "set_parameters", "change_state")
 
 
 def unanswered(context: Context, step: StepRun | None, expected: str) -> Finding | None:
-    """State that a node did not answer a step that asked it; None if it did.
+    """State that a node did not answer a step; None if it did.
 
-    That costs points once: in the step's check, unless an earlier step had no answer either.
+    This costs points once: in the step's check, unless an earlier step had no answer either.
     """
     if step is not None and step.outcome in ("done", "failed"):
         return None
     steps = context.session.record.steps
     before = steps[: steps.index(step)] if step is not None else steps
-    silent = next(
-        (s for s in before if s.kind in _ASKING and s.outcome in ("timeout", "cancelled")), None
-    )
-    if silent is not None:
-        which = f'"{silent.label}"' if silent.label else f"an earlier step ({silent.kind})"
-        return not_reached(
-            f"Not tested, because {which} got no answer. {THEN_THESE}", expected=expected
-        )
+    for earlier in before:
+        if earlier.kind in _ASKING and earlier.outcome in ("timeout", "cancelled"):
+            which = f"an earlier step ({earlier.kind})"
+            if earlier.label:
+                which = f'"{earlier.label}"'
+            reason = f"Not tested, because {which} got no answer. {THEN_THESE}"
+            return not_reached(reason, expected=expected)
     problem = str(step.result.get("problem", "")) if step is not None else ""
-    reason = f"The node did not answer{': ' + problem if problem else ''}."
-    return unexplained(failed(expected, "no answer", reason))
+    why = f": {problem}" if problem else ""
+    return unexplained(failed(expected, "no answer", f"The node did not answer{why}."))

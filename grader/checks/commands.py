@@ -1,4 +1,4 @@
-"""Commands with which students see a fault by themselves: from the kind of a check, its parameters and its steps."""
+"""Commands that show a fault to students, made from the kind of a check, its parameters and its steps."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from grader.lab.rubric import CheckSpec, Rubric, StepSpec
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Outcome
 
-#: Of the four profiles of a comparison, each.
+#: Greatest number of commands, one for each of the four profiles of a comparison.
 _MOST = 4
 
 #: Parameters that name a file of the submission.
 _FILES = ("artifact", "launch")
-#: Plays what the grader sent once more, from the folder of the report.
+#: Commands that show messages, that do the same as a step, and that replay the grader's messages from the report.
 _ECHO, _STEP = ("ros2 topic echo {topic}",), ("{step}",)
 _REPLAY = ("ros2 bag play recordings/{session} --topics {streams}",)
 #: Kind of a check -> commands that show its fault while the program runs. `{name}` is a parameter, a name within one,
-#: or what does the same as the step that a parameter names.
+#: or a command that does the same as the step that a parameter names.
 _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "topic_published": ("ros2 topic list -t",),
     **dict.fromkeys(
@@ -62,22 +62,27 @@ def commands_of(
     used: Mapping[str, str],
     finding: Finding,
 ) -> tuple[str, ...]:
-    """Return the commands that show what a check lost points for; empty where it lost none, or its kind has none.
+    """Return the commands that show the fault of a check; empty if it lost no points.
 
-    `used` are the names that the student uses, by those that the rubric gives.
+    Parameters
+    ----------
+    used
+        Names that the student uses, by those of the rubric.
     """
+    if finding.outcome not in (Outcome.FAILED, Outcome.PARTIAL):
+        return ()
     scope = _Scope(spec, rubric, submission, used, finding.reason)
-    templates = (
-        _COMMANDS.get(spec.check, ())
-        if finding.outcome in (Outcome.FAILED, Outcome.PARTIAL)
-        else ()
-    )
-    lines = (line for template in templates for line in scope.filled(template))
-    return tuple(itertools.islice(dict.fromkeys(lines), _MOST))
+    lines: dict[str, None] = {}
+    for template in _COMMANDS.get(spec.check, ()):
+        for line in scope.filled(template):
+            lines.setdefault(line)
+            if len(lines) == _MOST:
+                return tuple(lines)
+    return tuple(lines)
 
 
 class _Scope:
-    """What stands for the names in the templates of a check's commands."""
+    """Values for the names in the templates of a check's commands."""
 
     def __init__(
         self,
@@ -93,62 +98,72 @@ class _Scope:
         self._paths = {
             fact.name: fact.path for fact in submission.artifacts if fact.path is not None
         }
-        self._used, self._reason = used, reason
+        self._used = used
+        self._reason = reason
 
     def filled(self, template: str) -> Iterator[str]:
-        """Give the template with each combination of values for its names; nothing where one has none."""
-        names = list(
-            dict.fromkeys(name for _, name, _, _ in string.Formatter().parse(template) if name)
-        )
+        """Yield the template with each combination of values for its names; nothing if a name has no value."""
+        fields = string.Formatter().parse(template)
+        names = list(dict.fromkeys(name for _, name, _, _ in fields if name))
         for values in itertools.product(*map(self._values, names)):
             yield template.format(**dict(zip(names, values, strict=True)))
 
     def _values(self, name: str) -> Sequence[str]:
-        """Return what stands for a name.
+        """Return the values for a name.
 
-        It is the command of the step that the parameter names, its value, or the values within others of that name: of
-        several, those that the reason mentions.
+        They are the command of the step that the parameter of this name refers to, the parameter's
+        value, or the values within other parameters. If the reason mentions some of the latter,
+        only these.
         """
         value = self._own.get(name)
-        if (step := self._steps.get(value) if isinstance(value, str) else None) is not None:
-            return self._lines(step)
+        if isinstance(value, str) and value in self._steps:
+            return self._lines(self._steps[value])
         if value is not None:
-            return [
-                shlex.quote(self._paths.get(value, value))
-                if name in _FILES
-                else self._quoted(value)
-            ]
-        all_of_them = list(dict.fromkeys(_within(self._own, name)))
-        if steps := [self._steps[label] for label in all_of_them if label in self._steps]:
-            return [line for step in steps for line in self._lines(step)]
-        named = [
-            v for v in all_of_them if v in self._reason or self._used.get(v, v) in self._reason
-        ]
-        return [self._quoted(v) for v in named or all_of_them]
+            if name in _FILES:
+                return [shlex.quote(self._paths.get(value, value))]
+            return [self._quoted(value)]
+        within = list(dict.fromkeys(_within(self._own, name)))
+        lines: list[str] = []
+        for label in within:
+            if label in self._steps:
+                lines += self._lines(self._steps[label])
+        if any(label in self._steps for label in within):
+            return lines
+        mentioned = [each for each in within if self._is_mentioned(each)]
+        return [self._quoted(each) for each in mentioned or within]
+
+    def _is_mentioned(self, name: str) -> bool:
+        return name in self._reason or self._used.get(name, name) in self._reason
 
     def _lines(self, step: StepSpec) -> list[str]:
-        """Return what does the same as a step in a terminal."""
+        """Return the commands that do the same as a step in a terminal."""
         inner = copy(self)
-        inner._own = {
-            k: json.dumps(v) if isinstance(v, Mapping) else v for k, v in step.parameters.items()
-        }
-        return [line for template in step.step.commands() for line in inner.filled(template)]
+        inner._own = {}
+        for name, value in step.parameters.items():
+            inner._own[name] = json.dumps(value) if isinstance(value, Mapping) else value
+        lines: list[str] = []
+        for template in step.step.commands():
+            lines += inner.filled(template)
+        return lines
 
     def _quoted(self, value: Any) -> str:
-        """Write a value as a word of a command, those of a mapping or a list as several."""
-        if isinstance(value, (Mapping, list, tuple)):
-            return " ".join(
-                map(self._quoted, value.values() if isinstance(value, Mapping) else value)
-            )
+        """Return a value as a word of a command, or the values of a mapping or list as several words."""
+        if isinstance(value, Mapping):
+            return " ".join(map(self._quoted, value.values()))
+        if isinstance(value, (list, tuple)):
+            return " ".join(map(self._quoted, value))
         return shlex.quote(self._used.get(str(value), str(value)))
 
 
 def _within(value: Any, name: str) -> Iterator[str]:
-    """Give the texts of a name, or of its plural, in parameters within parameters."""
-    numbered = enumerate(value) if isinstance(value, (list, tuple)) else ()
-    for key, inner in value.items() if isinstance(value, Mapping) else numbered:
-        if key == name and isinstance(inner, str):
-            yield inner
-        elif key == f"{name}s" and not isinstance(inner, Mapping):
-            yield from (text for text in inner if isinstance(text, str))
-        yield from _within(inner, name)
+    """Yield the texts of a name, or of its plural, in nested parameters."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            if key == name and isinstance(inner, str):
+                yield inner
+            elif key == f"{name}s" and not isinstance(inner, Mapping):
+                yield from (text for text in inner if isinstance(text, str))
+            yield from _within(inner, name)
+    elif isinstance(value, (list, tuple)):
+        for inner in value:
+            yield from _within(inner, name)

@@ -1,14 +1,14 @@
-"""Checks of what is written: README, docstrings, comments, discussion. All from the text, in any language.
+"""Checks of written text: README, docstrings, comments and discussion, in any language.
 
-In doubt they are for the student: points are lost only for what is surely not there. What the grader does not
-understand keeps its points, and a note asks a person to look.
+Points are lost only for text that is surely missing. Text that the grader does not understand keeps
+its points, and a note asks a person to look.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
-from itertools import chain, groupby
+from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import PurePosixPath
 
 from pydantic import Field
@@ -16,6 +16,8 @@ from pydantic import Field
 from grader.checks.base import Context, apart, failed, graded, inconclusive, passed, percent
 from grader.evidence.text.markup import Block, Section, plain_text, read_markdown
 from grader.evidence.text.prose import (
+    Discussion,
+    Passage,
     command_line,
     concepts,
     document_passages,
@@ -33,7 +35,7 @@ from grader.lab.references import Parameters, Pattern, Share
 from grader.result import FOR_A_PERSON, Finding, Location
 
 _WRITTEN = (".md", ".markdown", ".rst", ".txt", ".adoc", ".org", "")
-#: Texts that are there for programs.
+#: Beginnings of the names of texts for programs.
 _FOR_PROGRAMS = (
     "requirements",
     "cmakelists",
@@ -44,72 +46,96 @@ _FOR_PROGRAMS = (
     "manifest",
     "top_level",
 )
-#: Documents that people read and the grader does not.
+#: Endings of documents that people read and the grader cannot.
 _NOT_READ = (".pdf", ".docx", ".doc", ".odt", ".rtf", ".pages", ".html", ".htm", ".ipynb", ".tex")
-#: Of launch files that are not Python.
+#: Endings of launch files in other languages than Python.
 _LAUNCH_ENDINGS = (".xml", ".yaml", ".yml")
-#: Characters of all documents together after which no other is read.
+#: Number of characters in all documents after which no further document is read.
 _MOST_CHARACTERS = 300_000
-#: Letters that may follow a name, as in `publishers`.
+#: Number of letters that may follow a name, as in `publishers`.
 _ENDING = 3
-#: Lines that are listed of what does not count.
+#: Greatest number of uncounted lines that are listed.
 _MOST_LISTED = 12
-#: Letters of a passage that are quoted.
+#: Greatest number of unexplained classes and functions that are named.
+_MOST_NAMED = 6
+#: Greatest number of documents that a person is asked to read.
+_MOST_UNREAD = 3
+#: Number of letters that are quoted from a passage.
 _QUOTED = 300
 
 
+def _nearest_to_root(path: PurePosixPath) -> tuple[int, str]:
+    return len(path.parts), str(path)
+
+
 def _documents(context: Context) -> list[PurePosixPath]:
-    """Return all documents of a submission that people and the grader read, those nearest to its root first."""
-    written = [
-        p for p in map(PurePosixPath, context.submission.texts) if p.suffix.lower() in _WRITTEN
-    ]
-    return sorted(written, key=lambda p: (len(p.parts), str(p)))
+    """Return the readable documents of a submission, those nearest to its root first."""
+    paths = [PurePosixPath(text) for text in context.submission.texts]
+    written = [path for path in paths if path.suffix.lower() in _WRITTEN]
+    return sorted(written, key=_nearest_to_root)
+
+
+def _is_for_programs(path: PurePosixPath) -> bool:
+    return path.stem.lower().startswith(_FOR_PROGRAMS)
 
 
 def _read(
     context: Context, paths: Iterable[PurePosixPath]
 ) -> Iterator[tuple[str, tuple[Section, ...]]]:
-    """Read documents one after the other, as many as anybody would."""
+    """Read documents one after the other, up to a number of characters."""
     left = _MOST_CHARACTERS
     for path in map(str, paths):
-        if left > 0:
-            left -= len(context.submission.texts[path])
-            yield path, read_markdown(context.submission.texts[path])
+        if left <= 0:
+            return
+        text = context.submission.texts[path]
+        left -= len(text)
+        yield path, read_markdown(text)
 
 
 def _not_read(context: Context) -> list[str]:
-    """Return the documents that may say what is looked for, but in a form that only people can read."""
-    paths = [PurePosixPath(f.path) for f in context.submission.files if f.size_bytes]
-    found = [p for p in paths if p.suffix.lower() in _NOT_READ and not p.name.startswith(".")]
-    return [str(p) for p in sorted(found, key=lambda p: (len(p.parts), str(p)))][:3]
+    """Return the documents that only people can read."""
+    found = []
+    for file in context.submission.files:
+        path = PurePosixPath(file.path)
+        is_hidden = path.name.startswith(".")
+        if file.size_bytes and path.suffix.lower() in _NOT_READ and not is_hidden:
+            found.append(path)
+    found.sort(key=_nearest_to_root)
+    return [str(path) for path in found[:_MOST_UNREAD]]
 
 
 def _sources(
     context: Context, artifacts: Sequence[str], rules: Rules | None = None
 ) -> list[SourceFacts]:
-    """Return the facts of those artifacts that were handed in as Python; one file may hold several."""
-    paths = filter(None, dict.fromkeys(context.path_of(artifact) for artifact in artifacts))
+    """Return the facts of each Python file that holds one or more of the artifacts."""
     texts = context.submission.texts
-    python = (
-        path
-        for path in paths
-        if path in texts and PurePosixPath(path).suffix.lower() not in _LAUNCH_ENDINGS
-    )
-    return read_sources({path: texts[path] for path in python}, rules)
+    sources = {}
+    for artifact in artifacts:
+        path = context.path_of(artifact)
+        if not path or path not in texts:
+            continue
+        if PurePosixPath(path).suffix.lower() not in _LAUNCH_ENDINGS:
+            sources[path] = texts[path]
+    return read_sources(sources, rules)
 
 
 def _for_a_person(file: str, line: int, seen: str) -> str:
     return f"{FOR_A_PERSON} {file}, line {line}, {seen}. The points are given."
 
 
+def _to_read(documents: Sequence[str]) -> str:
+    """Ask a person to read the documents that the grader cannot."""
+    return f"{FOR_A_PERSON} {', '.join(documents)}, which the grader cannot. The points are given."
+
+
 class _OfFiles(Parameters):
-    """What is judged by files alone, without a recording."""
+    """Parameters of a check of files alone, without a recording."""
 
     of_session = False
 
 
 class Part(Parameters):
-    """What a README may call one part of the submission."""
+    """Names for one part of the submission in a README."""
 
     artifact: ref.Artifact
     names: tuple[str, ...]
@@ -142,86 +168,157 @@ class Readme(_OfFiles):
     )
 
 
+#: File and line of a mention.
+_Place = tuple[str, int]
+#: READMEs by their paths, with their visible blocks.
+_Texts = list[tuple[str, list[Block]]]
+
+
+@dataclass(frozen=True)
+class _ReadmeFacts:
+    """Contents of the READMEs, as far as the grader recognised them."""
+
+    #: Place and text of the instruction to run the work; empty if none was found.
+    run: str
+    #: Parts of the work that the READMEs should mention.
+    parts: Sequence[Part]
+    #: First mention of each part that is mentioned.
+    found: Mapping[Part, _Place]
+    #: Headings and files without a text of their own.
+    hollow: Sequence[str]
+    #: Texts that a person should look at.
+    notes: Sequence[str]
+
+    def share(self, run_weight: float) -> float:
+        """Return the share of credit for the instruction and the mentions together."""
+        mentioned = (1 - run_weight) * len(self.found) / len(self.parts)
+        return run_weight * bool(self.run) + mentioned
+
+    def reasons(self) -> list[str]:
+        """Say which texts are missing."""
+        reasons = []
+        if not self.run:
+            reasons.append(
+                "The grader found no command and no sentence that says how to run the work."
+            )
+        missing = [part.names[0] for part in self.parts if part not in self.found]
+        if missing:
+            reasons.append(f"It found no mention of {', '.join(missing)}.")
+        if reasons and self.hollow:
+            reasons.append(f"Nothing of its own stands under {self._listed_hollow()}.")
+        return reasons
+
+    def counted(self) -> tuple[str, ...]:
+        """List the recognised texts, a line each, and the headings that did not count."""
+        lines = [f"How to run it: {self.run or 'not found'}"]
+        for part in self.parts:
+            place = self.found.get(part)
+            at = _at(*place) if place is not None else "not found"
+            lines.append(f"{part.names[0]}: {at}")
+        if self.hollow:
+            lines.append(
+                f"Not counted, as nothing of its own stands there: {self._listed_hollow()}"
+            )
+        return tuple(lines)
+
+    def _listed_hollow(self) -> str:
+        return ", ".join(self.hollow[:_MOST_LISTED])
+
+
 def readme(context: Context, p: Readme) -> Finding:
-    """Judge whether it tells how to run the work and names each part; templates and pasted code say nothing."""
+    """Judge whether the README tells how to run the work and names each part.
+
+    Templates and pasted code do not count.
+    """
     expected = f"it says how to run the work ({p.run_weight:.0%}), and each part can be found in it (the rest)"
-    documents = _documents(context)
-    paths = [
-        path
-        for path in documents
-        if any(search(title, path.stem, ignore_case=True) for title in p.titles)
-    ]
-    # Without a README, what else is written may stand for it.
-    paths = paths or [
-        q for q in documents if q.suffix and not q.stem.lower().startswith(_FOR_PROGRAMS)
-    ]
+    paths = _readme_paths(context, p.titles)
     unread = _not_read(context)
     if not paths and not unread:
-        return failed(
-            expected, "no README", "There is no README.", hint="Write a README.md beside the code."
-        )
-    # What was not handed in is charged where it is missing.
-    parts = [part for part in p.parts if context.path_of(part.artifact) is not None] or list(
-        p.parts
-    )
-    # What the student called it is a name of it too.
-    own = {part: PurePosixPath(context.path_of(part.artifact) or "") for part in parts}
-    names = {part: (*part.names, path.name, path.stem) for part, path in own.items()}
-    texts, hollow = _visible(
-        context, paths, Terms.of(chain(*names.values()), _ENDING), p.placeholders
-    )
-    run, notes = _how_to_run(texts, p)
-    found = {
-        part: line
-        for part in parts
-        if (line := _mentioned(texts, names[part], part.synonyms)) is not None
-    }
-    if len(found) > 1:  # Where others are named too, a part may be found by one of them.
-        lines = {part.artifact: line for part, line in found.items()}
-        found = {part: lines[part.shown_by] for part in parts if part.shown_by in lines} | found
-    said = " ".join(block.text for _, shown in texts for block in shown if block.kind != "code")
-    if not found and texts and substance(said) >= p.doubt_words:  # It may call them by other names.
-        found = dict.fromkeys(parts, (texts[0][0], 1))
-        notes.append(
-            _for_a_person(texts[0][0], 1, "names no part of the work by a name known to the grader")
-        )
-    share = p.run_weight * bool(run) + (1 - p.run_weight) * len(found) / len(parts)
+        hint = "Write a README.md beside the code."
+        return failed(expected, "no README", "There is no README.", hint=hint)
+    facts = _readme_facts(context, paths, p)
+    share = facts.share(p.run_weight)
+    notes = facts.notes
     if share < 1 and unread:
-        notes = [
-            f"{FOR_A_PERSON} {', '.join(unread)}, which the grader cannot. The points are given."
-        ]
+        notes = [_to_read(unread)]
         share = 1.0
     where = [Location(file=str(path)) for path in [*paths[:1], *unread]]
-    measured = (
-        f"how to run it: {'yes' if run else 'not found'}; {len(found)} of {len(parts)} parts found"
-    )
-    nothing = ", ".join(hollow[:_MOST_LISTED])
-    reasons = (
-        []
-        if run
-        else ["The grader found no command and no sentence that says how to run the work."]
-    )
-    if lacking := ", ".join(part.names[0] for part in parts if part not in found):
-        reasons.append(f"It found no mention of {lacking}.")
-    if reasons and hollow:
-        reasons.append(f"Nothing of its own stands under {nothing}.")
-    counted = [f"How to run it: {run or 'not found'}"]
-    counted += [
-        f"{part.names[0]}: {_at(*found[part]) if part in found else 'not found'}" for part in parts
-    ]
-    counted += [f"Not counted, as nothing of its own stands there: {nothing}"] if hollow else []
-    finding = graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)
-    return replace(finding, counted=tuple(counted))
+    run = "yes" if facts.run else "not found"
+    measured = f"how to run it: {run}; {len(facts.found)} of {len(facts.parts)} parts found"
+    reasons = " ".join(facts.reasons())
+    finding = graded(share, expected, measured, reasons, where=where, notes=notes)
+    return replace(finding, counted=facts.counted())
 
 
-#: READMEs by their paths, with what they show.
-_Texts = list[tuple[str, list[Block]]]
+def _readme_paths(context: Context, titles: Sequence[str]) -> list[PurePosixPath]:
+    """Return the READMEs of a submission, or all its other documents if it has no README."""
+    documents = _documents(context)
+    paths = []
+    for path in documents:
+        if any(search(title, path.stem, ignore_case=True) for title in titles):
+            paths.append(path)
+    if paths:
+        return paths
+    return [path for path in documents if path.suffix and not _is_for_programs(path)]
+
+
+def _readme_facts(context: Context, paths: Sequence[PurePosixPath], p: Readme) -> _ReadmeFacts:
+    """Read the READMEs, and look for the instruction to run the work and for its parts."""
+    # Other checks charge the files that were not handed in.
+    handed_in = [part for part in p.parts if context.path_of(part.artifact) is not None]
+    parts = handed_in or list(p.parts)
+    names = {part: _names_of(context, part) for part in parts}
+    all_names = Terms.of(chain(*names.values()), _ENDING)
+    texts, hollow = _visible(context, paths, all_names, p.placeholders)
+    run, notes = _how_to_run(texts, p)
+    found = _found_parts(texts, names)
+    if not found and texts and _is_long(texts, p.doubt_words):
+        # A long text may call the parts by other names.
+        path = texts[0][0]
+        found = dict.fromkeys(parts, (path, 1))
+        seen = "names no part of the work by a name known to the grader"
+        notes.append(_for_a_person(path, 1, seen))
+    return _ReadmeFacts(run, parts, found, hollow, notes)
+
+
+def _names_of(context: Context, part: Part) -> tuple[str, ...]:
+    """Return the names of a part in the rubric, and the student's name of its file."""
+    path = PurePosixPath(context.path_of(part.artifact) or "")
+    return (*part.names, path.name, path.stem)
+
+
+def _is_long(texts: _Texts, doubt_words: int) -> bool:
+    """Tell whether READMEs say enough outside code to mention the parts in unknown words."""
+    said = []
+    for _, shown in texts:
+        said += [block.text for block in shown if block.kind != "code"]
+    return substance(" ".join(said)) >= doubt_words
+
+
+def _found_parts(texts: _Texts, names: Mapping[Part, Sequence[str]]) -> dict[Part, _Place]:
+    """Return the first mention of each part; a part can be found by another part that shows it.
+
+    The latter needs a README that mentions several parts.
+    """
+    found: dict[Part, _Place] = {}
+    for part in names:
+        place = _mentioned(texts, names[part], part.synonyms)
+        if place is not None:
+            found[part] = place
+    if len(found) <= 1:
+        return found
+    places = {part.artifact: place for part, place in found.items()}
+    shown: dict[Part, _Place] = {}
+    for part in names:
+        if part.shown_by in places:
+            shown[part] = places[part.shown_by]
+    return shown | found
 
 
 def _visible(
     context: Context, paths: Sequence[PurePosixPath], names: Terms, placeholders: Sequence[str]
 ) -> tuple[_Texts, list[str]]:
-    """Return what READMEs show, and the sections and files in which nothing of their own stands."""
+    """Return the visible blocks of READMEs, and the sections and files without a text of their own."""
     texts: _Texts = []
     hollow: list[str] = []
     for path, document in _read(context, paths):
@@ -230,32 +327,35 @@ def _visible(
             continue
         shown, empty = visible(document, names, placeholders)
         texts.append((path, shown))
-        hollow += [
-            f"'{section.title}' ({path}, line {section.line})" for section in empty if section.title
-        ]
+        for section in empty:
+            if section.title:
+                hollow.append(f"'{section.title}' ({path}, line {section.line})")
     return texts, hollow
 
 
-def _mentioned(
-    texts: _Texts, names: Sequence[str], synonyms: Sequence[str]
-) -> tuple[str, int] | None:
-    """Return file and line of the first README that mentions a part."""
-    terms = Terms.of(names, _ENDING), Terms.of(synonyms, _ENDING)
-    lines = ((path, mention(shown, *terms)) for path, shown in texts)
-    return next(((path, line) for path, line in lines if line is not None), None)
+def _mentioned(texts: _Texts, names: Sequence[str], synonyms: Sequence[str]) -> _Place | None:
+    """Return the first mention of a part in the READMEs."""
+    by_name = Terms.of(names, _ENDING)
+    by_synonym = Terms.of(synonyms, _ENDING)
+    for path, shown in texts:
+        line = mention(shown, by_name, by_synonym)
+        if line is not None:
+            return path, line
+    return None
 
 
 def _how_to_run(texts: _Texts, p: Readme) -> tuple[str, list[str]]:
-    """Return where and how it is said how the work is run, if it is, and what a person should look at."""
+    """Return the place and text of the instruction to run the work, and notes for a person about it."""
     for path, shown in texts:
-        if (found := command_line(shown, p.commands)) is not None:
-            return f"{_at(path, found[0])}, {found[1][:80]}", []
+        found = command_line(shown, p.commands)
+        if found is not None:
+            line, command = found
+            return f"{_at(path, line)}, {command[:80]}", []
     for path, shown in texts:
-        if (line := instruction_line(shown, p.run_words)) is not None:
-            note = _for_a_person(
-                path, line, "may say how the work is run, though without a command"
-            )
-            return f"{_at(path, line)}, in words", [note]
+        in_words = instruction_line(shown, p.run_words)
+        if in_words is not None:
+            seen = "may say how the work is run, though without a command"
+            return f"{_at(path, in_words)}, in words", [_for_a_person(path, in_words, seen)]
     return "", []
 
 
@@ -264,7 +364,7 @@ def _at(file: str, line: int) -> str:
 
 
 class CodeExplained(_OfFiles):
-    """Files (half), and classes and functions of some length, are explained by docstrings or comments, whichever."""
+    """Docstrings or comments explain the files (half), and their classes and functions of some length (half)."""
 
     artifacts: tuple[ref.Artifact, ...]
     full_from: Share = Field(
@@ -282,63 +382,129 @@ class CodeExplained(_OfFiles):
     )
 
 
+@dataclass(frozen=True)
+class _Explained:
+    """Explained and unexplained units of all files: the files themselves, their classes and functions."""
+
+    #: Units that need an explanation, and the paths of their files.
+    units: Sequence[tuple[str, Unit]]
+    #: Units of whole files, repeated for each artifact in a file.
+    files: Sequence[Unit]
+    #: Units of classes and functions.
+    inner: Sequence[Unit]
+
+    def share(self) -> float:
+        """Return the mean of the explained shares of files and of their classes and functions."""
+        shares = [_explained_share(units) for units in (self.files, self.inner) if units]
+        return sum(shares) / len(shares)
+
+    def bare(self) -> list[tuple[str, Unit]]:
+        """Return the units without an explanation, and the paths of their files."""
+        return [(path, unit) for path, unit in self.units if unit.explained_by is None]
+
+
+def _explained_share(units: Sequence[Unit]) -> float:
+    explained = sum(unit.explained_by is not None for unit in units)
+    return explained / len(units)
+
+
 def code_explained(context: Context, p: CodeExplained) -> Finding:
-    """Judge the share of files, classes and functions whose purpose or reason is said somewhere."""
+    """Judge the share of files, classes and functions with a docstring or comment that explains them."""
     rules = Rules(p.min_words, p.function_lines, p.placeholders, p.fillers)
     facts = _sources(context, p.artifacts, rules)
     expected = f"a docstring or a comment explains at least {percent(p.full_from)}: of the files (half), and of classes "
     expected += f"and functions of {p.function_lines} lines or more (half)"
-    units = [(f, unit) for f in facts for unit in f.units if unit.needed]
     if not facts:
         return failed(expected, "no source files", "There is no source to read.")
-    if not units:
-        return passed(expected, "nothing that needs an explanation")
-    bare = [(f.path, unit) for f, unit in units if unit.explained_by is None]
-    # A file is as many as there are artifacts in it.
     paths = [context.path_of(artifact) for artifact in p.artifacts]
-    files = [unit for f, unit in units if unit is f.units[0] for path in paths if path == f.path]
-    inner = [unit for f, unit in units if unit is not f.units[0]]
-    shares = [
-        sum(unit.explained_by is not None for unit in some) / len(some)
-        for some in (files, inner)
-        if some
-    ]
-    share = sum(shares) / len(shares)
-    measured = f"{len(units) - len(bare)} of {len(units)} explained, half by files, half by what is in them: "
-    measured += f"{apart(100 * share, 100 * p.full_from, places=0)}%"
-    names = [unit.name for _, unit in bare]
-    more = f" and {len(names) - 6} more" if len(names) > 6 else ""
-    reason = f"Neither a docstring nor a comment explains {', '.join(names[:6])}{more}."
-    faults = {note.fault for f in facts for note in f.notes if note.fault}
-    reason += (
-        f" What was found there does not count: {', '.join(sorted(faults))}." if faults else ""
+    explained = _units_of(facts, paths)
+    if not explained.units:
+        return passed(expected, "nothing that needs an explanation")
+    share = explained.share()
+    bare = explained.bare()
+    count = len(explained.units)
+    shown_share = apart(100 * share, 100 * p.full_from, places=0)
+    measured = f"{count - len(bare)} of {count} explained, half by files, half by what is in them: {shown_share}%"
+    finding = graded(
+        share / p.full_from,
+        expected,
+        measured,
+        _not_explained(bare, facts),
+        where=[Location(file=path, line=unit.line) for path, unit in bare[:_MOST_NAMED]],
+        notes=_unreadable(facts),
     )
-    where = [Location(file=path, line=unit.line) for path, unit in bare[:6]]
-    notes = [
-        f"{FOR_A_PERSON} Python cannot read {f.path}, so only its comments were counted."
-        for f in facts
-        if not f.readable
-    ]
-    finding = graded(share / p.full_from, expected, measured, reason, where=where, notes=notes)
     return replace(finding, counted=tuple(map(_listed, facts)))
 
 
+def _units_of(facts: Sequence[SourceFacts], paths: Sequence[str | None]) -> _Explained:
+    """Sort the units that need an explanation into files, and classes and functions."""
+    units = []
+    files = []
+    inner = []
+    for file in facts:
+        for unit in file.units:
+            if not unit.needed:
+                continue
+            units.append((file.path, unit))
+            if unit is file.units[0]:
+                # A file counts once for each artifact in it.
+                files += [unit] * paths.count(file.path)
+            else:
+                inner.append(unit)
+    return _Explained(units, files, inner)
+
+
+def _not_explained(bare: Sequence[tuple[str, Unit]], facts: Sequence[SourceFacts]) -> str:
+    """Name the units without an explanation, and the faults of texts that do not count."""
+    names = [unit.name for _, unit in bare]
+    more = ""
+    if len(names) > _MOST_NAMED:
+        more = f" and {len(names) - _MOST_NAMED} more"
+    named = ", ".join(names[:_MOST_NAMED])
+    reason = f"Neither a docstring nor a comment explains {named}{more}."
+    faults: set[str] = set()
+    for file in facts:
+        faults.update(note.fault for note in file.notes if note.fault)
+    if faults:
+        reason += f" What was found there does not count: {', '.join(sorted(faults))}."
+    return reason
+
+
+def _unreadable(facts: Sequence[SourceFacts]) -> list[str]:
+    """Ask a person to look at the files that Python cannot read."""
+    notes = []
+    for file in facts:
+        if not file.readable:
+            notes.append(
+                f"{FOR_A_PERSON} Python cannot read {file.path}, so only its comments were counted."
+            )
+    return notes
+
+
 def _listed(facts: SourceFacts) -> str:
-    """List what explains each part of a file, and what does not count."""
-    units = [unit for unit in facts.units if unit.needed]
-    said = [
-        f"{'the file' if unit is facts.units[0] else unit.name} ({_kind(unit)})" for unit in units
-    ]
-    faults = sorted(
-        (note for note in facts.notes if note.fault), key=lambda note: (note.fault, note.line)
-    )
-    listed = [
-        f"{fault} (at {', '.join(_lines(note) for note in list(notes)[:_MOST_LISTED])})"
-        for fault, notes in groupby(faults, key=lambda note: note.fault)
-    ]
-    return f"{facts.path}: {'; '.join(said)}" + (
-        f". Not counted: {'; '.join(listed)}" if listed else ""
-    )
+    """List the explanation of each part of a file, and the texts that do not count."""
+    said = []
+    for unit in facts.units:
+        if unit.needed:
+            name = "the file" if unit is facts.units[0] else unit.name
+            said.append(f"{name} ({_kind(unit)})")
+    line = f"{facts.path}: {'; '.join(said)}"
+    faults = _listed_faults(facts.notes)
+    if faults:
+        line += f". Not counted: {'; '.join(faults)}"
+    return line
+
+
+def _listed_faults(notes: Sequence[Note]) -> list[str]:
+    """List each fault of notes, with the first lines that have it."""
+    lines_by_fault: dict[str, list[str]] = {}
+    for note in sorted(notes, key=lambda note: (note.fault, note.line)):
+        if note.fault:
+            lines_by_fault.setdefault(note.fault, []).append(_lines(note))
+    listed = []
+    for fault, lines in lines_by_fault.items():
+        listed.append(f"{fault} (at {', '.join(lines[:_MOST_LISTED])})")
+    return listed
 
 
 def _kind(unit: Unit) -> str:
@@ -375,61 +541,86 @@ class ConceptsExplained(_OfFiles):
 
 
 def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
-    """Judge the number of concepts discussed (two thirds), and whether any are weighed against each other (a third).
+    """Judge the number of discussed concepts (two thirds) and their comparison (a third).
 
-    Without that, what is named may be no more than a list of settings, and earns half of what it would.
+    Without a comparison the text may be a mere list of settings, and earns half as much.
     """
-    documents = [
-        path for path in _documents(context) if not path.stem.lower().startswith(_FOR_PROGRAMS)
-    ]
-    passages = [
-        q for path, document in _read(context, documents) for q in document_passages(document, path)
-    ]
-    passages += [
-        passage for facts in _sources(context, p.artifacts) for passage in source_passages(facts)
-    ]
+    passages = _passages(context, p.artifacts)
     found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words, p.connectives)
     expected = f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
     measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
-    where = [Location(file=passage.file, line=passage.line) for passage in found.discussed.values()]
-    if len(found.discussed) < p.least_concepts and (unread := _not_read(context)):
-        reason = f"The grader cannot read {', '.join(unread)}; a person has to."
-        return inconclusive(
-            expected,
-            "not read",
-            reason,
-            where=[Location(file=path) for path in unread],
-            retry=False,
-        )
     if len(found.discussed) < p.least_concepts:
-        reason = "The grader found no text about this, neither in a README nor in the program."
-        return failed(expected, measured, reason, where=where)
+        return _too_little(context, expected, measured, found)
     covered = min(1.0, len(found.discussed) / p.full_concepts)
     share = 2 / 3 * covered + 1 / 3 if found.related else 1 / 3 * covered
-    reasons = (
-        []
-        if found.related
-        else ["It recognised no passage that weighs them: when which, and at what price?"]
-    )
+    reasons = _missing_discussion(found, p)
+    where = [] if reasons else _locations(found)
+    notes = []
+    for passage in found.strung:
+        notes.append(
+            f"{FOR_A_PERSON} {_at(passage.file, passage.line)}, seems to be words, not sentences."
+        )
+    finding = graded(share, expected, measured, " ".join(reasons), where=where, notes=notes)
+    return replace(finding, counted=_counted_concepts(found, p))
+
+
+def _passages(context: Context, artifacts: Sequence[str]) -> list[Passage]:
+    """Return the passages of all documents, and of the docstrings and comments of artifacts."""
+    documents = [path for path in _documents(context) if not _is_for_programs(path)]
+    passages: list[Passage] = []
+    for path, document in _read(context, documents):
+        passages += document_passages(document, path)
+    for facts in _sources(context, artifacts):
+        passages += source_passages(facts)
+    return passages
+
+
+def _locations(found: Discussion) -> list[Location]:
+    return [Location(file=passage.file, line=passage.line) for passage in found.discussed.values()]
+
+
+def _too_little(context: Context, expected: str, measured: str, found: Discussion) -> Finding:
+    """State that too few concepts are discussed, or that a person must read the documents."""
+    unread = _not_read(context)
+    if unread:
+        reason = f"The grader cannot read {', '.join(unread)}; a person has to."
+        where = [Location(file=path) for path in unread]
+        return inconclusive(expected, "not read", reason, where=where, retry=False)
+    reason = "The grader found no text about this, neither in a README nor in the program."
+    return failed(expected, measured, reason, where=_locations(found))
+
+
+def _missing_discussion(found: Discussion, p: ConceptsExplained) -> list[str]:
+    """Say which concepts were not recognised, and that no comparison was."""
+    reasons = []
     if len(found.discussed) < p.full_concepts:
         missing = ", ".join(name for name in p.concepts if name not in found.discussed)
         recognised = f"The grader recognised {len(found.discussed)} of {len(p.concepts)} subjects"
-        reasons.insert(
-            0, f"{recognised}; {p.full_concepts} give full credit. Not recognised: {missing}."
+        reasons.append(
+            f"{recognised}; {p.full_concepts} give full credit. Not recognised: {missing}."
         )
-    notes = [
-        f"{FOR_A_PERSON} {s.file}, line {s.line}, seems to be words, not sentences."
-        for s in found.strung
-    ]
-    finding = graded(
-        share, expected, measured, " ".join(reasons), where=[] if reasons else where, notes=notes
-    )
-    places = {name: _at(passage.file, passage.line) for name, passage in found.discussed.items()}
-    listed = [f"{name}: {places.get(name, 'not recognised')}" for name in p.concepts]
-    related = ", ".join(_at(passage.file, passage.line) for passage in found.related[:_MOST_LISTED])
-    listed.append(f"weighed with reasons: {related or 'not recognised'}")
-    for passage in found.related[:1]:
-        quote = " ".join(plain_text(passage.text).split())
-        cut = quote if len(quote) <= _QUOTED else f"{quote[: _QUOTED - 1]}…"
-        listed.append(f"{_at(passage.file, passage.line)}: “{cut}”")
-    return replace(finding, counted=tuple(listed))
+    if not found.related:
+        reasons.append("It recognised no passage that weighs them: when which, and at what price?")
+    return reasons
+
+
+def _counted_concepts(found: Discussion, p: ConceptsExplained) -> tuple[str, ...]:
+    """List the place of each concept and of the comparisons, a line each, and quote the first."""
+    lines = []
+    for name in p.concepts:
+        passage = found.discussed.get(name)
+        place = _at(passage.file, passage.line) if passage is not None else "not recognised"
+        lines.append(f"{name}: {place}")
+    places = [_at(passage.file, passage.line) for passage in found.related[:_MOST_LISTED]]
+    lines.append(f"weighed with reasons: {', '.join(places) or 'not recognised'}")
+    if found.related:
+        lines.append(f"{places[0]}: “{_quoted(found.related[0])}”")
+    return tuple(lines)
+
+
+def _quoted(passage: Passage) -> str:
+    """Return the text of a passage on one line, cut to a length."""
+    quote = " ".join(plain_text(passage.text).split())
+    if len(quote) <= _QUOTED:
+        return quote
+    return f"{quote[: _QUOTED - 1]}…"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from pydantic import Field
@@ -15,14 +15,14 @@ from grader.result import Finding, Location
 
 
 class OfferedProfile(Parameters):
-    """The QoS with which the other side publishes in the lab's words."""
+    """The QoS of the other side's publisher, in the lab's words."""
 
     reliability: ref.Reliability = "reliable"
     durability: ref.Durability = "volatile"
 
 
 class OfNode(Parameters):
-    """What the node is called, and what another name costs."""
+    """Name of the node, and the cost of another name."""
 
     node: ref.RosName | None = Field(
         None, description="Fully qualified name that the node should have."
@@ -32,19 +32,24 @@ class OfNode(Parameters):
     )
 
     def node_faults(self, nodes: Sequence[str]) -> list[tuple[float, str]]:
-        """Return what another name of the node behind some endpoints costs; a namespace more is no mistake."""
+        """Return the cost of another node name, with a sentence; a different namespace costs nothing.
+
+        Parameters
+        ----------
+        nodes
+            Nodes of the found endpoints.
+        """
         wanted = self.node
-        if (
-            wanted is None
-            or not nodes
-            or any(n.rsplit("/", 1)[-1] == wanted.rsplit("/", 1)[-1] for n in nodes)
-        ):
+        if wanted is None or not nodes:
+            return []
+        name = wanted.rsplit("/", 1)[-1]
+        if any(node.rsplit("/", 1)[-1] == name for node in nodes):
             return []
         return [(self.other_node_costs, f"The node is named {nodes[0]}, not {wanted}.")]
 
 
 class OfEndpoint(OfNode):
-    """What it costs where an endpoint is there, but not as it is asked for."""
+    """Costs of an endpoint with another name or type."""
 
     other_name_costs: Share = Field(0.6, description="Share of the credit that another name costs.")
     other_type_costs: Share = Field(0.6, description="Share of the credit that another type costs.")
@@ -52,16 +57,21 @@ class OfEndpoint(OfNode):
     def faults(
         self, kind: str, wanted: tuple[str, str], got: tuple[str, str], nodes: Sequence[str]
     ) -> list[tuple[float, str]]:
-        """Return what is wrong with the name and type of a topic or service: the share that each costs, and a sentence.
+        """Return the cost of a wrong name and of a wrong type, each with a sentence.
 
-        In the namespaces of its nodes lie relative names.
+        Parameters
+        ----------
+        kind
+            "topic" or "service".
+        wanted, got
+            Name and type.
+        nodes
+            Nodes of the found endpoints; relative names lie in their namespaces.
         """
         (name, its_type), (used, used_type) = wanted, got
         found = []
         if used != name:
-            namespaces = (node.rpartition("/")[0] for node in nodes)
-            space = next((n for n in namespaces if n and used == n + name), None)
-            within = f" It is in its node's namespace, {space}." if space else ""
+            within = _in_namespace(name, used, nodes)
             reason = f"The {kind} is named {used}, not {name}; the other checks use {used}.{within}"
             found.append((self.other_name_costs, reason))
         if used_type != its_type:
@@ -70,13 +80,22 @@ class OfEndpoint(OfNode):
         return found
 
 
+def _in_namespace(name: str, used: str, nodes: Sequence[str]) -> str:
+    """Say that a used name is the wanted one in its node's namespace; empty if it is not."""
+    for node in nodes:
+        namespace = node.rpartition("/")[0]
+        if namespace and used == namespace + name:
+            return f" It is in its node's namespace, {namespace}."
+    return ""
+
+
 def student_endpoints(context: Context, topic: str, kind: str) -> tuple[Endpoint, ...]:
     """Return the student's endpoints of a kind on a topic of the rubric's."""
     return context.session.endpoints_on(topic, kind, context.reference_nodes)
 
 
 def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
-    """Return the policy on which a subscription's request and an offer are incompatible, in words, or None.
+    """Return the incompatible policy of a subscription's request and an offer, in words, or None.
 
     References
     ----------
@@ -94,36 +113,38 @@ def clash(requested: Endpoint, offered: OfferedProfile | Qos) -> str | None:
 
 
 def unheard(context: Context, topic: str) -> str | None:
-    """Return the policy for which none of the student's subscriptions hears the grader's own publishers, or None.
+    """Return the policy that keeps all of the student's subscriptions from the grader's own publishers.
 
-    None too where one side is not there.
+    None if one hears one of them, or if one side is missing.
     """
-    offers = [
-        e
-        for e in context.session.endpoints_on(topic, "publisher")
-        if e.node in context.reference_nodes
-    ]
-    requests = student_endpoints(context, topic, "subscription")
-    found = [clash(requested, offer.qos) for requested in requests for offer in offers]
-    return found[0] if found and all(found) else None
+    offers = []
+    for endpoint in context.session.endpoints_on(topic, "publisher"):
+        if endpoint.node in context.reference_nodes:
+            offers.append(endpoint)
+    first = None
+    for requested in student_endpoints(context, topic, "subscription"):
+        for offer in offers:
+            policy = clash(requested, offer.qos)
+            if not policy:
+                return None
+            first = first or policy
+    return first
 
 
 def claim_of(context: Context, kind: str, name: str) -> Claim | None:
-    """Return the first call by which the student's node asked for an endpoint, by the tap."""
+    """Return the student's first call for an endpoint, as the tap noted it."""
     return next(iter(context.session.claims_of(kind, name)), None)
 
 
 def claimed_at(claim: Claim | None) -> tuple[Location, ...]:
     """Return the source line of a call, if it is the student's."""
-    return (
-        (Location(file=claim.file, line=claim.line),)
-        if claim is not None and not claim.file.startswith("/")
-        else ()
-    )
+    if claim is None or claim.file.startswith("/"):
+        return ()
+    return (Location(file=claim.file, line=claim.line),)
 
 
 class QosWanted(Parameters):
-    """The QoS profile of an endpoint; what discovery does not carry is taken from the source, as advice only."""
+    """The QoS profile of an endpoint. History and depth come from the source and only advise."""
 
     topic: ref.Topic
     reliability: ref.Reliability | None = None
@@ -133,46 +154,70 @@ class QosWanted(Parameters):
 
 
 def qos_as_wanted(context: Context, p: QosWanted, kind: str, verb: str) -> Finding:
-    """Judge reliability and durability of a topic's endpoints of a kind, which they offer or request, as the verb says.
+    """Judge reliability and durability of a topic's endpoints of a kind.
 
-    They count the same. History and depth only advise.
+    Both count the same. History and depth only advise.
+
+    Parameters
+    ----------
+    kind, verb
+        "publisher" and "offers", or "subscription" and "requests".
     """
-    wanted = {
-        k: v
-        for k, v in (("reliability", p.reliability), ("durability", p.durability))
-        if v is not None
-    }
-    expected = f"{verb} " + ", ".join(v.upper() for v in wanted.values())
+    wanted = _wanted_policies(p)
+    expected = f"{verb} " + ", ".join(value.upper() for value in wanted.values())
     endpoints = student_endpoints(context, p.topic, kind)
     if not endpoints:
         return failed(expected, f"no {kind}", f"There is no {kind}.")
-    # Which of several publishers sent what is not known; one that fits does not make up for another.
-    unfit = [
-        e.qos
-        for e in endpoints
-        if any(getattr(e.qos, name) != value for name, value in wanted.items())
-    ]
-    qos = unfit[0] if unfit else endpoints[0].qos
-    wrong = [
-        (name, getattr(qos, name)) for name, value in wanted.items() if getattr(qos, name) != value
-    ]
+    qos = _first_unfit(endpoints, wanted)
+    wrong = [f"The {kind} {verb} {other}." for other in _other_policies(qos, wanted)]
     claim = claim_of(context, kind, p.topic)
     asked = claim.qos if claim is not None else None
-    notes = []
-    if asked is not None and p.depth is not None and asked.depth != p.depth:
-        depth = "left to the middleware" if asked.history == "system_default" else asked.depth
-        notes.append(f"The depth is {depth}; the lab asks for {p.depth}.")
-    reason = " ".join(
-        f"The {kind} {verb} {value.upper()} {name}, not {wanted[name].upper()}."
-        for name, value in wrong
-    )
     measured = f"{verb} {qos.reliability.upper()}, {qos.durability.upper()}"
-    measured += f", depth {asked.depth} in the source" if asked is not None else ""
+    if asked is not None:
+        measured += f", depth {asked.depth} in the source"
+    share = 1 - len(wrong) / max(1, len(wanted))
     where = (*claimed_at(claim), context.location(p.topic))
-    finding = graded(
-        1 - len(wrong) / max(1, len(wanted)), expected, measured, reason, where=where, notes=notes
-    )
-    return replace(
-        finding,
-        cut_off=bool(wrong) and kind == "subscription" and unheard(context, p.topic) is not None,
-    )
+    notes = _depth_notes(p, asked)
+    finding = graded(share, expected, measured, " ".join(wrong), where=where, notes=notes)
+    if not wrong or kind != "subscription":
+        return finding
+    return replace(finding, cut_off=unheard(context, p.topic) is not None)
+
+
+def _wanted_policies(p: QosWanted) -> dict[str, str]:
+    """Return the values of the judged policies that the lab gives."""
+    wanted: dict[str, str] = {}
+    if p.reliability is not None:
+        wanted["reliability"] = p.reliability
+    if p.durability is not None:
+        wanted["durability"] = p.durability
+    return wanted
+
+
+def _first_unfit(endpoints: Sequence[Endpoint], wanted: Mapping[str, str]) -> Qos:
+    """Return the QoS of the first endpoint with a wrong policy, or else of the first endpoint.
+
+    One right endpoint does not make up for a wrong one, because the sender of a message is not known.
+    """
+    for endpoint in endpoints:
+        if any(getattr(endpoint.qos, name) != value for name, value in wanted.items()):
+            return endpoint.qos
+    return endpoints[0].qos
+
+
+def _other_policies(qos: Qos, wanted: Mapping[str, str]) -> list[str]:
+    """Return each wrong policy, such as `BEST_EFFORT reliability, not RELIABLE`."""
+    others = []
+    for name, value in wanted.items():
+        got = getattr(qos, name)
+        if got != value:
+            others.append(f"{got.upper()} {name}, not {value.upper()}")
+    return others
+
+
+def _depth_notes(p: QosWanted, asked: Qos | None) -> list[str]:
+    """Note a queue depth in the source that is not the lab's."""
+    if asked is None or p.depth is None or asked.depth == p.depth:
+        return []
+    depth = "left to the middleware" if asked.history == "system_default" else asked.depth
+    return [f"The depth is {depth}; the lab asks for {p.depth}."]

@@ -1,9 +1,12 @@
-"""Checks of the fields of messages: numbers within limits, texts of a form; and fields as other checks name them."""
+"""Checks of the fields of messages: numbers within limits and texts of a form.
+
+Other checks name topics, fields and windows by the base classes here.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import partial
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -29,7 +32,7 @@ from grader.lab.patterns import compiled, search
 from grader.lab.references import Parameters, Pattern, Share
 from grader.result import Finding
 
-#: Of a text so much is compared with a pattern; messages that are meant to be read are shorter.
+#: Number of characters of a text that are compared with a pattern; messages for people are shorter.
 _MOST_TEXT = 2000
 
 
@@ -69,19 +72,19 @@ class NumbersOf(Parameters):
 
 
 class InWindow(Parameters):
-    """Base of checks that look at messages, all of them or those of a time."""
+    """Base of checks of messages, all of them or those in a window."""
 
     window: ref.Window | None = Field(
         None, description="Label of the observe step; else the whole session."
     )
 
     def span(self, context: Context) -> Span | None:
-        """Return the time that counts; None where that is the whole session, or the step was not reached."""
+        """Return the window; None if it is the whole session, or if its step was not reached."""
         return context.session.window(self.window) if self.window else None
 
 
 class OfMessages(InWindow):
-    """Base of checks that count in how many messages all is right."""
+    """Base of checks that count right messages."""
 
     full_from: Share = Field(1.0, description="Share of right messages from which credit is full.")
     none_below: Share = Field(
@@ -95,104 +98,127 @@ class OfMessages(InWindow):
         return self
 
     def credit(self, share: float) -> float:
-        """Return the credit for a share of right messages. One wrong message too many is seen, however many are right.
+        """Return the credit for a share of right messages.
 
-        A share is known to a part of a message, and not better.
+        One wrong message too many costs a level, however many are right.
         """
         if share >= self.full_from - 1e-9:
             return 1.0
-        return min(
-            quantise(ramp(1 - share, 1 - self.full_from, 1 - self.none_below)),
-            1 - 1 / CREDIT_LEVELS,
-        )
+        credit = quantise(ramp(1 - share, 1 - self.full_from, 1 - self.none_below))
+        return min(credit, 1 - 1 / CREDIT_LEVELS)
 
     @property
     def in_messages(self) -> str:
-        """In how many messages all has to be right, in words."""
-        return (
-            "every message" if self.full_from == 1 else f"{percent(self.full_from)} of the messages"
-        )
+        """The required number of right messages, in words."""
+        if self.full_from == 1:
+            return "every message"
+        return f"{percent(self.full_from)} of the messages"
 
     def due(
         self, context: Context, times_ns: Integers, first_ns: int, within_s: float
     ) -> NDArray[np.bool_]:
-        """Return which of some messages have to be answered, so soon: those of the window, or while somebody listened.
+        """Return which of some messages must be answered: those in the window, or while the node listened.
 
-        A node listens when it has answered the first, which may be later than it was asked, but not by long.
+        A node listens from the first message that it answered on, or a bounded time after the first
+        message that it could have answered.
+
+        Parameters
+        ----------
+        times_ns
+            int64[n]: Times of the messages.
+        first_ns
+            Time of the first answered message.
+        within_s
+            Time that an answer may take.
         """
         span = self.span(context)
         if span is None:
             start_ns = min(first_ns, int(times_ns.min(initial=first_ns)) + LATE_NS)
             span = Span(start_ns, min(_asked_to_end_ns(context)))
-        due: NDArray[np.bool_] = (times_ns >= span.start_ns) & (
-            times_ns <= span.end_ns - round(within_s * 1e9)
-        )
+        last_ns = span.end_ns - round(within_s * 1e9)
+        due: NDArray[np.bool_] = (times_ns >= span.start_ns) & (times_ns <= last_ns)
         return due
 
     def chosen(self, context: Context, topic: str) -> list[int]:
-        """Return which messages of a topic's stream count, by source time."""
-        source_ns, span = context.session.stream(topic).source_ns, self.span(context)
-        order = np.argsort(source_ns, kind="stable").tolist()
-        return [i for i in order if span is None or span.start_ns <= source_ns[i] <= span.end_ns]
+        """Return the places of the counted messages in a topic's stream, by source time."""
+        source_ns = context.session.stream(topic).source_ns
+        order: list[int] = np.argsort(source_ns, kind="stable").tolist()
+        span = self.span(context)
+        if span is None:
+            return order
+        return [place for place in order if span.start_ns <= source_ns[place] <= span.end_ns]
 
 
-#: So long after the first message that it could answer a node may begin to listen.
+#: Latest time for a node to begin to listen, after the first message.
 LATE_NS = 2_000_000_000
 
 
 def _asked_to_end_ns(context: Context) -> list[int]:
-    """Return when the student's processes were asked to end, or awaited to; one that ends unasked stops answering."""
+    """Return when the student's processes were asked to end, or awaited to, and the session's end.
+
+    A process that ends unasked stops answering by its own fault.
+    """
     record = context.session.record
-    awaited = {
-        str(step.parameters.get("process")) for step in record.steps if step.kind == "wait_exit"
-    }
-    asked = [run.interrupted_ns for run in context.session.students]
-    asked += [
-        run.exited_ns
-        for run in context.session.students
-        if run.ended_by == "kill" or run.name in awaited
-    ]
-    return [record.ended_ns, *filter(None, asked)]
+    awaited = set()
+    for step in record.steps:
+        if step.kind == "wait_exit":
+            awaited.add(str(step.parameters.get("process")))
+    asked = [record.ended_ns]
+    for run in context.session.students:
+        if run.interrupted_ns:
+            asked.append(run.interrupted_ns)
+        if run.exited_ns and (run.ended_by == "kill" or run.name in awaited):
+            asked.append(run.exited_ns)
+    return asked
 
 
 def numbers_in(pattern: str, text: str | None) -> Floats | None:
-    """Return the numbers that a pattern finds in a text, by its named groups or all; None where it finds none."""
+    """Return the numbers that a pattern finds in a text, by its named groups or else all groups.
+
+    None if it finds none.
+    """
     found = search(pattern, (text or "")[:_MOST_TEXT])
     if found is None:
         return None
+    groups = found.groupdict().values() or found.groups()
     try:
-        return np.array(
-            [float(group) for group in found.groupdict().values() or found.groups()],
-            dtype=np.float64,
-        )
+        return np.array([float(group) for group in groups], dtype=np.float64)
     except (TypeError, ValueError):
         return None
 
 
 def nothing_came(context: Context, topic: str, expected: str) -> Finding:
-    """State that there are no messages to look at."""
+    """State that no messages can be judged."""
     when = " in the time that counts" if len(context.session.stream(topic)) else ""
     reason = f"No message arrived on {context.session.used(topic)}{when}."
     return unexplained(failed(expected, "no messages", reason, where=(context.location(topic),)))
 
 
 def moment(context: Context, topic: str, t_ns: int) -> tuple[float, Span]:
-    """Return a time in s since the session's start, and the span that points at it."""
+    """Return a time in seconds since the session's start, and a span of this time alone."""
     return context.session.since_start_s(t_ns), Span(t_ns, t_ns)
 
 
-#: A limit for all numbers of a field, or one for each.
+#: Limit of all numbers of a field, or one for each.
 Limit = float | tuple[float, ...] | None
 
 
-#: How far a limit is another number as a float32: 0.1 is a little more there. And by which share a change may seem
-#: faster, from one message of a timer to the next, than it was computed.
+#: Relative error of a limit as a float32, such as 0.1; and relative error of a change per second by an uneven timer.
 _FLOAT32, _UNEVEN = 1e-7, 0.01
 
 
 def _of_limit(limit: Limit, otherwise: float) -> Floats:
-    limits = np.atleast_1d(np.array(otherwise if limit is None else limit, dtype=np.float64))
-    return limits if limit is None else limits + np.copysign(_FLOAT32 * limits, otherwise)
+    """Return a limit as an array, widened by the error of a float32.
+
+    Parameters
+    ----------
+    otherwise
+        Value without a limit: infinite, with the sign of the side.
+    """
+    if limit is None:
+        return np.array([otherwise], dtype=np.float64)
+    limits = np.atleast_1d(np.array(limit, dtype=np.float64))
+    return limits + np.copysign(_FLOAT32 * limits, otherwise)
 
 
 class FieldRange(OfMessages, NumbersOf):
@@ -223,105 +249,173 @@ class FieldRange(OfMessages, NumbersOf):
 
     @property
     def expected(self) -> str:
-        """What is asked for, in words."""
-        words = (
-            ("at least {}", self.low),
-            ("at most {}", self.high),
-            ("changing by up to {} a second", self.change_per_s),
-        )
-        limits = [text.format(limit) for text, limit in words if limit is not None]
+        """The limits in words."""
+        limits = []
+        if self.low is not None:
+            limits.append(f"at least {self.low}")
+        if self.high is not None:
+            limits.append(f"at most {self.high}")
+        if self.change_per_s is not None:
+            limits.append(f"changing by up to {self.change_per_s} a second")
         return f"{self.field} {' and '.join(limits) or 'finite'} in {self.in_messages}"
 
 
+@dataclass(frozen=True)
+class _Excesses:
+    """Excesses of messages over the limits, in the order of their source times."""
+
+    #: float64[n]: Greatest excess over a limit, 0 if there is none.
+    values: Floats
+    #: The excess of each message in words; empty if there is none.
+    words: Sequence[str]
+    #: float64[n]: Change per second before each message if it is too fast, else 0.
+    rates: Floats
+    #: bool[n]: Whether a late publication may explain the rate.
+    late: NDArray[np.bool_]
+
+    @property
+    def bad(self) -> NDArray[np.bool_]:
+        """Which messages are wrong."""
+        found: NDArray[np.bool_] = (self.values > 0) | (self.rates > 0)
+        return found
+
+    @property
+    def surely_bad(self) -> NDArray[np.bool_]:
+        """Which messages are wrong, whatever the machine did."""
+        found: NDArray[np.bool_] = (self.values > 0) | ((self.rates > 0) & ~self.late)
+        return found
+
+    @property
+    def worst(self) -> int:
+        """Place of the message with the greatest excess, or else with the fastest change."""
+        return int(np.argmax(self.values if self.values.max() > 0 else self.rates))
+
+
 def field_range(context: Context, p: FieldRange) -> Finding:
-    """Judge the share of messages within the limits; the worst is shown."""
-    rows, chosen = p.rows(context.session), p.chosen(context, p.topic)
+    """Judge the share of messages within the limits, and show the worst."""
+    chosen = p.chosen(context, p.topic)
     if not chosen:
         return nothing_came(context, p.topic, p.expected)
-    over = [_beyond(p, rows[i]) for i in chosen]
-    steps, late = _too_fast(context, p, chosen)
-    bad = np.array([excess > 0 for excess, _ in over]) | (steps > 0)
-    sure = np.array([excess > 0 for excess, _ in over]) | ((steps > 0) & ~late)
-    count, good = len(chosen), int((~bad).sum())
-    measured = f"{good} of {count} messages"
-    doubt = (
-        "Not your fault: the grading computer was busy when the numbers seem to change too fast."
+    excesses = _excesses(context, p, chosen)
+    bad = excesses.bad
+    count = len(chosen)
+    good = int((~bad).sum())
+    worst = excesses.worst
+    worst_ns = int(context.session.stream(p.topic).source_ns[chosen[worst]])
+    at_s, span = moment(context, p.topic, worst_ns)
+    what = excesses.words[worst]
+    if not what:
+        rate = f"{excesses.rates[worst]:.4g} a second"
+        what = f"{p.field} changes by {rate}, more than {p.change_per_s}"
+    reason = f"At {at_s:.2f} s {what}."
+    if count - good > 1:
+        reason += f" So it is in {count - good} messages."
+    return graded(
+        p.credit(good / count),
+        p.expected,
+        f"{good} of {count} messages",
+        reason,
+        where=(context.location(p.topic, span if bad.any() else p.span(context)),),
+        best=p.credit(float((~excesses.surely_bad).mean())),
+        doubt="Not your fault: the grading computer was busy when the numbers seem to change too fast.",
     )
-    excesses = np.array([excess for excess, _ in over])
-    worst = int(np.argmax(excesses if excesses.max() > 0 else steps))
-    at_s, span = moment(
-        context, p.topic, int(context.session.stream(p.topic).source_ns[chosen[worst]])
-    )
-    what = (
-        over[worst][1]
-        or f"{p.field} changes by {steps[worst]:.4g} a second, more than {p.change_per_s}"
-    )
-    reason = f"At {at_s:.2f} s {what}." + (
-        f" So it is in {count - good} messages." if count - good > 1 else ""
-    )
-    shares = (p.credit(good / count), p.credit(float((~sure).mean())))
-    where = (context.location(p.topic, span if bad.any() else p.span(context)),)
-    return graded(shares[0], p.expected, measured, reason, where=where, best=shares[1], doubt=doubt)
+
+
+def _excesses(context: Context, p: FieldRange, chosen: Sequence[int]) -> _Excesses:
+    """Compare messages with the limits.
+
+    Parameters
+    ----------
+    chosen
+        Places of the messages in the topic's stream.
+    """
+    rows = p.rows(context.session)
+    values = []
+    words = []
+    for place in chosen:
+        value, text = _beyond(p, rows[place])
+        values.append(value)
+        words.append(text)
+    rates, late = _too_fast(context, p, chosen)
+    return _Excesses(np.array(values), words, rates, late)
 
 
 def _beyond(p: FieldRange, row: Floats | None) -> tuple[float, str]:
-    """Return by how much a message's numbers are beyond the limits at most, and say so; 0 where none is."""
-    low, high = _of_limit(p.low, -np.inf), _of_limit(p.high, np.inf)
+    """Return the greatest excess of a message's numbers over the limits, and a clause about it.
+
+    The excess is 0 if there is none, and infinite if the numbers cannot be compared.
+    """
+    if row is None or not len(row):
+        return np.inf, f"the message holds no numbers{_in_field(p)}"
+    low = _of_limit(p.low, -np.inf)
+    high = _of_limit(p.high, np.inf)
     length = max(len(low), len(high))
-    if row is None or not len(row) or length not in (1, len(row)):
-        holds = "no numbers" if row is None or not len(row) else f"{len(row)} numbers, not {length}"
-        return np.inf, f"the message holds {holds}" + (
-            f" in {p.field}" if p.pattern is None else ""
-        )
-    if p.finite and not np.isfinite(row).all():
-        index = int(np.argmin(np.isfinite(row)))
+    if length not in (1, len(row)):
+        return np.inf, f"the message holds {len(row)} numbers, not {length}{_in_field(p)}"
+    finite = np.isfinite(row)
+    if p.finite and not finite.all():
+        index = int(np.argmin(finite))
         return np.inf, f"{_element(p, row, index)} is {row[index]}"
-    excess = np.nan_to_num(np.maximum(row - high, low - row), nan=0.0, posinf=np.inf)
+    excess = np.maximum(row - high, low - row)
+    excess = np.nan_to_num(excess, nan=0.0, posinf=np.inf)
     index = int(np.argmax(excess))
     if excess[index] <= 0:
         return 0.0, ""
-    limits = [float(np.broadcast_to(limit, row.shape)[index]) for limit in (low, high)]
-    side = f"below {limits[0]:g}" if row[index] < limits[0] else f"above {limits[1]:g}"
-    return float(
-        excess[index]
-    ), f"{_element(p, row, index)} is {apart(float(row[index]), *limits, places=3)}, {side}"
+    least = float(np.broadcast_to(low, row.shape)[index])
+    most = float(np.broadcast_to(high, row.shape)[index])
+    return float(excess[index]), _outside(_element(p, row, index), float(row[index]), least, most)
+
+
+def _outside(name: str, value: float, least: float, most: float) -> str:
+    """Say on which side of its limits a number is."""
+    shown = apart(value, least, most, places=3)
+    if value < least:
+        return f"{name} is {shown}, below {least:g}"
+    return f"{name} is {shown}, above {most:g}"
+
+
+def _in_field(p: FieldRange) -> str:
+    return f" in {p.field}" if p.pattern is None else ""
 
 
 def _element(p: NumbersOf, row: Floats, index: int) -> str:
-    return (
-        p.field
-        if len(row) == 1
-        else f"{p.field}, number {index},"
-        if p.pattern
-        else f"{p.field}[{index}]"
-    )
+    """Name one number of a field."""
+    if len(row) == 1:
+        return p.field
+    if p.pattern:
+        return f"{p.field}, number {index},"
+    return f"{p.field}[{index}]"
 
 
 def _too_fast(
     context: Context, p: FieldRange, chosen: Sequence[int]
 ) -> tuple[Floats, NDArray[np.bool_]]:
-    """Return how fast numbers changed before each message, where that was too fast, else 0; and where that is unsure.
+    """Return the change per second before each message if it is too fast, else 0, and where it is unsure.
 
-    It is where the machine delayed somebody since the message before: what was computed in time was sent late.
+    It is unsure if the machine delayed a process since the previous message, because numbers that
+    were computed in time may have been sent late.
     """
-    fast, late = np.zeros(len(chosen)), np.zeros(len(chosen), dtype=bool)
-    series = p.series(context.session, p.span(context)) if p.change_per_s is not None else None
-    if series is None or len(series.values) < 2 or p.change_per_s is None:
+    fast = np.zeros(len(chosen))
+    late = np.zeros(len(chosen), dtype=bool)
+    if p.change_per_s is None:
+        return fast, late
+    series = p.series(context.session, p.span(context))
+    if series is None or len(series.values) < 2:
         return fast, late
     steps_s = np.diff(series.source_ns) / 1e9
     usual_s = float(np.median(steps_s)) or 1e-9
-    rates = np.abs(np.diff(series.values, axis=0)).max(axis=1) / np.maximum(steps_s, usual_s)
-    places = {index: n for n, index in enumerate(chosen)}
+    changes = np.abs(np.diff(series.values, axis=0)).max(axis=1)
+    rates = changes / np.maximum(steps_s, usual_s)
+    places = {index: place for place, index in enumerate(chosen)}
     rows = [places[int(index)] for index in series.index[1:]]
     fast[rows] = np.where(rates > p.change_per_s * (1 + _UNEVEN), rates, 0.0)
-    delays_s = context.session.delays_s(
-        series.source_ns[:-1] - round(usual_s * 1e9), series.source_ns[1:]
-    )
+    before_ns = series.source_ns[:-1] - round(usual_s * 1e9)
+    delays_s = context.session.delays_s(before_ns, series.source_ns[1:])
     late[rows] = delays_s > _DELAYED * usual_s
     return fast, late
 
 
-#: A delay of this share of the usual time between two messages can make a change look fast.
+#: Share of the median interval from which a delay can make a change look fast.
 _DELAYED = 0.2
 
 
@@ -333,16 +427,18 @@ class Between(Parameters):
 
     def hold(self, numbers: Floats) -> NDArray[np.bool_]:
         """Return which numbers lie within them."""
-        found: NDArray[np.bool_] = (numbers >= _of_limit(self.low, -np.inf)) & (
-            numbers <= _of_limit(self.high, np.inf)
-        )
+        low = _of_limit(self.low, -np.inf)
+        high = _of_limit(self.high, np.inf)
+        found: NDArray[np.bool_] = (numbers >= low) & (numbers <= high)
         return found
 
     def __str__(self) -> str:
-        limits = {"at least": self.low, "at most": self.high}
-        return " and ".join(
-            f"{words} {limit:g}" for words, limit in limits.items() if limit is not None
-        )
+        limits = []
+        if self.low is not None:
+            limits.append(f"at least {self.low:g}")
+        if self.high is not None:
+            limits.append(f"at most {self.high:g}")
+        return " and ".join(limits)
 
 
 class FieldMatches(OfMessages):
@@ -376,39 +472,64 @@ class FieldMatches(OfMessages):
 
 
 def field_matches(context: Context, p: FieldMatches) -> Finding:
-    """Judge the share of messages that match, and how much of the order came."""
-    values = context.session.stream(p.topic).field(p.field)
+    """Judge the share of messages that match, and the part of the order that came."""
     chosen = p.chosen(context, p.topic)
-    expected = (
-        f"'{p.pattern}' in {p.in_messages}"
-        + f", in the order {', '.join(p.in_order)}" * bool(p.in_order)
-    )
+    expected = _expected_texts(p)
     if not chosen:
         return nothing_came(context, p.topic, expected)
-    texts = [_written(values[i]) for i in chosen]
-    faults = list(map(partial(_mismatch, p), texts))
+    texts = _texts(context, p, chosen)
+    faults = [_mismatch(p, text) for text in texts]
     good = faults.count("")
-    share, where, reasons = (
-        p.credit(good / len(texts)),
-        context.location(p.topic, p.span(context)),
-        [],
-    )
+    reasons = []
+    span = p.span(context)
     if good < len(texts):
-        first = next(n for n, fault in enumerate(faults) if fault)
-        at_s, span = moment(
-            context, p.topic, int(context.session.stream(p.topic).source_ns[chosen[first]])
-        )
-        reasons, where = [f"At {at_s:.2f} s {faults[first]}."], context.location(p.topic, span)
+        reason, span = _first_fault(context, p, chosen, faults)
+        reasons.append(reason)
+    measured = f"{good} of {len(texts)} messages match"
     came = _came_in_order(p.in_order, texts)
+    if p.in_order:
+        measured += f", {came} of {len(p.in_order)} in order"
     if came < len(p.in_order):
-        share *= 1 - p.order_costs * (1 - came / len(p.in_order))
-        after = f" after '{p.in_order[came - 1]}'" if came else ""
-        reasons.append(f"'{p.in_order[came]}' does not come{after}.")
-    measured = (
-        f"{good} of {len(texts)} messages match"
-        + f", {came} of {len(p.in_order)} in order" * bool(p.in_order)
-    )
-    return graded(share, expected, measured, " ".join(reasons), where=(where,))
+        reasons.append(_not_in_order(p, came))
+    where = (context.location(p.topic, span),)
+    share = p.credit(good / len(texts)) * _order_share(p, came)
+    return graded(share, expected, measured, " ".join(reasons), where=where)
+
+
+def _first_fault(
+    context: Context, p: FieldMatches, chosen: Sequence[int], faults: Sequence[str]
+) -> tuple[str, Span]:
+    """Return a sentence about the first message with a fault, and its time."""
+    first = next(place for place, fault in enumerate(faults) if fault)
+    first_ns = int(context.session.stream(p.topic).source_ns[chosen[first]])
+    at_s, span = moment(context, p.topic, first_ns)
+    return f"At {at_s:.2f} s {faults[first]}.", span
+
+
+def _texts(context: Context, p: FieldMatches, chosen: Sequence[int]) -> list[str | None]:
+    """Return the texts of some messages; None for one without."""
+    values = context.session.stream(p.topic).field(p.field)
+    return [_written(values[place]) for place in chosen]
+
+
+def _expected_texts(p: FieldMatches) -> str:
+    expected = f"'{p.pattern}' in {p.in_messages}"
+    if p.in_order:
+        expected += f", in the order {', '.join(p.in_order)}"
+    return expected
+
+
+def _order_share(p: FieldMatches, came: int) -> float:
+    """Return the share of credit that is left after so many patterns came in order."""
+    if came == len(p.in_order):
+        return 1.0
+    return 1 - p.order_costs * (1 - came / len(p.in_order))
+
+
+def _not_in_order(p: FieldMatches, came: int) -> str:
+    """Say which pattern does not come after the previous one."""
+    after = f" after '{p.in_order[came - 1]}'" if came else ""
+    return f"'{p.in_order[came]}' does not come{after}."
 
 
 def _written(value: Any) -> str | None:
@@ -421,7 +542,7 @@ def _written(value: Any) -> str | None:
 
 
 def _mismatch(p: FieldMatches, text: str | None) -> str:
-    """Say why a text is not of the form that is asked for; empty where it is."""
+    """Say how a text differs from the required form; empty if it does not."""
     found = search(p.pattern, text) if text is not None else None
     if found is None:
         return f"the message is {(text or '')[:100]!r}"
@@ -436,9 +557,11 @@ def _mismatch(p: FieldMatches, text: str | None) -> str:
 
 
 def _came_in_order(patterns: Sequence[str], texts: Sequence[str | None]) -> int:
-    """Return how many of some patterns, from the first one on, are found one after the other."""
+    """Return the number of patterns, from the first one on, that are found one after the other."""
     came = 0
     for text in texts:
-        if came < len(patterns) and text is not None and search(patterns[came], text) is not None:
+        if came == len(patterns):
+            break
+        if text is not None and search(patterns[came], text) is not None:
             came += 1
     return came

@@ -1,9 +1,9 @@
-"""Checks of a launch file: that it loads, what it declares and starts, and that it works when it runs."""
+"""Checks of a launch file: loading, arguments, nodes, parameters, and all nodes running together."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -31,16 +31,16 @@ from grader.checks.preconditions import environment_gap_of
 from grader.evidence.cpu_delay import Span
 from grader.evidence.environment_gap import absent_module
 from grader.evidence.newer_python import is_newer_python
-from grader.evidence.recorded import clock_step_s
+from grader.evidence.recorded import Floats, NumericStream, clock_step_s
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
-from grader.recording.launch_plan import MalformedPlanError, Plan, Problem, Process
+from grader.recording.launch_plan import Argument, MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
 from grader.recording.submission import PackageFact
 from grader.result import Finding, Location
 
-#: Where no plan was recorded.
+#: Stands for a plan that was not recorded.
 _NO_PLAN = Plan("error", Problem("not_evaluated", "the launch file could not be evaluated"))
 
 
@@ -58,11 +58,15 @@ def plan_of(context: Context, step: str) -> Plan:
     return _read_plan(run.result.get("plan") if run is not None else None)
 
 
-def worked_around(context: Context, step: str, *kinds: str) -> list[Mapping[str, Any]]:
-    """Return the problems of some kinds that the live half noted and worked around, to judge the rest."""
+#: A problem of a launch file as the recording holds it: kind, message, remedy, file, line and repair.
+_Noted = Mapping[str, Any]
+
+
+def worked_around(context: Context, step: str, *kinds: str) -> list[_Noted]:
+    """Return the problems of some kinds, or of all, that were repaired on a copy to judge the rest."""
     run = context.session.step(step)
     found = run.result.get("mended", []) if run is not None else []
-    return [m for m in found if m["kind"] in kinds or not kinds]
+    return [noted for noted in found if noted["kind"] in kinds or not kinds]
 
 
 class LaunchLoads(Parameters):
@@ -80,132 +84,153 @@ class LaunchLoads(Parameters):
 
 
 def launch_loads(context: Context, p: LaunchLoads) -> Finding:
-    """Judge the evaluation; a module that we do not have is no fault of the student's.
+    """Judge the evaluation; a module that is missing on the grading computer costs nothing.
 
-    What was repaired on a copy is charged here, and the rest is judged there.
+    This check charges the mistakes that were repaired on a copy, and other checks judge the rest.
     """
     expected = "a launch description without an error"
     plan = plan_of(context, p.step)
     if plan is _NO_PLAN:
-        return inconclusive(
-            expected,
-            "not evaluated",
-            "The recording does not hold an evaluation of the launch file.",
-        )
+        reason = "The recording does not hold an evaluation of the launch file."
+        return inconclusive(expected, "not evaluated", reason)
     problem = plan.problem
-    noted = [*worked_around(context, p.step), *([vars(problem)] if problem is not None else [])]
+    noted = worked_around(context, p.step)
+    if problem is not None:
+        noted.append(vars(problem))
     faults = [each for each in noted if not _excuse(context, each)]
-    if problem is None and faults:
+    if not faults:
+        return _loads(context, p, expected, plan, noted)
+    if problem is None:
         return _repaired(faults, expected, p.repaired_rest)
-    if problem is None or not faults:
-        notes = [_excuse(context, each) for each in noted]
-        notes += [
-            f"{w.message} ({w.file}:{w.line})" if w.file else w.message for w in plan.warnings
-        ]
-        measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
-        notes += _silent(plan)
-        if (package := _leaves_out(context, p.artifact)) is None:
-            return passed(expected, measured, where=_at(context, problem), notes=notes)
-        build = "setup.py" if package.build_type == "ament_python" else "CMakeLists.txt"
-        where = (Location(file=f"{package.path}/{build}".lstrip("/")),)
-        reason = f"The package {package.name} does not install it, so that `ros2 launch` finds it by its path only."
-        hint = f"Install it in {build}, as the remark about the package says."
-        return graded(
-            1 - p.not_installed_costs,
-            expected,
-            measured,
-            reason,
-            hint=hint,
-            where=where,
-            notes=notes,
-        )
-    newer = problem.kind == "syntax_error" and is_newer_python(
-        context.submission.texts.get(problem.file or "", "")
+    where = _at(context, problem)
+    undecided = _not_assessable(context, plan, problem)
+    if undecided:
+        return inconclusive(expected, problem.message, undecided, where=where, retry=False)
+    reason = _capitalised(problem.message)
+    if problem.file and problem.line:
+        reason += f" ({problem.file}, line {problem.line})"
+    finding = failed(expected, problem.message, reason, hint=problem.remedy, where=where)
+    if plan.arguments:
+        # The arguments that it declares before it stops are judged.
+        return replace(finding, rest=credit_of(p.repaired_rest))
+    return finding
+
+
+def _loads(
+    context: Context, p: LaunchLoads, expected: str, plan: Plan, noted: Sequence[_Noted]
+) -> Finding:
+    """State that a launch file can be evaluated, and whether its package installs it."""
+    measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
+    notes = [_excuse(context, each) for each in noted]
+    for warning in plan.warnings:
+        at = f" ({warning.file}:{warning.line})" if warning.file else ""
+        notes.append(f"{warning.message}{at}")
+    notes += _silent(plan)
+    package = _leaves_out(context, p.artifact)
+    if package is None:
+        where = _at(context, plan.problem)
+        return passed(expected, measured, where=where, notes=notes)
+    build = "setup.py" if package.build_type == "ament_python" else "CMakeLists.txt"
+    return graded(
+        1 - p.not_installed_costs,
+        expected,
+        measured,
+        f"The package {package.name} does not install it, so that `ros2 launch` finds it by its path only.",
+        hint=f"Install it in {build}, as the remark about the package says.",
+        where=(Location(file=f"{package.path}/{build}".lstrip("/")),),
+        notes=notes,
     )
-    # A module may be said to be missing that the launch file does not import, or that is not missing here.
-    made_up = problem.kind == "missing_module" and not absent_module(
-        problem.module, problem.file or "", problem.line, context.submission
-    )
-    if newer or (plan.outcome == "not_assessable" and not made_up):
-        lacking = "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
-        reason = lacking if newer else "The grader cannot evaluate this launch file."
-        return inconclusive(
-            expected, problem.message, reason, where=_at(context, problem), retry=False
-        )
-    location = f" ({problem.file}, line {problem.line})" if problem.file and problem.line else ""
-    reason = _capitalised(problem.message) + location
-    finding = failed(
-        expected, problem.message, reason, hint=problem.remedy, where=_at(context, problem)
-    )
-    # What it declares until it stops was seen, and counts.
-    return replace(finding, rest=credit_of(p.repaired_rest)) if plan.arguments else finding
+
+
+def _not_assessable(context: Context, plan: Plan, problem: Problem) -> str:
+    """Say why the launch file cannot be evaluated here; empty if the problem is its own."""
+    file = problem.file or ""
+    if problem.kind == "syntax_error":
+        source = context.submission.texts.get(file, "")
+        if is_newer_python(source):
+            return "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
+    if plan.outcome != "not_assessable":
+        return ""
+    if problem.kind == "missing_module":
+        # The file may name a module that it does not import, or that is installed here.
+        if not absent_module(problem.module, file, problem.line, context.submission):
+            return ""
+    return "The grader cannot evaluate this launch file."
 
 
 def _leaves_out(context: Context, artifact: str) -> PackageFact | None:
     """Return the package that holds an artifact's file and surely does not install it, if one does."""
     path = context.path_of(artifact) or ""
-    owners = [p for p in context.submission.packages if path.startswith(f"{p.path}/".lstrip("/"))]
+    owners = []
+    for package in context.submission.packages:
+        if path.startswith(f"{package.path}/".lstrip("/")):
+            owners.append(package)
     owner = max(owners, key=lambda package: len(package.path), default=None)
-    known = owner.shared if owner is not None else None
-    return owner if known is not None and path not in known.values() else None
+    if owner is None or owner.shared is None:
+        return None
+    return None if path in owner.shared.values() else owner
 
 
-def _excuse(context: Context, noted: Mapping[str, Any]) -> str:
-    """Say why a name of something that is not there is no mistake of the launch file, if it is none."""
-    submission, said = context.submission, _capitalised(noted["message"])
-    missing = [a.expected.removesuffix(".py") for a in submission.artifacts if a.path is None]
-    if noted["kind"] in ("unknown_executable", "unknown_package") and any(
-        name in said for name in missing
-    ):
-        return f"{said} Its file is missing, which costs points in another check."
-    near = "Did you mean" in noted["remedy"]
-    if noted["kind"] == "unknown_package" and not submission.packages and not near:
-        return f"{said} The files were handed in without their package, so that its name cannot be wrong."
+def _excuse(context: Context, noted: _Noted) -> str:
+    """Say why an unknown name is no mistake of the launch file; empty if it is one."""
+    submission = context.submission
+    message = _capitalised(noted["message"])
+    if noted["kind"] not in ("unknown_executable", "unknown_package"):
+        return ""
+    for artifact in submission.artifacts:
+        if artifact.path is None and artifact.expected.removesuffix(".py") in message:
+            return f"{message} Its file is missing, which costs points in another check."
+    has_suggestion = "Did you mean" in noted["remedy"]
+    if noted["kind"] == "unknown_package" and not submission.packages and not has_suggestion:
+        return f"{message} The files were handed in without their package, so that its name cannot be wrong."
     return ""
 
 
-def _repaired(faults: Sequence[Mapping[str, Any]], expected: str, rest: float) -> Finding:
-    """State that a launch file does not load as it was handed in, by what, and what was repaired to judge the rest."""
-    done = "; ".join(noted["repair"] for noted in faults if noted.get("repair"))
-    reasons = " ".join(dict.fromkeys(_capitalised(noted["message"]) for noted in faults))
-    judged = f"To judge the rest, it was repaired on a copy{f': {done}' if done else ''}."
+def _repaired(faults: Sequence[_Noted], expected: str, rest: float) -> Finding:
+    """State the mistakes that keep a launch file from loading, and their repair on a copy."""
+    repairs = [noted["repair"] for noted in faults if noted.get("repair")]
+    done = f": {'; '.join(repairs)}" if repairs else ""
+    messages = dict.fromkeys(_capitalised(noted["message"]) for noted in faults)
+    remedies = dict.fromkeys(str(noted["remedy"]) for noted in faults)
+    stops = f"{' '.join(messages)} `ros2 launch` stops there."
     finding = failed(
         expected,
         "it stops with an error",
-        f"{reasons} `ros2 launch` stops there. {judged}",
-        hint=" ".join(dict.fromkeys(str(noted["remedy"]) for noted in faults)),
-        where=[
-            Location(file=noted["file"], line=noted["line"]) for noted in faults if noted["file"]
-        ],
+        f"{stops} To judge the rest, it was repaired on a copy{done}.",
+        hint=" ".join(remedies),
+        where=[Location(file=each["file"], line=each["line"]) for each in faults if each["file"]],
     )
     return replace(finding, rest=credit_of(rest))
 
 
 def _at(context: Context, problem: Problem | None) -> tuple[Location, ...]:
-    return (
-        Location(problem.file, problem.line) if problem and problem.file else context.location(),
-    )
+    if problem is not None and problem.file:
+        return (Location(problem.file, problem.line),)
+    return (context.location(),)
 
 
 def _silent(plan: Plan) -> list[str]:
-    """Advise where what nodes print goes to a log file alone; it costs nothing."""
-    quiet = [
-        p for p in plan.processes if p.output == "log" and p.kind != "executable" and not p.absent
-    ]
-    if not quiet:
+    """Note, without a cost, that the output of some nodes goes only to a log file."""
+    names = []
+    places = []
+    for process in plan.processes:
+        if process.output == "log" and process.kind != "executable" and not process.absent:
+            names.append(process.called or process.runs)
+            if process.file:
+                places.append(f"{process.file}:{process.line}")
+    if not names:
         return []
-    named = list(dict.fromkeys(p.called or p.runs for p in quiet))
-    places = ", ".join(dict.fromkeys(f"{p.file}:{p.line}" for p in quiet if p.file))
-    verb = "prints" if len(named) == 1 else "print"
-    shown = f"What {', '.join(named)} {verb} goes into a log file and not to the screen; output='screen' shows it"
-    return [shown + (f" ({places})." if places else ".")]
+    different = list(dict.fromkeys(names))
+    verb = "prints" if len(different) == 1 else "print"
+    goes = f"What {', '.join(different)} {verb} goes into a log file and not to the screen"
+    at = f" ({', '.join(dict.fromkeys(places))})" if places else ""
+    return [f"{goes}; output='screen' shows it{at}."]
 
 
 def _capitalised(message: str) -> str:
+    """Return a message as a sentence; a name at its beginning stays as it is."""
     first = message.split(" ", 1)[0]
-    text = (
-        message[:1].upper() + message[1:] if first.isalpha() else message
-    )  # a name stays as it is
+    text = message[:1].upper() + message[1:] if first.isalpha() else message
     return text if text.endswith((".", "?", "!")) else text + "."
 
 
@@ -227,49 +252,55 @@ class LaunchArguments(Parameters):
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Whether two values mean the same: 100 and "100.0", True and "true"."""
+    """Tell whether two values mean the same: 100 and "100.0", True and "true"."""
     if str(a).strip().lower() == str(b).strip().lower():
         return True
+    if isinstance(a, bool) or isinstance(b, bool):
+        return False
     try:
-        return not isinstance(a, bool) and not isinstance(b, bool) and float(a) == float(b)
+        return float(a) == float(b)
     except (TypeError, ValueError, OverflowError):
         return False
 
 
 def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
     """Judge the declared arguments by the plan."""
-    expected = ", ".join(f"{a.name} = {a.default!r}" for a in p.arguments)
+    expected = ", ".join(f"{wanted.name} = {wanted.default!r}" for wanted in p.arguments)
     plan = plan_of(context, p.step)
-    declared = {a.name: a for a in plan.arguments}
+    undefined = worked_around(context, p.step, "undefined_configuration")
+    assumed = " ".join(str(noted["message"]) for noted in undefined)
+    declared = {argument.name: argument for argument in plan.arguments}
     parts = []
-    assumed = " ".join(
-        str(noted["message"]) for noted in worked_around(context, p.step, "undefined_configuration")
-    )
     for wanted in p.arguments:
         got = declared.get(wanted.name)
-        if got is None and f"'{wanted.name}'" in assumed:
-            parts.append(
-                Part(1.0)
-            )  # That it is not declared keeps the file from loading, and is charged there.
-        elif got is None:
-            others = ", ".join(n for n in declared if n not in {a.name for a in p.arguments})
-            known = f"; declared are {others}" if others else ""
-            until = "" if plan.problem is None else " until the file stops"
-            parts.append(
-                Part(0.0, reason=f"The argument {wanted.name} is not declared{until}{known}.")
-            )
+        if got is not None:
+            parts.append(_judge_default(got, wanted, p))
+        elif f"'{wanted.name}'" in assumed:
+            # An undeclared argument keeps the file from loading, and another check charges it.
+            parts.append(Part(1.0))
         else:
-            right = got.default is not None and _same(got.default, wanted.default)
-            default = "no default" if got.default is None else f"the default {got.default!r}"
-            reason = (
-                ""
-                if right
-                else f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
-            )
-            where = (Location(file=got.file, line=got.line),)
-            parts.append(Part(1.0 if right else p.other_default_credit, "", reason, where=where))
-    measured = ", ".join(f"{n} = {a.default!r}" for n, a in declared.items()) or "no arguments"
-    return of_parts(expected, parts, measured=measured)
+            parts.append(_not_declared(plan, wanted, p))
+    shown = [f"{argument.name} = {argument.default!r}" for argument in declared.values()]
+    return of_parts(expected, parts, measured=", ".join(shown) or "no arguments")
+
+
+def _judge_default(got: Argument, wanted: WantedArgument, p: LaunchArguments) -> Part:
+    """Judge the default of a declared argument."""
+    where = (Location(file=got.file, line=got.line),)
+    if got.default is not None and _same(got.default, wanted.default):
+        return Part(1.0, where=where)
+    default = "no default" if got.default is None else f"the default {got.default!r}"
+    reason = f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
+    return Part(p.other_default_credit, "", reason, where=where)
+
+
+def _not_declared(plan: Plan, wanted: WantedArgument, p: LaunchArguments) -> Part:
+    """State that an argument is not declared, and which others are."""
+    asked = {each.name for each in p.arguments}
+    others = dict.fromkeys(each.name for each in plan.arguments if each.name not in asked)
+    known = f"; declared are {', '.join(others)}" if others else ""
+    until = "" if plan.problem is None else " until the file stops"
+    return Part(0.0, reason=f"The argument {wanted.name} is not declared{until}{known}.")
 
 
 class WantedNode(Parameters):
@@ -300,99 +331,175 @@ class LaunchNodes(Parameters):
 
 
 def _entry_for(context: Context, plan: Plan, node: str, executable: str = "") -> Process | None:
-    """Return the plan's process that was meant: by the node's name, by its executable, or the one that holds several.
+    """Return the plan's process of a node: by the node's name, by its executable, or by elimination.
 
-    That is the only one that neither has a name nor runs what another node would.
+    By elimination it is the only process without a name that does not run the program of a single
+    node, and so holds several nodes.
     """
-    short, stem = node.rsplit("/", 1)[-1], executable.removesuffix(".py")
-    by_name = [e for e in plan.processes if e.called == short]
-    by_program = [e for e in plan.processes if stem and e.runs.removesuffix(".py") == stem]
-    single = {
-        artifact.expected.removesuffix(".py")
-        for artifact in context.submission.artifacts
-        if not artifact.bonus
-    }
-    programs = (e for e in plan.processes if e.kind == "node" and e.called is None and not e.absent)
-    several = [e for e in programs if e.runs.removesuffix(".py") not in single]
-    return next(iter(by_name or by_program or (several if len(several) == 1 else [])), None)
+    short = _short(node)
+    program = executable.removesuffix(".py")
+    by_name = [entry for entry in plan.processes if entry.called == short]
+    if by_name:
+        return by_name[0]
+    if program:
+        for entry in plan.processes:
+            if entry.runs.removesuffix(".py") == program:
+                return entry
+    several = _holders_of_several(context, plan)
+    return several[0] if len(several) == 1 else None
+
+
+def _short(node: str) -> str:
+    """Return a node's name without its namespace."""
+    return node.rsplit("/", 1)[-1]
+
+
+def _holders_of_several(context: Context, plan: Plan) -> list[Process]:
+    """Return the unnamed processes that run no program of a single node."""
+    single = set()
+    for artifact in context.submission.artifacts:
+        if not artifact.bonus:
+            single.add(artifact.expected.removesuffix(".py"))
+    found = []
+    for entry in plan.processes:
+        is_unnamed = entry.kind == "node" and entry.called is None and not entry.absent
+        if is_unnamed and entry.runs.removesuffix(".py") not in single:
+            found.append(entry)
+    return found
 
 
 def launch_nodes(context: Context, p: LaunchNodes) -> Finding:
-    """Judge each node by the plan, and by the graph when it was really started."""
-    expected = ", ".join(n.node for n in p.nodes)
+    """Judge each node by the plan, and by the graph if it was really started."""
+    expected = ", ".join(wanted.node for wanted in p.nodes)
     plan = plan_of(context, p.step)
-    if (problem := plan.problem) is not None:
+    problem = plan.problem
+    if problem is not None:
         reason = f"{_capitalised(problem.message)} `ros2 launch` stops there and starts nothing."
-        return failed(
-            expected,
-            "nothing was started",
-            reason,
-            hint=problem.remedy,
-            where=_at(context, problem),
-        )
-    entries = {n.node: _entry_for(context, plan, n.node, n.executable) for n in p.nodes}
-    absent = [
-        node
-        for node, entry in entries.items()
-        if entry is None and node not in context.session.nodes
-    ]
-    if absent and (plan.loaded_components or any(process.components for process in plan.processes)):
-        reason = "The grader runs no component containers, so it cannot judge nodes that are loaded into one."
-        return inconclusive(
-            expected, f"no {', '.join(absent)}, but components", reason, retry=False
-        )
-    parts = []
+        where = _at(context, problem)
+        return failed(expected, "nothing was started", reason, hint=problem.remedy, where=where)
+    entries = {}
     for wanted in p.nodes:
-        # Nodes of one process end together, and the fault of one is the others' end.
-        mates = [each for each in p.nodes if entries[each.node] is entries[wanted.node]]
-        parts.append(_judge_node(context, entries[wanted.node], wanted, mates, p.other_name_credit))
-    mean = sum(part.share for part in parts) / len(parts)
-    if mean and any(part.share == 0.0 and part.best is None for part in parts):
-        kept = min(1.0, (1 - p.down_costs) / mean)
-        parts = [replace(part, share=part.share * kept) for part in parts]
-    seen = (n for n in context.session.nodes if n not in context.reference_nodes)
-    up = ", ".join(n + " (ended)" * _died(context, _entry_for(context, plan, n)) for n in seen)
-    finding = of_parts(expected, parts, measured=up or "no node of the student in the graph")
+        entries[wanted.node] = _entry_for(context, plan, wanted.node, wanted.executable)
+    absent = _absent(context, entries)
+    if absent and _has_components(plan):
+        reason = "The grader runs no component containers, so it cannot judge nodes that are loaded into one."
+        measured = f"no {', '.join(absent)}, but components"
+        return inconclusive(expected, measured, reason, retry=False)
+    parts = [_judge_node(context, p, wanted, entries) for wanted in p.nodes]
+    parts = _less_for_missing(parts, p.down_costs)
+    up = _nodes_up(context, plan) or "no node of the student in the graph"
+    finding = of_parts(expected, parts, measured=up)
     return replace(finding, retry=not any(part.doubt for part in parts))
+
+
+def _absent(context: Context, entries: Mapping[str, Process | None]) -> list[str]:
+    """Return the nodes that neither the plan starts nor the graph shows."""
+    absent = []
+    for node, entry in entries.items():
+        if entry is None and node not in context.session.nodes:
+            absent.append(node)
+    return absent
+
+
+def _has_components(plan: Plan) -> bool:
+    if plan.loaded_components:
+        return True
+    return any(process.components for process in plan.processes)
+
+
+def _less_for_missing(parts: list[Part], down_costs: float) -> list[Part]:
+    """Return the parts, all with less credit if a node surely does not run."""
+    mean = sum(part.share for part in parts) / len(parts)
+    is_down = any(part.share == 0.0 and part.best is None for part in parts)
+    if not mean or not is_down:
+        return parts
+    kept = min(1.0, (1 - down_costs) / mean)
+    return [replace(part, share=part.share * kept) for part in parts]
+
+
+def _nodes_up(context: Context, plan: Plan) -> str:
+    """List the student's nodes in the graph, and which of them ended."""
+    shown = []
+    for node in context.session.nodes:
+        if node not in context.reference_nodes:
+            ended = " (ended)" if _died(context, _entry_for(context, plan, node)) else ""
+            shown.append(f"{node}{ended}")
+    return ", ".join(shown)
 
 
 def _judge_node(
     context: Context,
-    entry: Process | None,
+    p: LaunchNodes,
     wanted: WantedNode,
-    mates: Sequence[WantedNode],
-    other_name_credit: float,
+    entries: Mapping[str, Process | None],
 ) -> Part:
+    """Judge one wanted node.
+
+    Parameters
+    ----------
+    entries
+        The plan's process of each wanted node.
+    """
+    entry = entries[wanted.node]
     if wanted.node in context.session.nodes and not _died(context, entry):
         return Part(1.0)
     if entry is None:
-        return Part(
-            0.0, "", f"Nothing in the launch file starts {wanted.executable} as {wanted.node}."
-        )
-    name = wanted.node.rsplit("/", 1)[-1]
-    if context.path_of(wanted.artifact) is None:
-        note = f"The file for {wanted.node} is missing, which costs points in {wanted.charged_by}."
-        return Part(1.0, notes=(note,))
-    if note := next(
-        (note for mate in mates if (note := _charged_elsewhere(context, entry, mate))), ""
-    ):
-        return Part(1.0, notes=(note,))
-    run = context.session.process(entry.id)
-    found = context.explain(run) if run is not None else None
-    if (gap := environment_gap_of(context, wanted.artifact, found)) is not None:
+        reason = f"Nothing in the launch file starts {wanted.executable} as {wanted.node}."
+        return Part(0.0, "", reason)
+    # Nodes of one process end together, by the fault of any of them.
+    mates = [each for each in p.nodes if entries[each.node] is entry]
+    excuse = _node_excuse(context, entry, wanted, mates)
+    if excuse:
+        return Part(1.0, notes=(excuse,))
+    gap = _environment_gap(context, entry, wanted)
+    if gap is not None:
         return Part(0.0, best=1.0, doubt=f"{wanted.node} did not come up. {gap}")
-    used = context.session.used(wanted.node)
-    if not _died(context, entry) and (entry.called not in (name, None) or used != wanted.node):
-        shown = used if used != wanted.node else entry.full_name or entry.called
-        reason = f"{wanted.executable} runs under the name {shown}, not {wanted.node}."
-        return Part(
-            other_name_credit, "", reason, where=(Location(file=entry.file, line=entry.line),)
-        )
+    other_name = _other_name(context, entry, wanted)
+    if other_name is not None and not _died(context, entry):
+        reason = f"{wanted.executable} runs under the name {other_name}, not {wanted.node}."
+        where = (Location(file=entry.file, line=entry.line),)
+        return Part(p.other_name_credit, "", reason, where=where)
     return _why_down(context, entry, wanted.executable)
 
 
+def _node_excuse(
+    context: Context, entry: Process, wanted: WantedNode, mates: Sequence[WantedNode]
+) -> str:
+    """Name the check that charges a missing node; empty if none does.
+
+    Parameters
+    ----------
+    mates
+        All wanted nodes of the same process.
+    """
+    if context.path_of(wanted.artifact) is None:
+        return f"The file for {wanted.node} is missing, which costs points in {wanted.charged_by}."
+    for mate in mates:
+        note = _charged_elsewhere(context, entry, mate)
+        if note:
+            return note
+    return ""
+
+
+def _environment_gap(context: Context, entry: Process, wanted: WantedNode) -> str | None:
+    """Name the requirement of a launched node that is missing on the grading computer."""
+    run = context.session.process(entry.id)
+    found = context.explain(run) if run is not None else None
+    return environment_gap_of(context, wanted.artifact, found)
+
+
+def _other_name(context: Context, entry: Process, wanted: WantedNode) -> str | None:
+    """Return the other name under which a node runs; None if it has its own."""
+    used = context.session.used(wanted.node)
+    if used != wanted.node:
+        return used
+    if entry.called in (_short(wanted.node), None):
+        return None
+    return entry.full_name or entry.called
+
+
 def _died(context: Context, entry: Process | None) -> bool:
-    """Whether a launched process ended by itself for good; for a moment its node may have been there."""
+    """Tell whether a launched process ended by itself for good; its node may have been up before."""
     if entry is None or entry.respawn:
         return False
     run = context.session.process(entry.id)
@@ -400,90 +507,103 @@ def _died(context: Context, entry: Process | None) -> bool:
 
 
 def _charged_elsewhere(context: Context, entry: Process, wanted: WantedNode) -> str:
-    """Say in which check that by which a launched node does not run costs points already; nothing where in none."""
+    """Name the check that already charges the reason why a launched node does not run; empty if none."""
+    causes: list[tuple[str, str | None]] = []
+    if entry.called in (_short(wanted.node), None):
+        causes.append(("has a fault of its own", wanted.charged_by))
     run = context.session.process(entry.id)
-    found = context.explain(run) if run is not None else None
     end = _end_of(context, run) if run is not None else None
-    others = [
-        session
-        for session in context.sessions.values()
-        if session is not context.session and end is not None
-    ]
-    ends = {
-        s.record.session: [_end_of(context, r) for r in s.processes_of(wanted.artifact)]
-        for s in others
-    }
-    alike = {session for session, alone in ends.items() if end in alone}
-    charged = [
-        check
-        for check, finding in context.findings.items()
-        if alike & {at.session for at in finding.where}
-    ]
-    of_types = found is not None and found.kind == "parameter-type"
-    ends_here = found is not None and end is not None and not any(map(any, ends.values()))
-    for holds, what, check in (
-        (
-            entry.called in (wanted.node.rsplit("/", 1)[-1], None),
-            "has a fault of its own",
-            wanted.charged_by,
-        ),
-        (True, "ended as it does alone", next(filter(context.charged, charged), None)),
-        (of_types, "ended because of a parameter's type", wanted.types_charged_by),
-        (ends_here and not of_types, "ended by what it hears here", wanted.hears_charged_by),
-    ):
-        if holds and context.charged(check):
+    ends_alone = _ends_alone(context, wanted) if end is not None else {}
+    causes.append(("ended as it does alone", _charged_alone(context, end, ends_alone)))
+    found = context.explain(run) if run is not None else None
+    if found is not None and found.kind == "parameter-type":
+        causes.append(("ended because of a parameter's type", wanted.types_charged_by))
+    elif found is not None and end is not None and not any(map(any, ends_alone.values())):
+        causes.append(("ended by what it hears here", wanted.hears_charged_by))
+    for what, check in causes:
+        if context.charged(check):
             return f"{wanted.node} {what}, which costs points in {check}."
     return ""
 
 
-def _end_of(context: Context, run: ProcessRun) -> tuple[object, ...] | None:
-    """Return what tells one end of a program from another; None for one that went on until it was stopped."""
+#: Distinguishing features of a program's end; None if it did not end by itself.
+_End = tuple[object, ...] | None
+
+
+def _ends_alone(context: Context, wanted: WantedNode) -> dict[str, list[_End]]:
+    """Return the ends of a node's program in each other session."""
+    ends = {}
+    for session in context.sessions.values():
+        if session is not context.session:
+            runs = session.processes_of(wanted.artifact)
+            ends[session.record.session] = [_end_of(context, run) for run in runs]
+    return ends
+
+
+def _charged_alone(
+    context: Context, end: _End, ends_alone: Mapping[str, Sequence[_End]]
+) -> str | None:
+    """Return the first check that charges the same end of the program in another session."""
+    alike = {session for session, ends in ends_alone.items() if end in ends}
+    for check, finding in context.findings.items():
+        sessions = {location.session for location in finding.where}
+        if alike & sessions and context.charged(check):
+            return check
+    return None
+
+
+def _end_of(context: Context, run: ProcessRun) -> _End:
+    """Return the features of a process's end; None if it went on until it was stopped."""
     if run.exited_ns is None or run.interrupted_ns is not None:
         return None
     found = context.explain(run)
-    return (
-        (run.limit, run.exit_status)
-        if found is None
-        else (found.file, found.line, found.kind, found.exception_type)
-    )
+    if found is None:
+        return run.limit, run.exit_status
+    return found.file, found.line, found.kind, found.exception_type
 
 
 def _why_down(context: Context, entry: Process, executable: str) -> Part:
-    location = (Location(file=entry.file, line=entry.line),)
+    """Say why a launched node does not run."""
+    location = Location(file=entry.file, line=entry.line)
     run = context.session.process(entry.id)
     if run is None:
         why = f": {entry.absent}" if entry.absent else ""
-        return Part(0.0, "", f"{executable} was not started{why}.", where=location)
+        return Part(0.0, "", f"{executable} was not started{why}.", where=(location,))
     if run.exited_ns is None or run.interrupted_ns is not None:
-        return Part(0.0, "", f"{executable} ran, but no such node appeared.", where=location)
+        return Part(0.0, "", f"{executable} ran, but no such node appeared.", where=(location,))
+    ended = f"{executable} ended with status {run.exit_status}"
     found = context.explain(run)
     if found is None:
         shown = f": {run.output[-1].text!r}." if run.output else "."
-        return Part(
-            0.0, "", f"{executable} ended with status {run.exit_status}{shown}", where=location
-        )
-    line = entry.line
+        return Part(0.0, "", f"{ended}{shown}", where=(location,))
     if found.kind == "parameter-type" and entry.file:
-        line = parameter_line(
-            context.submission.texts.get(entry.file, ""), entry.line, found.subject
-        )
-    cause = (Location(file=found.file, line=found.line),) if found.file else ()
-    reason = f"{executable} ended with status {run.exit_status}: {describe_diagnosis(found)}"
-    return Part(
-        0.0, "", reason, hint=found.remedy, where=(Location(file=entry.file, line=line), *cause)
-    )
+        location = _parameter_at(context, entry, entry.file, found.subject)
+    where = [location]
+    if found.file:
+        where.append(Location(file=found.file, line=found.line))
+    reason = f"{ended}: {describe_diagnosis(found)}"
+    return Part(0.0, "", reason, hint=found.remedy, where=tuple(where))
 
 
-#: Lines that a node's entry in a launch file takes at most.
+def _parameter_at(context: Context, entry: Process, file: str, parameter: str) -> Location:
+    """Point at the line of a launch file that gives a process a parameter."""
+    text = context.submission.texts.get(file, "")
+    return Location(file=file, line=parameter_line(text, entry.line, parameter))
+
+
+#: Greatest number of lines of a node's entry in a launch file.
 _MOST_LINES = 60
 
 
 def parameter_line(text: str, node_line: int | None, parameter: str) -> int | None:
-    """Find the line of a launch file that gives a node a parameter; else the one on which the node is made."""
-    first = node_line or 0
-    for number, line in enumerate(
-        text.split("\n")[first : first + _MOST_LINES] if first else (), first + 1
-    ):
+    """Find the line of a launch file that gives a node a parameter.
+
+    Without such a line, it is the line on which the node is made.
+    """
+    if not node_line:
+        return node_line
+    following = text.split("\n")[node_line : node_line + _MOST_LINES]
+    for number, line in enumerate(following, node_line + 1):
         if f"'{parameter}'" in line or f'"{parameter}"' in line:
             return number
         if "Node(" in line:
@@ -519,26 +639,50 @@ class LaunchParameters(Parameters):
 
 
 def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
-    """Judge values in the running nodes, or in the plan where a node does not declare the parameter."""
+    """Judge values in the running nodes, or in the plan if a node does not declare the parameter."""
     expected = ", ".join(
-        f"{w.node.rsplit('/', 1)[-1]}.{w.name} = {w.value!r}" for w in p.parameters
+        f"{_short(wanted.node)}.{wanted.name} = {wanted.value!r}" for wanted in p.parameters
     )
-    plan, other = plan_of(context, p.step), plan_of(context, p.other_step)
+    plan = plan_of(context, p.step)
+    other = plan_of(context, p.other_step)
     parts = []
     for wanted in p.parameters:
         entry = _entry_for(context, plan, wanted.node, wanted.executable)
         if entry is None:
-            continue  # The node is not started, which is charged with the nodes.
+            # The check of the nodes charges a node that is not started.
+            continue
         part = _judge_parameter(context, p, wanted, entry, plan, other)
         if entry.file and part.reason:
-            line = parameter_line(
-                context.submission.texts.get(entry.file, ""), entry.line, wanted.name
-            )
-            part = replace(part, where=(Location(file=entry.file, line=line),))
+            location = _parameter_at(context, entry, entry.file, wanted.name)
+            part = replace(part, where=(location,))
         parts.append(part)
     if not parts:
         return not_reached("None of the nodes is started.", expected=expected)
     return of_parts(expected, parts)
+
+
+@dataclass(frozen=True)
+class _Given:
+    """Value of a wanted parameter: as planned, and as the node has it."""
+
+    planned: Any
+    #: The running node's value, or the planned one if it was not read.
+    value: Any
+    #: True if the node declares it, but did not tell its value.
+    is_unreadable: bool
+
+    @classmethod
+    def of(cls, context: Context, wanted: WantedNodeParameter, entry: Process) -> _Given:
+        """Look a parameter up in the plan and in the running node."""
+        planned = entry.effective_parameters(wanted.node).get(wanted.name)
+        step = context.session.step(wanted.step)
+        result = step.result if step is not None else {}
+        running = result.get("values", {}).get(wanted.name)
+        if running is not None:
+            return cls(planned, running["value"], False)
+        was_asked = step is not None and step.outcome == "done"
+        is_unreadable = was_asked and wanted.name in result.get("declared", [])
+        return cls(planned, planned, is_unreadable)
 
 
 def _judge_parameter(
@@ -549,53 +693,54 @@ def _judge_parameter(
     plan: Plan,
     other: Plan,
 ) -> Part:
-    planned = entry.effective_parameters(wanted.node).get(wanted.name)
-    step = context.session.step(wanted.step)
-    result = step.result if step is not None else {}
-    running = result.get("values", {}).get(wanted.name)
-    short = wanted.node.rsplit("/", 1)[-1]
-    subject, value = (
-        f"{wanted.name} of {short}",
-        running["value"] if running is not None else planned,
-    )
-    text = f"{short}.{wanted.name} {'missing' if value is None else f'= {value!r}'}"
-    if planned is None:
+    """Judge one parameter by two plans, with the default arguments and with others."""
+    short = _short(wanted.node)
+    given = _Given.of(context, wanted, entry)
+    value = given.value
+    shown_value = "missing" if value is None else f"= {value!r}"
+    text = f"{short}.{wanted.name} {shown_value}"
+    if given.planned is None:
         own = f"; {value!r} is the node's own default" if value is not None else ""
         return Part(0.0, text, f"The launch file gives {short} no {wanted.name}{own}.")
-    if (
-        running is None
-        and step is not None
-        and step.outcome == "done"
-        and wanted.name in result.get("declared", [])
-    ):
+    subject = f"{wanted.name} of {short}"
+    if given.is_unreadable:
         return Part(0.0, f"{short}.{wanted.name} unreadable", f"{subject} could not be read.")
-    # What default the launch file gives the argument is charged with the arguments, and so is one that is missing.
-    declared = {a.name: a.default for a in plan.arguments}
-    follows = wanted.argument is not None and _same(value, declared.get(wanted.argument))
+    # The check of the arguments charges a wrong default, and a missing argument.
+    defaults = {argument.name: argument.default for argument in plan.arguments}
+    follows = wanted.argument is not None and _same(value, defaults.get(wanted.argument))
     if not _same(value, wanted.value) and not follows:
         return Part(0.0, text, f"{subject} is {value!r}, not {wanted.value!r}.")
-    entry_then = _entry_for(context, other, wanted.node, wanted.executable)
-    changed = (
-        entry_then.effective_parameters(wanted.node).get(wanted.name)
-        if entry_then is not None
-        else None
-    )
-    no_argument = wanted.argument is not None and wanted.argument not in declared
-    if wanted.other is None or no_argument or _same(changed, wanted.other):
+    if wanted.argument is not None and wanted.argument not in defaults:
+        return Part(1.0, text)
+    return _judge_wiring(context, p, wanted, given.planned, other, text)
+
+
+def _judge_wiring(
+    context: Context,
+    p: LaunchParameters,
+    wanted: WantedNodeParameter,
+    planned: Any,
+    other: Plan,
+    text: str,
+) -> Part:
+    """Judge whether a parameter follows its launch argument."""
+    entry = _entry_for(context, other, wanted.node, wanted.executable)
+    changed = None
+    if entry is not None:
+        changed = entry.effective_parameters(wanted.node).get(wanted.name)
+    if wanted.other is None or _same(changed, wanted.other):
         return Part(1.0, text)
     shown = "nothing" if changed is None else repr(changed)
-    moves = changed is not None and not _same(changed, planned)
-    how = (
-        "follows its launch argument, but not as it should"
-        if moves
-        else "is not wired to its launch argument"
-    )
+    how = "is not wired to its launch argument"
+    if changed is not None and not _same(changed, planned):
+        how = "follows its launch argument, but not as it should"
+    subject = f"{wanted.name} of {_short(wanted.node)}"
     reason = f"{subject} {how}: with another argument it is {shown}, not {wanted.other!r}."
     return Part(p.unwired_credit, f"{text} ({shown} with another argument)", reason)
 
 
 class _Doer(Parameters):
-    """What a launched node does, and where its own faults are charged."""
+    """Task of a launched node, and the check that charges the node's own faults."""
 
     charged_by: ref.EarlierCheckId
     node: ref.RosName | None = Field(
@@ -624,46 +769,50 @@ class TogetherCommands(_Doer):
     def judged(
         self, context: Context, span: Span | None, delay_s: float, *, late: bool
     ) -> Part | None:
-        """Compare the rate with the one alone."""
+        """Compare the rate with the rate of the publisher alone."""
         timing = timing_of(context.session.stream(self.topic), span)
         if timing is None:
             reason = "No commands arrived while all ran together; do the nodes follow the simulation's clock?"
             return Part(0.0, "no commands", reason)
-        wanted_hz, alone = (
-            context.parameter(self.rate_step, self.rate_parameter),
-            context.sessions.get(self.alone_session),
-        )
-        alone_span = alone.window(self.window) if alone is not None else None
-        by_itself = timing_of(alone.stream(self.topic), alone_span) if alone is not None else None
-        clock_set = (
-            alone is not None
-            and alone_span is not None
-            and clock_step_s(alone.record, alone_span) > 0
-        )
-        alone_hz = by_itself.rate_hz if by_itself is not None and not clock_set else None
-        as_set = (
-            isinstance(wanted_hz, (int, float))
-            and 0 < wanted_hz * self.least_share <= timing.rate_hz <= 2 * wanted_hz
-        )
-        if alone_hz is None or as_set:
-            return Part(1.0, f"commands at {timing.rate_hz:.1f} Hz")
-        most_hz = (
-            without_delay(timing.rate_hz, delay_s, span.duration_s)
-            if span is not None
-            else timing.rate_hz
-        )
-        share, best = (
-            quantise(min(1.0, hz / alone_hz / self.least_share), 2)
-            for hz in (timing.rate_hz, most_hz)
-        )
-        both = (timing.rate_hz, alone_hz)
-        shown, alone_shown = (apart(hz, *(both if share < 1 else ()), places=1) for hz in both)
+        rate_hz = timing.rate_hz
+        alone_hz = self._alone_hz(context)
+        if alone_hz is None or self._is_as_set(context, rate_hz):
+            return Part(1.0, f"commands at {rate_hz:.1f} Hz")
+        most_hz = rate_hz
+        if span is not None:
+            most_hz = without_delay(rate_hz, delay_s, span.duration_s)
+        share = self._share(rate_hz, alone_hz)
+        limits = (rate_hz, alone_hz) if share < 1 else ()
+        shown = apart(rate_hz, *limits, places=1)
+        alone_shown = apart(alone_hz, *limits, places=1)
         reason = f"Commands come at {shown} Hz, while alone they come at {alone_shown} Hz."
-        return Part(share, f"commands at {shown} Hz ({alone_shown} Hz alone)", reason, best)
+        text = f"commands at {shown} Hz ({alone_shown} Hz alone)"
+        return Part(share, text, reason, self._share(most_hz, alone_hz))
+
+    def _share(self, rate_hz: float, alone_hz: float) -> float:
+        return quantise(min(1.0, rate_hz / alone_hz / self.least_share), 2)
+
+    def _alone_hz(self, context: Context) -> float | None:
+        """Return the rate of the publisher alone; None if it was not measured, or if the clock was set."""
+        alone = context.sessions.get(self.alone_session)
+        if alone is None:
+            return None
+        span = alone.window(self.window)
+        if span is not None and clock_step_s(alone.record, span) > 0:
+            return None
+        timing = timing_of(alone.stream(self.topic), span)
+        return timing.rate_hz if timing is not None else None
+
+    def _is_as_set(self, context: Context, rate_hz: float) -> bool:
+        """Tell whether a rate is about the one that the node's parameter sets."""
+        wanted_hz = context.parameter(self.rate_step, self.rate_parameter)
+        if not isinstance(wanted_hz, (int, float)):
+            return False
+        return 0 < wanted_hz * self.least_share <= rate_hz <= 2 * wanted_hz
 
 
 class TogetherFollows(_Doer):
-    """What a reference node simulates moves as it is commanded."""
+    """A reference node's simulation moves as it is commanded."""
 
     exactly_one = ("command", "commanded")
 
@@ -690,56 +839,55 @@ class TogetherFollows(_Doer):
 
     @property
     def expected(self) -> str:
-        """What it is to do, in words."""
+        """Name the task in words."""
         return f"{self.subject} follows"
 
     def judged(
         self, context: Context, span: Span | None, delay_s: float, *, late: bool
     ) -> Part | None:
         """Compare the second half of the motion with the commands."""
-        command, state = (
-            self.follows.series(context.session),
-            context.session.numeric(self.topic, self.field),
-        )
+        command = self.follows.series(context.session)
+        state = context.session.numeric(self.topic, self.field)
         if command is None or state is None:
             return None
-        widths = {command.values.shape[1], state.values.shape[1]}
-        topic, index = (
-            self.follows.topic,
-            slice(None) if self.index is None else slice(self.index, self.index + 1),
-        )
-        own = (
-            e
-            for e in context.session.endpoints_on(topic, "subscription")
-            if e.node in context.reference_nodes
-        )
-        asked = {endpoint.type for endpoint in own}
-        heard = not asked or context.session.stream(topic).topic_type in asked
-        commands, states = command.values[:, index], state.values[:, index]
-        # It takes no commands of another type or length, and cannot follow what does not move.
-        if (
-            not heard
-            or len(widths) > 1
-            or not commands.size
-            or float(np.ptp(commands, axis=0).max()) < 1e-3
-        ):
+        if not self._can_follow(context, command, state):
             return None
-        measured = np.array(
-            [np.interp(command.source_ns, state.source_ns, column) for column in states.T]
-        ).T
+        columns = slice(None) if self.index is None else slice(self.index, self.index + 1)
+        commands = command.values[:, columns]
+        if not commands.size or float(np.ptp(commands, axis=0).max()) < _STILL:
+            return None
+        states = state.values[:, columns]
+        sampled = [np.interp(command.source_ns, state.source_ns, column) for column in states.T]
+        measured: Floats = np.array(sampled).T
         half = len(measured) // 2
-        # Each the root of the mean over all rows of a row's squared length.
-        off, size = (
-            np.sqrt(np.mean((rows[half:] ** 2).sum(axis=1)))
-            for rows in (measured - commands, commands)
-        )
+        off = _root_mean_square((measured - commands)[half:])
+        size = _root_mean_square(commands[half:])
         text = f"{self.subject} is off by {off:.3f} {self.unit}".rstrip()
-        # What rests is off by the whole size of the command.
+        # A resting one is off by the whole size of the command.
         if off < self.off_share * size + self.off:
             return Part(1.0, text)
-        return Part(
-            0.0, text, f"{self.subject.capitalize()} does not follow the commands.", float(late)
-        )
+        reason = f"{self.subject.capitalize()} does not follow the commands."
+        return Part(0.0, text, reason, float(late))
+
+    def _can_follow(self, context: Context, command: NumericStream, state: NumericStream) -> bool:
+        """Tell whether the reference node takes commands of this type and length."""
+        if command.values.shape[1] != state.values.shape[1]:
+            return False
+        topic = self.follows.topic
+        types = set()
+        for endpoint in context.session.endpoints_on(topic, "subscription"):
+            if endpoint.node in context.reference_nodes:
+                types.add(endpoint.type)
+        return not types or context.session.stream(topic).topic_type in types
+
+
+#: Range of commands below which nothing moves, in the unit of the field.
+_STILL = 1e-3
+
+
+def _root_mean_square(rows: Floats) -> float:
+    """Return the root of the mean squared length of rows."""
+    return float(np.sqrt(np.mean((rows**2).sum(axis=1))))
 
 
 class TogetherAnswers(_Doer):
@@ -752,16 +900,17 @@ class TogetherAnswers(_Doer):
     def judged(
         self, context: Context, span: Span | None, delay_s: float, *, late: bool
     ) -> Part | None:
-        """See whether its first call was answered."""
+        """Judge whether its first call was answered."""
         step = context.session.step(self.step)
-        calls: Sequence[Mapping[str, Any]] = (
-            step.result.get("calls", []) if step is not None else []
-        )
+        calls = step.result.get("calls", []) if step is not None else []
         if calls and calls[0]["response"] is not None:
             return Part(1.0, "the service answers")
-        return Part(
-            0.0, "no answer from the service", "The service does not answer while all run together."
-        )
+        reason = "The service does not answer while all run together."
+        return Part(0.0, "no answer from the service", reason)
+
+
+#: A task of any kind.
+_Task = TogetherCommands | TogetherFollows | TogetherAnswers
 
 
 class LaunchTogether(Parameters):
@@ -774,11 +923,10 @@ class LaunchTogether(Parameters):
     answers: TogetherAnswers | None = None
 
     @property
-    def doers(self) -> tuple[TogetherCommands | TogetherFollows | TogetherAnswers, ...]:
+    def doers(self) -> tuple[_Task, ...]:
         """The parts that are asked for."""
-        return tuple(
-            part for part in (self.commands, self.follows, self.answers) if part is not None
-        )
+        tasks = (self.commands, self.follows, self.answers)
+        return tuple(task for task in tasks if task is not None)
 
     @model_validator(mode="after")
     def _asks_for_something(self) -> LaunchTogether:
@@ -788,41 +936,86 @@ class LaunchTogether(Parameters):
 
 
 def launch_together(context: Context, p: LaunchTogether) -> Finding:
-    """Judge what happened while all ran; a part whose node is at fault by itself is left out."""
+    """Judge the nodes while all run; a node with a fault of its own is left out."""
     expected = ", ".join(doer.expected for doer in p.doers)
-    record = context.session.record
     span = context.session.window(p.commands.window) if p.commands is not None else None
-    whole = span if p.commands is not None else Span(record.started_ns, record.ended_ns)
-    delay_s, length_s = (
-        (context.session.longest_delay_s(whole), whole.duration_s)
-        if whole is not None
-        else (0.0, 0.0)
-    )
+    whole = _whole(context, p, span)
+    delay_s = context.session.longest_delay_s(whole) if whole is not None else 0.0
+    length_s = whole.duration_s if whole is not None else 0.0
     late = delay_s > MANY_DELAYS * length_s
-    doers = p.doers
-    parts = [doer.judged(context, span, delay_s, late=late) for doer in doers]
-    # The nodes under whatever names, and the processes of the launch file that run them.
-    names = [context.session.used(doer.node) if doer.node is not None else None for doer in doers]
-    plan = _read_plan(context.session.record.plan)
-    processes = [_entry_for(context, plan, name) if name is not None else None for name in names]
+    roles = _roles(context, p)
     judged = []
-    for part, doer, name, process in zip(parts, doers, names, processes, strict=True):
-        # What is charged alone is not charged again, neither in this node nor in others of its process.
-        mates = [mate for mate, other in zip(doers, processes, strict=True) if other == process]
-        is_charged = any(
-            context.charged(mate.charged_by) for mate in (mates if process is not None else [doer])
-        )
-        # A node that did not come up, or did not stay, is charged with the nodes.
-        is_up = name is None or (name in context.session.nodes and not _died(context, process))
-        if part is not None and is_up and (part.share == 1 or not is_charged):
+    for role in roles:
+        part = role.doer.judged(context, span, delay_s, late=late)
+        if part is not None and role.counts(context, roles, part):
             judged.append(part)
     if not judged:
-        reason = "Not tested, because each node has a fault that costs points in another check."
-        if processes[0] is not None and all(process == processes[0] for process in processes):
-            # One process holds them all, and its fault costs its points once.
-            return passed(expected, "nothing", notes=(reason,))
-        return not_reached(reason, expected=expected)
-    topic = next((doer.topic for doer in (p.commands, p.follows) if doer is not None), None)
-    return of_parts(
-        expected, judged, where=(context.location(topic),), doubt=cpu_delay_doubt(delay_s, length_s)
-    )
+        return _nothing_to_judge(expected, roles)
+    topic = None
+    if p.commands is not None:
+        topic = p.commands.topic
+    elif p.follows is not None:
+        topic = p.follows.topic
+    where = (context.location(topic),)
+    return of_parts(expected, judged, where=where, doubt=cpu_delay_doubt(delay_s, length_s))
+
+
+def _whole(context: Context, p: LaunchTogether, span: Span | None) -> Span | None:
+    """Return the window of the commands, or the whole session if there are none to judge."""
+    if p.commands is not None:
+        return span
+    record = context.session.record
+    return Span(record.started_ns, record.ended_ns)
+
+
+@dataclass(frozen=True)
+class _Role:
+    """A task, and the node and process that have it."""
+
+    doer: _Task
+    #: The node's name as the student used it; None if the check names no node.
+    node: str | None
+    #: The launched process that runs the node.
+    process: Process | None
+
+    def counts(self, context: Context, roles: Sequence[_Role], part: Part) -> bool:
+        """Tell whether a part of this task is judged.
+
+        The check of the nodes charges a node that did not come up. A fault that another check
+        charges for the node alone, or for another node of its process, is not charged again.
+        """
+        if not self._is_up(context):
+            return False
+        return part.share == 1 or not self._is_charged(context, roles)
+
+    def _is_up(self, context: Context) -> bool:
+        if self.node is None:
+            return True
+        return self.node in context.session.nodes and not _died(context, self.process)
+
+    def _is_charged(self, context: Context, roles: Sequence[_Role]) -> bool:
+        if self.process is None:
+            return context.charged(self.doer.charged_by)
+        mates = [role.doer for role in roles if role.process == self.process]
+        return any(context.charged(mate.charged_by) for mate in mates)
+
+
+def _roles(context: Context, p: LaunchTogether) -> list[_Role]:
+    """Find the node and the process of each task."""
+    plan = _read_plan(context.session.record.plan)
+    roles = []
+    for doer in p.doers:
+        node = context.session.used(doer.node) if doer.node is not None else None
+        process = _entry_for(context, plan, node) if node is not None else None
+        roles.append(_Role(doer, node, process))
+    return roles
+
+
+def _nothing_to_judge(expected: str, roles: Sequence[_Role]) -> Finding:
+    """State that every node has a fault that another check charges."""
+    reason = "Not tested, because each node has a fault that costs points in another check."
+    first = roles[0].process
+    if first is not None and all(role.process == first for role in roles):
+        # One process holds all nodes, and its fault costs its points once.
+        return passed(expected, "nothing", notes=(reason,))
+    return not_reached(reason, expected=expected)

@@ -1,9 +1,9 @@
-"""Check of a lifecycle node: the states that it reaches, and what it publishes in which."""
+"""Check of a lifecycle node: the states that it reaches, and its messages in each state."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,7 @@ from grader.result import Finding
 
 
 class WantedTransition(Parameters):
-    """What becomes of a transition that a step asks for."""
+    """The wanted result of a transition that a step asks for."""
 
     step: ref.TransitionLabel
     state: LifecycleState = Field(description="The state afterwards.")
@@ -50,55 +50,71 @@ class Lifecycle(Parameters):
 
 @dataclass(frozen=True)
 class _Stay:
-    """A time in which the node was in a state, from the answer to a transition to the next request."""
+    """A time in one state, from the answer to a transition to the next request."""
 
     state: str
     span: Span
 
 
 def lifecycle(context: Context, p: Lifecycle) -> Finding:
-    """Judge the transitions by the node's answers, and what it published by when it was published."""
-    expected = ", ".join(
-        f"{w.step} → {w.state}{'' if w.succeeds else ' (refused)'}" for w in p.transitions
-    )
+    """Judge the transitions by the node's answers, and its messages by their times."""
+    expected = ", ".join(map(_wanted_words, p.transitions))
     steps = [context.session.step(wanted.step) for wanted in p.transitions]
     silent = [unanswered(context, step, expected) for step in steps]
     if None not in silent and silent[0] is not None:
         return silent[0]
-    went = [
-        _transition(context, wanted, step)
-        for wanted, step in zip(p.transitions, steps, strict=True)
-    ]
-    for n, step in enumerate(steps[1:], 1):
-        # From another state than it was to reach, a transition proves nothing; that has cost points before.
-        if (
-            step is not None
-            and went[n].share < 1
-            and step.result.get("before") != p.transitions[n - 1].state
-        ):
-            went[n] = Part(0.0, f"{p.transitions[n].step}: not tested")
-    stays = _stays(context, {step.result.get("node") for step in steps if step is not None})
+    nodes = {step.result.get("node") for step in steps if step is not None}
+    stays = _stays(context, nodes)
     published = [_published(context, p, of, stays) for of in p.published]
-    parts = weighed(went, p.transitions_share if published else 1.0)
-    parts += weighed(published, 1 - p.transitions_share) if published else []
+    parts = weighed(_transitions(context, p, steps), p.transitions_share if published else 1.0)
+    if published:
+        parts += weighed(published, 1 - p.transitions_share)
     finding = of_parts(expected, parts, where=(context.location(),))
     return unexplained(finding) if any(silent) else finding
+
+
+def _wanted_words(wanted: WantedTransition) -> str:
+    refused = "" if wanted.succeeds else " (refused)"
+    return f"{wanted.step} → {wanted.state}{refused}"
+
+
+def _transitions(context: Context, p: Lifecycle, steps: Sequence[StepRun | None]) -> list[Part]:
+    """Judge all transitions.
+
+    A failed transition proves nothing if it began in another state than the previous one should
+    have reached. The previous one has cost the points.
+    """
+    parts = []
+    previous = None
+    for wanted, step in zip(p.transitions, steps, strict=True):
+        part = _transition(context, wanted, step)
+        if previous is not None and step is not None and part.share < 1:
+            if step.result.get("before") != previous.state:
+                part = Part(0.0, f"{wanted.step}: not tested")
+        parts.append(part)
+        previous = wanted
+    return parts
 
 
 def _transition(context: Context, wanted: WantedTransition, step: StepRun | None) -> Part:
     """Judge the state after a transition, and whether the node reported success."""
     if step is None or step.outcome != "done":
         return Part(0.0, f"{wanted.step}: no answer", f"The node did not answer '{wanted.step}'.")
-    after, succeeded = str(step.result.get("after")), step.result.get("success")
-    text = f"{wanted.step} → {after}{'' if succeeded else ' (refused)'}"
+    after = str(step.result.get("after"))
+    succeeded = step.result.get("success")
+    refused = "" if succeeded else " (refused)"
+    text = f"{wanted.step} → {after}{refused}"
     if after == wanted.state and succeeded == wanted.succeeds:
         return Part(1.0, text)
     reason = f"After '{wanted.step}' the node is {after}, not {wanted.state}."
     if after == wanted.state:
-        reason = f"The node is {after} after '{wanted.step}', but reports {'success' if succeeded else 'failure'}."
-    if wanted.succeeds and _raised(context, step):
+        reported = "success" if succeeded else "failure"
+        reason = f"The node is {after} after '{wanted.step}', but reports {reported}."
+    if not wanted.succeeds:
+        return Part(0.0, text, reason)
+    if _raised(context, step):
         return Part(0.0, text, f"{reason} {_RAISED}", hint=_RAISED_HINT)
-    return Part(0.0, text, reason, hint=_FAILURE_HINT if wanted.succeeds and not succeeded else "")
+    return Part(0.0, text, reason, hint="" if succeeded else _FAILURE_HINT)
 
 
 _RAISED = "Its callback raised an exception or returned ERROR."
@@ -109,78 +125,103 @@ _FAILURE_HINT = (
 
 
 def _raised(context: Context, step: StepRun) -> bool:
-    """Whether the node told of processing an error while a transition was under way."""
+    """Tell whether the node reported that it processed an error during a transition."""
     topic = f"{step.result.get('node')}/transition_event"
-    stream, goals = context.session.stream(topic), context.session.texts(topic, "goal_state.label")
-    during = (stream.source_ns >= step.started_ns) & (stream.source_ns <= step.ended_ns)
-    return any(
-        goal == "errorprocessing" for goal, inside in zip(goals, during, strict=True) if inside
-    )
+    source_ns = context.session.stream(topic).source_ns.tolist()
+    goals = context.session.texts(topic, "goal_state.label")
+    for t_ns, goal in zip(source_ns, goals, strict=True):
+        if goal == "errorprocessing" and step.started_ns <= t_ns <= step.ended_ns:
+            return True
+    return False
 
 
 def _stays(context: Context, nodes: set[Any]) -> list[_Stay]:
-    """Return a node's times in each state by its answers to all transitions; where two disagree, it is not known."""
+    """Return a node's times in each state, by its answers to all transitions.
+
+    The state is not known between two answers that disagree.
+    """
     record = context.session.record
-    answered = [
-        step.result
-        for step in record.steps
-        if step.kind == "change_state" and step.outcome == "done"
-    ]
-    steps = [result for result in answered if result["node"] in nodes]
+    steps = []
+    for step in record.steps:
+        if step.kind == "change_state" and step.outcome == "done" and step.result["node"] in nodes:
+            steps.append(step.result)
     if not steps:
         return []
-    begins = [
-        (steps[0]["before"], record.started_ns),
-        *((step["after"], step["answered_ns"]) for step in steps),
-    ]
-    ends = [
-        *((step["before"], step["called_ns"]) for step in steps),
-        (steps[-1]["after"], record.ended_ns),
-    ]
-    pairs = zip(begins, ends, strict=True)
-    return [
-        _Stay(state, Span(start_ns, end_ns))
-        for (state, start_ns), (same, end_ns) in pairs
-        if state == same
-    ]
+    stays = []
+    state = steps[0]["before"]
+    start_ns = record.started_ns
+    for result in steps:
+        if result["before"] == state:
+            stays.append(_Stay(state, Span(start_ns, result["called_ns"])))
+        state = result["after"]
+        start_ns = result["answered_ns"]
+    stays.append(_Stay(state, Span(start_ns, record.ended_ns)))
+    return stays
 
 
-#: A message that was under way to be sent when the state changed may be stamped so much later.
+#: Latest stamp of a message of the old state, after a change of state, in ns.
 _UNDER_WAY_NS = 50_000_000
 
 
-def _published(context: Context, p: Lifecycle, of: PublishedIn, stays: list[_Stay]) -> Part:
-    """Judge on how much was published in each state."""
+@dataclass
+class _Counted:
+    """Messages of a topic in each state."""
+
+    #: Number of messages by state.
+    messages: dict[str, int] = field(default_factory=dict)
+    #: Number of messages in each stay with too few.
+    few: dict[Span, int] = field(default_factory=dict)
+    #: State of each stay with messages that should not be there, up to the last of these.
+    stray: dict[Span, str] = field(default_factory=dict)
+
+    def text(self, topic: str) -> str:
+        """State the numbers of messages."""
+        numbers = [f"{number} messages while {state}" for state, number in self.messages.items()]
+        return f"{topic}: {', '.join(numbers)}"
+
+
+def _count(context: Context, of: PublishedIn, stays: Sequence[_Stay]) -> _Counted:
+    """Count the messages of a topic in each state."""
     source_ns = np.sort(context.session.stream(of.topic).source_ns)
-    counted: dict[str, int] = {}
-    few, stray = dict[Span, int](), dict[Span, str]()
+    counted = _Counted()
     for stay in stays:
-        wanted = stay.state in of.states
-        begin_ns = stay.span.start_ns + (0 if wanted else _UNDER_WAY_NS)
+        is_wanted = stay.state in of.states
+        begin_ns = stay.span.start_ns
+        if not is_wanted:
+            begin_ns += _UNDER_WAY_NS
         inside = source_ns[(source_ns > begin_ns) & (source_ns <= stay.span.end_ns)]
-        counted[stay.state] = counted.get(stay.state, 0) + len(inside)
-        if wanted and len(inside) < of.at_least:
-            few[stay.span] = len(inside)
-        elif not wanted and len(inside):
-            stray[Span(stay.span.start_ns, int(inside[-1]))] = stay.state
-    text = f"{of.topic}: " + ", ".join(
-        f"{number} messages while {state}" for state, number in counted.items()
-    )
-    if not counted.keys() & set(of.states):
+        number = len(inside)
+        counted.messages[stay.state] = counted.messages.get(stay.state, 0) + number
+        if is_wanted and number < of.at_least:
+            counted.few[stay.span] = number
+        elif not is_wanted and number:
+            counted.stray[Span(stay.span.start_ns, int(inside[-1]))] = stay.state
+    return counted
+
+
+def _published(context: Context, p: Lifecycle, of: PublishedIn, stays: Sequence[_Stay]) -> Part:
+    """Judge the number of messages in each state."""
+    counted = _count(context, of, stays)
+    text = counted.text(of.topic)
+    if not counted.messages.keys() & set(of.states):
         return Part(0.0, text)
-    if few:
-        reason = f"On {of.topic} {min(few.values())} messages came while the node was {' or '.join(of.states)}."
-        doubt = _late(context, p, few)
-        return Part(0.0, text, reason, hint=_SILENT_HINT, best=1.0 if doubt else None, doubt=doubt)
-    if stray:
-        others = ", ".join(dict.fromkeys(stray.values()))
+    if counted.few:
+        fewest = min(counted.few.values())
+        states = " or ".join(of.states)
+        reason = f"On {of.topic} {fewest} messages came while the node was {states}."
+        doubt = _late(context, p, counted.few)
+        return _doubted(Part(0.0, text, reason, hint=_SILENT_HINT), doubt)
+    if counted.stray:
+        others = ", ".join(dict.fromkeys(counted.stray.values()))
         reason = f"{of.topic} carries messages while the node is {others} too: {_EVERYWHERE}"
-        doubt = _late(context, p, stray)
-        best = 1.0 if doubt else None
-        return Part(
-            p.everywhere_credit, text, reason, hint=_EVERYWHERE_HINT, best=best, doubt=doubt
-        )
+        doubt = _late(context, p, counted.stray)
+        return _doubted(Part(p.everywhere_credit, text, reason, hint=_EVERYWHERE_HINT), doubt)
     return Part(1.0, text)
+
+
+def _doubted(part: Part, doubt: str) -> Part:
+    """Return a part that may earn all if there is a doubt."""
+    return replace(part, best=1.0, doubt=doubt) if doubt else part
 
 
 _EVERYWHERE = "an ordinary publisher publishes in every state."
@@ -194,10 +235,14 @@ _SILENT_HINT = (
 
 
 def _late(context: Context, p: Lifecycle, spans: Collection[Span]) -> str:
-    """Say that the machine delayed the program for most of each of some times, if it did."""
+    """Say that the machine delayed the program for most of each span, if it did."""
     run = context.session.process(p.process)
     if run is None:
         return ""
-    delays_s = [context.session.machine_delay_s(run, span) for span in spans]
-    late = all(delay_s > span.duration_s / 2 for delay_s, span in zip(delays_s, spans, strict=True))
-    return cpu_delay_doubt(sum(delays_s), sum(span.duration_s for span in spans)) if late else ""
+    delays_s = []
+    for span in spans:
+        delay_s = context.session.machine_delay_s(run, span)
+        if delay_s <= span.duration_s / 2:
+            return ""
+        delays_s.append(delay_s)
+    return cpu_delay_doubt(sum(delays_s), sum(span.duration_s for span in spans))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -28,7 +29,7 @@ from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.result import Finding
 
-#: Of values and targets, a row a time: how far each is off.
+#: Function from values and targets, a row for each time, to their distances.
 Measure = Callable[[Floats, Floats], Floats]
 
 
@@ -56,7 +57,7 @@ Distance = Literal["straight", "angle", "rotation"]
 
 
 class Target(Parameters):
-    """Where a field has to come: a value, another topic's field at the same time, or what an oracle says."""
+    """Target of a field: a value, another topic's field at the same time, or an oracle's value."""
 
     exactly_one = ("value", "field", "oracle")
 
@@ -77,33 +78,34 @@ class Target(Parameters):
     )
 
     def at(self, context: Context, times_ns: np.typing.NDArray[np.int64]) -> Floats | None:
-        """Return the target at some times, a row each; None where it was not recorded."""
+        """Return the target at some times, a row each; None if it was not recorded."""
         if self.field is not None:
-            other = self.field.series(context.session)
-            if other is None:
-                return None
-            last: Floats = other.values[
-                np.maximum(np.searchsorted(other.source_ns, times_ns, side="right") - 1, 0)
-            ]
-            return last
+            return self._followed(context, self.field, times_ns)
         value = self.value
         if self.oracle is not None:
-            streams = {
-                role: numbers.series(context.session) for role, numbers in self.streams.items()
-            }
+            streams = {role: each.series(context.session) for role, each in self.streams.items()}
             if None in streams.values():
                 return None
-            value = context.oracle(self.oracle)(
-                streams, dict(self.parameters), context.session.record.seed
-            )
+            oracle = context.oracle(self.oracle)
+            value = oracle(streams, dict(self.parameters), context.session.record.seed)
         row = np.atleast_1d(np.asarray(value, dtype=np.float64))
         return np.broadcast_to(row, (len(times_ns), len(row)))
+
+    @staticmethod
+    def _followed(context: Context, field: NumbersOf, times_ns: Integers) -> Floats | None:
+        """Return the last value of another field at some times, a row each."""
+        series = field.series(context.session)
+        if series is None:
+            return None
+        places = np.searchsorted(series.source_ns, times_ns, side="right") - 1
+        last: Floats = series.values[np.maximum(places, 0)]
+        return last
 
 
 class Reaches(InWindow, NumbersOf):
     """A field comes near a target in time after a step or a window's start, and stays there.
 
-    Credit is that of the time at which it came; where it never came to stay, that of how near it did.
+    The time of arrival decides the credit. Without an arrival, the nearest distance earns a part.
     """
 
     example: ClassVar = {"target": {"value": 1.0}}
@@ -146,101 +148,145 @@ class Reaches(InWindow, NumbersOf):
         return self
 
     def timely(self, late_s: float) -> float:
-        """Return the credit of one that came so long after the start."""
+        """Return the credit of an arrival so long after the start."""
         return ramp(late_s, self.within_s, self.none_from_s or self.within_s)
 
     def counts(self, context: Context) -> Span | None:
-        """Return the time in which it counts; None where that never began."""
-        record, window, step = context.session.record, self.span(context), None
+        """Return the time that counts; None if it never began."""
+        record = context.session.record
+        window = self.span(context)
+        if self.window is not None and window is None:
+            return None
+        start_ns = window.start_ns if window is not None else record.started_ns
         if self.after is not None:
             step = context.session.step(self.after)
-        if (self.after is not None and step is None) or (
-            self.window is not None and window is None
-        ):
-            return None
-        start_ns = (
-            step.ended_ns
-            if step is not None
-            else window.start_ns
-            if window is not None
-            else record.started_ns
-        )
+            if step is None:
+                return None
+            start_ns = step.ended_ns
         return Span(start_ns, window.end_ns if window is not None else record.ended_ns)
 
 
 def reaches(context: Context, p: Reaches) -> Finding:
-    """Judge when the field came to stay at its target, or else how near it came."""
+    """Judge the time of arrival at the target, or else the nearest approach."""
     hold = f" and stays for {p.hold_s:g} s" if p.hold_s else ""
     expected = (
         f"{p.field} within {p.tolerance:g} of its target after {p.within_s:g} s at most{hold}"
     )
     span = p.counts(context)
     if span is None:
-        return not_reached(
-            "Not tested: the step after which the motion counts was not reached.", expected=expected
-        )
+        reason = "Not tested: the step after which the motion counts was not reached."
+        return not_reached(reason, expected=expected)
     series = p.series(context.session, span)
-    target = p.target.at(context, series.source_ns) if series is not None else None
     if series is None:
         return nothing_came(context, p.topic, expected)
+    target = p.target.at(context, series.source_ns)
     if target is None:
         return not_reached("Not tested: the target was not recorded.", expected=expected)
-    if target.shape[1] not in (1, series.values.shape[1]):
-        reason = f"{p.field} holds {series.values.shape[1]} numbers, the target {target.shape[1]}."
-        return failed(expected, f"{series.values.shape[1]} numbers", reason)
+    width = series.values.shape[1]
+    if target.shape[1] not in (1, width):
+        reason = f"{p.field} holds {width} numbers, the target {target.shape[1]}."
+        return failed(expected, f"{width} numbers", reason)
     part = _arrival(context, p, span, series, DISTANCES[p.distance](series.values, target))
-    shares, reason, measured = [part.share, part.best or 0.0], part.reason, part.text
-    beyond = _overshoot(series.values, target) if p.overshoot is not None else 0.0
-    if p.overshoot is not None and beyond > p.overshoot:
-        shares = [share * (1 - p.overshoot_costs) for share in shares]
-        shown = apart(beyond, p.overshoot, places=3)
-        reason = f"{reason} It goes {shown} beyond the target; {p.overshoot:g} is allowed.".strip()
-        measured += f", {shown} beyond"
-    low, high = (quantise(share, CREDIT_LEVELS) for share in shares)
+    if p.overshoot is not None:
+        part = _less_for_overshoot(part, p, p.overshoot, _overshoot(series.values, target))
+    low = quantise(part.share, CREDIT_LEVELS)
+    best = max(low, quantise(part.best or 0.0, CREDIT_LEVELS))
     return graded(
-        low, expected, measured, reason, where=part.where, best=max(low, high), doubt=part.doubt
+        low, expected, part.text, part.reason, where=part.where, best=best, doubt=part.doubt
+    )
+
+
+def _less_for_overshoot(part: Part, p: Reaches, allowed: float, beyond: float) -> Part:
+    """Return an arrival with less credit if the motion went too far beyond the target."""
+    if beyond <= allowed:
+        return part
+    kept = 1 - p.overshoot_costs
+    shown = apart(beyond, allowed, places=3)
+    reason = f"{part.reason} It goes {shown} beyond the target; {allowed:g} is allowed."
+    return replace(
+        part,
+        share=part.share * kept,
+        best=(part.best or 0.0) * kept,
+        text=f"{part.text}, {shown} beyond",
+        reason=reason.strip(),
     )
 
 
 def _arrival(context: Context, p: Reaches, span: Span, series: NumericStream, off: Floats) -> Part:
-    """Judge when it came to stay near enough, or else how near it came to stay at all."""
-    held = _most_within(series, off, p.hold_s)
-    near = int(np.argmin(held))
-    came = bool(held[near] <= p.tolerance)
-    first = int(np.argmax(held <= p.tolerance)) if came else near
-    at_s, here = moment(context, p.topic, int(series.source_ns[first]))
-    late_s = (here.start_ns - span.start_ns) / 1e9
-    shown, after = (
-        apart(float(held[first]), p.tolerance, places=3),
-        apart(late_s, p.within_s, places=2),
-    )
-    if np.isinf(held[near]):
-        shown = f"{off.min():.3f}"
-    if came:
-        delay_s = context.session.longest_delay_s(Span(span.start_ns, here.end_ns))
-        share, best = p.timely(late_s), p.timely(late_s - delay_s)
-        reason = (
-            f"The target is reached after {after} s; {p.within_s:g} s are allowed."
-            if share < 1
-            else ""
-        )
+    """Judge the time at which it came to stay near enough, or else the nearest place where it stayed.
+
+    Parameters
+    ----------
+    off
+        float64[n]: Distance from the target at each message.
+    """
+    approach = _approach(context, p, series, off)
+    late_s = (approach.here.start_ns - span.start_ns) / 1e9
+    after = apart(late_s, p.within_s, places=2)
+    if approach.distance <= p.tolerance:
+        delay_s = context.session.longest_delay_s(Span(span.start_ns, approach.here.end_ns))
+        part = _came(p, late_s, delay_s, after)
     else:
         delay_s = context.session.longest_delay_s(span)
-        share = p.near_credit * ramp(float(held[near]), p.tolerance, p.none_beyond or p.tolerance)
-        best = 1.0 if delay_s > MANY_DELAYS * span.duration_s else share
-        stays = f" that it keeps for {p.hold_s:g} s" if p.hold_s else ""
-        reason = f"Not reached: the nearest{stays} is {shown}, at {at_s:.2f} s; {p.tolerance:g} is near enough."
-    doubt = cpu_delay_doubt(delay_s, span.duration_s)
-    text = f"within {shown} after {after} s"
-    return Part(share, text, reason, best, doubt, where=(context.location(p.topic, here),))
+        part = _stayed_off(p, approach, delay_s > MANY_DELAYS * span.duration_s)
+    return replace(
+        part,
+        text=f"within {approach.shown} after {after} s",
+        doubt=cpu_delay_doubt(delay_s, span.duration_s),
+        where=(context.location(p.topic, approach.here),),
+    )
+
+
+@dataclass(frozen=True)
+class _Approach:
+    """Arrival of a motion, or its nearest place."""
+
+    #: Time in seconds since the session's start, and the span of this time alone.
+    at_s: float
+    here: Span
+    #: Distance that it kept for the required time; infinite if it kept none.
+    distance: float
+    #: The distance in words, or the least one if it kept none.
+    shown: str
+
+
+def _approach(context: Context, p: Reaches, series: NumericStream, off: Floats) -> _Approach:
+    """Find the first message from which on a motion stays near enough, or else the nearest one."""
+    held = _most_within(series, off, p.hold_s)
+    place = int(np.argmin(held))
+    if held[place] <= p.tolerance:
+        place = int(np.argmax(held <= p.tolerance))
+    at_s, here = moment(context, p.topic, int(series.source_ns[place]))
+    distance = float(held[place])
+    shown = f"{off.min():.3f}" if np.isinf(distance) else apart(distance, p.tolerance, places=3)
+    return _Approach(at_s, here, distance, shown)
+
+
+def _came(p: Reaches, late_s: float, delay_s: float, after: str) -> Part:
+    """Judge an arrival by its time."""
+    share = p.timely(late_s)
+    reason = ""
+    if share < 1:
+        reason = f"The target is reached after {after} s; {p.within_s:g} s are allowed."
+    return Part(share, reason=reason, best=p.timely(late_s - delay_s))
+
+
+def _stayed_off(p: Reaches, approach: _Approach, is_delayed: bool) -> Part:
+    """Judge a motion that never arrived, by its distance."""
+    share = p.near_credit * ramp(approach.distance, p.tolerance, p.none_beyond or p.tolerance)
+    stays = f" that it keeps for {p.hold_s:g} s" if p.hold_s else ""
+    nearest = f"the nearest{stays} is {approach.shown}, at {approach.at_s:.2f} s"
+    reason = f"Not reached: {nearest}; {p.tolerance:g} is near enough."
+    return Part(share, reason=reason, best=1.0 if is_delayed else share)
 
 
 def _most_within(series: NumericStream, off: Floats, hold_s: float) -> Floats:
-    """Return how far it is off at most from each message on for a time; infinite where that is not seen to its end.
+    """Return the greatest distance in the time after each message; infinite if its end was not recorded.
 
-    A message is taken to hold until the next one. What ends with the recording was not seen to stay.
+    A message holds until the next one. A stay that ends with the recording was not seen.
     """
-    times_ns, hold_ns = series.source_ns, round(hold_s * 1e9)
+    times_ns = series.source_ns
+    hold_ns = round(hold_s * 1e9)
     ends = np.searchsorted(times_ns, times_ns + hold_ns, side="right")
     held = greatest(off, ends)
     gap_ns = int(np.median(np.diff(times_ns))) if len(times_ns) > 1 else 0
@@ -249,19 +295,24 @@ def _most_within(series: NumericStream, off: Floats, hold_s: float) -> Floats:
 
 
 def greatest(values: Floats, ends: Integers) -> Floats:
-    """Return the greatest value from each one on up to its end: of two parts that overlap, each a power of two long."""
+    """Return the greatest value from each place up to its end.
+
+    It is the greater one of two overlapping parts, each a power of two long.
+    """
     starts: Integers = np.arange(len(values))
     found: Floats = values.copy()
-    most, width = values, 1
+    most = values
+    width = 1
     while len(most):
         fit = ends - starts >= width
         found[fit] = np.maximum(most[starts[fit]], most[ends[fit] - width])
-        most, width = np.maximum(most[:-width], most[width:]), 2 * width
+        most = np.maximum(most[:-width], most[width:])
+        width *= 2
     return found
 
 
 def _overshoot(values: Floats, target: Floats) -> float:
-    """Return how far it went beyond the target, along the way from where it began."""
+    """Return the distance beyond the target, along the way from the first value."""
     way = target - values[0]
     lengths = np.linalg.norm(np.broadcast_to(way, values.shape), axis=1)
     along = ((values - target) * way).sum(axis=1) / np.where(lengths > 0, lengths, np.inf)

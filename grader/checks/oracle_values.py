@@ -82,30 +82,38 @@ class TopicEqualsOracle(OfMessages, NumbersOf):
             )
         return self
 
+    @property
+    def expected(self) -> str:
+        """State the wanted values and their tolerance in words."""
+        topics = ", ".join(stream.topic for stream in self.streams.values())
+        allowed = f"± {self.tolerance:g}"
+        if self.relative > 0:
+            allowed += f" and {100 * self.relative:g} % of the value"
+        return f"{self.field} on {self.topic} as it follows from {topics}, {allowed}"
+
     def wanted(self, context: Context, other: Mapping[str, Any] | None = None) -> _Wanted | None:
-        """Return what is right, with other parameters; None where a stream was not recorded."""
-        streams = {
-            role: each.series(context.session, finite=each.finite)
-            for role, each in self.streams.items()
-        }
-        if any(stream is None for stream in streams.values()):
-            return None
+        """Return the right values, with other parameters; None if a stream was not recorded."""
+        streams: dict[str, NumericStream] = {}
+        for role, each in self.streams.items():
+            stream = each.series(context.session, finite=each.finite)
+            if stream is None:
+                return None
+            streams[role] = stream
         parameters = {**self.parameters, **(other or {})}
         answer = context.oracle(self.oracle)(streams, parameters, context.session.record.seed)
         if self.for_each is None:
             return _Wanted(np.asarray(answer["times_ns"], np.int64), _rows(answer["values"]))
         asked = streams[self.for_each]
-        assert asked is not None
-        topic = self.streams[self.for_each].topic
-        keys = self.stamps(context, topic, asked.index) if self.match == "stamp" else None
+        keys = None
+        if self.match == "stamp":
+            keys = self.stamps(context, self.streams[self.for_each].topic, asked.index)
         return _Wanted(asked.source_ns, _rows(answer), keys)
 
     def stamps(self, context: Context, topic: str, index: Integers) -> Integers:
-        """Return the stamps of some messages; -1 where one has none."""
+        """Return the stamps of some messages; -1 for a message without one."""
         stamps = context.session.stamps_ns(topic, self.stamp)
-        return np.array(
-            [-1 if (stamp := stamps[i]) is None else stamp for i in index], dtype=np.int64
-        )
+        chosen = [stamps[i] for i in index]
+        return np.array([-1 if stamp is None else stamp for stamp in chosen], dtype=np.int64)
 
 
 def _rows(values: Any) -> Floats:
@@ -114,13 +122,13 @@ def _rows(values: Any) -> Floats:
 
 
 def _asked(rows: Floats) -> Booleans:
-    """Return which rows say something: not those that are all not-a-numbers."""
+    """Return which rows hold a number; a row without one asks for no message."""
     return np.logical_not(np.isnan(rows).all(axis=1, keepdims=True))[:, 0]
 
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What is right: a row a time, and the stamps of the messages that it answers."""
+    """Right values, a row for each time, and the stamps of the messages that they answer."""
 
     times_ns: Integers
     values: Floats
@@ -128,143 +136,195 @@ class _Wanted:
 
     @property
     def asked(self) -> Booleans:
-        """Whether there is something to publish, for each row."""
+        """True for each row with something to publish."""
         return _asked(self.values)
 
 
 @dataclass(frozen=True)
 class _Compared:
-    """What was published, beside what is right."""
+    """Published messages beside the right values."""
 
-    #: The messages that are compared, in which the arrays below have their order.
+    #: The compared messages, in the order of the arrays below.
     published: NumericStream
-    #: float64[n]: How far each message is off, less what is allowed: right where it is 0 or less.
+    #: float64[n]: Distance of each message from the right values beyond the tolerance; 0 or less if it is right.
     excess: Floats
-    #: float64[n, m]: What would have been right; not a number where nothing was to be published.
+    #: float64[n, m]: Right values; not a number if nothing was to be published.
     right: Floats
-    #: How many messages were to be published, and how many of these were not.
+    #: Number of messages that were to be published, and of those that were not.
     wanted: int
     missing: int
 
     @property
     def right_ones(self) -> int:
-        """How many messages are right."""
+        """Number of right messages."""
         return int((self.excess <= 0).sum())
+
+    @property
+    def superfluous(self) -> int:
+        """Number of messages at times when nothing was to be published."""
+        return int((~_asked(self.right)).sum())
 
 
 def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
     """Judge the share of right messages among those that came, and those that should have come."""
-    allowed = f"± {p.tolerance:g}" + f" and {100 * p.relative:g} % of the value" * (p.relative > 0)
-    expected = f"{p.field} on {p.topic} as it follows from {', '.join(n.topic for n in p.streams.values())}, {allowed}"
+    expected = p.expected
     published = p.series(context.session, p.span(context), finite=False)
     if published is None:
         return nothing_came(context, p.topic, expected)
     wanted = p.wanted(context)
     if wanted is None or not wanted.asked.any():
-        return not_reached(
-            "Not tested: nothing was recorded from which the right values follow.",
-            expected=expected,
-        )
-    width, own = wanted.values.shape[1], published.values.shape[1]
+        reason = "Not tested: nothing was recorded from which the right values follow."
+        return not_reached(reason, expected=expected)
+    width = wanted.values.shape[1]
+    own = published.values.shape[1]
     if width != own:
-        return failed(
-            expected, f"{own} numbers a message", f"A message holds {own} numbers, not {width}."
-        )
+        reason = f"A message holds {own} numbers, not {width}."
+        return failed(expected, f"{own} numbers a message", reason)
     found = _compared(context, p, published, wanted)
-    odd = len(p.chosen(context, p.topic)) - len(published.values)
     if not len(found.excess):
-        return failed(
-            expected,
-            "0 messages to compare",
-            "No message came at a time for which there is a right value.",
-        )
+        reason = "No message came at a time for which there is a right value."
+        return failed(expected, "0 messages to compare", reason)
+    odd = len(p.chosen(context, p.topic)) - len(published.values)
     part = _judged(context, p, found, odd)
     where = part.where or (context.location(p.topic, p.span(context)),)
-    for other in p.alternatives if part.share < 1 else ():
-        another = p.wanted(context, other.parameters)
-        if another is None or not another.asked.any():
-            continue
-        alike = _compared(context, p, published, another)
-        if len(alike.excess) and (alike.excess <= 0).mean() >= p.full_from - 1e-9:
-            wrong = failed(expected, part.text, part.reason, where=where)
-            return other.explains(context, wrong, part.share)
+    mistake = _mistake(context, p, published) if part.share < 1 else None
+    if mistake is not None:
+        wrong = failed(expected, part.text, part.reason, where=where)
+        return mistake.explains(context, wrong, part.share)
     return graded(
         part.share, expected, part.text, part.reason, where=where, best=part.best, doubt=part.doubt
     )
 
 
+def _mistake(
+    context: Context, p: TopicEqualsOracle, published: NumericStream
+) -> Alternative | None:
+    """Return the first known mistake that matches enough messages for full credit."""
+    for other in p.alternatives:
+        wanted = p.wanted(context, other.parameters)
+        if wanted is None or not wanted.asked.any():
+            continue
+        alike = _compared(context, p, published, wanted)
+        if len(alike.excess) and (alike.excess <= 0).mean() >= p.full_from - 1e-9:
+            return other
+    return None
+
+
 def _judged(context: Context, p: TopicEqualsOracle, found: _Compared, odd: int) -> Part:
-    """Judge how many messages are right, beside odd ones, and how many the machine may have kept from being so."""
-    wrong, of = found.excess > 0, len(found.excess) + found.missing + odd
-    extra, right = int((~_asked(found.right)).sum()), int((~wrong).sum())
-    text = f"{right} of {of} messages right" + f", {found.missing} missing" * (found.missing > 0)
-    text += f", {extra} superfluous" * (extra > 0) + f", {odd} with another number of values" * (
-        odd > 0
-    )
+    """Judge the share of right messages.
+
+    Parameters
+    ----------
+    odd
+        Number of messages with another number of values, which were not compared.
+    """
+    of = len(found.excess) + found.missing + odd
+    right = found.right_ones
+    text = _counted(found, odd, of)
     if right == of:
         return Part(1.0, text)
     excused = min(found.missing, _unsent(context, p, found)) + _old(context, p, found)
     best = p.credit(min(1.0, (right + excused) / of))
     doubt = "Not your fault: the grading computer was so busy that the node may not have got all messages in time."
-    reason = f"{found.missing} messages were not answered." * (found.missing > 0)
-    reason += f" {odd} messages hold another number of values." * (odd > 0)
-    if not wrong.any():
-        return Part(p.credit(right / of), text, reason, best, doubt)
-    first = int(np.argmax(wrong))
-    at_s, span = moment(context, p.topic, int(found.published.source_ns[first]))
-    shown, meant = (
-        " ".join(f"{n:.5g}" for n in row)
-        for row in (found.published.values[first], found.right[first])
-    )
-    nothing = np.isnan(found.right[first]).all()
-    reason = f"At {at_s:.2f} s it publishes {shown}{', where nothing was asked' if nothing else f'; right is {meant}'}."
-    return Part(
-        p.credit(right / of), text, reason, best, doubt, where=(context.location(p.topic, span),)
-    )
+    wrong = found.excess > 0
+    if wrong.any():
+        first = int(np.argmax(wrong))
+        at_s, span = moment(context, p.topic, int(found.published.source_ns[first]))
+        reason = f"At {at_s:.2f} s it publishes {_compared_values(found, first)}."
+        where = (context.location(p.topic, span),)
+        return Part(p.credit(right / of), text, reason, best, doubt, where=where)
+    reason = _not_compared(found.missing, odd)
+    return Part(p.credit(right / of), text, reason, best, doubt)
+
+
+def _counted(found: _Compared, odd: int, of: int) -> str:
+    """State the numbers of right, missing, superfluous and odd messages."""
+    text = f"{found.right_ones} of {of} messages right"
+    if found.missing > 0:
+        text += f", {found.missing} missing"
+    if found.superfluous > 0:
+        text += f", {found.superfluous} superfluous"
+    if odd > 0:
+        text += f", {odd} with another number of values"
+    return text
+
+
+def _not_compared(missing: int, odd: int) -> str:
+    """Say how many messages were missing, and how many have another number of values."""
+    reason = ""
+    if missing > 0:
+        reason = f"{missing} messages were not answered."
+    if odd > 0:
+        reason += f" {odd} messages hold another number of values."
+    return reason
+
+
+def _compared_values(found: _Compared, index: int) -> str:
+    """Return the numbers of a message and the right ones."""
+    shown = _numbers(found.published.values[index])
+    if np.isnan(found.right[index]).all():
+        return f"{shown}, where nothing was asked"
+    return f"{shown}; right is {_numbers(found.right[index])}"
+
+
+def _numbers(row: Floats) -> str:
+    return " ".join(f"{number:.5g}" for number in row)
 
 
 def _unsent(context: Context, p: TopicEqualsOracle, found: _Compared) -> int:
-    """Return how many messages the recorder may have missed, or the node for the machine's delays."""
+    """Return the greatest number of messages that the recorder or, by machine delays, the node missed."""
     timing = timing_of(context.session.stream(p.topic), p.span(context))
-    return (timing.lost if timing is not None else 0) + _unheard(context, p, found.wanted)
+    lost = timing.lost if timing is not None else 0
+    return lost + _unheard(context, p, found.wanted)
 
 
 def _unheard(context: Context, p: TopicEqualsOracle, wanted: int) -> int:
-    """Return how many of the messages that were to be answered the node may not have got for the machine's delays."""
+    """Return the greatest number of wanted messages that the node missed because of machine delays."""
     topics = [each.topic for each in p.streams.values()]
     times = max((context.session.stream(topic).source_ns for topic in topics), key=len)
     return int(np.ceil(lost_share(context, context.session.students, topics, times) * wanted))
 
 
 def _old(context: Context, p: TopicEqualsOracle, found: _Compared) -> int:
-    """Return how many messages may be wrong since they were computed, or sent, late: where times match alone."""
+    """Return the number of messages that may be wrong because of a late computation or publication.
+
+    Only messages that are matched by time can be wrong for that.
+    """
     if p.match in ("stamp", "order"):
         return 0
     times_ns = found.published.source_ns
-    late = (
-        context.session.delays_s(times_ns - round(p.within_s * 1e9), times_ns)
-        > _DELAYED * p.within_s
-    )
+    delays_s = context.session.delays_s(times_ns - round(p.within_s * 1e9), times_ns)
+    late = delays_s > _DELAYED * p.within_s
     return int((late & (found.excess > 0)).sum())
 
 
-#: A delay of this share of the time by which a value may be old can make it older.
+#: Share of the allowed age of a value from which a delay can make the value too old.
 _DELAYED = 0.2
 
 
 def _compared(
     context: Context, p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted
 ) -> _Compared:
+    """Compare published messages with the right values, by the rule that the check names."""
     if p.match == "stamp":
-        assert wanted.stamps_ns is not None
-        places = {int(stamp): n for n, stamp in enumerate(wanted.stamps_ns.tolist()) if stamp >= 0}
-        stamps = p.stamps(context, p.topic, published.index).tolist()
-        return _by_place(
-            context, p, published, wanted, np.array([places.get(stamp, -1) for stamp in stamps])
-        )
+        return _by_stamp(context, p, published, wanted)
     if p.match == "order":
         return _in_order(context, p, published, wanted)
     return _by_time(p, published, wanted)
+
+
+def _by_stamp(
+    context: Context, p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted
+) -> _Compared:
+    """Compare each message with the row of the same stamp."""
+    assert wanted.stamps_ns is not None
+    row_of = {}
+    for row, stamp in enumerate(wanted.stamps_ns.tolist()):
+        if stamp >= 0:
+            row_of[int(stamp)] = row
+    stamps = p.stamps(context, p.topic, published.index).tolist()
+    places = np.array([row_of.get(stamp, -1) for stamp in stamps])
+    return _by_place(context, p, published, wanted, places)
 
 
 def _by_place(
@@ -274,52 +334,87 @@ def _by_place(
     wanted: _Wanted,
     places: Integers,
 ) -> _Compared:
-    """Compare each message with the row at a place, -1 where there is none; what answers it again is superfluous."""
+    """Compare each message with a row of the right values.
+
+    A second message for the same row is superfluous.
+
+    Parameters
+    ----------
+    places
+        int64[n]: Row of each message, -1 if there is none.
+    """
+    _, first_ones = np.unique(places, return_index=True)
     again = np.ones(len(places), dtype=bool)
-    again[np.unique(places, return_index=True)[1]] = False
+    again[first_ones] = False
     places = np.where(again, -1, places)
-    right = np.where(places[:, None] >= 0, wanted.values[places], np.nan)
-    used, due = places[places >= 0], wanted.asked
+    has_row = places >= 0
+    right = np.where(has_row[:, None], wanted.values[places], np.nan)
+    used = places[has_row]
     first_ns = int(wanted.times_ns[used].min(initial=published.source_ns[0]))
-    due &= p.due(context, wanted.times_ns, first_ns, p.within_s)
-    missing = int(due.sum() - due[used].sum())
-    return _Compared(published, _excess(p, published.values, right), right, int(due.sum()), missing)
+    due = wanted.asked & p.due(context, wanted.times_ns, first_ns, p.within_s)
+    count = int(due.sum())
+    missing = count - int(due[used].sum())
+    excess = _excess(p, published.values, right)
+    return _Compared(published, excess, right, count, missing)
 
 
 def _in_order(
     context: Context, p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted
 ) -> _Compared:
-    """Compare the n-th message with the n-th row, or one some places after that: a node may begin late."""
-    asked, stream = np.flatnonzero(wanted.asked), context.session.stream(p.topic)
-    counted = published.sequence - stream.sequence.min()
-    begun_ns = min(int(stream.source_ns.min()), int(wanted.times_ns[asked].min()) + LATE_NS)
-    missed = int((wanted.times_ns[asked] <= begun_ns).sum())
+    """Compare the n-th message with the n-th row, or with a later one if the node began late."""
+    asked = np.flatnonzero(wanted.asked)
+    first = context.session.stream(p.topic).sequence.min()
+    counted = published.sequence - first
 
     def after(skipped: Integers | int) -> _Compared:
         row = counted + skipped
-        places = np.where(row < len(asked), asked[np.minimum(row, len(asked) - 1)], -1)
+        inside = np.minimum(row, len(asked) - 1)
+        places = np.where(row < len(asked), asked[inside], -1)
         return _by_place(context, p, published, wanted, places)
 
+    missed = _missed_before(context, p, wanted.times_ns[asked])
     starts = [after(start) for start in range(min(max(missed, 1), _MOST_MISSED))]
     start = int(np.argmax([found.right_ones for found in starts]))
+    found = starts[start]
     unheard = min(_unheard(context, p, len(asked)), _MOST_MISSED)
-    if not unheard or starts[start].right_ones == len(counted):
-        return starts[start]
-    later = [starts[start], *(after(start + more) for more in range(1, unheard + 1))]
-    return after(start + _skipped(np.array([found.excess <= 0 for found in later])))
+    if not unheard or found.right_ones == len(counted):
+        return found
+    right = [found.excess <= 0]
+    for more in range(1, unheard + 1):
+        right.append(after(start + more).excess <= 0)
+    return after(start + _skipped(np.array(right)))
+
+
+def _missed_before(context: Context, p: TopicEqualsOracle, asked_ns: Integers) -> int:
+    """Return the greatest number of rows that a node missed before it listened.
+
+    Parameters
+    ----------
+    asked_ns
+        int64[n]: Times of the rows that ask for a message.
+    """
+    first_sent_ns = int(context.session.stream(p.topic).source_ns.min())
+    latest_ns = int(asked_ns.min()) + LATE_NS
+    missed = asked_ns <= min(first_sent_ns, latest_ns)
+    return int(missed.sum())
 
 
 def _skipped(right: Booleans) -> Integers:
-    """Return how many rows were skipped before each message, by which of them are right after so many: the most are.
+    """Return the numbers of skipped rows before each message that make the most messages right.
 
-    What was skipped once stays so: the count never falls.
+    The number never falls, because a skipped row stays skipped.
+
+    Parameters
+    ----------
+    right
+        bool[numbers, messages]: Whether a message is right after that many skipped rows.
     """
     most, counts = right.shape
     whole = np.zeros(most, dtype=np.int64)
     before = np.zeros((counts, most), dtype=np.int64)
     for n in range(counts):
         best = np.maximum.accumulate(whole)
-        # Where the best count so far was reached, of those that skip no more than this one.
+        # The number that reached the best count so far, among those that skip no more than this one.
         before[n] = np.maximum.accumulate(np.where(whole == best, np.arange(most), 0))
         whole = whole[before[n]] + right[:, n]
     found = np.empty(counts, dtype=np.int64)
@@ -330,50 +425,65 @@ def _skipped(right: Booleans) -> Integers:
     return found
 
 
-#: So many messages a node may miss, before it listens or for the machine's delays, at most.
+#: Greatest number of messages that a node may miss, before it listens or because of machine delays.
 _MOST_MISSED = 500
 
 
 def _by_time(p: TopicEqualsOracle, published: NumericStream, wanted: _Wanted) -> _Compared:
-    """Compare each message with the values about its time, of which the one that fits best counts."""
+    """Compare each message with the values at several times about its own; the best match counts."""
     order = np.argsort(wanted.times_ns, kind="stable")
-    times, values = wanted.times_ns[order], wanted.values[order]
-    tried: list[tuple[Floats, Floats]] = []
+    times = wanted.times_ns[order]
+    values = wanted.values[order]
+    tried_excess: list[Floats] = []
+    tried_right: list[Floats] = []
     for part in np.linspace(-1.0, 1.0, _TIMES):
         at_ns = published.source_ns + round(part * p.within_s * 1e9)
-        right = _at(p, times, values, at_ns)
-        tried.append((_excess(p, published.values, right), right))
-    best = np.argmin([excess for excess, _ in tried], axis=0)
+        candidate = _at(p, times, values, at_ns)
+        tried_right.append(candidate)
+        tried_excess.append(_excess(p, published.values, candidate))
+    best = np.argmin(tried_excess, axis=0)
     rows = np.arange(len(best))
-    right = np.array([right for _, right in tried])[best, rows]
-    excess = np.array([excess for excess, _ in tried])[best, rows]
-    known = _asked(right)  # Where the oracle says nothing, nothing is compared.
+    right = np.array(tried_right)[best, rows]
+    excess = np.array(tried_excess)[best, rows]
+    # Nothing is compared unless the oracle has values.
+    known = _asked(right)
     return _Compared(published.only(known), excess[known], right[known], int(known.sum()), 0)
 
 
-#: Times about that of a message at which it is compared; an odd number has its own among them.
+#: Number of times at which a message is compared; an odd number includes its own time.
 _TIMES = 17
 
 
 def _at(p: TopicEqualsOracle, times: Integers, values: Floats, at_ns: Integers) -> Floats:
-    """Return the right values at some times; not a number where the oracle has none there."""
+    """Return the right values at some times; not a number if the oracle has none."""
     if p.match == "interpolated":
-        return np.column_stack(
-            [np.interp(at_ns, times, each, left=np.nan, right=np.nan) for each in values.T]
-        )
-    after = np.minimum(np.searchsorted(times, at_ns), len(times) - 1)
+        columns = [np.interp(at_ns, times, each, left=np.nan, right=np.nan) for each in values.T]
+        return np.column_stack(columns)
+    after = np.searchsorted(times, at_ns)
+    after = np.minimum(after, len(times) - 1)
     before = np.maximum(after - 1, 0)
-    nearest = np.where(at_ns - times[before] <= times[after] - at_ns, before, after)
-    near = np.abs(at_ns - times[nearest]) <= p.within_s * 1e9 / (_TIMES - 1) + 1
+    since_ns = at_ns - times[before]
+    until_ns = times[after] - at_ns
+    nearest = np.where(since_ns <= until_ns, before, after)
+    off_ns = np.abs(at_ns - times[nearest])
+    near = off_ns <= p.within_s * 1e9 / (_TIMES - 1) + 1
     right: Floats = np.where(near[:, None], values[nearest], np.nan)
     return right
 
 
 def _excess(p: TopicEqualsOracle, values: Floats, right: Floats) -> Floats:
-    """Return by how much each message is farther off than it may be; infinite where that is not known, or not asked."""
-    asked, same = _asked(right), (values == right) | (np.isnan(values) & np.isnan(right))
-    values, right = (np.where(same & ~np.isfinite(values), 0.0, each) for each in (values, right))
-    size = np.linalg.norm(right, axis=1) if p.distance == "straight" else np.zeros(len(right))
-    off: Floats = DISTANCES[p.distance](values, right) - p.tolerance - p.relative * size
+    """Return the distance of each message from the right values beyond the tolerance.
+
+    It is infinite if it is not known, or if no message was asked for.
+    """
+    asked = _asked(right)
+    same = (values == right) | (np.isnan(values) & np.isnan(right))
+    same_infinity = same & ~np.isfinite(values)
+    values = np.where(same_infinity, 0.0, values)
+    right = np.where(same_infinity, 0.0, right)
+    off: Floats = DISTANCES[p.distance](values, right) - p.tolerance
+    if p.distance == "straight":
+        sizes = np.linalg.norm(right, axis=1)
+        off = off - p.relative * sizes
     off[np.isnan(off) | ~asked] = np.inf
     return off

@@ -1,9 +1,10 @@
-"""Checks of parameters that are set while a node runs: what they change, and which values it refuses."""
+"""Checks of parameters that are set while a node runs: their effects, and refusals of invalid values."""
 
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import compress
 from typing import Annotated, Any, ClassVar
 
@@ -24,16 +25,18 @@ from grader.checks.base import (
 )
 from grader.checks.publisher import TopicRate, topic_rate
 from grader.checks.service import answer_of
+from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import equal_within, value_at
+from grader.evidence.recorded import Booleans
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.patterns import search
 from grader.lab.references import Parameters, Pattern, Share
-from grader.result import Finding, Outcome
+from grader.result import Finding, Location, Outcome
 
 
 class ParameterEffect(Parameters):
-    """A parameter that is set while the node runs changes a rate, a field or an answer as told."""
+    """A parameter that is set while the node runs changes a rate, a field or an answer as required."""
 
     example: ClassVar = {"topic": "/chatter", "old": 1.0, "new": 2.0}
     exactly_one = ("topic", "answer")
@@ -76,100 +79,171 @@ class ParameterEffect(Parameters):
 
     @property
     def is_rate(self) -> bool:
-        """Whether the rate of the topic counts."""
+        """True if the rate of the topic counts."""
         return self.topic is not None and self.field is None and self.text is None
 
     @property
     def what(self) -> str:
-        """What is to change."""
-        return (
-            f"the rate of {self.topic} in Hz"
-            if self.is_rate
-            else f"{self.field or self.text or self.answer}"
-        )
+        """The quantity that must change, in words."""
+        if self.is_rate:
+            return f"the rate of {self.topic} in Hz"
+        return f"{self.field or self.text or self.answer}"
 
     def fits(self, value: Any, wanted: Any) -> bool:
-        """Whether a value is another but for the tolerance."""
-        return equal_within(
-            value, wanted, self.full_within * abs(wanted) if self.is_rate else self.tolerance
-        )
+        """Tell whether a value is the wanted one, up to the tolerance."""
+        tolerance = self.full_within * abs(wanted) if self.is_rate else self.tolerance
+        return equal_within(value, wanted, tolerance)
 
     def measured(self, context: Context, label: str | None) -> Any:
-        """Return what a step shows of it; None where that is nothing."""
-        session, step = context.session, context.session.step(label) if label is not None else None
-        span = session.window(label) if label is not None else None
+        """Return the quantity as a step shows it; None if it shows nothing."""
+        if label is None:
+            return None
         if self.answer is not None:
-            return value_at(answer_of(step), self.answer)
+            return value_at(answer_of(context.session.step(label)), self.answer)
+        span = context.session.window(label)
         if self.topic is None or span is None:
             return None
-        stream = session.stream(self.topic)
         if self.is_rate:
-            timing = timing_of(stream, span)
+            timing = timing_of(context.session.stream(self.topic), span)
             return timing.rate_hz if timing is not None else None
-        inside = (stream.source_ns >= span.start_ns) & (stream.source_ns <= span.end_ns)
         if self.text is not None:
-            texts = filter(None, compress(session.texts(self.topic, self.text), inside))
-            return next((text for text, _ in Counter(texts).most_common(1)), None)
-        rows = [
-            row
-            for row in compress(session.rows(self.topic, self.field or ""), inside)
-            if row is not None
-        ]
-        numbers = [row[0] for row in rows if len(row)]
+            return self._most_frequent_text(context, self.topic, self.text, span)
+        return self._median(context, self.topic, self.field or "", span)
+
+    @staticmethod
+    def _most_frequent_text(context: Context, topic: str, field: str, span: Span) -> str | None:
+        """Return the most frequent text of a field within a span."""
+        inside = _inside(context, topic, span)
+        texts = filter(None, compress(context.session.texts(topic, field), inside))
+        most_common = Counter(texts).most_common(1)
+        return most_common[0][0] if most_common else None
+
+    @staticmethod
+    def _median(context: Context, topic: str, field: str, span: Span) -> float | None:
+        """Return the median of the first numbers of a field within a span."""
+        inside = _inside(context, topic, span)
+        numbers = []
+        for row in compress(context.session.rows(topic, field), inside):
+            if row is not None and len(row):
+                numbers.append(row[0])
         return float(np.median(numbers)) if numbers else None
 
 
+def _inside(context: Context, topic: str, span: Span) -> Booleans:
+    """Return which messages of a topic lie within a span."""
+    source_ns = context.session.stream(topic).source_ns
+    inside: Booleans = (source_ns >= span.start_ns) & (source_ns <= span.end_ns)
+    return inside
+
+
+@dataclass(frozen=True)
+class _Observed:
+    """The quantity before the change, after it, and after a restart with the new value."""
+
+    before: Any
+    after: Any
+    restarted: Any
+
+
+@dataclass(frozen=True)
+class _Mistake:
+    """A known mistake, the credit that it leaves, and its remedy."""
+
+    credit: float
+    reason: str
+    hint: str = ""
+
+
 def parameter_effect(context: Context, p: ParameterEffect) -> Finding:
-    """Judge what the parameter changed, and name why it did not."""
+    """Judge the effect of the parameter, and name the mistake if there is none."""
     expected = f"{p.what}: {_shown(p.old)}, and {_shown(p.new)} when the parameter is set"
     step = context.session.step(p.set_step)
-    if (silent := unanswered(context, step, expected)) is not None:
+    silent = unanswered(context, step, expected)
+    if silent is not None:
         return silent
-    if step is not None and (refused := step.result.get("refused")):
-        why = "; ".join(
-            f"{name}: {str(reason)[:_MOST_SHOWN].rstrip('.')}" for name, reason in refused.items()
-        )
-        return failed(
-            expected,
-            "refused",
-            f"The parameter could not be set while the node ran: {why}.",
-            hint=_SET_HINT,
-        )
-    before, after, restarted = (
-        p.measured(context, label) for label in (p.before, p.after, p.restarted)
+    refused = step.result.get("refused") if step is not None else None
+    if refused:
+        return _could_not_be_set(expected, refused)
+    observed = _Observed(
+        p.measured(context, p.before),
+        p.measured(context, p.after),
+        p.measured(context, p.restarted),
     )
-    measured = f"{_shown(before)}, then {_shown(after)}"
-    measured += f"; after a restart with it {_shown(restarted)}" if p.restarted is not None else ""
-    where = (context.location(p.topic, context.session.window(p.after) if p.topic else None),)
-    if after is None:
+    measured = f"{_shown(observed.before)}, then {_shown(observed.after)}"
+    if p.restarted is not None:
+        measured += f"; after a restart with it {_shown(observed.restarted)}"
+    if observed.after is None:
         return _nothing(context, p, expected, measured)
+    where = (context.location(p.topic, context.session.window(p.after) if p.topic else None),)
     if p.is_rate:
         finding = replace(_rate(context, p), expected=expected, measured=measured)
-    elif p.fits(after, p.new):
+    elif p.fits(observed.after, p.new):
         finding = passed(expected, measured, where=where)
     else:
-        finding = failed(
-            expected,
-            measured,
-            f"After the parameter was set, {p.what} is {_shown(after)}.",
-            where=where,
-        )
+        reason = f"After the parameter was set, {p.what} is {_shown(observed.after)}."
+        finding = failed(expected, measured, reason, where=where)
     if finding.outcome is Outcome.INCONCLUSIVE:
         return finding
-    credit, reason, hint = _mistake(p, before, after, restarted)
-    worth = [
-        known if mistake else float(finding.credit)
-        for old in _possible(context, p, p.before, before, after)
-        for new in _possible(context, p, p.restarted, restarted, p.new)
-        for known, mistake, _ in (_mistake(p, old, after, new),)
-    ]
-    if min(worth) == max(worth):
-        return (
-            graded(credit, expected, measured, reason, hint=hint, where=where)
-            if reason
-            else finding
+    return _with_mistake(context, p, observed, finding, where)
+
+
+def _could_not_be_set(expected: str, refused: Mapping[str, Any]) -> Finding:
+    """State that the node refused to set the parameter."""
+    answers = []
+    for name, problem in refused.items():
+        answers.append(f"{name}: {str(problem)[:_MOST_SHOWN].rstrip('.')}")
+    reason = f"The parameter could not be set while the node ran: {'; '.join(answers)}."
+    return failed(expected, "refused", reason, hint=_SET_HINT)
+
+
+def _with_mistake(
+    context: Context,
+    p: ParameterEffect,
+    observed: _Observed,
+    finding: Finding,
+    where: Sequence[Location],
+) -> Finding:
+    """Return a finding, with a known mistake if one explains it.
+
+    It is undecided if the machine delays leave open whether there is a mistake.
+    """
+    mistake = _mistake(p, observed)
+    credits = _possible_credits(context, p, observed, float(finding.credit))
+    least = min(credits)
+    most = max(credits)
+    if least != most:
+        return graded(
+            least,
+            finding.expected,
+            finding.measured,
+            mistake.reason,
+            best=most,
+            doubt=_BUSY,
+            where=where,
         )
-    return graded(min(worth), expected, measured, reason, best=max(worth), doubt=_BUSY, where=where)
+    if not mistake.reason:
+        return finding
+    return graded(
+        mistake.credit,
+        finding.expected,
+        finding.measured,
+        mistake.reason,
+        hint=mistake.hint,
+        where=where,
+    )
+
+
+def _possible_credits(
+    context: Context, p: ParameterEffect, observed: _Observed, credit: float
+) -> list[float]:
+    """Return the credit for each combination of values that may have been without machine delays."""
+    after = observed.after
+    credits = []
+    for before in _possible(context, p, p.before, observed.before, after):
+        for restarted in _possible(context, p, p.restarted, observed.restarted, p.new):
+            mistake = _mistake(p, _Observed(before, after, restarted))
+            credits.append(mistake.credit if mistake.reason else credit)
+    return credits
 
 
 _BUSY = "Not your fault: the grading computer was too busy to measure the rate that this one is compared with."
@@ -178,7 +252,10 @@ _BUSY = "Not your fault: the grading computer was too busy to measure the rate t
 def _possible(
     context: Context, p: ParameterEffect, label: str | None, value: Any, other: Any
 ) -> list[Any]:
-    """Return what a step shows; of a rate the most that it may have been without delays, and the nearest to another."""
+    """Return the values that a step may have shown without machine delays.
+
+    For a rate these are the measured one, the highest possible one, and the one nearest to another.
+    """
     span = context.session.window(label) if label is not None else None
     if not p.is_rate or span is None or value is None:
         return [value]
@@ -186,43 +263,32 @@ def _possible(
     return [value, most, min(max(value, float(other)), most)]
 
 
-def _mistake(p: ParameterEffect, before: Any, after: Any, restarted: Any) -> tuple[float, str, str]:
-    """Return what a known mistake is worth, what it is, and how to fix it; an empty reason where there is none."""
-    unchanged = p.old != p.new and before is not None and p.fits(after, before)
-    stays = f"The parameter was accepted, but {p.what} stays at {_shown(after)}"
-    at_start = (
-        "The timer keeps its old period until the node is restarted." if p.is_rate else _AT_START
-    )
-    summed = p.is_rate and before is not None and p.fits(after, before + float(p.new))
-    rows: tuple[tuple[bool, float, str, str], ...] = (
-        (
-            unchanged and p.fits(restarted, p.new),
-            p.restart_credit,
-            at_start,
-            _TIMER_HINT if p.is_rate else _READ_HINT,
-        ),
-        (
-            unchanged and p.fits(after, p.new),
-            0.0,
-            f"It was {_shown(before)} before, so nothing changed.",
-            "",
-        ),
-        (
-            unchanged and restarted is not None,
-            0.0,
-            f"{stays}, after a restart too: it is declared but ignored.",
-            "",
-        ),
-        (unchanged, 0.0, f"{stays}.", _TIMER_HINT if p.is_rate else _READ_HINT),
-        (
-            summed,
-            0.0,
-            "The old timer runs on beside the new one, so that their rates add up.",
-            _TIMER_HINT,
-        ),
-        (True, 0.0, "", ""),
-    )
-    return next(row[1:] for row in rows if row[0])
+def _mistake(p: ParameterEffect, observed: _Observed) -> _Mistake:
+    """Return the known mistake that explains some values; its reason is empty if there is none."""
+    before = observed.before
+    after = observed.after
+    if p.old != p.new and before is not None and p.fits(after, before):
+        return _unchanged(p, observed)
+    if p.is_rate and before is not None and p.fits(after, before + float(p.new)):
+        reason = "The old timer runs on beside the new one, so that their rates add up."
+        return _Mistake(0.0, reason, _TIMER_HINT)
+    return _Mistake(0.0, "")
+
+
+def _unchanged(p: ParameterEffect, observed: _Observed) -> _Mistake:
+    """Return the mistake of a parameter that changed nothing."""
+    hint = _TIMER_HINT if p.is_rate else _READ_HINT
+    if p.fits(observed.restarted, p.new):
+        at_start = _AT_START
+        if p.is_rate:
+            at_start = "The timer keeps its old period until the node is restarted."
+        return _Mistake(p.restart_credit, at_start, hint)
+    if p.fits(observed.after, p.new):
+        return _Mistake(0.0, f"It was {_shown(observed.before)} before, so nothing changed.")
+    stays = f"The parameter was accepted, but {p.what} stays at {_shown(observed.after)}"
+    if observed.restarted is not None:
+        return _Mistake(0.0, f"{stays}, after a restart too: it is declared but ignored.")
+    return _Mistake(0.0, f"{stays}.", hint)
 
 
 _AT_START = "The new value takes effect only after a restart: the parameter is read once, when the node starts."
@@ -232,38 +298,36 @@ _SET_HINT = "Declare it with a default of the type that the lab gives it, not re
 
 
 def _rate(context: Context, p: ParameterEffect) -> Finding:
-    """Judge the rate after the change, within the bounds that the machine's delays leave open."""
+    """Judge the rate after the change, by the bounds that the machine delays leave."""
     limits = {"full_within": p.full_within, "zero_beyond": p.zero_beyond}
     asked = {"topic": p.topic, "process": p.process, "window": p.after, "rate_hz": float(p.new)}
     return topic_rate(context, TopicRate.model_validate({**asked, **limits}))
 
 
 def _nothing(context: Context, p: ParameterEffect, expected: str, measured: str) -> Finding:
-    """State that nothing was to be seen of it afterwards."""
-    span, run = context.session.window(p.after), context.session.process(p.process)
-    delay_s = (
-        context.session.machine_delay_s(run, span) if span is not None and run is not None else 0.0
-    )
-    late = span is not None and delay_s > _MUCH * span.duration_s
-    doubt = cpu_delay_doubt(delay_s, span.duration_s) if span is not None and late else ""
+    """State that nothing was seen after the change."""
+    span = context.session.window(p.after)
+    run = context.session.process(p.process)
+    doubt = ""
+    if span is not None and run is not None:
+        delay_s = context.session.machine_delay_s(run, span)
+        if delay_s > _MUCH * span.duration_s:
+            doubt = cpu_delay_doubt(delay_s, span.duration_s)
     reason = f"After the parameter was set, nothing was seen of {p.what}."
-    return unexplained(
-        graded(0.0, expected, measured, reason, best=1.0 if doubt else None, doubt=doubt)
-    )
+    best = 1.0 if doubt else None
+    return unexplained(graded(0.0, expected, measured, reason, best=best, doubt=doubt))
 
 
-#: A process that the machine delayed for this share of a window may have shown nothing for that.
+#: Delayed share of a window from which a process may have shown nothing for that.
 _MUCH = 0.5
 
 
 def _shown(value: Any) -> str:
-    return (
-        "nothing"
-        if value is None
-        else f"{value:.4g}"
-        if isinstance(value, float)
-        else repr(value)[:_MOST_SHOWN]
-    )
+    if value is None:
+        return "nothing"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return repr(value)[:_MOST_SHOWN]
 
 
 _MOST_SHOWN = 80
@@ -283,41 +347,43 @@ class ParameterRejected(Parameters):
 
 
 def parameter_rejected(context: Context, p: ParameterRejected) -> Finding:
-    """Judge refusals by the node's answer, and by the values that it has before and after."""
+    """Judge refusals by the node's answer, and by its values before and after."""
     step = context.session.step(p.step)
     wanted = step.parameters.get("values", {}) if step is not None else {}
-    expected = f"refuses {', '.join(f'{name} = {value!r}' for name, value in wanted.items())}, and keeps what it has"
-    if (silent := unanswered(context, step, expected)) is not None or step is None:
-        return silent or failed(expected, "", "")
+    values = ", ".join(f"{name} = {value!r}" for name, value in wanted.items())
+    expected = f"refuses {values}, and keeps what it has"
+    silent = unanswered(context, step, expected)
+    if silent is not None:
+        return silent
+    if step is None:
+        return failed(expected, "", "")
     parts = [_refusal(p, name, value, step.result) for name, value in wanted.items()]
     return of_parts(expected, parts, where=(context.location(),))
 
 
-def _refusal(p: ParameterRejected, name: str, value: Any, result: dict[str, Any]) -> Part:
-    """Judge what a node did with an invalid value."""
-    before, after, refused = (result.get(key, {}) for key in ("before", "after", "refused"))
+def _refusal(p: ParameterRejected, name: str, value: Any, result: Mapping[str, Any]) -> Part:
+    """Judge the answer of a node to an invalid value."""
+    before = result.get("before", {})
+    after = result.get("after", {})
+    refused = result.get("refused", {})
     if name not in before:
-        return Part(
-            0.0, f"no {name}", f"{name} is not declared, so that refusing it proves nothing."
-        )
-    kept = before[name] == after.get(name)
-    why = str(refused.get(name, ""))[:_MOST_SHOWN]
-    text = f"{name}: refused ({why or 'no reason'}), then {_shown(after.get(name))}"
+        reason = f"{name} is not declared, so that refusing it proves nothing."
+        return Part(0.0, f"no {name}", reason)
     if name not in refused:
         reason = f"{name} accepts {value!r}."
         return Part(0.0, f"{name} was set to {value!r}", reason, hint=_REFUSE_HINT)
-    if not kept:
-        reason = f"{name} was {_shown(before[name])}, and is {_shown(after.get(name))} after it refused {value!r}."
-        return Part(p.changed_credit, text, reason)
+    why = str(refused[name])[:_MOST_SHOWN]
+    text = f"{name}: refused ({why or 'no reason'}), then {_shown(after.get(name))}"
+    if before[name] != after.get(name):
+        changed = f"{name} was {_shown(before[name])}, and is {_shown(after.get(name))}"
+        return Part(p.changed_credit, text, f"{changed} after it refused {value!r}.")
     if not why.strip():
         reason = f"{name} refuses {value!r} without a reason."
         return Part(p.reasonless_credit, text, reason, hint="Give SetParametersResult a reason.")
-    other = p.reason is not None and not search(p.reason, why)
-    return Part(
-        1.0,
-        text,
-        notes=(f"The reason {why!r} for {name} is not worded as in the lab.",) if other else (),
-    )
+    notes: tuple[str, ...] = ()
+    if p.reason is not None and not search(p.reason, why):
+        notes = (f"The reason {why!r} for {name} is not worded as in the lab.",)
+    return Part(1.0, text, notes=notes)
 
 
 _REFUSE_HINT = "Return SetParametersResult(successful=False, reason=...) from a callback of add_on_set_parameters_callback."

@@ -1,4 +1,4 @@
-"""What the rubric leaves to a person: nothing is judged, and its points stay open until somebody has graded it."""
+"""Check that a person grades: its points stay open until then."""
 
 from __future__ import annotations
 
@@ -22,8 +22,13 @@ class Person(Parameters):
 
 
 def person(context: Context, p: Person) -> Finding:
-    """Leave it to a person, with the files that are to be read."""
+    """Leave the points open, and list the files to read."""
     expected = "; ".join(f"{level.title} ({level.credit:.0%})" for level in p.levels)
-    paths = [path for name in p.read if (path := context.path_of(name)) is not None]
-    finding = inconclusive(expected, "", "Your instructor grades this by hand.", retry=False)
-    return Finding(**{**vars(finding), "where": tuple(Location(file=path) for path in paths)})
+    where = []
+    for name in p.read:
+        path = context.path_of(name)
+        if path is not None:
+            where.append(Location(file=path))
+    return inconclusive(
+        expected, "", "Your instructor grades this by hand.", where=where, retry=False
+    )

@@ -25,7 +25,7 @@ from grader.lab.references import Share
 from grader.lab.yaml_with_lines import mistakes_at
 from grader.result import Finding
 
-#: A signal is no longer than this many steps; the longest session has fewer of 10 ms.
+#: Greatest number of steps of a signal; the longest session has fewer of 10 ms.
 _MOST_STEPS = 100_000
 
 
@@ -42,30 +42,37 @@ class Signal(NumbersOf):
     )
 
     def seen(self, context: Context) -> NumericStream | None:
-        """Return its messages; a least or greatest number may stand among others that are none."""
+        """Return its messages; a least or greatest number may stand among others that are not finite."""
         return self.series(context.session, finite=self.of_several == "length")
 
     def at(self, series: NumericStream, times_ns: Integers) -> Floats:
         """Return its values at some times."""
-        values = series.values[:, 0]
-        if series.values.shape[1] > 1:
-            several = {"least": np.fmin.reduce, "greatest": np.fmax.reduce}.get(
-                self.of_several, np.linalg.norm
-            )
-            values = several(series.values, axis=1)
+        values = self._single(series.values)
         if self.between == "linear":
             return np.interp(times_ns, series.source_ns, values)
-        held: Floats = values[
-            np.maximum(np.searchsorted(series.source_ns, times_ns, side="right") - 1, 0)
-        ]
+        places = np.searchsorted(series.source_ns, times_ns, side="right") - 1
+        held: Floats = values[np.maximum(places, 0)]
         return held
+
+    def _single(self, rows: Floats) -> Floats:
+        """Return one number for each row."""
+        if rows.shape[1] == 1:
+            return rows[:, 0]
+        single: Floats
+        if self.of_several == "least":
+            single = np.fmin.reduce(rows, axis=1)
+        elif self.of_several == "greatest":
+            single = np.fmax.reduce(rows, axis=1)
+        else:
+            single = np.linalg.norm(rows, axis=1)
+        return single
 
 
 class SignalProperty(InWindow):
     """A property of signals in signal temporal logic holds, as always(implies(near < 1, eventually[0, 2](v < 0.1))).
 
-    Its robustness earns credit: by how much it holds, or misses, in the unit of what is compared. It is that from the
-    window's start on, or from the first message of the signal that begins last.
+    Its robustness earns credit: the margin by which it holds or misses, in the unit of the compared values. It counts
+    from the window's start on, or from the first message of the signal that begins last.
     """
 
     example: ClassVar = {
@@ -108,30 +115,36 @@ class SignalProperty(InWindow):
 
 
 def signal_property(context: Context, p: SignalProperty) -> Finding:
-    """Judge by the robustness; the moment that decides it is shown with the signals' values."""
-    expected, span = p.property, p.span(context)
-    series = {name: signal.seen(context) for name, signal in p.signals.items()}
-    if absent := next((name for name, found in series.items() if found is None), None):
-        return nothing_came(context, p.signals[absent].topic, expected)
-    streams = {name: found for name, found in series.items() if found is not None}
-    counts = span or Span(context.session.record.started_ns, context.session.record.ended_ns)
-    start_ns = max(counts.start_ns, *(int(s.source_ns[0]) for s in streams.values()))
-    end_ns = min(counts.end_ns, max(int(s.source_ns[-1]) for s in streams.values()))
-    if end_ns < start_ns:
+    """Judge the robustness, and show the signals' values at the deciding moment."""
+    streams: dict[str, NumericStream] = {}
+    for name, signal in p.signals.items():
+        stream = signal.seen(context)
+        if stream is None:
+            return nothing_came(context, signal.topic, p.property)
+        streams[name] = stream
+    span = _common_span(context, p, streams)
+    if span.end_ns < span.start_ns:
         latest = max(streams, key=lambda name: int(streams[name].source_ns[0]))
-        return nothing_came(context, p.signals[latest].topic, expected)
-    step_ns = round(max(p.step_s * 1e9, (end_ns - start_ns) / _MOST_STEPS))
-    times_ns = np.arange(start_ns, end_ns + 1, step_ns, dtype=np.int64)
+        return nothing_came(context, p.signals[latest].topic, p.property)
+    length_ns = span.end_ns - span.start_ns
+    step_ns = round(max(p.step_s * 1e9, length_ns / _MOST_STEPS))
+    times_ns = np.arange(span.start_ns, span.end_ns + 1, step_ns, dtype=np.int64)
     signals = {name: p.signals[name].at(stream, times_ns) for name, stream in streams.items()}
     try:
         found = p.read().robustness(signals, step_ns / 1e9)
     except TooShortError:
-        seen_s = (end_ns - start_ns) / 1e9
-        return not_reached(
-            f"The signals were seen for {seen_s:.1f} s, which is too short for it.",
-            expected=expected,
-        )
-    return _judged(context, p, found, signals, times_ns)
+        reason = f"The signals were seen for {length_ns / 1e9:.1f} s, which is too short for it."
+        return not_reached(reason, expected=p.property)
+    return _judged(context, p, found, signals, int(times_ns[found.worst]))
+
+
+def _common_span(context: Context, p: SignalProperty, streams: Mapping[str, NumericStream]) -> Span:
+    """Return the part of the window after all signals began and before the last ended."""
+    record = context.session.record
+    counts = p.span(context) or Span(record.started_ns, record.ended_ns)
+    begins_ns = [int(stream.source_ns[0]) for stream in streams.values()]
+    ends_ns = [int(stream.source_ns[-1]) for stream in streams.values()]
+    return Span(max(counts.start_ns, *begins_ns), min(counts.end_ns, max(ends_ns)))
 
 
 def _judged(
@@ -139,15 +152,22 @@ def _judged(
     p: SignalProperty,
     found: Robustness,
     signals: Mapping[str, Floats],
-    times_ns: Integers,
+    worst_ns: int,
 ) -> Finding:
-    at_s, here = moment(context, p.signals[next(iter(signals))].topic, int(times_ns[found.worst]))
+    """Grade the robustness.
+
+    Parameters
+    ----------
+    worst_ns
+        The deciding moment, in ns of the system clock.
+    """
+    topic = next(iter(p.signals.values())).topic
+    at_s, here = moment(context, topic, worst_ns)
     shown = ", ".join(f"{name} = {values[found.worst]:.4g}" for name, values in signals.items())
-    measured = f"{'holds' if found.value > 0 else 'missed'} by {abs(found.value):.3g}, decided at {at_s:.2f} s: {shown}"
-    where = (context.location(next(iter(p.signals.values())).topic, here),)
-    share = float(found.value >= p.full_from)
-    if p.none_below is not None:
-        share = quantise(ramp(-found.value, -p.full_from, -p.none_below), CREDIT_LEVELS)
+    measured = "holds" if found.value > 0 else "missed"
+    measured += f" by {abs(found.value):.3g}, decided at {at_s:.2f} s: {shown}"
+    where = (context.location(topic, here),)
+    share = _share(p, found.value)
     if share == 1.0 and found.never:
         reason = f"Not tested in this run: '{found.never[0]}' was never true."
         return graded(p.vacuous_credit, p.property, measured, reason, where=where, notes=(reason,))
@@ -159,5 +179,12 @@ def _judged(
     return graded(share, p.property, measured, reason, where=where, best=best, doubt=doubt)
 
 
-#: About the moment that decides it, so much time counts; and this share of it, if the machine took it, may be why.
+def _share(p: SignalProperty, robustness: float) -> float:
+    """Return the share of credit of a robustness."""
+    if p.none_below is None:
+        return float(robustness >= p.full_from)
+    return quantise(ramp(-robustness, -p.full_from, -p.none_below), CREDIT_LEVELS)
+
+
+#: Time about the deciding moment that is looked at, in ns, and delayed share of it that can be the reason of a miss.
 _ABOUT_NS, _MANY_DELAYS = 1_000_000_000, 0.1

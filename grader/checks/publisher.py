@@ -1,9 +1,10 @@
-"""Checks of what a node publishes: topic, rate, evenness, values, motion, QoS offered."""
+"""Checks of a publishing node: topic, rate, evenness, values, motion and offered QoS."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field
@@ -33,15 +34,15 @@ from grader.checks.endpoints import (
     qos_as_wanted,
     student_endpoints,
 )
-from grader.evidence.cpu_delay import Calm, Span, calm_intervals, shares_around
+from grader.evidence.cpu_delay import Calm, Delay, Span, calm_intervals, shares_around
 from grader.evidence.recorded import Floats, NumericStream
 from grader.evidence.schedule import kept_schedule
 from grader.evidence.sinusoid import Sinusoid, fit_sinusoid
 from grader.evidence.timing import Timing, timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
-from grader.recording.session import Claim, Endpoint
-from grader.result import Finding, Outcome
+from grader.recording.session import Claim, Endpoint, ProcessRun
+from grader.result import Finding, Location, Outcome
 
 _NUMBER = re.compile(r"\d+(?:\.\d*)?(?:[eE][+-]?\d+)?")
 
@@ -56,60 +57,99 @@ class TopicPublished(OfEndpoint):
 
 def topic_published(context: Context, p: TopicPublished) -> Finding:
     """Judge whether the artifact's node publishes on the topic, under the right names."""
-    expected = f"messages of type {p.type} on {p.topic}" + (
-        f", from node {p.node}" if p.node else ""
-    )
+    expected = f"messages of type {p.type} on {p.topic}"
+    if p.node:
+        expected += f", from node {p.node}"
     endpoints = student_endpoints(context, p.topic, "publisher")
     stream = context.session.stream(p.topic)
-    if not endpoints and not len(stream):
+    count = len(stream)
+    if not endpoints and not count:
         fallback = f"Nothing was published on {p.topic}, nor on a topic of a similar name, within the time allowed."
         return unexplained(failed(expected, "no publisher in the graph", fallback))
     used = context.session.used(p.topic)
-    types = [*(e.type for e in endpoints), *([stream.topic_type] if len(stream) else [])]
-    found_type = next(
-        (t for t in types if t != p.type), p.type
-    )  # one that fits does not make up for another
-    if not len(stream):
-        reason = (
-            f"The publisher on {used} exists, but sent no message.{_by_timer(_timers(context))}"
-        )
-        return unexplained(
-            failed(expected, f"{found_type} on {used}, 0 messages", reason, hint=_NO_TIMER_HINT)
-        )
-    nodes = [e.node for e in endpoints]
-    wrong = p.faults("topic", (p.topic, p.type), (used, found_type), nodes)
-    wrong += [
-        (p.other_type_costs, reason) for reason in _wrong_definition(context, used, endpoints)
-    ]
-    wrong += p.node_faults(nodes)
-    measured = f"{len(stream)} messages of type {found_type} on {used}" + (
-        f", from {nodes[0]}" if nodes else ""
-    )
-    where = (*claimed_at(claim_of(context, "publisher", p.topic)), context.location(p.topic))
-    return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)
+    types = [endpoint.type for endpoint in endpoints]
+    if count:
+        types.append(stream.topic_type)
+    # One right type does not make up for a wrong one.
+    found_type = _first_other(types, p.type)
+    if not count:
+        return _never_sent(context, expected, used, found_type)
+    measured = f"{count} messages of type {found_type} on {used}"
+    if endpoints:
+        measured += f", from {endpoints[0].node}"
+    costs = _publisher_costs(context, p, endpoints, found_type)
+    source = claimed_at(claim_of(context, "publisher", p.topic))
+    where = (*source, context.location(p.topic))
+    return of_parts(expected, [Part(1.0, measured)], costs=costs, where=where)
 
 
-def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> list[str]:
-    """Judge the definitions that publishers announce for their types, by the hashes of those that are installed."""
-    hashes = {
-        i.topic_type: i.type_hash
-        for i in context.session.bag.topics
-        if i.topic == topic and i.type_hash
-    }
+def _publisher_costs(
+    context: Context, p: TopicPublished, endpoints: Sequence[Endpoint], found_type: str
+) -> list[tuple[float, str]]:
+    """Return the cost of each wrong name, type and definition, with a sentence about it."""
+    used = context.session.used(p.topic)
+    nodes = [endpoint.node for endpoint in endpoints]
+    costs = p.faults("topic", (p.topic, p.type), (used, found_type), nodes)
+    wrong_definition = _wrong_definition(context, used, endpoints)
+    if wrong_definition:
+        costs.append((p.other_type_costs, wrong_definition))
+    return costs + p.node_faults(nodes)
+
+
+def _first_other(types: Sequence[str], wanted: str) -> str:
+    """Return the first type other than the wanted one, or the wanted one if there is no other."""
+    for each in types:
+        if each != wanted:
+            return each
+    return wanted
+
+
+def _never_sent(context: Context, expected: str, used: str, found_type: str) -> Finding:
+    """State that a publisher exists and sent nothing."""
+    reason = f"The publisher on {used} exists, but sent no message.{_by_timer(_timers(context))}"
+    measured = f"{found_type} on {used}, 0 messages"
+    return unexplained(failed(expected, measured, reason, hint=_NO_TIMER_HINT))
+
+
+def _wrong_definition(context: Context, topic: str, endpoints: Sequence[Endpoint]) -> str:
+    """Say that a publisher announces another definition of its type than the installed one.
+
+    The hashes of both are compared. Empty if they are equal or unknown.
+    """
+    installed = {}
+    for info in context.session.bag.topics:
+        if info.topic == topic and info.type_hash:
+            installed[info.topic_type] = info.type_hash
     for endpoint in endpoints:
-        announced, known = endpoint.type_hash, hashes.get(endpoint.type)
-        if announced.startswith("RIHS01_") and known is not None and announced != known:
-            short, right = announced[:15], known[:15]
-            return [
-                f"{endpoint.type} is announced with another definition ({short}...) than it has ({right}...)."
-            ]
-    return []
+        announced = endpoint.type_hash
+        known = installed.get(endpoint.type)
+        if known is None or not announced.startswith("RIHS01_"):
+            continue
+        if announced != known:
+            short = announced[:15]
+            right = known[:15]
+            return f"{endpoint.type} is announced with another definition ({short}...) than it has ({right}...)."
+    return ""
 
 
 _NO_TIMER_HINT = (
     "Call publish() from a timer that the node creates, and spin the node. With use_sim_time, which belongs into the "
     "launch file, timers wait for /clock, which nobody sends here."
 )
+
+
+@dataclass(frozen=True)
+class _Measurement:
+    """Timing of a topic within the window of a check."""
+
+    #: None if too few messages arrived.
+    timing: Timing | None
+    #: The window; None if the check has none, or if it never opened.
+    span: Span | None
+    #: Machine delay of the process within the window, in seconds.
+    delay_s: float = 0.0
+    #: Clause about the method of measurement; empty if by source timestamps.
+    method: str = ""
 
 
 class _Timed(Parameters):
@@ -121,56 +161,64 @@ class _Timed(Parameters):
         None, description="Label of the observe step; else the whole session."
     )
 
-    def measured(self, context: Context) -> tuple[Timing | None, Span | None, float, str]:
-        """Return timing, window, the machine's delay in it in s, and a clause.
+    def measured(self, context: Context) -> _Measurement:
+        """Measure the timing of the topic.
 
-        Where stamps cannot be true, the timing is that of arrival, as the clause says, with the recorder's delay too.
+        Impossible source timestamps are replaced by times of arrival, and the recorder's delay is
+        then added to the machine delay.
         """
-        span, run = (
-            context.session.window(self.window) if self.window else None,
-            context.session.process(self.process),
-        )
-        timing = timing_of(context.session.stream(self.topic), span)
+        session = context.session
+        span = session.window(self.window) if self.window else None
+        timing = timing_of(session.stream(self.topic), span)
         if span is None:
-            return timing, None, 0.0, ""
-        delay_s = context.session.machine_delay_s(run, span) if run is not None else 0.0
-        late_s = context.session.recorder_delay_s(span)
-        way = list(context.session.recorders)
-        if run is not None:
-            way.insert(0, run)
-        delays = [context.session.delays(r) for r in way if r.disturbed is not None]
-        if timing is None or not timing.contradicted_by_arrival(0.0 if delays else late_s, delays):
-            return timing, span, delay_s, ""
-        by = " by times of arrival, as the time stamps are not the times of publication"
-        return timing.arrived, span, delay_s + late_s, by
+            return _Measurement(timing, None)
+        run = session.process(self.process)
+        delay_s = session.machine_delay_s(run, span) if run is not None else 0.0
+        recorder_delay_s = session.recorder_delay_s(span)
+        delays = _delays_on_the_way(context, run)
+        excused_s = 0.0 if delays else recorder_delay_s
+        if timing is None or not timing.contradicted_by_arrival(excused_s, delays):
+            return _Measurement(timing, span, delay_s)
+        method = " by times of arrival, as the time stamps are not the times of publication"
+        return _Measurement(timing.arrived, span, delay_s + recorder_delay_s, method)
 
     def calm(
-        self, context: Context, timing: Timing, by: str, delay_s: float, harmless_s: float
+        self, context: Context, measurement: _Measurement, timing: Timing, harmless_s: float
     ) -> Calm | None:
-        """Return, where the machine delayed it notably, the gaps that this did not affect; None if too few."""
+        """Return the undisturbed intervals, if the machine delayed the process notably.
+
+        None too if too few intervals remain, or if the method of measurement cannot tell them apart.
+        """
         run = context.session.process(self.process)
-        notable = delay_s > _NOTABLE_DELAY * timing.written / timing.rate_hz
-        if (
-            run is None
-            or run.disturbed is None
-            or by
-            or timing.burst_error_hz is not None
-            or not notable
-        ):
+        if run is None or run.disturbed is None:
             return None
-        calm = calm_intervals(
-            context.session.delays(run), timing.times_ns, timing.intervals_s, harmless_s
-        )
+        if measurement.method or timing.burst_error_hz is not None:
+            return None
+        notable = measurement.delay_s > _NOTABLE_DELAY * timing.written / timing.rate_hz
+        if not notable:
+            return None
+        delays = context.session.delays(run)
+        calm = calm_intervals(delays, timing.times_ns, timing.intervals_s, harmless_s)
         return calm if calm.is_enough else None
 
 
-#: Share of a span for which a process was delayed, from which that is the reason of a doubt.
+def _delays_on_the_way(context: Context, run: ProcessRun | None) -> list[tuple[Delay, ...]]:
+    """Return the delays of each watched process between a publication and its recording."""
+    processes = list(context.session.recorders)
+    if run is not None:
+        processes.insert(0, run)
+    return [context.session.delays(each) for each in processes if each.disturbed is not None]
+
+
+#: Delayed share of a span from which the delay is the reason of a doubt.
 _NOTABLE_DELAY = 0.005
 
 
 def _doubt(delay_s: float, length_s: float) -> str:
     """Say that the machine keeps a share from being decided, if it does."""
-    return cpu_delay_doubt(delay_s, length_s) if delay_s > _NOTABLE_DELAY * length_s else ""
+    if delay_s > _NOTABLE_DELAY * length_s:
+        return cpu_delay_doubt(delay_s, length_s)
+    return ""
 
 
 class TopicRate(_Timed):
@@ -183,158 +231,258 @@ class TopicRate(_Timed):
     zero_beyond: Share = Field(description="Relative deviation from which there is none.")
 
 
+@dataclass(frozen=True)
+class _Rate:
+    """Bounds of a publishing rate in Hz, as far as the recording and the machine delays tell."""
+
+    least_hz: float
+    most_hz: float
+    #: Error of the measurement; the bounds include it.
+    error_hz: float
+    #: Clause about the method of measurement; empty if by source timestamps.
+    method: str
+
+    def nearest(self, rate_hz: float) -> float:
+        """Return the rate within the bounds that is nearest to another one."""
+        return min(max(rate_hz, self.least_hz), self.most_hz)
+
+    def likely(self, rate_hz: float) -> float:
+        """Return a measured rate, moved between the bounds without their error."""
+        return min(max(rate_hz, self.least_hz + self.error_hz), self.most_hz - self.error_hz)
+
+    def shares(self, p: TopicRate) -> tuple[float, float]:
+        """Return the worst and the best share of credit that the rate can earn."""
+        furthest_off = max(abs(self.least_hz / p.rate_hz - 1), abs(self.most_hz / p.rate_hz - 1))
+        nearest_off = abs(self.nearest(p.rate_hz) / p.rate_hz - 1)
+        worst = ramp(furthest_off, p.full_within, p.zero_beyond)
+        best = ramp(nearest_off, p.full_within, p.zero_beyond)
+        return worst, best
+
+
 def topic_rate(context: Context, p: TopicRate) -> Finding:
-    """Judge the rate from source timestamps and sequence numbers, by the bounds between which it surely was."""
-    timing, span, delay_s, by = p.measured(context)
-    full, zero = (
-        [f"{p.rate_hz * (1 + sign * share):g}" for sign in (-1, 1)]
-        for share in (p.full_within, p.zero_beyond)
-    )
-    expected = f"{full[0]} to {full[1]} Hz for full credit; less the further off; none below {zero[0]} or above {zero[1]} Hz"
-    timers, location = _timers(context), context.location(p.topic, span)
-    where = (*(claimed_at(timers[0]) if len(timers) == 1 else ()), location)
+    """Judge the rate by its bounds, from source timestamps and sequence numbers."""
+    measurement = p.measured(context)
+    timing = measurement.timing
     if timing is None:
-        times_ns = context.session.stream(p.topic).source_ns
-        count = (
-            int(((times_ns >= span.start_ns) & (times_ns <= span.end_ns)).sum())
-            if span
-            else len(times_ns)
-        )
-        reason = f"Only {count} messages arrived, too few to measure a rate."
-        return failed(expected, f"{count} messages", reason, where=where)
-    length_s = span.duration_s if span else timing.written / timing.rate_hz
-    delay_s = min(delay_s, 0.5 * length_s)
-    bounds_hz, error_hz, by = _rate_between(context, p, timing, span, delay_s, by)
-    rate_hz = min(max(timing.rate_hz, bounds_hz[0] + error_hz), bounds_hz[1] - error_hz)
-    nearest_hz = min(max(p.rate_hz, bounds_hz[0]), bounds_hz[1])
-    furthest_off, nearest_off = (
-        max(abs(hz / p.rate_hz - 1) for hz in bounds_hz),
-        abs(nearest_hz / p.rate_hz - 1),
-    )
-    worst, best = (ramp(off, p.full_within, p.zero_beyond) for off in (furthest_off, nearest_off))
-    silent_s, of_s = _silence_s(context, p, span)
-    if silent_s - delay_s > max(_SILENT_S, _SILENT_INTERVALS * timing.median_s):
-        sent_s = of_s - silent_s
-        measured = f"{timing.rate_hz:.2f} Hz for {sent_s:.1f} s, then nothing for {silent_s:.1f} s"
-        reason = f"Messages stop after {sent_s:.1f} s of the {of_s:.1f} s. The program ran on without publishing."
-        share = quantise(min(best, ramp(silent_s / of_s, p.full_within, p.zero_beyond)))
-        hint = "Publish for as long as the node runs; its output shows what ended or stopped it."
-        return unexplained(graded(share, expected, measured, reason, hint=hint, where=(location,)))
-    shown_hz = apart(rate_hz, *(p.rate_hz * (1 + k * p.full_within) for k in (-1, 1)), places=2)
-    longest = (
-        f", the longest interval {timing.intervals_s.max():.2f} s"
-        if len(timing.intervals_s)
-        else ""
-    )
-    measured = f"{shown_hz} Hz ± {max(error_hz, 0.01):.2f} Hz ({timing.written} messages in {length_s:.1f} s{longest}){by}"
-    reason = f"Messages come at {_compared(rate_hz, p)}.{_by_timer(timers)}"
-    doubt = _doubt(delay_s, length_s)
+        return _too_few_messages(context, p, measurement.span)
+    length_s = _length_s(timing, measurement.span)
+    measurement = replace(measurement, delay_s=min(measurement.delay_s, 0.5 * length_s))
+    rate = _rate_between(context, p, measurement, timing)
+    silence = _silence(context, p, measurement.span)
+    longest_pause_s = max(_SILENT_S, _SILENT_INTERVALS * timing.median_s)
+    if silence.length_s - measurement.delay_s > longest_pause_s:
+        return _stopped(context, p, measurement.span, timing, rate, silence)
+    timers = _timers(context)
+    rate_hz = rate.likely(timing.rate_hz)
+    worst, best = rate.shares(p)
     return graded(
-        worst, expected, measured, reason, where=where, best=best, levels=CREDIT_LEVELS, doubt=doubt
+        worst,
+        _expected_rate(p),
+        _shown_rate(p, rate, rate_hz, timing, length_s),
+        f"Messages come at {_compared(rate_hz, p)}.{_by_timer(timers)}",
+        where=_rate_locations(context, p, measurement.span, timers),
+        best=best,
+        levels=CREDIT_LEVELS,
+        doubt=_doubt(measurement.delay_s, length_s),
     )
+
+
+def _length_s(timing: Timing, span: Span | None) -> float:
+    """Return the length of a window in seconds, or of the whole publication if there is none."""
+    return span.duration_s if span else timing.written / timing.rate_hz
+
+
+def _around_hz(p: TopicRate, deviation: float) -> tuple[float, float]:
+    """Return the two rates at a relative deviation from the wanted one."""
+    return p.rate_hz * (1 - deviation), p.rate_hz * (1 + deviation)
+
+
+def _expected_rate(p: TopicRate) -> str:
+    full_low, full_high = _around_hz(p, p.full_within)
+    zero_low, zero_high = _around_hz(p, p.zero_beyond)
+    full = f"{full_low:g} to {full_high:g} Hz for full credit"
+    return f"{full}; less the further off; none below {zero_low:g} or above {zero_high:g} Hz"
+
+
+def _shown_rate(p: TopicRate, rate: _Rate, rate_hz: float, timing: Timing, length_s: float) -> str:
+    shown_hz = apart(rate_hz, *_around_hz(p, p.full_within), places=2)
+    counted = f"{timing.written} messages in {length_s:.1f} s"
+    if len(timing.intervals_s):
+        counted += f", the longest interval {timing.intervals_s.max():.2f} s"
+    return f"{shown_hz} Hz ± {max(rate.error_hz, 0.01):.2f} Hz ({counted}){rate.method}"
+
+
+def _rate_locations(
+    context: Context, p: TopicRate, span: Span | None, timers: Sequence[Claim]
+) -> tuple[Location, ...]:
+    """Point at the only timer of the node, if there is one, and at the topic."""
+    location = context.location(p.topic, span)
+    if len(timers) == 1:
+        return (*claimed_at(timers[0]), location)
+    return (location,)
+
+
+def _too_few_messages(context: Context, p: TopicRate, span: Span | None) -> Finding:
+    """State that too few messages arrived to measure a rate."""
+    times_ns = context.session.stream(p.topic).source_ns
+    count = len(times_ns)
+    if span:
+        inside = (times_ns >= span.start_ns) & (times_ns <= span.end_ns)
+        count = int(inside.sum())
+    reason = f"Only {count} messages arrived, too few to measure a rate."
+    where = _rate_locations(context, p, span, _timers(context))
+    return failed(_expected_rate(p), f"{count} messages", reason, where=where)
+
+
+@dataclass(frozen=True)
+class _Silence:
+    """Silence at the end of a window."""
+
+    length_s: float
+    #: Intended length of the window.
+    window_s: float
+
+
+def _stopped(
+    context: Context,
+    p: TopicRate,
+    span: Span | None,
+    timing: Timing,
+    rate: _Rate,
+    silence: _Silence,
+) -> Finding:
+    """State that messages stop before the end of the window."""
+    sent_s = silence.window_s - silence.length_s
+    measured = (
+        f"{timing.rate_hz:.2f} Hz for {sent_s:.1f} s, then nothing for {silence.length_s:.1f} s"
+    )
+    reason = f"Messages stop after {sent_s:.1f} s of the {silence.window_s:.1f} s. The program ran on without publishing."
+    hint = "Publish for as long as the node runs; its output shows what ended or stopped it."
+    _, best = rate.shares(p)
+    silent_share = silence.length_s / silence.window_s
+    share = quantise(min(best, ramp(silent_share, p.full_within, p.zero_beyond)))
+    where = (context.location(p.topic, span),)
+    return unexplained(graded(share, _expected_rate(p), measured, reason, hint=hint, where=where))
 
 
 def _compared(rate_hz: float, p: TopicRate) -> str:
-    """Say by how much a rate differs from the one asked for."""
+    """Say how much a rate differs from the wanted one."""
     times = rate_hz / p.rate_hz
-    off = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
-    than = (
-        f"{off}% {'slower' if times < 1 else 'faster'} than" if times < 2 else f"{times:.3g} times"
-    )
+    if times < 2:
+        off = apart(100 * abs(times - 1), 0, 100 * p.full_within, places=1)
+        direction = "slower" if times < 1 else "faster"
+        than = f"{off}% {direction} than"
+    else:
+        than = f"{times:.3g} times"
     return f"{apart(rate_hz, p.rate_hz, places=1)} Hz, {than} {p.rate_hz:g} Hz"
 
 
 def _rate_between(
-    context: Context, p: TopicRate, timing: Timing, span: Span | None, delay_s: float, by: str
-) -> tuple[tuple[float, float], float, str]:
-    """Return the bounds of the rate in Hz, the error of its measurement, and by what it was measured."""
-    length_s = span.duration_s if span else timing.written / timing.rate_hz
-    run, before_s = context.session.process(p.process), 0.0
-    if run is not None and span is not None:
-        before_s = context.session.machine_delay_s(
-            run, Span(min(run.started_ns, span.start_ns), span.start_ns)
-        )
-    least_hz, most_hz = _bounds_hz(timing, length_s, delay_s, before_s, p.rate_hz)
-    error_hz = timing.burst_error_hz or 2 * timing.deviation_s() * timing.rate_hz / max(
-        length_s, 1e-9
-    )
-    bounds_hz = (least_hz - error_hz, most_hz + error_hz)
+    context: Context, p: TopicRate, measurement: _Measurement, timing: Timing
+) -> _Rate:
+    """Return the bounds of the rate, narrowed by undisturbed intervals if there are enough."""
+    length_s = _length_s(timing, measurement.span)
+    run = context.session.process(p.process)
+    before_s = _delay_before_s(context, run, measurement.span)
+    bounds_hz = _bounds_hz(timing, length_s, measurement.delay_s, before_s, p.rate_hz)
+    ends_error_hz = 2 * timing.deviation_s() * timing.rate_hz / max(length_s, 1e-9)
+    error_hz = timing.burst_error_hz or ends_error_hz
+    bounds_hz = (bounds_hz[0] - error_hz, bounds_hz[1] + error_hz)
     harmless_s = _HARMLESS * timing.median_s
-    calm = p.calm(context, timing, by, delay_s, harmless_s)
+    calm = p.calm(context, measurement, timing, harmless_s)
     if calm is None or run is None:
-        return bounds_hz, error_hz, by
-    bounds_hz = _within(calm.rate_hz(), bounds_hz)  # what the undisturbed intervals say alone
+        return _Rate(*bounds_hz, error_hz, measurement.method)
+    # The undisturbed intervals alone.
+    least_hz, most_hz = _within(calm.rate_hz(), bounds_hz)
     delays = [delay for delay in context.session.delays(run) if delay.delay_ns > harmless_s * 1e9]
-    if (schedule := kept_schedule(calm, delays, timing)) is not None:
-        bounds_hz = _within(schedule.bounds_hz(), bounds_hz)
-    return bounds_hz, (bounds_hz[1] - bounds_hz[0]) / 2, calm.said
+    schedule = kept_schedule(calm, delays, timing)
+    if schedule is not None:
+        least_hz, most_hz = _within(schedule.bounds_hz(), (least_hz, most_hz))
+    return _Rate(least_hz, most_hz, (most_hz - least_hz) / 2, calm.said)
 
 
-#: A delay of this share of an interval does not change how many there are.
+def _delay_before_s(context: Context, run: ProcessRun | None, span: Span | None) -> float:
+    """Return the machine delay of a process between its start and a window, in seconds."""
+    if run is None or span is None:
+        return 0.0
+    before = Span(min(run.started_ns, span.start_ns), span.start_ns)
+    return context.session.machine_delay_s(run, before)
+
+
+#: Share of an interval up to which a delay does not change the number of intervals.
 _HARMLESS = 0.2
 
 
 def _within(bounds: tuple[float, float], others: tuple[float, float]) -> tuple[float, float]:
-    """Return bounds as far as they lie within others, which hold whatever the machine did."""
-    least, most = (min(max(bound, others[0]), others[1]) for bound in bounds)
+    """Return bounds, cut to others that hold for every delay of the machine."""
+    least = min(max(bounds[0], others[0]), others[1])
+    most = min(max(bounds[1], others[0]), others[1])
     return least, most
 
 
 def _by_timer(timers: Sequence[Claim]) -> str:
-    """Say what the period of the node's only timer is, where its source says so."""
-    named = len(timers) == 1 and _NUMBER.fullmatch(timers[0].name)
-    return f" The timer's period is {float(timers[0].name):g} s." if named else ""
+    """State the period of the node's only timer, if its source gives a number."""
+    if len(timers) != 1 or not _NUMBER.fullmatch(timers[0].name):
+        return ""
+    return f" The timer's period is {float(timers[0].name):g} s."
 
 
-#: A topic on which nothing came for so long, and for so many of its intervals, had ended.
+#: Shortest silence after which a topic has ended, in seconds and in intervals of the topic.
 _SILENT_S, _SILENT_INTERVALS = 0.5, 10
 
 
-def _silence_s(context: Context, p: TopicRate, span: Span | None) -> tuple[float, float]:
-    """Return for how long at the end of its window nothing came, and how long the window was to be."""
+def _silence(context: Context, p: TopicRate, span: Span | None) -> _Silence:
+    """Measure the silence at the end of a check's window."""
     stream = context.session.stream(p.topic)
     source_ns = stream.source_ns
     if span is not None:
-        before, after = source_ns <= span.end_ns, source_ns > span.end_ns
+        before = source_ns <= span.end_ns
+        after = source_ns > span.end_ns
         last_ns = int(source_ns[before].max())
-        missed = (
-            int(stream.sequence[after].min() - stream.sequence[before].max()) if after.any() else 0
-        )
-        # What was sent and not recorded is the recorder's loss, of which only the next message tells.
-        return (span.end_ns - last_ns) / 1e9 if missed <= 1 else 0.0, span.duration_s
+        missed = 0
+        if after.any():
+            missed = int(stream.sequence[after].min() - stream.sequence[before].max())
+        # Only the next message tells of messages that the recorder lost.
+        length_s = (span.end_ns - last_ns) / 1e9 if missed <= 1 else 0.0
+        return _Silence(length_s, span.duration_s)
     step = context.session.step(p.window) if p.window else None
     if step is None or step.outcome != "cancelled":
-        return 0.0, 1.0
+        return _Silence(0.0, 1.0)
     # The program ended within the window, which opens with the first message.
-    of_s = float(step.parameters["duration_s"])
-    lasted_s = (int(source_ns.max()) - max(int(source_ns.min()), step.started_ns)) / 1e9
-    return max(0.0, of_s - lasted_s), of_s
+    window_s = float(step.parameters["duration_s"])
+    first_ns = max(int(source_ns.min()), step.started_ns)
+    lasted_s = (int(source_ns.max()) - first_ns) / 1e9
+    return _Silence(max(0.0, window_s - lasted_s), window_s)
 
 
 def _bounds_hz(
     timing: Timing, length_s: float, delay_s: float, before_s: float, wanted_hz: float
 ) -> tuple[float, float]:
-    """Return the lowest and the highest rate, up to the one wanted, that the node may have had on a machine of its own.
+    """Return the lowest and the highest rate that the node may have had on an idle machine.
 
-    It lost at most the time for which it was ready and had no core, and may have made up for what it could not send
-    before the window. What its usual interval shows is not changed by a few delays; many can lengthen half of them.
+    Neither bound goes beyond the wanted rate. The node lost at most the time that it waited for a
+    core, and may have sent messages late that were due before the window. A few delays do not
+    change the median interval; many can lengthen half of the intervals.
     """
     usual_hz = 1 / timing.median_s if timing.median_s > 0 else timing.rate_hz
     least_hz = max(timing.rate_hz * length_s / (length_s + before_s), usual_hz, wanted_hz)
-    longer_s = (
-        2 * delay_s / max(len(timing.intervals_s), 1) if delay_s > MANY_DELAYS * length_s else 0.0
-    )
-    usual_hz = 1 / (timing.median_s - longer_s) if timing.median_s > longer_s else float("inf")
-    most_hz = min(without_delay(timing.rate_hz, delay_s, length_s), usual_hz, wanted_hz)
+    longer_s = 0.0
+    if delay_s > MANY_DELAYS * length_s:
+        longer_s = 2 * delay_s / max(len(timing.intervals_s), 1)
+    undelayed_hz = float("inf")
+    if timing.median_s > longer_s:
+        undelayed_hz = 1 / (timing.median_s - longer_s)
+    most_hz = min(without_delay(timing.rate_hz, delay_s, length_s), undelayed_hz, wanted_hz)
     return min(timing.rate_hz, least_hz), max(timing.rate_hz, most_hz)
 
 
 def _timers(context: Context) -> list[Claim]:
     """Return the timers that the student's nodes made, by the tap."""
-    return [c for c in context.session.record.claims if c.kind == "timer" and claimed_at(c)]
+    claims = context.session.record.claims
+    return [claim for claim in claims if claim.kind == "timer" and claimed_at(claim)]
 
 
-#: Credit for evenness comes in halves: a quantile is known only to some part of itself.
+#: Credit levels of evenness: a quantile has an error, so credit comes in halves.
 _JITTER_LEVELS = 2
 
 
@@ -346,48 +494,68 @@ class TopicJitter(_Timed):
     share: Share = Field(0.95, description="The quantile.")
 
 
+@dataclass(frozen=True)
+class _Jitter:
+    """Bounds of a quantile of the intervals' distances from their median, in seconds."""
+
+    least_s: float
+    largest_s: float
+    #: Clause about the method of measurement; empty if by source timestamps.
+    method: str
+
+
 def topic_jitter(context: Context, p: TopicJitter) -> Finding:
     """Judge the evenness of intervals between consecutive samples."""
-    timing, span, delay_s, by = p.measured(context)
-    half_within_s = (p.full_within_s + p.zero_beyond_s) / _JITTER_LEVELS
-    expected = (
-        f"{percent(p.share)} of the gaps between messages within {p.full_within_s * 1e3:g} ms of the usual gap; "
-        f"half credit within {half_within_s * 1e3:g} ms"
-    )
+    measurement = p.measured(context)
+    span = measurement.span
+    timing = measurement.timing
+    expected = _expected_jitter(p)
     where = (context.location(p.topic, span),)
     if timing is None or not len(timing.intervals_s):
-        return failed(
-            expected,
-            "too few messages",
-            "Too few messages arrived to measure the gaps between them.",
-            where=where,
-        )
-    least, largest = shares_around(p.share, len(timing.intervals_s))
-    least_s, largest_s = timing.deviation_s(least, delay_s), timing.deviation_s(largest)
-    if (calm := p.calm(context, timing, by, delay_s, p.full_within_s / 2)) is not None:
-        least_s, largest_s = _within(calm.deviations_s(p.share), (least_s, largest_s))
-        by = calm.said
-    deviation_s = min(max(timing.deviation_s(p.share), least_s), largest_s)
-    longest = f"longest {timing.intervals_s.max() * 1e3:.1f} ms"
+        reason = "Too few messages arrived to measure the gaps between them."
+        return failed(expected, "too few messages", reason, where=where)
+    jitter = _jitter_between(context, p, measurement, timing)
+    deviation_s = min(max(timing.deviation_s(p.share), jitter.least_s), jitter.largest_s)
     limits_ms = (p.full_within_s * 1e3, p.zero_beyond_s * 1e3)
-    shown_ms = apart(deviation_s * 1e3, *limits_ms, places=2)
-    measured = (
-        f"{percent(p.share)} within {shown_ms} ms of {timing.median_s * 1e3:.2f} ms ({longest}){by}"
-    )
-    worst, best = (ramp(d, p.full_within_s, p.zero_beyond_s) for d in (largest_s, least_s))
-    off = f"{apart(deviation_s * 1e3, *limits_ms, places=1)} ms off the usual {timing.median_s * 1e3:.1f} ms"
-    reason = f"One gap in {round(1 / (1 - p.share))} is more than {off}."
-    doubt = _doubt(delay_s, span.duration_s if span else float(timing.intervals_s.sum()))
+    off_ms = apart(deviation_s * 1e3, *limits_ms, places=1)
+    off = f"{off_ms} ms off the usual {timing.median_s * 1e3:.1f} ms"
+    length_s = span.duration_s if span else float(timing.intervals_s.sum())
     return graded(
-        worst,
+        ramp(jitter.largest_s, p.full_within_s, p.zero_beyond_s),
         expected,
-        measured,
-        reason,
+        _shown_jitter(p, timing, apart(deviation_s * 1e3, *limits_ms, places=2)) + jitter.method,
+        f"One gap in {round(1 / (1 - p.share))} is more than {off}.",
         where=where,
-        best=best,
+        best=ramp(jitter.least_s, p.full_within_s, p.zero_beyond_s),
         levels=_JITTER_LEVELS,
-        doubt=doubt,
+        doubt=_doubt(measurement.delay_s, length_s),
     )
+
+
+def _expected_jitter(p: TopicJitter) -> str:
+    half_within_s = (p.full_within_s + p.zero_beyond_s) / _JITTER_LEVELS
+    full = f"{percent(p.share)} of the gaps between messages within {p.full_within_s * 1e3:g} ms of the usual gap"
+    return f"{full}; half credit within {half_within_s * 1e3:g} ms"
+
+
+def _shown_jitter(p: TopicJitter, timing: Timing, shown_ms: str) -> str:
+    longest_ms = timing.intervals_s.max() * 1e3
+    median_ms = timing.median_s * 1e3
+    return f"{percent(p.share)} within {shown_ms} ms of {median_ms:.2f} ms (longest {longest_ms:.1f} ms)"
+
+
+def _jitter_between(
+    context: Context, p: TopicJitter, measurement: _Measurement, timing: Timing
+) -> _Jitter:
+    """Return the bounds of the quantile, narrowed by undisturbed intervals if there are enough."""
+    least, largest = shares_around(p.share, len(timing.intervals_s))
+    least_s = timing.deviation_s(least, measurement.delay_s)
+    largest_s = timing.deviation_s(largest)
+    calm = p.calm(context, measurement, timing, p.full_within_s / 2)
+    if calm is None:
+        return _Jitter(least_s, largest_s, measurement.method)
+    least_s, largest_s = _within(calm.deviations_s(p.share), (least_s, largest_s))
+    return _Jitter(least_s, largest_s, calm.said)
 
 
 class MessageValues(Parameters):
@@ -403,47 +571,84 @@ class MessageValues(Parameters):
     )
 
 
+@dataclass(frozen=True)
+class _Row:
+    """Numbers in the field of one message."""
+
+    length: int
+    is_finite: bool
+    #: Largest distance from 0; 0 if it holds no number or one that is not finite.
+    size: float
+
+    @classmethod
+    def of(cls, numbers: Floats | None) -> _Row:
+        """Measure the numbers of a message."""
+        if numbers is None:
+            return cls(0, False, 0.0)
+        is_finite = bool(np.isfinite(numbers).all())
+        size = float(np.abs(numbers).max()) if is_finite and len(numbers) else 0.0
+        return cls(len(numbers), is_finite, size)
+
+
 def message_values(context: Context, p: MessageValues) -> Finding:
     """Judge the length and finiteness of a field; credit in parts."""
-    within = f", none beyond ±{p.reach:g}" if p.reach is not None else ""
-    expected = f"{p.length} finite numbers in '{p.field}' of every message{within}"
-    rows = context.session.rows(p.topic, p.field)
+    expected = _expected_values(p)
+    rows = [_Row.of(numbers) for numbers in context.session.rows(p.topic, p.field)]
     if not rows:
         return unexplained(failed(expected, "no messages", "No message arrived."))
-    lengths = [len(row) if row is not None else 0 for row in rows]
-    finite = [row is not None and bool(np.isfinite(row).all()) for row in rows]
-    others = sum(n != p.length for n in lengths)
-    good = sum(n == p.length and ok for n, ok in zip(lengths, finite, strict=True))
-    usual = max(set(lengths), key=lengths.count)
+    good = sum(row.is_finite and row.length == p.length for row in rows)
     measured = f"{good} of {len(rows)} messages hold {p.length} finite numbers"
-    reasons = (
-        [f"{others} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual})."]
-        if others
-        else []
-    )
-    if not all(finite):
-        reasons.append(f"{finite.count(False)} messages hold numbers that are not finite.")
-    sizes = [
-        float(np.abs(row).max()) if row is not None and ok and len(row) else 0.0
-        for row, ok in zip(rows, finite, strict=True)
-    ]
-    farthest = max(sizes)
+    farthest = max(row.size for row in rows)
     if p.reach is not None and farthest > p.reach:
-        first = next(n for n, size in enumerate(sizes) if size > p.reach)
-        at_ns = int(context.session.stream(p.topic).source_ns[first])
-        where = (context.location(p.topic, Span(at_ns, at_ns)),)
+        where = _first_beyond(context, p, rows, p.reach)
         reason = f"A value of {farthest:.2f} is beyond ±{p.reach:g}."
-        return failed(expected, f"{measured}, up to {farthest:.2f}", reason, where=where)
-    if (
-        unsafe := context.findings.get(p.unsafe_by or "")
-    ) is not None and unsafe.outcome is Outcome.FAILED:
+        return failed(expected, f"{measured}, up to {farthest:.2f}", reason, where=(where,))
+    reasons = _wrong_rows(p, rows)
+    unsafe = context.findings.get(p.unsafe_by or "")
+    if unsafe is not None and unsafe.outcome is Outcome.FAILED:
         reason = " ".join([*reasons, unsafe.reason])
-        return failed(
-            expected, unsafe.measured or measured, reason, hint=unsafe.hint, where=unsafe.where
+        measured = unsafe.measured or measured
+        return failed(expected, measured, reason, hint=unsafe.hint, where=unsafe.where)
+    return graded(_share_of_good(good, len(rows)), expected, measured, " ".join(reasons))
+
+
+def _expected_values(p: MessageValues) -> str:
+    expected = f"{p.length} finite numbers in '{p.field}' of every message"
+    if p.reach is not None:
+        expected += f", none beyond ±{p.reach:g}"
+    return expected
+
+
+def _share_of_good(good: int, count: int) -> float:
+    """Return the share of credit; one bad message costs a level, because it is as clear as many."""
+    if good == count:
+        return 1.0
+    return min(quantise(good / count), 1 - 1 / CREDIT_LEVELS)
+
+
+def _wrong_rows(p: MessageValues, rows: Sequence[_Row]) -> list[str]:
+    """Say how many messages hold another number of values, and how many hold values that are not finite."""
+    reasons = []
+    lengths = [row.length for row in rows]
+    others = len(rows) - lengths.count(p.length)
+    if others:
+        usual = max(set(lengths), key=lengths.count)
+        reasons.append(
+            f"{others} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual})."
         )
-    # One bad message is as clear as many, however often it comes.
-    share = 1.0 if good == len(rows) else min(quantise(good / len(rows)), 1 - 1 / CREDIT_LEVELS)
-    return graded(share, expected, measured, " ".join(reasons))
+    not_finite = sum(not row.is_finite for row in rows)
+    if not_finite:
+        reasons.append(f"{not_finite} messages hold numbers that are not finite.")
+    return reasons
+
+
+def _first_beyond(
+    context: Context, p: MessageValues, rows: Sequence[_Row], reach: float
+) -> Location:
+    """Point at the first message with a value beyond the reach."""
+    first = next(n for n, row in enumerate(rows) if row.size > reach)
+    at_ns = int(context.session.stream(p.topic).source_ns[first])
+    return context.location(p.topic, Span(at_ns, at_ns))
 
 
 class Component(Parameters):
@@ -488,120 +693,177 @@ class Sinusoids(Parameters):
     )
 
 
-def sinusoids(context: Context, p: Sinusoids) -> Finding:
-    """Judge amplitude and frequency, both by the clock and by counting messages.
-
-    A wrong rate is charged elsewhere. What sends a joint where it must not go earns nothing.
-    """
-    wanted = ", ".join(
-        f"{c.amplitude:g}·sin(2π·{c.frequency_hz:g}·t) in [{c.index}]" for c in p.components
-    )
-    expected = f"{wanted}, the others 0"
-    series = context.session.numeric(p.topic, p.field, finite=False)
-    if series is None or len(series.values) < _FEWEST:
-        return not_reached(
-            "Too few messages with numbers arrived to see a motion.", expected=expected
-        )
-    fits = {component.index: _fits(series, component, p) for component in p.components}
-    parts = [
-        _judge_component(series, component, p, fits[component.index]) for component in p.components
-    ]
-    moving = ", ".join(map(str, _others_that_move(series.values, p)))
-    parts.append(
-        Part(0.0, "", f"Element {moving} should stay at 0, but does not.") if moving else Part(1.0)
-    )
-    unmoved = [
-        component
-        for component, part in zip(p.components, parts, strict=False)
-        if part.share < _RECOGNISED
-    ]
-    danger, first = _danger(series, p, fits)
-    if not danger:
-        places = [(component.index, _element_of(series, component, p)) for component in unmoved]
-        danger = " ".join(
-            f"The motion of element {own} is in element {n}." for own, n in places if n is not None
-        )
-    ends_ns = (int(series.source_ns[n]) for n in ((0, -1) if first is None else (first, first)))
-    where = (context.location(p.topic, Span(*ends_ns)),)
-    if danger:
-        measured = "; ".join(part.text for part in parts if part.text)
-        reason = " ".join([danger, *(part.reason for part in parts if part.reason)])
-        return failed(expected, measured, reason, where=where)
-    return of_parts(expected, parts, where=where)
-
-
-#: A component that earns less may be in another element.
-_RECOGNISED = 0.5
-#: From one of so many first messages on, by the steps of those that follow it, it is known where the motion begins.
-_FIRST_MESSAGES = 10
-
-
-#: By the index of an element: what it may follow, by the clock and by counting messages.
+#: Fits of an element by the clock and by counting messages, for each index.
 _Fits = Mapping[int, Sequence[Sinusoid]]
 
 
-def _danger(series: NumericStream, p: Sinusoids, fits: _Fits) -> tuple[str, int | None]:
-    """Say by which values a joint would go where it must not, or would not know where to go, and in which message.
+@dataclass(frozen=True)
+class _Danger:
+    """Values that send a joint where it must not go, or that are no target at all."""
 
-    Empty if by none, and no message if by all of them.
+    reason: str
+    #: Place of the first such message; None if it concerns all messages.
+    message: int | None = None
+
+
+def sinusoids(context: Context, p: Sinusoids) -> Finding:
+    """Judge amplitude and frequency, both by the clock and by counting messages.
+
+    Another check charges a wrong rate. Dangerous values earn nothing.
     """
-    values = series.values
-    if values.shape[1] != (p.others_still or values.shape[1]):
-        return f"There are {values.shape[1]} elements for {p.others_still} joints.", None
-    finite = np.isfinite(values)
-    if lacking := ", ".join(str(n) for n in np.flatnonzero(finite.mean(axis=0) < _RECOGNISED)):
-        return f"Element {lacking} is not a number.", None
-    sizes = np.where(finite, np.abs(values), 0.0)
-    if p.reach is not None and (far := float(sizes.max())) > p.reach:
+    expected = _expected_sinusoids(p)
+    series = context.session.numeric(p.topic, p.field, finite=False)
+    if series is None or len(series.values) < _FEWEST:
+        reason = "Too few messages with numbers arrived to see a motion."
+        return not_reached(reason, expected=expected)
+    fits = {component.index: _fits(series, component, p) for component in p.components}
+    parts = [_judge_component(series, each, p, fits[each.index]) for each in p.components]
+    unrecognised = []
+    for component, part in zip(p.components, parts, strict=True):
+        if part.share < _RECOGNISED:
+            unrecognised.append(component)
+    parts.append(_judge_others(series.values, p))
+    danger = _danger(series, p, fits)
+    place = danger.message if danger is not None else None
+    location = _location_of(context, p, series, place)
+    reason = danger.reason if danger is not None else _swapped(series, p, unrecognised)
+    if not reason:
+        return of_parts(expected, parts, where=(location,))
+    measured = "; ".join(part.text for part in parts if part.text)
+    reasons = [part.reason for part in parts if part.reason]
+    return failed(expected, measured, " ".join([reason, *reasons]), where=(location,))
+
+
+def _expected_sinusoids(p: Sinusoids) -> str:
+    wanted = []
+    for component in p.components:
+        sine = f"{component.amplitude:g}·sin(2π·{component.frequency_hz:g}·t)"
+        wanted.append(f"{sine} in [{component.index}]")
+    return f"{', '.join(wanted)}, the others 0"
+
+
+def _judge_others(values: Floats, p: Sinusoids) -> Part:
+    """Judge whether the elements without a component stay at 0."""
+    moving = ", ".join(map(str, _others_that_move(values, p)))
+    if moving:
+        return Part(0.0, "", f"Element {moving} should stay at 0, but does not.")
+    return Part(1.0)
+
+
+def _swapped(series: NumericStream, p: Sinusoids, components: Sequence[Component]) -> str:
+    """Say which motions are in another element than they should be."""
+    sentences = []
+    for component in components:
+        other = _element_of(series, component, p)
+        if other is not None:
+            sentences.append(f"The motion of element {component.index} is in element {other}.")
+    return " ".join(sentences)
+
+
+def _location_of(
+    context: Context, p: Sinusoids, series: NumericStream, message: int | None
+) -> Location:
+    """Point at one message of a series, or at all of them if none is named."""
+    first = 0 if message is None else message
+    last = -1 if message is None else message
+    span = Span(int(series.source_ns[first]), int(series.source_ns[last]))
+    return context.location(p.topic, span)
+
+
+#: Least credit of a recognised motion; one with less may be in another element.
+_RECOGNISED = 0.5
+#: Number of first messages that, with the steps after them, show the beginning of a motion.
+_FIRST_MESSAGES = 10
+
+
+def _danger(series: NumericStream, p: Sinusoids, fits: _Fits) -> _Danger | None:
+    """Return the first danger in a series: wrong elements, no numbers, values too far, or a jump."""
+    elements = series.values.shape[1]
+    if elements != (p.others_still or elements):
+        return _Danger(f"There are {elements} elements for {p.others_still} joints.")
+    finite = np.isfinite(series.values)
+    no_numbers = np.flatnonzero(finite.mean(axis=0) < _RECOGNISED)
+    if len(no_numbers):
+        return _Danger(f"Element {', '.join(map(str, no_numbers))} is not a number.")
+    sizes: Floats = np.where(finite, np.abs(series.values), 0.0)
+    if p.reach is not None and sizes.max() > p.reach:
+        element = int(sizes.max(axis=0).argmax())
         first = int(np.argmax(sizes.max(axis=1) > p.reach))
-        return (
-            f"Element {int(sizes.max(axis=0).argmax())} goes as far as {far:.2f}, beyond ±{p.reach:g}.",
-            first,
-        )
-    few = slice(_FIRST_MESSAGES)
-    steps = (
-        np.abs(np.diff(sizes[few], axis=0)) / np.maximum(1, np.diff(series.sequence[few]))[:, None]
-    )
-    nearest = sizes[0] - (series.sequence[0] - 1) * steps.max(axis=0, initial=0.0)
-    begins = dict(enumerate(nearest)) if series.sequence[0] <= _FIRST_MESSAGES else _begins(p, fits)
+        reason = f"Element {element} goes as far as {sizes.max():.2f}, beyond ±{p.reach:g}."
+        return _Danger(reason, first)
+    return _jump(series, sizes, p, fits)
+
+
+def _jump(series: NumericStream, sizes: Floats, p: Sinusoids, fits: _Fits) -> _Danger | None:
+    """Return the jump of an element with the first message, if there is one.
+
+    Parameters
+    ----------
+    sizes
+        float64[n, elements]: Distance of each value from 0.
+    """
+    if p.starts_within is None:
+        return None
+    if series.sequence[0] <= _FIRST_MESSAGES:
+        begins = dict(enumerate(_nearest_begin(series, sizes)))
+    else:
+        begins = _begins(p, fits)
     element = max(begins, key=lambda n: begins[n], default=0)
-    if p.starts_within is not None and begins.get(element, 0.0) > p.starts_within:
-        return f"Element {element} jumps to {begins[element]:.2f} with the first message.", 0
-    return "", None
+    if begins.get(element, 0.0) <= p.starts_within:
+        return None
+    return _Danger(f"Element {element} jumps to {begins[element]:.2f} with the first message.", 0)
+
+
+def _nearest_begin(series: NumericStream, sizes: Floats) -> Floats:
+    """Return the least distance from 0 at which each element can have begun.
+
+    It follows from the first recorded message, and from the largest step per message after it.
+    """
+    few = slice(_FIRST_MESSAGES)
+    numbers = np.maximum(1, np.diff(series.sequence[few]))
+    steps = np.abs(np.diff(sizes[few], axis=0)) / numbers[:, None]
+    nearest: Floats = sizes[0] - (series.sequence[0] - 1) * steps.max(axis=0, initial=0.0)
+    return nearest
 
 
 def _begins(p: Sinusoids, fits: _Fits) -> dict[int, float]:
-    """Return how far from 0 the elements began that move as they should, by their motion since then."""
-    right = ((c.index, _earliest(fits[c.index], c, p)) for c in p.components)
-    return {
-        index: fit.amplitude * abs(np.sin(fit.phase)) for index, fit in right if fit is not None
-    }
+    """Return the distance from 0 at which each rightly moving element began, by its later motion."""
+    begins = {}
+    for component in p.components:
+        fit = _earliest(fits[component.index], component, p)
+        if fit is not None:
+            begins[component.index] = fit.amplitude * abs(np.sin(fit.phase))
+    return begins
 
 
-#: So many messages show a motion.
+#: Number of messages that shows a motion.
 _FEWEST = 20
 
 
 def _element_of(series: NumericStream, c: Component, p: Sinusoids) -> int | None:
     """Return the other element that moves as a component should."""
-    places = (i for i in range(min(p.others_still, series.values.shape[1])) if i != c.index)
-    finite = (i for i in places if np.isfinite(series.values[:, i]).all())
-    moved = (
-        c.model_copy(update={"index": i})
-        for i in finite
-        if float(np.ptp(series.values[:, i])) > c.amplitude
-    )
-    return next((m.index for m in moved if _earliest(_fits(series, m, p), m, p) is not None), None)
+    for index in range(min(p.others_still, series.values.shape[1])):
+        values = series.values[:, index]
+        if index == c.index or not np.isfinite(values).all():
+            continue
+        if float(np.ptp(values)) <= c.amplitude:
+            continue
+        moved = c.model_copy(update={"index": index})
+        if _earliest(_fits(series, moved, p), moved, p) is not None:
+            return index
+    return None
 
 
 def _others_that_move(values: Floats, p: Sinusoids) -> list[int]:
-    used = {c.index for c in p.components}
-    smallest = min(c.amplitude for c in p.components)
-    others = [i for i in range(min(p.others_still, values.shape[1])) if i not in used]
-    sizes = np.where(np.isfinite(values), np.abs(values), 0.0).max(
-        axis=0
-    )  # what is no number is charged elsewhere
-    return [i for i in others if float(sizes[i]) > p.tolerance * smallest]
+    used = {component.index for component in p.components}
+    smallest = min(component.amplitude for component in p.components)
+    # Another part charges values that are no numbers.
+    sizes = np.where(np.isfinite(values), np.abs(values), 0.0).max(axis=0)
+    moving = []
+    for index in range(min(p.others_still, values.shape[1])):
+        if index not in used and float(sizes[index]) > p.tolerance * smallest:
+            moving.append(index)
+    return moving
 
 
 def _judge_component(
@@ -609,77 +871,103 @@ def _judge_component(
 ) -> Part:
     if c.index >= series.values.shape[1]:
         return Part(0.0, f"no element {c.index}", f"Messages have no element {c.index}.")
-    values = series.values[np.isfinite(series.values[:, c.index]), c.index]
+    column = series.values[:, c.index]
+    values = column[np.isfinite(column)]
     if len(values) < _FEWEST:
         return Part(0.0, f"[{c.index}] is not a number", f"Element {c.index} is not a number.")
     best = min(fits, key=lambda fit: _badness(fit, c))
-    amplitude, frequency = (
-        apart(got, *(wanted * (1 + k * p.tolerance) for k in (-1, 1)), places=3)
-        for got, wanted in ((best.amplitude, c.amplitude), (best.frequency_hz, c.frequency_hz))
-    )
+    amplitude = _told_apart(best.amplitude, c.amplitude, p)
+    frequency = _told_apart(best.frequency_hz, c.frequency_hz, p)
     text = f"[{c.index}] {amplitude} at {frequency} Hz"
-    if (early := _earliest(fits, c, p)) is not None:
-        if abs(early.phase) <= 2 * np.pi * p.phase_tolerance:
-            return Part(1.0, text)
-        begins = (
-            f"{np.degrees(early.phase):.0f}° into its sine instead of at 0° (180° inverts the sign)"
-        )
-        reason = f"Element {c.index} has the right amplitude and frequency, but begins {begins}."
-        return Part(p.phase_credit, text, reason)
+    early = _earliest(fits, c, p)
+    if early is not None:
+        return _judge_phase(early, c, p, text)
     if float(np.ptp(values)) < p.tolerance * c.amplitude:
         return Part(0.0, f"[{c.index}] does not move", f"Element {c.index} does not move.")
-    clean = best.residual < 0.2 * c.amplitude
-    centred = abs(best.offset) <= p.tolerance * c.amplitude
-    right = [abs(ratio - 1) <= p.tolerance and clean for ratio in _ratios(best, c)]
-    reason = f"Element {c.index} has amplitude {amplitude} and frequency {frequency} Hz"
-    reason += "" if centred else f" about {best.offset:.3f} instead of 0"
-    reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz){'' if clean else ', and is no clean sine'}."
-    factors = np.array(_ratios(best, c))
-    slip = next(
-        (s.meaning for s in p.slips if np.allclose(factors, (s.amplitude, s.frequency), rtol=0.05)),
-        "",
-    )
-    return Part(0.5 * (right[1] + (right[0] and centred)), text, f"{reason} {slip}".strip())
+    got = f"Element {c.index} has amplitude {amplitude} and frequency {frequency} Hz"
+    return _wrong_motion(best, c, p, text, got)
+
+
+def _told_apart(got: float, wanted: float, p: Sinusoids) -> str:
+    """Return a number with as many places as show on which side of the tolerance it is."""
+    limits = (wanted * (1 - p.tolerance), wanted * (1 + p.tolerance))
+    return apart(got, *limits, places=3)
+
+
+def _judge_phase(fit: Sinusoid, c: Component, p: Sinusoids, text: str) -> Part:
+    """Judge where in its period a motion of the right amplitude and frequency begins."""
+    if abs(fit.phase) <= 2 * np.pi * p.phase_tolerance:
+        return Part(1.0, text)
+    degrees = np.degrees(fit.phase)
+    begins = f"begins {degrees:.0f}° into its sine instead of at 0° (180° inverts the sign)"
+    reason = f"Element {c.index} has the right amplitude and frequency, but {begins}."
+    return Part(p.phase_credit, text, reason)
+
+
+def _wrong_motion(fit: Sinusoid, c: Component, p: Sinusoids, text: str, got: str) -> Part:
+    """Judge a motion that is not the wanted one: half for its frequency, half for its amplitude."""
+    is_clean = fit.residual < 0.2 * c.amplitude
+    is_centred = abs(fit.offset) <= p.tolerance * c.amplitude
+    amplitude_ratio, frequency_ratio = _ratios(fit, c)
+    amplitude_right = is_clean and abs(amplitude_ratio - 1) <= p.tolerance
+    frequency_right = is_clean and abs(frequency_ratio - 1) <= p.tolerance
+    reason = got
+    if not is_centred:
+        reason += f" about {fit.offset:.3f} instead of 0"
+    reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz)"
+    if not is_clean:
+        reason += ", and is no clean sine"
+    halves = int(frequency_right) + int(amplitude_right and is_centred)
+    return Part(0.5 * halves, text, f"{reason}. {_slip_of(fit, c, p)}".strip())
+
+
+def _slip_of(fit: Sinusoid, c: Component, p: Sinusoids) -> str:
+    """Return the meaning of the known mistake that explains a motion; empty if none does."""
+    factors = np.array(_ratios(fit, c))
+    for slip in p.slips:
+        if np.allclose(factors, (slip.amplitude, slip.frequency), rtol=0.05):
+            return slip.meaning
+    return ""
 
 
 def _ratios(fit: Sinusoid, c: Component) -> tuple[float, float]:
     return fit.amplitude / c.amplitude, fit.frequency_hz / c.frequency_hz
 
 
-#: Frequencies that are searched, in parts of the one wanted.
+#: Searched frequencies, as multiples of the wanted one.
 _SLOWEST, _FASTEST = 0.1, 20
 
 
 def _earliest(fits: Sequence[Sinusoid], c: Component, p: Sinusoids) -> Sinusoid | None:
-    """Return the fit that begins nearest to the start of its sine, of those that are right; None if none is."""
-    return min(
-        (f for f in fits if _badness(f, c) <= p.tolerance),
-        key=lambda fit: abs(fit.phase),
-        default=None,
-    )
+    """Return the right fit that begins nearest to the start of its sine; None if no fit is right."""
+    right = [fit for fit in fits if _badness(fit, c) <= p.tolerance]
+    return min(right, key=lambda fit: abs(fit.phase), default=None)
 
 
 def _fits(series: NumericStream, c: Component, p: Sinusoids) -> list[Sinusoid]:
-    """Return the fits of an element from the first message on: by the clock, by counting, or by its own period.
+    """Return the fits of an element from the first message on: by the clock and by counting.
 
-    By that the clock is set right, which does not tell the messages that a machine kept from being sent in time.
+    If neither is right, the median period of the messages is counted too. It corrects a wrong
+    clock, but does not show messages that the machine delayed.
     """
-    if c.index >= series.values.shape[1] or np.isfinite(series.values[:, c.index]).sum() < _FEWEST:
+    if c.index >= series.values.shape[1]:
         return []
-    series = series.only(np.isfinite(series.values[:, c.index]))
-    by_count: Floats = (series.sequence - 1) * np.float64(p.tick_s)
+    finite = np.isfinite(series.values[:, c.index])
+    if finite.sum() < _FEWEST:
+        return []
+    series = series.only(finite)
+    values = series.values[:, c.index]
     bounds = (_SLOWEST * c.frequency_hz, _FASTEST * c.frequency_hz)
+    by_count: Floats = (series.sequence - 1) * np.float64(p.tick_s)
     fits = [
-        fit_sinusoid(times, series.values[:, c.index], *bounds)
-        for times in (_since_first_s(series), by_count)
+        fit_sinusoid(_since_first_s(series), values, *bounds),
+        fit_sinusoid(by_count, values, *bounds),
     ]
     if _earliest(fits, c, p) is None:
-        usual_s = (
-            float(np.median(np.diff(series.source_ns) / np.maximum(np.diff(series.sequence), 1)))
-            / 1e9
-        )
+        steps = np.maximum(np.diff(series.sequence), 1)
+        usual_s = float(np.median(np.diff(series.source_ns) / steps)) / 1e9
         by_period: Floats = (series.sequence - 1) * np.float64(usual_s)
-        fits.append(fit_sinusoid(by_period, series.values[:, c.index], *bounds))
+        fits.append(fit_sinusoid(by_period, values, *bounds))
     return fits
 
 
@@ -687,19 +975,23 @@ def _since_first_s(series: NumericStream) -> Floats:
     """Return the time of each message since the node's first, which may not have been recorded."""
     times_s: Floats = (series.source_ns - series.source_ns[0]) / np.float64(1e9)
     written = int(series.sequence[-1] - series.sequence[0])
-    missed_s = (int(series.sequence[0]) - 1) * float(times_s[-1]) / written if written > 0 else 0.0
+    missed_s = 0.0
+    if written > 0:
+        missed_s = (int(series.sequence[0]) - 1) * float(times_s[-1]) / written
     shifted: Floats = times_s + max(0.0, missed_s)
     return shifted
 
 
 def _badness(fit: Sinusoid, c: Component) -> float:
     """Return the largest relative deviation of a fit from a component."""
-    off = [abs(ratio - 1) for ratio in _ratios(fit, c)]
-    return max(*off, abs(fit.offset) / c.amplitude, fit.residual / c.amplitude)
+    amplitude_ratio, frequency_ratio = _ratios(fit, c)
+    offset = abs(fit.offset) / c.amplitude
+    residual = fit.residual / c.amplitude
+    return max(abs(amplitude_ratio - 1), abs(frequency_ratio - 1), offset, residual)
 
 
 class OfferedQos(QosWanted):
-    """A publisher offers a QoS profile; what discovery does not carry is taken from the source, as advice only."""
+    """A publisher offers a QoS profile. History and depth come from the source and only advise."""
 
 
 def offered_qos(context: Context, p: OfferedQos) -> Finding:

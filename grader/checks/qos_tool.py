@@ -1,4 +1,4 @@
-"""Checks of a tool that compares QoS profiles: it ends by itself, its profiles, and whether its numbers are true."""
+"""Checks of a tool that compares QoS profiles: its end, its profiles, and the truth of its numbers."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ from grader.result import Finding, Location, Outcome
 
 
 class EndsByItself(Parameters):
-    """A process ends by itself in time, without an error, and has said something."""
+    """A process ends by itself in time, without an error, after printing its results."""
 
     artifact: ref.Artifact
     step: ref.ExitLabel = Field(description="Label of the wait_exit step.")
@@ -68,54 +68,75 @@ def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
         return inconclusive(expected, "not started", "The recording does not show the program.")
     run = processes[-1]
     printed = _without_tracebacks(run.output)
-    claimed = search(p.output, printed) is not None
-    half = p.half_credit if claimed else 0.0
-    if not claimed and run.ended_by == "interrupt" and (flaky := flaky_end(run)):
-        return unclear(expected, "no results", flaky)
+    has_results = search(p.output, printed) is not None
+    if not has_results and run.ended_by == "interrupt":
+        flaky = flaky_end(run)
+        if flaky:
+            return unclear(expected, "no results", flaky)
     if run.interrupted_ns is not None or run.ended_by != "itself":
-        stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
-        reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
-        hint = "End rclpy.spin after 10 s: count the time in a timer, or spin_once in a loop."
-        return graded(half, expected, "had to be stopped", reason, hint=hint)
+        return _had_to_be_stopped(p, run, expected, has_results)
     ran_s = ((run.exited_ns or context.session.record.ended_ns) - run.started_ns) / 1e9
-    shown_s = apart(ran_s, p.least_s, places=1)
-    measured = f"ended after {shown_s} s with status {run.exit_status}" + (
-        "" if claimed else ", no results"
-    )
-    if claimed:
-        reason = f"It ended after {shown_s} s, which is too early."
-        share = half if ran_s < p.least_s else 1.0
-        note = "It does not end with exit status 0; stop executors and threads before rclpy.shutdown()."
-        return graded(
-            share, expected, measured, reason, notes=[] if run.exit_status == 0 else [note]
-        )
+    ended = f"ended after {apart(ran_s, p.least_s, places=1)} s"
+    measured = f"{ended} with status {run.exit_status}"
+    if has_results:
+        return _ended_with_results(p, run, expected, ran_s, ended)
+    measured += ", no results"
     if run.exit_status == 0 and ran_s >= p.least_s:
-        unread = bool(printed.strip())
-        what = (
-            "but nothing that it printed could be read as results"
-            if unread
-            else "and printed nothing"
-        )
-        hint = "Print the results before the program ends, with print() or the logger."
-        return graded(
-            p.half_credit * unread, expected, measured, f"It ended in time, {what}.", hint=hint
-        )
+        return _ended_without_results(p, expected, measured, bool(printed.strip()))
     return unexplained(graded(0.0, expected, measured, "It ended without results."))
 
 
+def _had_to_be_stopped(
+    p: EndsByItself, run: ProcessRun, expected: str, has_results: bool
+) -> Finding:
+    """State that a process was still running when it was stopped."""
+    stopped_s = ((run.interrupted_ns or run.started_ns) - run.started_ns) / 1e9
+    reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
+    hint = "End rclpy.spin after 10 s: count the time in a timer, or spin_once in a loop."
+    share = p.half_credit if has_results else 0.0
+    return graded(share, expected, "had to be stopped", reason, hint=hint)
+
+
+def _ended_with_results(
+    p: EndsByItself, run: ProcessRun, expected: str, ran_s: float, ended: str
+) -> Finding:
+    """Judge the time at which a process with results ended, and note its exit status."""
+    notes = []
+    if run.exit_status != 0:
+        notes.append(
+            "It does not end with exit status 0; stop executors and threads before rclpy.shutdown()."
+        )
+    share = p.half_credit if ran_s < p.least_s else 1.0
+    measured = f"{ended} with status {run.exit_status}"
+    return graded(share, expected, measured, f"It {ended}, which is too early.", notes=notes)
+
+
+def _ended_without_results(
+    p: EndsByItself, expected: str, measured: str, has_printed: bool
+) -> Finding:
+    """State that a process ended in time, but that its output holds no results."""
+    reason = "It ended in time, and printed nothing."
+    if has_printed:
+        reason = "It ended in time, but nothing that it printed could be read as results."
+    hint = "Print the results before the program ends, with print() or the logger."
+    return graded(p.half_credit * has_printed, expected, measured, reason, hint=hint)
+
+
 def _without_tracebacks(output: Sequence[OutputLine]) -> str:
-    """Return what was printed without tracebacks, which quote the source."""
-    kept: list[OutputLine] = []
-    quoting: set[str] = set()  # streams; lines of the other may stand between those of a traceback
+    """Return the output without tracebacks, because they quote the source."""
+    kept: list[str] = []
+    # Streams in the middle of a traceback; lines of other streams may stand between its lines.
+    quoting: set[str] = set()
     for line in output:
         begins = line.text.startswith("Traceback (most recent call last)")
-        if not begins and line.stream not in quoting:
-            kept.append(line)
-        elif begins or line.text.startswith(" "):
+        if begins:
             quoting.add(line.stream)
-        else:
-            quoting.remove(line.stream)  # what is not indented is the message, the last line
-    return "\n".join(line.text for line in kept)
+        elif line.stream not in quoting:
+            kept.append(line.text)
+        elif not line.text.startswith(" "):
+            # The last line of a traceback is its message, which is not indented.
+            quoting.remove(line.stream)
+    return "\n".join(kept)
 
 
 class TopicsCarryTraffic(Parameters):
@@ -132,50 +153,72 @@ class TopicsCarryTraffic(Parameters):
 
 
 def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
-    """Judge the number of messages by the publishers' sequence numbers; another name costs a part of a topic.
+    """Judge the number of messages by the publishers' sequence numbers.
 
-    Too few earn their share of it.
+    Too few messages earn their share of a topic, and another name costs a part of it.
     """
-    runs = [run for run in context.session.record.processes if run.role == "student"]
-    delay_s, length_s = max((_delay_s(context, run) for run in runs), default=(0.0, 0.0))
+    delays = [_delay_of(context, run) for run in context.session.students]
+    delay = max(delays, default=_Delay(0.0, 0.0))
     expected = f"at least {p.least_messages} messages on each of {', '.join(p.topics)}"
-    parts = []
-    for topic in p.topics:
-        used, count = context.session.used(topic), _written(context, topic)
-        renamed, few = bool(count) and used != topic, count < p.least_messages
-        least, most = (
-            quantise(n / p.least_messages) for n in (count, without_delay(count, delay_s, length_s))
-        )
-        unheard = _unheard(context, topic) if count else ""
-        heard = p.unheard_credit if unheard else 1.0
-        share, best = (
-            max(0.0, min(1.0, each) - p.other_name_costs * renamed) * heard
-            for each in (least, most)
-        )
-        reasons = [unheard] * bool(unheard)
-        reasons += [f"Too few messages arrived on {topic}."] * few
-        reasons += [f"{topic} is named {used}; the other checks use that name."] * renamed
-        parts.append(Part(share, f"{used} {count}", " ".join(reasons), best))
-    return of_parts(expected, parts, doubt=cpu_delay_doubt(delay_s, length_s))
+    parts = [_judge_traffic(context, p, topic, delay) for topic in p.topics]
+    return of_parts(expected, parts, doubt=delay.doubt)
+
+
+def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: _Delay) -> Part:
+    """Judge the number of messages on one topic."""
+    used = context.session.used(topic)
+    count = _written(context, topic)
+    undelayed = without_delay(count, delay.delay_s, delay.length_s)
+    reasons = []
+    heard = 1.0
+    unheard = _unheard(context, topic) if count else ""
+    if unheard:
+        heard = p.unheard_credit
+        reasons.append(unheard)
+    if count < p.least_messages:
+        reasons.append(f"Too few messages arrived on {topic}.")
+    cost = 0.0
+    if count and used != topic:
+        cost = p.other_name_costs
+        reasons.append(f"{topic} is named {used}; the other checks use that name.")
+    share = max(0.0, _share_of(count, p) - cost) * heard
+    best = max(0.0, _share_of(undelayed, p) - cost) * heard
+    return Part(share, f"{used} {count}", " ".join(reasons), best)
+
+
+def _share_of(count: float, p: TopicsCarryTraffic) -> float:
+    return min(1.0, quantise(count / p.least_messages))
 
 
 def _unheard(context: Context, topic: str) -> str:
-    """Say why nothing that is published on a topic can be received by the student's own side, or nothing."""
-    offers, requests = (
-        student_endpoints(context, topic, kind) for kind in ("publisher", "subscription")
-    )
+    """Say why the student's own side cannot receive the messages on a topic; empty if it can."""
+    offers = student_endpoints(context, topic, "publisher")
+    requests = student_endpoints(context, topic, "subscription")
     if not requests:
         return f"Nothing subscribes to {topic}."
     policy = clash(requests[0], offers[0].qos) if offers else None
-    return (
-        f"The two sides of {topic} are incompatible in {policy}: none can arrive." if policy else ""
-    )
+    if policy is None:
+        return ""
+    return f"The two sides of {topic} are incompatible in {policy}: none can arrive."
 
 
-def _delay_s(context: Context, run: ProcessRun) -> tuple[float, float]:
-    """Return for how long the machine delayed a process, and how long it ran, in s."""
+@dataclass(frozen=True, order=True)
+class _Delay:
+    """Machine delay of a process, and the time that it ran, both in seconds."""
+
+    delay_s: float
+    length_s: float
+
+    @property
+    def doubt(self) -> str:
+        """Say that the delay may be the reason of a loss."""
+        return cpu_delay_doubt(self.delay_s, self.length_s)
+
+
+def _delay_of(context: Context, run: ProcessRun) -> _Delay:
+    """Return the machine delay of a process over its whole life."""
     span = _life(context, run)
-    return context.session.machine_delay_s(run, span), span.duration_s
+    return _Delay(context.session.machine_delay_s(run, span), span.duration_s)
 
 
 def _life(context: Context, run: ProcessRun) -> Span:
@@ -183,10 +226,11 @@ def _life(context: Context, run: ProcessRun) -> Span:
 
 
 def _written(context: Context, topic: str, until_ns: int | None = None) -> int:
+    """Return the number of messages written to a topic, up to a time if one is given."""
     stream = context.session.stream(topic)
-    sequence = (
-        stream.sequence if until_ns is None else stream.sequence[stream.source_ns <= until_ns]
-    )
+    sequence = stream.sequence
+    if until_ns is not None:
+        sequence = sequence[stream.source_ns <= until_ns]
     return int(sequence.max()) if len(sequence) else 0
 
 
@@ -218,7 +262,7 @@ _POLICIES = ("reliability", "durability", "history", "depth")
 
 @dataclass(frozen=True)
 class _Side:
-    """One side of a topic: what the graph shows of its QoS, and what the program asked rclpy for."""
+    """One side of a topic: its QoS in the graph, and the QoS that the program passed to rclpy."""
 
     kind: str
     seen: tuple[Qos, ...]
@@ -228,110 +272,142 @@ class _Side:
     @classmethod
     def of(cls, context: Context, kind: str, topic: str) -> _Side:
         claim = claim_of(context, kind, topic)
-        seen = tuple(e.qos for e in student_endpoints(context, topic, kind))
+        seen = tuple(endpoint.qos for endpoint in student_endpoints(context, topic, kind))
         return cls(kind, seen, claim.qos if claim is not None else None, claimed_at(claim))
 
     def values(self, policy: str) -> list[str | int | None]:
-        """Return a policy's values: those on the wire as seen, those of the queue as asked for."""
+        """Return the values of a policy: from the graph, or for history and depth from the program."""
         if policy in ("reliability", "durability"):
             return [getattr(qos, policy) for qos in self.seen]
         return [getattr(self.asked, policy)] if self.asked is not None else []
 
     def wrong(self, wanted: WantedProfile) -> str:
-        """Say which policies are others than wanted, and how."""
-        each = [(policy, value) for policy in _POLICIES for value in self.values(policy)]
-        others = [(policy, value) for policy, value in each if value != getattr(wanted, policy)]
-        return ", and ".join(
-            f"{policy} {value}, not {getattr(wanted, policy)}" for policy, value in others
-        )
+        """Say which policies have other values than wanted."""
+        clauses = []
+        for policy in _POLICIES:
+            right = getattr(wanted, policy)
+            for value in self.values(policy):
+                if value != right:
+                    clauses.append(f"{policy} {value}, not {right}")
+        return ", and ".join(clauses)
 
     def __str__(self) -> str:
-        history = (
-            f"{self.asked.history} {self.asked.depth}"
-            if self.asked is not None
-            else "history unknown"
-        )
-        return (
-            f"{self.seen[0].reliability}, {history}, {self.seen[0].durability}"
-            if self.seen
-            else "nothing"
-        )
+        if not self.seen:
+            return "nothing"
+        history = "history unknown"
+        if self.asked is not None:
+            history = f"{self.asked.history} {self.asked.depth}"
+        return f"{self.seen[0].reliability}, {history}, {self.seen[0].durability}"
+
+
+#: Both sides of each topic.
+_Sides = Mapping[WantedProfile, Sequence[_Side]]
 
 
 def qos_profiles(context: Context, p: QosProfiles) -> Finding:
-    """Judge reliability and durability from discovery, history and depth from what the program asked rclpy for."""
-    sides = {
-        w: [_Side.of(context, kind, w.topic) for kind in ("publisher", "subscription")]
-        for w in p.profiles
-    }
-    parts = [_judge_profile(wanted, each, p.one_sided_credit) for wanted, each in sides.items()]
-    alike = (
-        len(parts) > 1
-        and len({str(side) for each in sides.values() for side in each if side.seen}) == 1
-    )
-    if alike and sum(part.share for part in parts) > p.alike_credit * len(parts):
+    """Judge reliability and durability from discovery, history and depth from the calls of rclpy."""
+    sides = {}
+    for wanted in p.profiles:
+        publisher = _Side.of(context, "publisher", wanted.topic)
+        subscription = _Side.of(context, "subscription", wanted.topic)
+        sides[wanted] = [publisher, subscription]
+    parts = [_judge_profile(wanted, sides[wanted], p.one_sided_credit) for wanted in sides]
+    if _all_alike(sides) and sum(part.share for part in parts) > p.alike_credit * len(parts):
         parts = [replace(part, share=p.alike_credit) for part in parts]
         reason = f"All topics have one and the same profile, so that nothing is compared. {parts[0].reason}"
         parts[0] = replace(parts[0], reason=reason.strip())
-    finding = of_parts(
-        "; ".join(
-            f"{w.topic}: {w.reliability}, {w.history} {w.depth}, {w.durability}" for w in p.profiles
-        ),
-        parts,
-        where=(context.location(),),
-    )
-    unknown = [
-        f"the {s.kind} on {w.topic}"
-        for w, each in sides.items()
-        for s in each
-        if s.seen and s.asked is None
-    ]
-    if not unknown or finding.outcome is not Outcome.PASSED:
+    expected = "; ".join(map(_shown_profile, p.profiles))
+    finding = of_parts(expected, parts, where=(context.location(),))
+    unknown = _without_history(sides)
+    if unknown is None or finding.outcome is not Outcome.PASSED:
         return finding
-    return undecided(
-        finding, f"The recording does not show the history and depth of {unknown[0]}.", retry=False
-    )
+    reason = f"The recording does not show the history and depth of {unknown}."
+    return undecided(finding, reason, retry=False)
+
+
+def _shown_profile(wanted: WantedProfile) -> str:
+    queue = f"{wanted.history} {wanted.depth}"
+    return f"{wanted.topic}: {wanted.reliability}, {queue}, {wanted.durability}"
+
+
+def _all_alike(sides: _Sides) -> bool:
+    """Tell whether all sides of several topics have the same profile."""
+    shown: set[str] = set()
+    for both in sides.values():
+        shown.update(str(side) for side in both if side.seen)
+    return len(sides) > 1 and len(shown) == 1
+
+
+def _without_history(sides: _Sides) -> str | None:
+    """Return the first side without a known history and depth, in words."""
+    for wanted, both in sides.items():
+        for side in both:
+            if side.seen and side.asked is None:
+                return f"the {side.kind} on {wanted.topic}"
+    return None
 
 
 def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side], one_sided_credit: float) -> Part:
     """Judge a topic: each policy counts the same."""
-    topic, lacking = wanted.topic, [side.kind for side in sides if not side.seen]
-    reasons = [f"There is no {' and no '.join(lacking)} on {topic}."] if lacking else []
-    values = {
-        policy: [value for side in sides for value in side.values(policy)] for policy in _POLICIES
-    }
-    right = [
-        each.count(getattr(wanted, policy)) / len(each) if each else 1.0
-        for policy, each in values.items()
-    ]
-    wrong = [(side, side.wrong(wanted)) for side in sides if len(lacking) < len(sides)]
-    alike = len({text for _, text in wrong}) == 1
-    charged = [(side, text) for side, text in (wrong[:1] if alike else wrong) if text]
-    reasons += [
-        f"{topic if alike else f'The {side.kind} on {topic}'} has {text}." for side, text in charged
-    ]
-    shown = (
-        str(sides[0])
-        if len(set(map(str, sides))) == 1
-        else " / ".join(f"{side.kind} {side}" for side in sides)
-    )
-    return Part(
-        sum(right) / len(right) * (1.0, one_sided_credit, 0.0)[len(lacking)],
-        f"{topic}: {shown}",
-        " ".join(reasons),
-        where=tuple(location for side, _ in charged for location in side.where),
-    )
+    missing = [side.kind for side in sides if not side.seen]
+    reasons = []
+    if missing:
+        reasons.append(f"There is no {' and no '.join(missing)} on {wanted.topic}.")
+    shares = [_right_share(wanted, sides, policy) for policy in _POLICIES]
+    share = sum(shares) / len(shares) * (1.0, one_sided_credit, 0.0)[len(missing)]
+    where: list[Location] = []
+    if len(missing) < len(sides):
+        wrong, charged = _wrong_policies(wanted, sides)
+        reasons += wrong
+        for side in charged:
+            where += side.where
+    text = f"{wanted.topic}: {_shown_sides(sides)}"
+    return Part(share, text, " ".join(reasons), where=tuple(where))
+
+
+def _right_share(wanted: WantedProfile, sides: Sequence[_Side], policy: str) -> float:
+    """Return the share of right values of a policy; all of it if none is known."""
+    values: list[str | int | None] = []
+    for side in sides:
+        values += side.values(policy)
+    return values.count(getattr(wanted, policy)) / len(values) if values else 1.0
+
+
+def _wrong_policies(wanted: WantedProfile, sides: Sequence[_Side]) -> tuple[list[str], list[_Side]]:
+    """Return a sentence for each side with wrong policies, and these sides.
+
+    One sentence is enough if both sides have the same.
+    """
+    texts = [side.wrong(wanted) for side in sides]
+    if len(set(texts)) == 1:
+        if not texts[0]:
+            return [], []
+        return [f"{wanted.topic} has {texts[0]}."], [sides[0]]
+    sentences = []
+    charged = []
+    for side, text in zip(sides, texts, strict=True):
+        if text:
+            sentences.append(f"The {side.kind} on {wanted.topic} has {text}.")
+            charged.append(side)
+    return sentences, charged
+
+
+def _shown_sides(sides: Sequence[_Side]) -> str:
+    """Return the profile of both sides, once if they are the same."""
+    if len(set(map(str, sides))) == 1:
+        return str(sides[0])
+    return " / ".join(f"{side.kind} {side}" for side in sides)
 
 
 class Row(Parameters):
-    """The line that reports on a topic: the one that begins with the name."""
+    """The line of the results that begins with a name and reports on a topic."""
 
     name: str
     topic: ref.Topic
 
 
 class ReportedTraffic(Parameters):
-    """Reported counts and latencies agree with what was recorded; each row is a part."""
+    """Reported counts and latencies agree with the recording; each row is a part."""
 
     artifact: ref.Artifact
     rows: tuple[Row, ...] = Field(min_length=1)
@@ -358,83 +434,126 @@ class ReportedTraffic(Parameters):
         return value
 
 
+#: Results by the names of their rows; None if a row was not printed.
+_Claims = Mapping[str, ResultRow | None]
+
+
 def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     """Judge each row: half for the count, half for the latency."""
     claims = {row.name: _claimed(context, p, row) for row in p.rows}
-    # Where nothing was sent, and nothing is said to have come, that is charged with the traffic.
-    rows = [
-        r
-        for r in p.rows
-        if _written(context, r.topic) or ((claimed := claims[r.name]) is not None and claimed.count)
-    ]
+    rows = [row for row in p.rows if _has_traffic(context, row, claims)]
     expected = f"for each profile the messages delivered (± {percent(p.count_tolerance)}) and a latency that is possible"
     if not rows:
-        return not_reached(
-            "Not tested, because nothing was sent on any of the topics.", expected=expected
-        )
-    if constants := _written_beforehand(
-        context, p, [claim for claim in claims.values() if claim is not None]
-    ):
-        reason = "Every count and latency that it prints is a constant in its source, so none was measured."
-        hint = "Count in the callbacks, and print what was counted."
-        found = failed(expected, "constants of the source", reason, hint=hint, where=constants)
-        return replace(
-            found, unmeasured="All counts and latencies that it prints are constants of its source."
-        )
+        reason = "Not tested, because nothing was sent on any of the topics."
+        return not_reached(reason, expected=expected)
+    printed = [claim for claim in claims.values() if claim is not None]
+    constants = _written_beforehand(context, p, printed)
+    if constants:
+        return _all_constants(expected, constants)
     run = context.session.process(p.artifact)
-    delay_s, length_s = _delay_s(context, run) if run is not None else (0.0, 1.0)
-    late_s = context.session.backlog(run, _life(context, run)).late_s if run is not None else 0.0
-    parts = []
-    for row in rows:
-        claim = claims[row.name]
-        if claim is None:
-            untold = f"There is no line with count and latency for {row.name}."
-            hint = f"Print a line for each profile, as '{row.name}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."
-            parts.append(Part(0.0, reason=untold, hint=hint))
-            continue
-        written = min(
-            (_written(context, row.topic, t) for t in (None, claim.t_ns)),
-            key=lambda n: abs(n - claim.count),
-        )
-        unheld, waits_s = (
-            f(context, run, row.topic) if run is not None else 0.0 for f in (_unheld, _waits_s)
-        )
-        share, reason = _judge_row(
-            context,
-            p,
-            row,
-            claim,
-            written,
-            late_s=waits_s,
-            pushed_out=min(unheld, _MOST_UNHELD * written),
-        )
-        # What waits for a core comes late, and may push out of a short queue what waits already.
-        pushed_out = written * delay_s / length_s
-        best, _ = _judge_row(
-            context, p, row, claim, written, late_s=max(late_s, waits_s), pushed_out=pushed_out
-        )
-        latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
-        sides = "Give publisher and subscription of a profile the same QoSProfile; then messages arrive."
-        hint = sides if "incompatible" in reason else ""
-        parts.append(
-            Part(
-                share, f"{row.name} {claim.count} of {written}, {latency}", reason, best, hint=hint
-            )
-        )
-    where, doubt = (context.output_of(p.artifact),), cpu_delay_doubt(delay_s, length_s)
+    delay = _delay_of(context, run) if run is not None else _Delay(0.0, 1.0)
+    parts = [_judge_reported(context, p, row, claims[row.name], delay) for row in rows]
     measured = "" if any(part.text for part in parts) else "no results"
-    finding = of_parts(expected, parts, measured=measured, where=where, doubt=doubt)
+    where = (context.output_of(p.artifact),)
+    finding = of_parts(expected, parts, measured=measured, where=where, doubt=delay.doubt)
     return replace(finding, unmeasured=_unmeasured(context, rows, claims, finding))
 
 
+def _has_traffic(context: Context, row: Row, claims: _Claims) -> bool:
+    """Tell whether messages were sent on a topic, or are said to have come.
+
+    Another check charges a topic without messages.
+    """
+    claim = claims[row.name]
+    says_so = claim is not None and bool(claim.count)
+    return says_so or _written(context, row.topic) > 0
+
+
+def _all_constants(expected: str, constants: Sequence[Location]) -> Finding:
+    """State that all printed numbers are constants of the source."""
+    reason = (
+        "Every count and latency that it prints is a constant in its source, so none was measured."
+    )
+    hint = "Count in the callbacks, and print what was counted."
+    finding = failed(expected, "constants of the source", reason, hint=hint, where=constants)
+    unmeasured = "All counts and latencies that it prints are constants of its source."
+    return replace(finding, unmeasured=unmeasured)
+
+
+@dataclass(frozen=True)
+class _Lateness:
+    """Effects of machine delays on the numbers of a row."""
+
+    #: Greatest additional mean latency, in seconds.
+    late_s: float
+    #: Greatest number of messages that were lost.
+    pushed_out: float
+
+
+def _judge_reported(
+    context: Context, p: ReportedTraffic, row: Row, claim: ResultRow | None, delay: _Delay
+) -> Part:
+    """Judge the printed numbers of one row."""
+    if claim is None:
+        reason = f"There is no line with count and latency for {row.name}."
+        hint = f"Print a line for each profile, as '{row.name}: 1000 msgs, avg latency: 0.50ms, max: 2.00ms'."
+        return Part(0.0, reason=reason, hint=hint)
+    run = context.session.process(p.artifact)
+    written = _nearest_count(context, row, claim)
+    usual = _usual_lateness(context, run, row.topic, written)
+    worst = _worst_lateness(context, run, usual, written * delay.delay_s / delay.length_s)
+    share, reason = _judge_row(context, p, row, claim, written, usual)
+    best, _ = _judge_row(context, p, row, claim, written, worst)
+    latency = "no latency" if claim.mean_s is None else f"{claim.mean_s * 1e3:.2f} ms"
+    text = f"{row.name} {claim.count} of {written}, {latency}"
+    hint = ""
+    if "incompatible" in reason:
+        hint = "Give publisher and subscription of a profile the same QoSProfile; then messages arrive."
+    return Part(share, text, reason, best, hint=hint)
+
+
+def _nearest_count(context: Context, row: Row, claim: ResultRow) -> int:
+    """Return the number of messages, of all or until the row was printed, that is nearest to the claim."""
+    counts = (_written(context, row.topic), _written(context, row.topic, claim.t_ns))
+    return min(counts, key=lambda count: abs(count - claim.count))
+
+
+def _usual_lateness(
+    context: Context, run: ProcessRun | None, topic: str, written: int
+) -> _Lateness:
+    """Return the effects that the machine delays surely had."""
+    if run is None:
+        return _Lateness(0.0, 0.0)
+    pushed_out = min(_unheld(context, run, topic), _MOST_UNHELD * written)
+    return _Lateness(_waits_s(context, run, topic), pushed_out)
+
+
+def _worst_lateness(
+    context: Context, run: ProcessRun | None, usual: _Lateness, pushed_out: float
+) -> _Lateness:
+    """Return the greatest possible effects of the machine delays.
+
+    A message that waits for a core comes late, and may push waiting ones out of a short queue.
+    """
+    late_s = 0.0
+    if run is not None:
+        late_s = context.session.backlog(run, _life(context, run)).late_s
+    return _Lateness(max(late_s, usual.late_s), pushed_out)
+
+
 def _unmeasured(
-    context: Context, rows: Sequence[Row], claims: Mapping[str, ResultRow | None], finding: Finding
+    context: Context, rows: Sequence[Row], claims: _Claims, finding: Finding
 ) -> str | None:
-    """Say which counts cannot come from messages that were received; None if there are no such."""
-    counted = [row for row in rows if (claim := claims[row.name]) is not None and claim.count]
-    unheard = [
-        row.topic for row in counted if not student_endpoints(context, row.topic, "subscription")
-    ]
+    """Say which counts cannot come from received messages; None if all can."""
+    counted = []
+    for row in rows:
+        claim = claims[row.name]
+        if claim is not None and claim.count:
+            counted.append(row)
+    unheard = []
+    for row in counted:
+        if not student_endpoints(context, row.topic, "subscription"):
+            unheard.append(row.topic)
     if unheard:
         return f"It counts messages on {', '.join(unheard)}, to which nothing of the submission subscribes."
     if len(counted) == len(rows) > 1 and finding.outcome is Outcome.FAILED:
@@ -443,83 +562,114 @@ def _unmeasured(
 
 
 _NUMBER = re.compile(r"(?<![\w.])\d{1,15}(?:\.\d{1,15})?(?:[eE]-?\d{1,2})?(?![\w.])")
-#: So many different latencies are no coincidence.
+#: Number of different latencies that do not stand in a source by coincidence.
 _LEAST_LATENCIES = 4
+#: Greatest number of lines that are shown.
+_MOST_LINES = 4
+#: Units of latencies in a source, as parts of a second.
+_UNITS = (1.0, 1e3, 1e6)
 
 
 def _written_beforehand(
     context: Context, p: ReportedTraffic, claims: Sequence[ResultRow]
 ) -> list[Location]:
-    """Return the lines of the source that hold all that is printed, as counts and latencies in s, ms or µs."""
+    """Return the lines of the source that hold all printed counts and latencies.
+
+    Latencies may be in s, ms or µs. Empty if the source does not hold them all.
+    """
     path = context.path_of(p.artifact) or ""
-    lines = context.submission.texts.get(path, "").splitlines()
-    held = {
-        float(number): place
-        for place, line in enumerate(lines, 1)
-        for number in _NUMBER.findall(line[:LINE_LIMIT])
-    }
-    latencies = {value for claim in claims for value in (claim.mean_s, claim.max_s) if value}
+    held = _numbers_in(context.submission.texts.get(path, ""))
+    latencies: set[float] = set()
+    for claim in claims:
+        latencies.update(value for value in (claim.mean_s, claim.max_s) if value)
     if len(latencies) < _LEAST_LATENCIES or not all(claim.count in held for claim in claims):
         return []
-    for unit in (1.0, 1e3, 1e6):
-        places = [
-            next((at for n, at in held.items() if math.isclose(n, value * unit)), None)
-            for value in latencies
-        ]
+    for unit in _UNITS:
+        places = [_line_of(value * unit, held) for value in latencies]
         if None not in places:
-            return [
-                Location(file=path, line=place)
-                for place in sorted({place for place in places if place})
-            ][:4]
+            lines = sorted({line for line in places if line})
+            return [Location(file=path, line=line) for line in lines[:_MOST_LINES]]
     return []
 
 
+def _numbers_in(source: str) -> dict[float, int]:
+    """Return the numbers in a source, each with the last line that holds it."""
+    held = {}
+    for number, line in enumerate(source.splitlines(), 1):
+        for text in _NUMBER.findall(line[:LINE_LIMIT]):
+            held[float(text)] = number
+    return held
+
+
+def _line_of(value: float, held: Mapping[float, int]) -> int | None:
+    """Return the line of the first number that is close to a value."""
+    for number, line in held.items():
+        if math.isclose(number, value):
+            return line
+    return None
+
+
 def _claimed(context: Context, p: ReportedTraffic, row: Row) -> ResultRow | None:
-    """Return what is printed about a row: in the pattern's form, or in another that can be read."""
+    """Return the printed numbers of a row, by the pattern or in another readable form."""
     output = context.session.output_of(p.artifact)
-    lines = [line.text[:LINE_LIMIT] for line in output]
+    others = [other.name for other in p.rows if other is not row]
     for loosely in (False, True):
-        for place in lines_naming(lines, row.name, loosely=loosely):
-            if match := search(p.pattern, plain_numbers(lines[place])):
-                mean_s, max_s = (float(match[name]) / 1e3 for name in ("mean_ms", "max_ms"))
-                rounding_s = rounding_of(match["mean_ms"], 1e-3)
-                return ResultRow(output[place].t_ns, int(match["count"]), mean_s, max_s, rounding_s)
-        others = [other.name for other in p.rows if other is not row]
-        if (found := result_row(output, row.name, others, loosely=loosely)) is not None:
+        found = _by_pattern(output, p.pattern, row.name, loosely=loosely)
+        if found is None:
+            found = result_row(output, row.name, others, loosely=loosely)
+        if found is not None:
             return found
     return None
 
 
-#: At most this share of the messages is taken for that.
+def _by_pattern(
+    output: Sequence[OutputLine], pattern: str, name: str, *, loosely: bool
+) -> ResultRow | None:
+    """Return the numbers of the first line that names a row and matches the pattern."""
+    lines = [line.text[:LINE_LIMIT] for line in output]
+    for place in lines_naming(lines, name, loosely=loosely):
+        match = search(pattern, plain_numbers(lines[place]))
+        if match:
+            return ResultRow(
+                output[place].t_ns,
+                int(match["count"]),
+                float(match["mean_ms"]) / 1e3,
+                float(match["max_ms"]) / 1e3,
+                rounding_of(match["mean_ms"], 1e-3),
+            )
+    return None
+
+
+#: Greatest share of the messages that is excused as lost from a queue.
 _MOST_UNHELD = 0.1
 
 
 def _unheld(context: Context, run: ProcessRun, topic: str) -> float:
-    """Return how many messages the queue of a subscription did not hold while the machine kept its node from a core.
+    """Return the number of messages that a queue lost while its node had no core.
 
-    That many may be missing in a count that is true. One message may have come just as it began to wait.
+    As many may be missing in a true count. One message may have come just as the node began to wait.
     """
-    claim, life = claim_of(context, "subscription", topic), _life(context, run)
+    claim = claim_of(context, "subscription", topic)
     depth = claim.qos.depth if claim is not None and claim.qos is not None else 1
     times = context.session.stream(topic).source_ns
     if len(times) < 2:
         return 0.0
     period_s = float(times[-1] - times[0]) / 1e9 / (len(times) - 1)
-    return context.session.backlog(run, life, (depth - 1) * period_s).lost_s / max(period_s, 1e-9)
+    backlog = context.session.backlog(run, _life(context, run), (depth - 1) * period_s)
+    return backlog.lost_s / max(period_s, 1e-9)
 
 
 def _waits_s(context: Context, run: ProcessRun, topic: str) -> float:
-    """Return for how long a message that comes at any moment waits on average, as the machine delays its node, in s.
+    """Return the mean time in seconds that a message waits because the machine delays its node.
 
-    Half of a delay that it comes in, as often as that is; what waits for others besides is not in it.
+    It is half of a delay, weighed by the share of time in that delay. Other waiting is not included.
     """
     times = context.session.stream(topic).source_ns
     if not run.disturbed or len(times) < 2:
         return 0.0
     span = Span(int(times[0]), int(times[-1]))
-    squares = sum(
-        (delay.delay_ns / 1e9) ** 2 for delay in clipped(context.session.delays(run), span)
-    )
+    delays = clipped(context.session.delays(run), span)
+    squares = sum((delay.delay_ns / 1e9) ** 2 for delay in delays)
     return squares / 2 / max(span.duration_s, 1e-9)
 
 
@@ -529,34 +679,35 @@ def _judge_row(
     row: Row,
     got: ResultRow,
     written: int,
-    *,
-    late_s: float,
-    pushed_out: float,
+    lateness: _Lateness,
 ) -> tuple[float, str]:
-    """Return what a row earns, and why no more; numbers that cannot be are worth nothing together.
+    """Return the credit of a row, and the reason if it is not full.
 
-    So many messages were `written` until the row was printed. The machine may have made the mean later by `late_s`,
-    and have cost the messages that were `pushed_out`.
+    An impossible count earns nothing for the latency either.
     """
     counted = f"{row.name} reports {got.count} messages"
-    if not got.count and (unheard := _unheard(context, row.topic)):
+    unheard = "" if got.count else _unheard(context, row.topic)
+    if unheard:
         return 0.5, f"{counted}, which is true. {unheard}"
     if not student_endpoints(context, row.topic, "subscription"):
         return 0.0, f"{counted}, but nothing subscribes to {row.topic}."
     slack = max(3.0, p.count_tolerance * written)
-    if not written - slack - pushed_out <= got.count <= written + slack:
+    if not written - slack - lateness.pushed_out <= got.count <= written + slack:
         return 0.0, f"{counted}; {written} were published."
-    if problem := _latency_problem(context, p, row, got, late_s):
+    problem = _latency_problem(context, p, row, got, lateness.late_s)
+    if problem:
         return 0.5, problem
-    return (0.75, f"{row.name} reports no largest latency.") if got.max_s is None else (1.0, "")
+    if got.max_s is None:
+        return 0.75, f"{row.name} reports no largest latency."
+    return 1.0, ""
 
 
 def _latency_problem(
     context: Context, p: ReportedTraffic, row: Row, got: ResultRow, late_s: float
 ) -> str:
-    """Say why a reported latency cannot be, or nothing.
+    """Say why a reported latency is impossible; empty if it is possible.
 
-    Nothing is delivered much sooner than the soonest that was recorded; later is a matter of the machine.
+    No message comes much sooner than the soonest recorded one; a later one depends on the machine.
     """
     if got.mean_s is None:
         return f"{row.name} reports {got.count} messages, but no latency."
@@ -571,29 +722,36 @@ def _latency_problem(
     truth_s = float(np.mean(latencies))
     least_s = float(np.min(latencies)) / p.latency_factor
     most_s = max(truth_s * p.latency_factor, truth_s + p.latency_slack_s) + late_s
-    in_order = got.max_s is None or got.mean_s <= got.max_s + 1e-5
-    if (
-        least_s - got.rounding_s <= got.mean_s <= most_s + got.rounding_s
-        and got.mean_s >= 0
-        and in_order
-    ):
+    if _is_possible(got, got.mean_s, least_s, most_s):
         return ""
-    most = f" (max {got.max_s * 1e3:.2f} ms)" if got.max_s is not None else ""
-    mean_ms = apart(got.mean_s * 1e3, *([] if got.max_s is None else [got.max_s * 1e3]), places=2)
-    slip = (
-        " The value is right in seconds; multiply it by 1000 for ms."
-        if least_s <= 1e3 * got.mean_s <= most_s
-        else ""
-    )
-    return f"{row.name} reports a mean latency of {mean_ms} ms{most}; recorded was {truth_s * 1e3:.2f} ms.{slip}"
+    reason = f"{_reported_latency(row, got, got.mean_s)}; recorded was {truth_s * 1e3:.2f} ms."
+    if least_s <= 1e3 * got.mean_s <= most_s:
+        reason += " The value is right in seconds; multiply it by 1000 for ms."
+    return reason
 
 
-#: Median latencies that no message has within a machine, unless the recorder lacked a core for this share of the time.
+def _is_possible(got: ResultRow, mean_s: float, least_s: float, most_s: float) -> bool:
+    """Tell whether a mean latency lies between two bounds, and not above the largest one."""
+    if mean_s < 0 or (got.max_s is not None and mean_s > got.max_s + 1e-5):
+        return False
+    return least_s - got.rounding_s <= mean_s <= most_s + got.rounding_s
+
+
+def _reported_latency(row: Row, got: ResultRow, mean_s: float) -> str:
+    """State the reported mean latency and the largest one."""
+    if got.max_s is None:
+        mean_ms = apart(mean_s * 1e3, places=2)
+        return f"{row.name} reports a mean latency of {mean_ms} ms"
+    mean_ms = apart(mean_s * 1e3, got.max_s * 1e3, places=2)
+    return f"{row.name} reports a mean latency of {mean_ms} ms (max {got.max_s * 1e3:.2f} ms)"
+
+
+#: Bounds in seconds of median latencies within a machine, valid up to a delayed share of the recorder's time.
 _LEAST_MEDIAN_S, _MOST_MEDIAN_S, _RECORDER_BUSY = -0.001, 0.03, 0.2
 
 
 def _stamped_otherwise(context: Context, latencies: Floats) -> bool:
-    """Whether messages did not leave when they are stamped: their stamps are the work of the student's process."""
+    """Tell whether the student's process stamped messages with other times than the publication."""
     record = context.session.record
     span = Span(record.started_ns, record.ended_ns)
     busy = context.session.recorder_delay_s(span) > _RECORDER_BUSY * span.duration_s

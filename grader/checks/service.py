@@ -1,11 +1,12 @@
-"""Checks of a node that serves: the service offered, its answers, its parameters, its quickness.
+"""Checks of a serving node: its service, answers, parameters and response times.
 
-All answers come from the grader's own client calls.
+All answers are answers to the grader's own client calls.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Annotated, Any
 
 from pydantic import Field
@@ -27,8 +28,11 @@ from grader.evidence.cpu_delay import Span
 from grader.lab import references as ref
 from grader.lab.patterns import search, without
 from grader.lab.references import Parameters, Pattern, Share
-from grader.recording.session import StepRun
+from grader.recording.session import ServiceEndpoint, StepRun
 from grader.result import Finding, Location, Outcome
+
+#: Response to a call, by the names of its fields; None if none came.
+Answer = Mapping[str, Any] | None
 
 
 class ServiceOffered(OfEndpoint):
@@ -41,31 +45,50 @@ class ServiceOffered(OfEndpoint):
 
 def service_offered(context: Context, p: ServiceOffered) -> Finding:
     """Judge the service from discovery."""
-    expected = f"{p.service} of type {p.type}" + (f", from node {p.node}" if p.node else "")
-    used = context.session.used(p.service)
-    offers = [s for graph in context.session.record.graph for s in graph.services if s.name == used]
-    offers = [s for s in offers if s.node not in context.reference_nodes]
-    call = next((step for step in context.session.record.steps if step.kind == "call"), None)
-    run = next(iter(context.session.processes_of(p.artifact)), None)
-    # The graph may have had the service of a node that ended at once for a moment, in which nobody could call it.
-    too_short = (
-        call is not None
-        and run is not None
-        and (run.exited_ns or call.started_ns) < call.started_ns
-    )
-    if not offers or too_short:
+    expected = f"{p.service} of type {p.type}"
+    if p.node:
+        expected += f", from node {p.node}"
+    offers = _offers(context, p.service)
+    if not offers or _ended_before_call(context, p.artifact):
         fallback = f"The service {p.service} did not appear, nor one of a similar name. A client would wait forever."
         return unexplained(failed(expected, "no service in the graph", fallback))
-    offer = next((s for s in offers if s.type == p.type), offers[0])
-    wrong = p.faults("service", (p.service, p.type), (used, offer.type), [offer.node])
-    wrong += p.node_faults([offer.node])
-    measured = f"{used} of type {offer.type}, from {offer.node}"
-    where = (*claimed_at(claim_of(context, "service", p.service)), context.location())
-    return of_parts(expected, [Part(1.0, measured)], costs=wrong, where=where)
+    offer = next((each for each in offers if each.type == p.type), offers[0])
+    costs = p.faults("service", (p.service, p.type), (offer.name, offer.type), [offer.node])
+    costs += p.node_faults([offer.node])
+    measured = f"{offer.name} of type {offer.type}, from {offer.node}"
+    source = claimed_at(claim_of(context, "service", p.service))
+    where = (*source, context.location())
+    return of_parts(expected, [Part(1.0, measured)], costs=costs, where=where)
+
+
+def _offers(context: Context, service: str) -> list[ServiceEndpoint]:
+    """Return the student's servers of a service in all graphs."""
+    used = context.session.used(service)
+    offers = []
+    for graph in context.session.record.graph:
+        for endpoint in graph.services:
+            if endpoint.name == used and endpoint.node not in context.reference_nodes:
+                offers.append(endpoint)
+    return offers
+
+
+def _ended_before_call(context: Context, artifact: str) -> bool:
+    """Tell whether the process of an artifact ended before the first call.
+
+    The graph may have shown its service for a moment, too short for a call.
+    """
+    runs = context.session.processes_of(artifact)
+    exited_ns = runs[0].exited_ns if runs else None
+    if not exited_ns:
+        return False
+    for step in context.session.record.steps:
+        if step.kind == "call":
+            return exited_ns < step.started_ns
+    return False
 
 
 class Given(Parameters):
-    """A parameter with the value under which an answer is asked for; its own default is judged elsewhere."""
+    """A parameter with the value on which an answer depends; another check judges its default."""
 
     step: ref.GetLabel = Field(description="The step that read the parameter.")
     name: ref.GivenName
@@ -108,7 +131,7 @@ def _calls(step: StepRun | None) -> list[Mapping[str, Any]]:
     return step.result.get("calls", []) if step is not None else []
 
 
-def answer_of(step: StepRun | None) -> Mapping[str, Any] | None:
+def answer_of(step: StepRun | None) -> Answer:
     """Return the response to the first call of a step, None without one."""
     calls = _calls(step)
     return calls[0]["response"] if calls else None
@@ -119,11 +142,17 @@ def _latency_s(call: Mapping[str, Any]) -> float:
 
 
 def problem_of(step: StepRun | None) -> str:
-    """Say what went wrong in place of an answer."""
-    if calls := _calls(step):
+    """Describe the problem of a call without an answer."""
+    calls = _calls(step)
+    if calls:
         return f"No answer came within {_latency_s(calls[0]):.1f} s."
+    return f"The call could not be made{_problem_said(step)}."
+
+
+def _problem_said(step: StepRun | None) -> str:
+    """Return the problem that a step reports, after a colon; empty if there is none."""
     problem = str(step.result.get("problem", "")) if step is not None else ""
-    return f"The call could not be made{': ' + problem if problem else ''}."
+    return f": {problem}" if problem else ""
 
 
 def call_location(context: Context, step: StepRun | None) -> Location:
@@ -134,41 +163,56 @@ def call_location(context: Context, step: StepRun | None) -> Location:
     return context.location(service, Span(step.started_ns, step.ended_ns or step.started_ns))
 
 
-def shown(response: Mapping[str, Any] | None) -> str:
-    """Return an answer, or a request, in words."""
-    return "no answer" if response is None else ", ".join(f"{k}={v!r}" for k, v in response.items())
+def shown(response: Answer) -> str:
+    """Return the fields of an answer or a request, such as `success=True, message='on'`."""
+    if response is None:
+        return "no answer"
+    return ", ".join(f"{name}={value!r}" for name, value in response.items())
 
 
 def _silent(step: StepRun) -> bool:
-    return step.kind == "call" and all(c["response"] is None for c in _calls(step))
+    return step.kind == "call" and all(call["response"] is None for call in _calls(step))
 
 
 def not_asked(context: Context, step: StepRun | None, kind: str) -> str:
-    """Say, as a clause, that a service or action was asked for by the lab's name, and has another; empty if not so."""
+    """Say, as a clause, that a service or action was called by the lab's name and has another name.
+
+    Empty if it was called by its own name.
+    """
     name = step.parameters.get(kind) if step is not None else None
-    awaited = any(
-        s.kind == "wait_for" and s.parameters.get(kind) == name
-        for s in context.session.record.steps
-    )
     used = context.session.used(str(name))
-    return (
-        ""
-        if name is None or awaited or used == name
-        else f"it was called as {name}, and yours is named {used}"
-    )
+    if name is None or used == name or _awaited(context, kind, name):
+        return ""
+    return f"it was called as {name}, and yours is named {used}"
+
+
+def _awaited(context: Context, kind: str, name: str) -> bool:
+    """Tell whether a step waits for a service or action of this name."""
+    for step in context.session.record.steps:
+        if step.kind == "wait_for" and step.parameters.get(kind) == name:
+            return True
+    return False
 
 
 def earlier_silence(context: Context, step: StepRun | None, expected: str) -> Finding | None:
-    """State that a call could not be judged since an earlier one had no answer either; that is one mistake."""
-    if why := not_asked(context, step, "service"):
+    """State that a call was not tested because an earlier one had no answer either.
+
+    Both are the same mistake. None if all earlier calls were answered.
+    """
+    why = not_asked(context, step, "service")
+    if why:
         return not_reached(f"Not tested, because {why}. {THEN_THESE}", expected=expected)
+    for earlier in _steps_before(context, step):
+        if _silent(earlier):
+            reason = f'Not tested, because the call "{earlier.label}" got no answer. {THEN_THESE}'
+            return not_reached(reason, expected=expected)
+    return None
+
+
+def _steps_before(context: Context, step: StepRun | None) -> Sequence[StepRun]:
+    """Return the steps before a step, or all steps if it was not reached."""
     steps = context.session.record.steps
-    before = steps[: steps.index(step)] if step is not None else steps
-    silent = next((earlier for earlier in before if _silent(earlier)), None)
-    if silent is None:
-        return None
-    reason = f'Not tested, because the call "{silent.label}" got no answer. {THEN_THESE}'
-    return not_reached(reason, expected=expected)
+    return steps[: steps.index(step)] if step is not None else steps
 
 
 THEN_THESE = "Fix that, and these points can be earned too."
@@ -181,107 +225,175 @@ _STUCK_HINT = (
 
 
 def silence(context: Context, step: StepRun | None, expected: str, problem: str) -> Finding:
-    """State that a call had no answer, which is charged once: with the first of them."""
-    steps = context.session.record.steps
-    stuck = bool(_calls(step)) and any(
-        s.kind == "get_parameters" and s.outcome == "timeout" for s in steps
-    )
-    hint = _STUCK_HINT if stuck else _UNANSWERED_HINT if _calls(step) else ""
-    reason = f"{problem} {_STUCK}" if stuck else problem
-    fails = failed(expected, "no answer", reason, hint=hint, where=(call_location(context, step),))
-    return earlier_silence(context, step, expected) or unexplained(fails)
+    """State that a call had no answer; only the first such call costs points."""
+    earlier = earlier_silence(context, step, expected)
+    if earlier is not None:
+        return earlier
+    reason = problem
+    hint = ""
+    if _calls(step):
+        hint = _UNANSWERED_HINT
+        if _ignores_parameter_requests(context):
+            reason = f"{problem} {_STUCK}"
+            hint = _STUCK_HINT
+    where = (call_location(context, step),)
+    return unexplained(failed(expected, "no answer", reason, hint=hint, where=where))
+
+
+def _ignores_parameter_requests(context: Context) -> bool:
+    """Tell whether the node left a request for its parameters unanswered."""
+    for step in context.session.record.steps:
+        if step.kind == "get_parameters" and step.outcome == "timeout":
+            return True
+    return False
+
+
+@dataclass(frozen=True)
+class _Answered:
+    """An answer to the call that a check is about."""
+
+    response: Mapping[str, Any]
+    expected: str
+    measured: str
+    where: tuple[Location, ...]
 
 
 def call_answered(context: Context, p: CallAnswered) -> Finding:
     """Judge one answer."""
-    step = context.session.step(p.step)
-    if p.given is not None:
-        value = context.parameter(p.given.step, p.given.name)
-        otherwise = isinstance(value, type(p.given.value)) and value != p.given.value
-        step = context.session.step(p.given.instead) if otherwise else step
+    step = _step_that_counts(context, p)
     request = step.parameters.get("request", {}) if step is not None else {}
     expected = f"{shown(request)} → {shown(p.response)}"
     response = answer_of(step)
     where = (call_location(context, step),)
     if response is None:
         return silence(context, step, expected, problem_of(step))
-    if (same := same_request(context, step)) is not None:
-        reason = f"A request of this type has no field {' or '.join(request)}, so nobody can ask for this: "
-        return failed(
-            expected,
-            "the same request",
-            f"{reason}it is the same as that of '{same.label}'.",
-            where=where,
-        )
+    same = same_request(context, step)
+    if same is not None:
+        fields = " or ".join(request)
+        reason = f"A request of this type has no field {fields}, so nobody can ask for this: "
+        reason += f"it is the same as that of '{same.label}'."
+        return failed(expected, "the same request", reason, where=where)
     measured = f"{shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
-    wrong = [
-        f"{k} is {response.get(k)!r}, not {v!r}"
-        for k, v in p.response.items()
-        if response.get(k) != v
-    ]
-    if wrong:
-        return failed(expected, measured, f"In the answer, {' and '.join(wrong)}.", where=where)
-    later = [] if context.charged(p.again_charged_by) else _later_answers(context, p)
-    contrary = next((answer for answer in (response, *later) if _contradicts(p, answer)), None)
-    if contrary is not None and not context.charged(p.again_charged_by):
-        reason = f"It answers this request with {shown(contrary)}, which means the opposite."
-        hint = "Set the state to request.data instead of toggling it, and report the new state, not the previous one."
-        return failed(expected, measured, reason, hint=hint, where=where)
-    if (
-        changed := next((answer for answer in later if not _fits(answer, p.response)), None)
-    ) is not None:
-        reason = f"To the same request it answers {shown(changed)} later."
-        hint = "Answer each request by its own content, whatever the previous state was."
-        return graded(p.changed_credit, expected, measured, reason, hint=hint, where=where)
-    text = str(response.get(p.message_field, ""))
-    if p.message is not None and not text.strip():
-        return graded(
-            p.wordless_credit, expected, measured, "The answer's message is empty.", where=where
-        )
-    other_words = p.message is not None and not search(p.message, text)
-    notes = [f"The message {text!r} is not worded as in the lab."] if other_words else []
-    return passed(expected, measured, where=where, notes=notes)
+    answered = _Answered(response, expected, measured, where)
+    finding = _wrong_fields(answered, p)
+    if finding is None and not context.charged(p.again_charged_by):
+        finding = _contrary_or_changed(context, answered, p)
+    return finding or _judge_message(answered, p)
 
 
-def _fits(answer: Mapping[str, Any] | None, wanted: Mapping[str, Any]) -> bool:
-    return answer is not None and all(answer.get(k) == v for k, v in wanted.items())
+def _step_that_counts(context: Context, p: CallAnswered) -> StepRun | None:
+    """Return the call to judge, which depends on the value of a parameter if one is given."""
+    if p.given is not None:
+        value = context.parameter(p.given.step, p.given.name)
+        if isinstance(value, type(p.given.value)) and value != p.given.value:
+            return context.session.step(p.given.instead)
+    return context.session.step(p.step)
+
+
+def _wrong_fields(answered: _Answered, p: CallAnswered) -> Finding | None:
+    """State which fields of an answer have other values; None if all are right."""
+    wrong = []
+    for name, value in p.response.items():
+        got = answered.response.get(name)
+        if got != value:
+            wrong.append(f"{name} is {got!r}, not {value!r}")
+    if not wrong:
+        return None
+    reason = f"In the answer, {' and '.join(wrong)}."
+    return failed(answered.expected, answered.measured, reason, where=answered.where)
+
+
+def _contrary_or_changed(context: Context, answered: _Answered, p: CallAnswered) -> Finding | None:
+    """State that an answer means the opposite of the request, or that a later answer is another one."""
+    later = _later_answers(context, p)
+    for answer in (answered.response, *later):
+        if _contradicts(p, answer):
+            reason = f"It answers this request with {shown(answer)}, which means the opposite."
+            hint = "Set the state to request.data instead of toggling it, and report the new state, not the previous one."
+            return _less_for_answer(0.0, answered, reason, hint)
+    for answer in later:
+        if not _fits(answer, p.response):
+            reason = f"To the same request it answers {shown(answer)} later."
+            hint = "Answer each request by its own content, whatever the previous state was."
+            return _less_for_answer(p.changed_credit, answered, reason, hint)
+    return None
+
+
+def _less_for_answer(share: float, answered: _Answered, reason: str, hint: str = "") -> Finding:
+    """State that an answer earns only a share of the credit."""
+    return graded(
+        share, answered.expected, answered.measured, reason, hint=hint, where=answered.where
+    )
+
+
+def _judge_message(answered: _Answered, p: CallAnswered) -> Finding:
+    """Judge the message of an answer that is right otherwise."""
+    text = str(answered.response.get(p.message_field, ""))
+    notes = []
+    if p.message is not None:
+        if not text.strip():
+            reason = "The answer's message is empty."
+            return _less_for_answer(p.wordless_credit, answered, reason)
+        if not search(p.message, text):
+            notes.append(f"The message {text!r} is not worded as in the lab.")
+    return passed(answered.expected, answered.measured, where=answered.where, notes=notes)
+
+
+def _fits(answer: Answer, wanted: Mapping[str, Any]) -> bool:
+    if answer is None:
+        return False
+    return all(answer.get(name) == value for name, value in wanted.items())
 
 
 def _was_sent(step: StepRun | None) -> bool:
-    """Whether a call was made as the rubric has it: the student's type may lack some of the request's fields."""
-    asked = step.parameters.get("request") if step is not None else None
-    return step is not None and step.result.get("request", asked) == asked
+    """Tell whether a call was made with the rubric's request.
+
+    The student's type may lack some fields of it.
+    """
+    if step is None:
+        return False
+    wanted = step.parameters.get("request")
+    return bool(step.result.get("request", wanted) == wanted)
 
 
 def same_request(context: Context, step: StepRun | None) -> StepRun | None:
-    """Return an earlier call that should have been another one, but for lack of a field was the same."""
+    """Return an earlier call with the same request, though the rubric has another request for it.
+
+    The student's type then lacks the fields that differ. None if there is no such call.
+    """
     if step is None or _was_sent(step):
         return None
-    steps = context.session.record.steps
-    earlier = (s for s in steps[: steps.index(step)] if s.kind == step.kind)
-    return next(
-        (s for s in earlier if s.parameters.get("request") != step.parameters.get("request")), None
-    )
+    request = step.parameters.get("request")
+    for earlier in _steps_before(context, step):
+        if earlier.kind == step.kind and earlier.parameters.get("request") != request:
+            return earlier
+    return None
 
 
 def _later_answers(context: Context, p: CallAnswered) -> list[Mapping[str, Any]]:
-    """Return the answers of the later step, if it made the same request."""
-    step, later = context.session.step(p.step), context.session.step(p.again) if p.again else None
-    requests = [
-        s.parameters.get("request") for s in (step, later) if s is not None and _was_sent(s)
-    ]
-    alike = len(requests) == 2 and requests[0] == requests[1]
-    return [c["response"] for c in _calls(later) if c["response"] is not None] if alike else []
+    """Return the answers to a later step with the same request."""
+    step = context.session.step(p.step)
+    later = context.session.step(p.again) if p.again else None
+    if step is None or later is None:
+        return []
+    if not _was_sent(step) or not _was_sent(later):
+        return []
+    if step.parameters.get("request") != later.parameters.get("request"):
+        return []
+    return [call["response"] for call in _calls(later) if call["response"] is not None]
 
 
 def _contradicts(p: CallAnswered, answer: Mapping[str, Any]) -> bool:
-    """Whether a message says the contrary of the request, and not what is wanted too, as "enabled (was disabled)"."""
-    rest, found = (
-        without(p.contrary, str(answer.get(p.message_field, "")))
-        if p.contrary is not None
-        else ("", False)
-    )
-    return bool(found) and not (p.message is not None and search(p.message, rest))
+    """Tell whether a message says the contrary of the request alone.
+
+    The message "enabled (was disabled)" says both, and does not contradict.
+    """
+    if p.contrary is None:
+        return False
+    rest, found = without(p.contrary, str(answer.get(p.message_field, "")))
+    if not found:
+        return False
+    return p.message is None or not search(p.message, rest)
 
 
 class CallGated(Parameters):
@@ -324,84 +436,129 @@ class CallGated(Parameters):
     )
 
 
+@dataclass(frozen=True)
+class _Gate:
+    """Answers of a node while its parameter is off, on again, and off from the start."""
+
+    off: Answer
+    on: Answer
+    off_from_start: Answer
+    where: tuple[Location, ...]
+    expected: str
+
+    @property
+    def measured(self) -> str:
+        """Return the three answers in words."""
+        answers = f"off: {shown(self.off)}; on again: {shown(self.on)}"
+        return f"{answers}; off from the start: {shown(self.off_from_start)}"
+
+    def graded(self, share: float, reason: str, hint: str = "") -> Finding:
+        """State a share of credit with its reason."""
+        return graded(share, self.expected, self.measured, reason, hint=hint, where=self.where)
+
+
 def call_gated(context: Context, p: CallGated) -> Finding:
-    """Judge refusal, and recovery after it; recovery alone earns nothing, a refusal only from the start little."""
-    refused, recovered = shown(p.refused), shown(p.recovered)
-    expected = f"{refused} while the parameter is off, and after such a refusal {recovered} when it is on again"
-    steps = {
-        name: context.session.step(name)
-        for name in (p.refused_step, p.recovered_step, p.from_start_step)
-    }
-    off, on, started_off = (answer_of(step) for step in steps.values())
-    refuses, recovers, refuses_at_start = (
-        _fits(off, p.refused),
-        _fits(on, p.recovered),
-        _fits(started_off, p.refused),
+    """Judge the refusal while the parameter is off, and the recovery after it.
+
+    Recovery alone earns nothing. A refusal only from the start earns a part.
+    """
+    gate = _gate(context, p)
+    refuses = _fits(gate.off, p.refused)
+    if _cannot_be_enabled(context, p):
+        if _fits(gate.off, p.recovered) and _fits(gate.on, p.refused):
+            return gate.graded(p.half_credit, _REVERSED, "Invert the condition.")
+        if not refuses or not _fits(gate.on, p.recovered):
+            reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
+            return not_reached(reason, expected=gate.expected)
+    if gate.off is None:
+        return _no_refusal(context, p, gate)
+    if refuses:
+        return _judge_refusal(context, p, gate)
+    return _judge_without_refusal(context, p, gate)
+
+
+def _gate(context: Context, p: CallGated) -> _Gate:
+    """Collect the answers of the three calls."""
+    refused = context.session.step(p.refused_step)
+    recovered = context.session.step(p.recovered_step)
+    from_start = context.session.step(p.from_start_step)
+    wanted = f"{shown(p.refused)} while the parameter is off"
+    return _Gate(
+        off=answer_of(refused),
+        on=answer_of(recovered),
+        off_from_start=answer_of(from_start),
+        where=tuple(call_location(context, step) for step in (refused, recovered, from_start)),
+        expected=f"{wanted}, and after such a refusal {shown(p.recovered)} when it is on again",
     )
-    measured = f"off: {shown(off)}; on again: {shown(on)}; off from the start: {shown(started_off)}"
-    where = tuple(call_location(context, step) for step in steps.values())
-    enabling = context.findings.get(p.enables) if p.enables is not None else None
-    fails = enabling is not None and enabling.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
-    turned = fails and _fits(off, p.recovered) and _fits(on, p.refused)
-    if fails and not turned and not (refuses and recovers):
-        reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
-        return not_reached(reason, expected=expected)
-    if off is None and not turned:
-        step = steps[p.refused_step]
-        if not_asked(context, step, "service") or earlier_silence(context, step, expected) is None:
-            return silence(context, step, expected, "No answer came while the parameter was false.")
-        reason = "Not tested, because the node had already stopped answering."
-        return graded(
-            p.half_credit * refuses_at_start,
-            expected,
-            measured,
-            reason,
-            hint=THEN_THESE,
-            where=where,
-        )
+
+
+def _cannot_be_enabled(context: Context, p: CallGated) -> bool:
+    """Tell whether the check of the normal answer failed."""
+    finding = context.findings.get(p.enables) if p.enables is not None else None
+    if finding is None:
+        return False
+    return finding.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
+
+
+def _no_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
+    """State that no answer came while the parameter was off."""
+    step = context.session.step(p.refused_step)
+    is_first = earlier_silence(context, step, gate.expected) is None
+    if is_first or not_asked(context, step, "service"):
+        problem = "No answer came while the parameter was false."
+        return silence(context, step, gate.expected, problem)
+    share = p.half_credit * _fits(gate.off_from_start, p.refused)
+    reason = "Not tested, because the node had already stopped answering."
+    return gate.graded(share, reason, THEN_THESE)
+
+
+def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
+    """Judge the effects of a refusal on the allowed call and on the call after it."""
+    disallowed = _disallowed(context, p)
+    if disallowed is not None:
+        reason = f"{_DISALLOWS} {shown(disallowed)}."
+        return gate.graded(p.disallowed_credit, reason, _DISALLOWS_HINT)
+    if _fits(gate.on, p.recovered):
+        return gate.graded(1.0, "")
+    reason = "It refuses, but does not recover when the parameter is true again."
+    return gate.graded(p.half_credit, reason)
+
+
+def _disallowed(context: Context, p: CallGated) -> Answer:
+    """Return another answer to the call that must stay possible; None if it is right or charged."""
+    step = context.session.step(p.allowed_step) if p.allowed_step is not None else None
+    if not _was_sent(step) or context.charged(p.allowed_charged_by):
+        return None
+    answer = answer_of(step)
+    return None if _fits(answer, p.allowed) else answer
+
+
+def _judge_without_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
+    """Judge a node that enables while the parameter is off."""
+    words = str(gate.off.get(p.message_field, "")) if gate.off is not None else ""
+    recovers = _fits(gate.on, p.recovered)
+    if recovers and p.refusal is not None and search(p.refusal, words):
+        hint = "Set the success field to False too, not only the message."
+        return gate.graded(p.half_credit, _ONLY_MESSAGE, hint)
     unset = _not_set(context.session.step(p.set_step))
-    words = str(off.get(p.message_field, "")) if off is not None else ""
-    allowed_step = context.session.step(p.allowed_step) if p.allowed_step is not None else None
-    allowed = answer_of(allowed_step) if _was_sent(allowed_step) else None
-    is_charged = context.charged(p.allowed_charged_by)
-    disallows = refuses and allowed is not None and not is_charged and not _fits(allowed, p.allowed)
-    only_message = recovers and p.refusal is not None and search(p.refusal, words)
-    rows: tuple[tuple[object, float, str, str], ...] = (
-        (turned, p.half_credit, _REVERSED, "Invert the condition."),
-        (disallows, p.disallowed_credit, f"{_DISALLOWS} {shown(allowed)}.", _DISALLOWS_HINT),
-        (refuses and recovers, 1.0, "", ""),
-        (
-            refuses,
-            p.half_credit,
-            "It refuses, but does not recover when the parameter is true again.",
-            "",
-        ),
-        (
-            only_message,
-            p.half_credit,
-            _ONLY_MESSAGE,
-            "Set the success field to False too, not only the message.",
-        ),
-        (refuses_at_start and unset, p.half_credit, f"{_AT_START} {unset}", _SET_HINT),
-        (
-            refuses_at_start,
-            p.from_start_credit,
-            f"{_AT_START} a change while it runs has no effect.",
-            "",
-        ),
-        (unset, 0.0, f"It still enables the robot, because {unset}", _SET_HINT),
-        (True, 0.0, "It enables although the parameter is false.", ""),
-    )
-    _, share, reason, hint = next(row for row in rows if row[0])
-    return graded(share, expected, measured, reason, hint=hint, where=where)
+    if _fits(gate.off_from_start, p.refused):
+        if unset:
+            return gate.graded(p.half_credit, f"{_AT_START} {unset}", _SET_HINT)
+        reason = f"{_AT_START} a change while it runs has no effect."
+        return gate.graded(p.from_start_credit, reason)
+    if unset:
+        return gate.graded(0.0, f"It still enables the robot, because {unset}", _SET_HINT)
+    return gate.graded(0.0, "It enables although the parameter is false.")
 
 
 def _not_set(step: StepRun | None) -> str:
-    """Say that the parameter could not be set while the node ran, and what the node answered, if so."""
+    """Say that the parameter could not be set while the node ran, and quote the node's answer."""
     if step is None or step.outcome == "done":
         return ""
-    why = "; ".join(str(problem).rstrip(".") for problem in step.result.get("refused", {}).values())
-    return f"the parameter could not be set while it ran{': ' + why if why else ''}."
+    refused = step.result.get("refused", {})
+    why = "; ".join(str(problem).rstrip(".") for problem in refused.values())
+    answer = f": {why}" if why else ""
+    return f"the parameter could not be set while it ran{answer}."
 
 
 _AT_START = "It refuses only when the parameter is false from the start;"
@@ -436,31 +593,39 @@ class ParametersDeclared(Parameters):
 
 def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
     """Judge the parameters as the running node gives them."""
-    expected = ", ".join(f"{w.name} = {w.value!r}" for w in p.parameters)
+    expected = ", ".join(f"{wanted.name} = {wanted.value!r}" for wanted in p.parameters)
     step = context.session.step(p.step)
-    read = step is not None and step.outcome == "done"
-    if step is not None and not read and any(map(_silent, context.session.record.steps)):
-        ended = (
-            "the node had ended before it could be asked"
-            if step.outcome == "cancelled"
-            else "it answers no call"
-        )
-        return not_reached(f"Not tested: {ended}. {THEN_THESE}", expected=expected)
-    if step is None or not read:
-        problem = str(step.result.get("problem", "")) if step is not None else ""
-        reason = f"The node's parameters could not be read{': ' + problem if problem else ''}."
-        return failed(expected, "no answer", reason)
+    if step is None or step.outcome != "done":
+        return _not_read(context, step, expected)
     values: Mapping[str, Mapping[str, Any]] = step.result["values"]
-    parts = []
-    for wanted in p.parameters:
-        got = values.get(wanted.name, {"type": "", "value": None})
-        right = (got["type"], got["value"]) == (wanted.type, wanted.value)
-        reason = f"{wanted.name} is {got['value']!r} ({got['type']}), not {wanted.value!r} ({wanted.type})."
-        reason = reason if wanted.name in values else f"{wanted.name} is not declared."
-        share = p.other_value_credit if wanted.name in values else 0.0
-        parts.append(Part(1.0) if right else Part(share, reason=reason))
-    measured = ", ".join(f"{n} = {v['value']!r}" for n, v in values.items()) or "none of them"
+    parts = [_judge_parameter(wanted, values.get(wanted.name), p) for wanted in p.parameters]
+    read = [f"{name} = {got['value']!r}" for name, got in values.items()]
+    measured = ", ".join(read) or "none of them"
     return of_parts(expected, parts, measured=measured)
+
+
+def _not_read(context: Context, step: StepRun | None, expected: str) -> Finding:
+    """State that the parameters could not be read."""
+    if step is not None and any(map(_silent, context.session.record.steps)):
+        why = "it answers no call"
+        if step.outcome == "cancelled":
+            why = "the node had ended before it could be asked"
+        return not_reached(f"Not tested: {why}. {THEN_THESE}", expected=expected)
+    reason = f"The node's parameters could not be read{_problem_said(step)}."
+    return failed(expected, "no answer", reason)
+
+
+def _judge_parameter(
+    wanted: WantedParameter, got: Mapping[str, Any] | None, p: ParametersDeclared
+) -> Part:
+    """Judge type and value of one parameter; None if the node did not give it."""
+    if got is None:
+        return Part(0.0, reason=f"{wanted.name} is not declared.")
+    if (got["type"], got["value"]) == (wanted.type, wanted.value):
+        return Part(1.0)
+    is_so = f"{got['value']!r} ({got['type']})"
+    reason = f"{wanted.name} is {is_so}, not {wanted.value!r} ({wanted.type})."
+    return Part(p.other_value_credit, reason=reason)
 
 
 class CallsInTime(Parameters):
@@ -479,47 +644,69 @@ def calls_in_time(context: Context, p: CallsInTime) -> Finding:
     step = context.session.step(p.step)
     wanted = int(step.parameters.get("repeat", 1)) if step is not None else 1
     expected = f"{wanted} calls, each answered within {p.within_s:g} s"
-    calls, where = _calls(step), (call_location(context, step),)
     if step is None or _silent(step):
         return silence(context, step, expected, problem_of(step))
-    latencies = [_latency_s(call) for call in calls if call["response"] is not None]
-    quick = sum(latency <= p.within_s for latency in latencies)
-    slowest = (
-        f", slowest {apart(max(latencies) * 1e3, p.within_s * 1e3, places=1)} ms"
-        if latencies
-        else ""
-    )
-    measured = f"{quick} of {len(calls)} calls made in time{slowest}"
-    few = f"There was time for {len(calls)} of {wanted} calls." if len(calls) < wanted else ""
-    if few and quick == len(calls) < p.enough:
-        return unclear(expected, measured, f"{few} Those were answered in time.")
-    # How long the machine delayed a process in a call, that which makes it included, may be why it took so long.
-    spans = [Span(int(call["started_ns"]), int(call["ended_ns"])) for call in calls]
-    delays = [asking_delay_s(context, *each) for each in zip(spans, calls, strict=True)]
-    best = sum(
-        _latency_s(call) - delay <= p.within_s for call, delay in zip(calls, delays, strict=True)
-    ) / len(calls)
-    share, notes = quick / len(calls), [few] if few else []
-    doubt = f"Not your fault: the grading computer was too busy to time the calls (up to {max(delays):.2f} s)."
-    reason = f"{len(calls) - quick} of {len(calls)} calls took longer than {p.within_s:g} s, or got no answer."
-    reason += (
-        f" The quickest took {apart(min(latencies), p.within_s, places=2)} s."
-        if latencies and not quick
-        else ""
-    )
+    calls = _calls(step)
+    latencies_s = [_latency_s(call) for call in calls if call["response"] is not None]
+    quick = sum(latency_s <= p.within_s for latency_s in latencies_s)
+    measured = _shown_calls(quick, len(calls), latencies_s, p.within_s)
+    notes = []
+    if len(calls) < wanted:
+        few = f"There was time for {len(calls)} of {wanted} calls."
+        if quick == len(calls) < p.enough:
+            return unclear(expected, measured, f"{few} Those were answered in time.")
+        notes.append(few)
+    delays_s = [_call_delay_s(context, call) for call in calls]
+    share = quick / len(calls)
+    busy = "Not your fault: the grading computer was too busy to time the calls"
     return graded(
         share,
         expected,
         measured,
-        reason,
-        where=where,
+        _late_calls(quick, len(calls), latencies_s, p.within_s),
+        where=(call_location(context, step),),
         notes=notes,
-        best=max(share, best),
-        doubt=doubt,
+        best=max(share, _undelayed_share(calls, delays_s, p.within_s)),
+        doubt=f"{busy} (up to {max(delays_s):.2f} s).",
     )
 
 
+def _shown_calls(quick: int, count: int, latencies_s: Sequence[float], within_s: float) -> str:
+    measured = f"{quick} of {count} calls made in time"
+    if latencies_s:
+        slowest_ms = apart(max(latencies_s) * 1e3, within_s * 1e3, places=1)
+        measured += f", slowest {slowest_ms} ms"
+    return measured
+
+
+def _late_calls(quick: int, count: int, latencies_s: Sequence[float], within_s: float) -> str:
+    """Say how many calls were late, and how long the quickest took if all were."""
+    reason = f"{count - quick} of {count} calls took longer than {within_s:g} s, or got no answer."
+    if latencies_s and not quick:
+        reason += f" The quickest took {apart(min(latencies_s), within_s, places=2)} s."
+    return reason
+
+
+def _call_delay_s(context: Context, call: Mapping[str, Any]) -> float:
+    """Return the machine delay within a call, including the calling process, in seconds."""
+    span = Span(int(call["started_ns"]), int(call["ended_ns"]))
+    return asking_delay_s(context, span, call)
+
+
+def _undelayed_share(
+    calls: Sequence[Mapping[str, Any]], delays_s: Sequence[float], within_s: float
+) -> float:
+    """Return the share of calls that may have been in time without the machine delay."""
+    quick = 0
+    for call, delay_s in zip(calls, delays_s, strict=True):
+        quick += _latency_s(call) - delay_s <= within_s
+    return quick / len(calls)
+
+
 def asking_delay_s(context: Context, span: Span, asked: Mapping[str, Any]) -> float:
-    """Return for how long the machine delayed a process within a span, that which asked included, by its record."""
+    """Return the longest machine delay of a process within a span, in seconds.
+
+    The delays of the recorder and of the asking process, by its own record, are added.
+    """
     own_s = context.session.recorder_delay_s(span) + int(asked.get("held_up_ns", 0)) / 1e9
     return context.session.longest_delay_s(span) + own_s

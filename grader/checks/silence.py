@@ -1,4 +1,4 @@
-"""Checks of when nothing is published: until something happened, and after something did."""
+"""Checks of silence on a topic: until an event, and after one."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from grader.checks.base import (
 )
 from grader.checks.fields import Between, NumbersOf, moment
 from grader.evidence.cpu_delay import Span
+from grader.evidence.recorded import Integers
 from grader.lab import references as ref
 from grader.lab.references import Parameters
 from grader.result import Finding
@@ -30,7 +31,7 @@ class Condition(NumbersOf, Between):
     """Numbers of a message lie within limits for the first time."""
 
     def first_ns(self, context: Context) -> int | None:
-        """Return when that was; None if never."""
+        """Return the time of the first such message; None if there is none."""
         series = self.series(context.session)
         if series is None:
             return None
@@ -56,7 +57,7 @@ class SilentUntil(Parameters):
     )
 
     def begins_ns(self, context: Context) -> int | None:
-        """Return from when on it may publish; None if that never came."""
+        """Return the time from which it may publish; None if that never came."""
         if self.step is not None:
             step = context.session.step(self.step)
             return step.started_ns if step is not None else None
@@ -67,65 +68,69 @@ class SilentUntil(Parameters):
 
     @property
     def words(self) -> str:
-        """What it waits for, in words."""
+        """The event that begins it, in words."""
         if self.condition is not None:
             return f"{self.condition.field} of {self.condition.topic} is as asked"
-        return (
-            f"the step '{self.step}'"
-            if self.step is not None
-            else f"the first message on {self.message_on}"
-        )
+        if self.step is not None:
+            return f"the step '{self.step}'"
+        return f"the first message on {self.message_on}"
 
 
 def silent_until(context: Context, p: SilentUntil) -> Finding:
-    """Judge by the first messages on the topic; none that came too early is the machine's doing."""
+    """Judge the first messages on the topic; the machine cannot make a message too early."""
     expected = f"nothing on {p.topic} until {p.words}"
-    begins_ns, times = p.begins_ns(context), context.session.stream(p.topic).source_ns
-    early = (
-        times[times < (begins_ns - round(p.tolerance_s * 1e9))] if begins_ns is not None else times
-    )
+    begins_ns = p.begins_ns(context)
+    times = context.session.stream(p.topic).source_ns
+    early = times
+    if begins_ns is not None:
+        early = times[times < (begins_ns - round(p.tolerance_s * 1e9))]
     if len(early):
-        at_s, span = moment(context, p.topic, int(early.min()))
-        then = (
-            f"{p.words} came at {context.session.since_start_s(begins_ns):.2f} s"
-            if begins_ns
-            else "that never came"
-        )
-        reason = f"Messages come from {at_s:.2f} s on; {then}."
-        return failed(
-            expected,
-            f"{len(early)} messages too early",
-            reason,
-            where=(context.location(p.topic, span),),
-        )
+        return _too_early(context, p, expected, early, begins_ns)
     if begins_ns is None:
         return not_reached(f"Not tested, because this never came: {p.words}.", expected=expected)
-    if p.begins_within_s is None or (
-        len(times) and times.min() <= begins_ns + round(p.begins_within_s * 1e9)
-    ):
-        first = (
-            f"first message at {moment(context, p.topic, int(times.min()))[0]:.2f} s"
-            if len(times)
-            else "nothing"
-        )
-        return passed(expected, first)
-    span = Span(begins_ns, begins_ns + round(p.begins_within_s * 1e9))
-    delay_s = context.session.longest_delay_s(span)
+    first_ns = int(times.min()) if len(times) else None
+    if p.begins_within_s is None:
+        return passed(expected, _first_message(context, first_ns))
+    end_ns = begins_ns + round(p.begins_within_s * 1e9)
+    if first_ns is not None and first_ns <= end_ns:
+        return passed(expected, _first_message(context, first_ns))
+    span = Span(begins_ns, end_ns)
     reason = f"Nothing comes in the {p.begins_within_s:g} s after that either, so the silence proves nothing."
-    came_ns = int(
-        times.min(initial=context.session.record.ended_ns)
-    )  # What is not seen may come after the end.
+    return _never_began(context, expected, reason, span, first_ns)
+
+
+def _first_message(context: Context, first_ns: int | None) -> str:
+    if first_ns is None:
+        return "nothing"
+    return f"first message at {context.session.since_start_s(first_ns):.2f} s"
+
+
+def _too_early(
+    context: Context, p: SilentUntil, expected: str, early: Integers, begins_ns: int | None
+) -> Finding:
+    """State that messages came before the event."""
+    at_s, span = moment(context, p.topic, int(early.min()))
+    then = "that never came"
+    if begins_ns:
+        then = f"{p.words} came at {context.session.since_start_s(begins_ns):.2f} s"
+    reason = f"Messages come from {at_s:.2f} s on; {then}."
+    where = (context.location(p.topic, span),)
+    return failed(expected, f"{len(early)} messages too early", reason, where=where)
+
+
+def _never_began(
+    context: Context, expected: str, reason: str, span: Span, first_ns: int | None
+) -> Finding:
+    """State that no message came in the time after the event, unless the machine may have delayed it."""
+    delay_s = context.session.longest_delay_s(span)
+    # A message that was not seen may come after the end of the session.
+    came_ns = context.session.record.ended_ns
+    if first_ns is not None:
+        came_ns = min(came_ns, first_ns)
     best = float((came_ns - span.end_ns) / 1e9 <= delay_s)
-    return unexplained(
-        graded(
-            0.0,
-            expected,
-            "nothing afterwards",
-            reason,
-            best=best,
-            doubt=cpu_delay_doubt(delay_s, span.duration_s),
-        )
-    )
+    doubt = cpu_delay_doubt(delay_s, span.duration_s)
+    finding = graded(0.0, expected, "nothing afterwards", reason, best=best, doubt=doubt)
+    return unexplained(finding)
 
 
 class StopsPublishing(Parameters):
@@ -143,27 +148,40 @@ class StopsPublishing(Parameters):
 
 
 def stops_publishing(context: Context, p: StopsPublishing) -> Finding:
-    """Judge by the last message after the step."""
+    """Judge the last message after the step."""
     expected = f"nothing on {p.topic} later than {p.within_s:g} s after '{p.step}'"
-    step, times = context.session.step(p.step), context.session.stream(p.topic).source_ns
+    step = context.session.step(p.step)
     if step is None:
-        return not_reached(
-            f"Not tested, because the step '{p.step}' was not reached.", expected=expected
-        )
+        reason = f"Not tested, because the step '{p.step}' was not reached."
+        return not_reached(reason, expected=expected)
+    times = context.session.stream(p.topic).source_ns
     if not (times <= step.ended_ns).any():
-        return not_reached(
-            f"Not tested, because nothing was published before '{p.step}'.", expected=expected
-        )
-    until = context.session.step(p.until) if p.until is not None else None
-    until_ns = until.started_ns if until is not None else context.session.record.ended_ns
-    last_ns = int(times[times <= until_ns].max(initial=step.ended_ns))
-    late_s = max(0.0, (last_ns - step.ended_ns) / 1e9)
-    delay_s = context.session.longest_delay_s(Span(step.ended_ns, max(last_ns, step.ended_ns)))
-    shares = (ramp(s, p.within_s, p.none_from_s or p.within_s) for s in (late_s, late_s - delay_s))
-    share, best = (quantise(each, CREDIT_LEVELS) for each in shares)
-    count = int(((times > step.ended_ns + round(p.within_s * 1e9)) & (times <= until_ns)).sum())
+        reason = f"Not tested, because nothing was published before '{p.step}'."
+        return not_reached(reason, expected=expected)
+    times = times[times <= _until_ns(context, p)]
+    last_ns = int(times.max(initial=step.ended_ns))
+    after = Span(step.ended_ns, last_ns)
+    late_s = max(0.0, after.duration_s)
+    delay_s = context.session.longest_delay_s(after)
+    count = int((times > step.ended_ns + round(p.within_s * 1e9)).sum())
     shown = apart(late_s, p.within_s, places=2)
-    reason = f"{count} messages came later, the last one {shown} s after the step."
-    measured, doubt = f"last message {shown} s after the step", cpu_delay_doubt(delay_s, late_s)
-    where = (context.location(p.topic, Span(step.ended_ns, last_ns)),)
-    return graded(share, expected, measured, reason, where=where, best=best, doubt=doubt)
+    return graded(
+        _share(p, late_s),
+        expected,
+        f"last message {shown} s after the step",
+        f"{count} messages came later, the last one {shown} s after the step.",
+        where=(context.location(p.topic, after),),
+        best=_share(p, late_s - delay_s),
+        doubt=cpu_delay_doubt(delay_s, late_s),
+    )
+
+
+def _until_ns(context: Context, p: StopsPublishing) -> int:
+    """Return the end of the time that counts."""
+    until = context.session.step(p.until) if p.until is not None else None
+    return until.started_ns if until is not None else context.session.record.ended_ns
+
+
+def _share(p: StopsPublishing, late_s: float) -> float:
+    """Return the credit of a last message so long after the step."""
+    return quantise(ramp(late_s, p.within_s, p.none_from_s or p.within_s), CREDIT_LEVELS)

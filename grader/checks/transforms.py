@@ -1,8 +1,8 @@
-"""Check of the transforms that nodes broadcast: the tree of frames, its stamps and rates, and where frames lie."""
+"""Check of broadcast transforms: the tree of frames, its stamps and rates, and the poses of frames."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -56,7 +56,7 @@ class WantedFrame(Parameters):
 
 
 class WantedPose(Parameters):
-    """Where a frame lies in another, by numbers or by an oracle."""
+    """The pose of a frame in another, by numbers or by an oracle."""
 
     exactly_one = ("xyz", "oracle")
 
@@ -87,7 +87,7 @@ class WantedPose(Parameters):
 
 
 class Weights(Parameters):
-    """What each part counts beside the others; those of which nothing is asked count nothing."""
+    """Weight of each part. A part without anything to judge has no weight."""
 
     frames: float = Field(3.0, ge=0, description="The wanted frames with their parents.")
     tree: float = Field(1.0, ge=0, description="One root, one parent for each frame, no circle.")
@@ -103,7 +103,7 @@ class Weights(Parameters):
 
 
 class TransformTree(OfNode):
-    """Transforms are broadcast: frames with parents, a sound tree, stamps, rates, and where frames lie."""
+    """Transforms are broadcast: frames with parents, a sound tree, stamps, rates, and poses of frames."""
 
     process: ref.Process
     frames: tuple[WantedFrame, ...] = Field(min_length=1)
@@ -120,7 +120,7 @@ class TransformTree(OfNode):
         0.1, description="Relative deviation of a rate up to which credit is full."
     )
     rate_beyond: Share = Field(0.5, description="Relative deviation from which there is none.")
-    # tf2's BufferCore refuses quaternions whose squared length is more than 0.01 off 1.
+    # tf2's BufferCore refuses quaternions with a squared length more than 0.01 off 1.
     unit_within: float = Field(
         0.005, gt=0, description="How far the length of a quaternion may be from 1."
     )
@@ -137,51 +137,69 @@ class TransformTree(OfNode):
 
 
 def transform_tree(context: Context, p: TransformTree) -> Finding:
-    """Judge all that was broadcast, each part by its weight."""
-    expected = ", ".join(
-        f"{f.child} in {f.parent}{' (static)' if f.static else ''}" for f in p.frames
-    )
-    expected += f", from node {p.node}" if p.node else ""
+    """Judge all broadcast transforms, each part by its weight."""
+    expected = _expected_frames(p)
     seen = _Seen(context.session, p, context)
     if not any(seen.edge(wanted) for wanted in p.frames):
-        # Then the tree and the numbers of others are no achievement.
+        # A sound tree of other frames earns nothing.
         return unexplained(failed(expected, "none of these frames", _nothing(seen)))
-    groups = {
+    weights = p.weights.model_dump()
+    parts: list[Part] = []
+    for name, listed in _parts_by_group(seen).items():
+        if listed and weights[name]:
+            parts += weighed(listed, weights[name])
+    source = claimed_at(claim_of(context, "publisher", p.topic))
+    where = (*source, context.location(p.topic, seen.span))
+    return of_parts(expected, parts, costs=p.node_faults(_senders(context, p)), where=where)
+
+
+def _expected_frames(p: TransformTree) -> str:
+    frames = []
+    for wanted in p.frames:
+        static = " (static)" if wanted.static else ""
+        frames.append(f"{wanted.child} in {wanted.parent}{static}")
+    expected = ", ".join(frames)
+    if p.node:
+        expected += f", from node {p.node}"
+    return expected
+
+
+def _senders(context: Context, p: TransformTree) -> list[str]:
+    """Return the nodes that publish transforms."""
+    nodes = []
+    for topic in (p.topic, p.static_topic):
+        nodes += [endpoint.node for endpoint in student_endpoints(context, topic, "publisher")]
+    return nodes
+
+
+def _parts_by_group(seen: _Seen) -> dict[str, list[Part]]:
+    """Judge each part, under the name of its weight."""
+    p = seen.p
+    values = []
+    for wanted in p.frames:
+        edge = seen.edge(wanted)
+        if edge is not None:
+            values.append(_values(seen, edge))
+    rates = []
+    for wanted in p.frames:
+        if wanted.rate_hz is not None:
+            rates.append(_rate(seen, wanted, wanted.rate_hz))
+    return {
         "frames": [_frame(seen, wanted) for wanted in p.frames],
         "tree": _tree(seen),
-        "values": [
-            _values(seen, edge) for wanted in p.frames if (edge := seen.edge(wanted)) is not None
-        ],
+        "values": values,
         "stamps": [_stamps(seen, wanted) for wanted in p.frames if not wanted.static],
         "static": [_static(seen, wanted) for wanted in p.frames],
-        "rates": [
-            _rate(seen, wanted, wanted.rate_hz) for wanted in p.frames if wanted.rate_hz is not None
-        ],
+        "rates": rates,
         "poses": [_pose(seen, pose) for pose in p.poses],
     }
-    weights = p.weights.model_dump()
-    parts = [
-        part
-        for name, listed in groups.items()
-        if listed and weights[name]
-        for part in weighed(listed, weights[name])
-    ]
-    where = (
-        *claimed_at(claim_of(context, "publisher", p.topic)),
-        context.location(p.topic, seen.span),
-    )
-    senders = (
-        e.node
-        for topic in (p.topic, p.static_topic)
-        for e in student_endpoints(context, topic, "publisher")
-    )
-    return of_parts(expected, parts, costs=p.node_faults(list(senders)), where=where)
 
 
 def _nothing(seen: _Seen) -> str:
-    """Say what was sent in place of the wanted frames."""
+    """Describe the transforms that were sent in place of the wanted ones."""
     for topic in (seen.p.topic, seen.p.static_topic):
-        if (kind := seen.session.stream(topic).topic_type) not in ("", TF_MESSAGE):
+        kind = seen.session.stream(topic).topic_type
+        if kind not in ("", TF_MESSAGE):
             return f"{topic} carries {kind}, not {TF_MESSAGE}."
     if not seen.edges:
         return f"No transform was sent on {seen.p.topic} or {seen.p.static_topic}."
@@ -190,7 +208,7 @@ def _nothing(seen: _Seen) -> str:
 
 @dataclass(frozen=True)
 class _Seen:
-    """What was broadcast, as the check looks at it."""
+    """Broadcast transforms, with the corrections under which their other properties are judged."""
 
     session: Recorded
     p: TransformTree
@@ -202,19 +220,18 @@ class _Seen:
 
     @cached_property
     def edges(self) -> list[Broadcast]:
-        """All that was sent, what moves within the window; what is static first."""
-        of_topics = ((self.p.static_topic, True), (self.p.topic, False))
-        sent = (
-            edge
-            for topic, static in of_topics
-            for edge in broadcasts(self.session.stream(topic), static=static)
-        )
-        within = (each.within(None if each.child in self.static else self.span) for each in sent)
-        return [edge for edge in within if len(edge.stamps_ns)]
+        """All broadcasts, static ones first; moving ones only within the window."""
+        found = []
+        for topic, static in ((self.p.static_topic, True), (self.p.topic, False)):
+            for edge in broadcasts(self.session.stream(topic), static=static):
+                inside = edge.within(None if edge.child in self.static else self.span)
+                if len(inside.stamps_ns):
+                    found.append(inside)
+        return found
 
     @cached_property
     def static(self) -> frozenset[str]:
-        """The frames that are to be static, which may have been sent before the window."""
+        """The frames that must be static, which may have been sent before the window."""
         return frozenset(wanted.child for wanted in self.p.frames if wanted.static)
 
     @cached_property
@@ -223,83 +240,110 @@ class _Seen:
         return parents_of((edge.parent, edge.child) for edge in self.edges)
 
     def is_exchanged(self, wanted: WantedFrame) -> bool:
-        """Whether a frame was sent as the parent of its parent."""
-        return wanted.parent not in self.parents.get(
-            wanted.child, ()
-        ) and wanted.child in self.parents.get(wanted.parent, ())
+        """Tell whether a frame was sent as the parent of its parent."""
+        if wanted.parent in self.parents.get(wanted.child, ()):
+            return False
+        return wanted.child in self.parents.get(wanted.parent, ())
 
     @cached_property
     def wanted(self) -> frozenset[str]:
-        return frozenset(name for frame in self.p.frames for name in (frame.child, frame.parent))
+        names: set[str] = set()
+        for frame in self.p.frames:
+            names.update((frame.child, frame.parent))
+        return frozenset(names)
 
     @cached_property
     def misspelt(self) -> dict[str, str]:
-        """The frame that was sent in place of each wanted one that was not, where its name is nearly that."""
+        """The sent frame of a similar name, for each wanted frame that was not sent."""
         sent = {edge.child for edge in self.edges}
         others = sorted(sent - self.wanted)
-        missing = [frame.child for frame in self.p.frames if frame.child not in sent]
-        return {
-            name: near[0]
-            for name in missing
-            if (near := [other for other in others if is_misspelt(name, other)])
-        }
+        found = {}
+        for frame in self.p.frames:
+            if frame.child not in sent:
+                near = [other for other in others if is_misspelt(frame.child, other)]
+                if near:
+                    found[frame.child] = near[0]
+        return found
 
     def _named_right(self, edge: Broadcast) -> Broadcast:
-        """Return what was sent with the names that were meant."""
-        child = next(
-            (name for name, sent in self.misspelt.items() if sent == edge.child), edge.child
-        )
-        parents = [
-            f.parent
-            for f in self.p.frames
-            if f.child == child and is_misspelt(f.parent, edge.parent)
-        ]
-        parent = parents[0] if parents and edge.parent not in self.wanted else edge.parent
-        return replace(edge, child=child, parent=parent)
+        """Return a broadcast with the names that were meant."""
+        child = edge.child
+        for name, sent in self.misspelt.items():
+            if sent == edge.child:
+                child = name
+                break
+        return replace(edge, child=child, parent=self._parent_meant(child, edge.parent))
+
+    def _parent_meant(self, child: str, parent: str) -> str:
+        """Return the wanted parent of a frame if its name is similar to the sent one."""
+        if parent in self.wanted:
+            return parent
+        for frame in self.p.frames:
+            if frame.child == child and is_misspelt(frame.parent, parent):
+                return frame.parent
+        return parent
 
     @cached_property
     def put_right(self) -> list[Broadcast]:
-        """All that was sent, the wanted last, with the names right where they are exchanged or misspelt."""
-        wrong = {(f.child, f.parent) for f in self.p.frames if self.is_exchanged(f)}
-        right = [
-            e.exchanged() if (e.parent, e.child) in wrong else self._named_right(e)
-            for e in self.edges
-        ]
-        asked = {(f.parent, f.child) for f in self.p.frames}
+        """All broadcasts, with exchanged and misspelt names corrected; the wanted ones are last."""
+        exchanged = set()
+        asked = set()
+        for frame in self.p.frames:
+            asked.add((frame.parent, frame.child))
+            if self.is_exchanged(frame):
+                exchanged.add((frame.child, frame.parent))
+        right = []
+        for edge in self.edges:
+            if (edge.parent, edge.child) in exchanged:
+                right.append(edge.exchanged())
+            else:
+                right.append(self._named_right(edge))
         return sorted(right, key=lambda edge: (edge.parent, edge.child) in asked)
 
     def edge(self, wanted: WantedFrame, *, static: bool | None = None) -> Broadcast | None:
-        """Return what was sent of a frame, in whatever parent."""
-        fitting = [
-            e for e in self.put_right if e.child == wanted.child and static in (None, e.static)
-        ]
-        return next(
-            (e for e in fitting if e.parent == wanted.parent), fitting[0] if fitting else None
-        )
+        """Return the broadcast of a frame, if possible the one in the wanted parent."""
+        fitting = []
+        for edge in self.put_right:
+            if edge.child == wanted.child and static in (None, edge.static):
+                fitting.append(edge)
+        for edge in fitting:
+            if edge.parent == wanted.parent:
+                return edge
+        return fitting[0] if fitting else None
 
     @property
     def clock(self) -> Callable[[Integers], Integers]:
-        """What gives the time of the stamps, in ns, at times of the system clock."""
+        """The function from times of the system clock to times of the stamps, both in ns."""
         ticks = self.session.numeric("/clock", "clock") if self.p.simulated else None
         if ticks is None:
             return lambda times_ns: times_ns
-        begin_ns, shown_ns = int(ticks.source_ns[0]), np.round(ticks.values[:, 0] * 1e9)
-        return lambda times_ns: np.interp(
-            times_ns - begin_ns, ticks.source_ns - begin_ns, shown_ns
-        ).astype(np.int64)
+        begin_ns = int(ticks.source_ns[0])
+        since_ns = ticks.source_ns - begin_ns
+        shown_ns = np.round(ticks.values[:, 0] * 1e9)
+
+        def simulated(times_ns: Integers) -> Integers:
+            return np.interp(times_ns - begin_ns, since_ns, shown_ns).astype(np.int64)
+
+        return simulated
 
     def delay_s(self, start_ns: int, end_ns: int) -> float:
-        """Return for how long the machine delayed the process."""
+        """Return the machine delay of the process within a span, in seconds."""
         run = self.session.process(self.p.process)
-        return self.session.machine_delay_s(run, Span(start_ns, end_ns)) if run is not None else 0.0
+        if run is None:
+            return 0.0
+        return self.session.machine_delay_s(run, Span(start_ns, end_ns))
 
     def missing(self, wanted: WantedFrame) -> Part:
-        """State that nothing of a frame arrived, and where it may have been lost."""
-        reason = f"No transform of the frame {wanted.child} arrived{'' if wanted.static else f' on {self.p.topic}'}."
-        early = int(self.session.stream(self.p.topic).sequence.min(initial=2**32)) - 1
-        if wanted.static and 0 < early < 2**31:
-            reason += f" The first {early} messages on {self.p.topic} were sent before anybody listened: {_LATCH}"
-        return Part(0.0, reason=reason, hint=_STATIC_HINT if wanted.static else "")
+        """State that no transform of a frame arrived, and where it may have been lost."""
+        topic = self.p.topic
+        if not wanted.static:
+            return Part(0.0, reason=f"No transform of the frame {wanted.child} arrived on {topic}.")
+        reason = f"No transform of the frame {wanted.child} arrived."
+        early = int(self.session.stream(topic).sequence.min(initial=2**32)) - 1
+        if 0 < early < 2**31:
+            sent = f"The first {early} messages on {topic} were sent before anybody listened"
+            reason += f" {sent}: {_LATCH}"
+        return Part(0.0, reason=reason, hint=_STATIC_HINT)
 
 
 _LATCH = "what is sent once has to be latched."
@@ -309,26 +353,39 @@ _LATCH = "what is sent once has to be latched."
 
 
 def _frame(seen: _Seen, wanted: WantedFrame) -> Part:
-    """Judge that a frame has its parent; another kind of mistake with its name costs only what is known of it."""
-    child, parent, known = wanted.child, wanted.parent, seen.p.known_credit
-    parents, edge = seen.parents.get(child, []), seen.edge(wanted)
+    """Judge the parent and the name of a frame; a known mistake leaves part of the credit."""
+    child = wanted.child
+    parent = wanted.parent
+    known = seen.p.known_credit
+    edge = seen.edge(wanted)
     if seen.is_exchanged(wanted):
         reason = f"Parent and child are exchanged: {parent} was sent as a child of {child}."
         return Part(known, f"{parent} in {child}", reason, hint=_EXCHANGED_HINT)
     if edge is None:
         return seen.missing(wanted)
-    if (sent := seen.misspelt.get(child)) is not None:
+    sent = seen.misspelt.get(child)
+    if sent is not None:
         reason = f"The frame is named {sent}, not {child}; all else was judged under the name that it has."
         return Part(0.0, f"{sent} in {seen.parents[sent][0]}", reason)
-    # Where it is one of the wanted frames, the name of the parent is charged there.
-    charged = parent in (frame.child for frame in seen.p.frames)
-    if parent not in parents and not (charged and seen.misspelt.get(parent) in parents):
-        return Part(
-            0.0, f"{child} in {parents[0]}", f"The parent of {child} is {parents[0]}, not {parent}."
-        )
+    if not _has_parent(seen, wanted):
+        used = seen.parents[child][0]
+        reason = f"The parent of {child} is {used}, not {parent}."
+        return Part(0.0, f"{child} in {used}", reason)
     if edge.slashed:
         return Part(known, f"{child} in {parent}", _SLASH, hint=_SLASH_HINT)
     return Part(1.0, f"{child} in {parent}")
+
+
+def _has_parent(seen: _Seen, wanted: WantedFrame) -> bool:
+    """Tell whether a frame was sent in its parent.
+
+    A misspelt parent counts if it is a wanted frame, because its own part charges its name.
+    """
+    sent = seen.parents.get(wanted.child, [])
+    if wanted.parent in sent:
+        return True
+    is_charged = wanted.parent in (frame.child for frame in seen.p.frames)
+    return is_charged and seen.misspelt.get(wanted.parent) in sent
 
 
 _EXCHANGED_HINT = "header.frame_id is the parent, child_frame_id the child; the pose is that of the child in the parent."
@@ -337,29 +394,40 @@ _SLASH_HINT = "Write frame names without a slash: 'sensor', not '/sensor'."
 
 
 def _tree(seen: _Seen) -> list[Part]:
-    """Judge the tree as a whole; what is missing of it has cost its own part, and breaks it nowhere else."""
+    """Judge the tree as a whole: one parent a frame, no circle, one root.
+
+    A missing frame costs its own part, and does not break the tree.
+    """
     parents = parents_of((edge.parent, edge.child) for edge in seen.put_right)
     for wanted in seen.p.frames:
         parents.setdefault(wanted.child, [wanted.parent])
-    several = next(((child, names) for child, names in parents.items() if len(names) > 1), None)
-    circle = circle_in(parents)
-    roots = sorted({name for names in parents.values() for name in names} - parents.keys())
     found = []
-    if several is not None:
-        found.append(
-            f"The frame {several[0]} has {len(several[1])} parents: {', '.join(several[1][:_MOST_NAMED])}."
-        )
+    for child, names in parents.items():
+        if len(names) > 1:
+            named = ", ".join(names[:_MOST_NAMED])
+            found.append(f"The frame {child} has {len(names)} parents: {named}.")
+            break
+    circle = circle_in(parents)
     if circle:
         found.append(f"The frames form a circle: {' → '.join(circle[:_MOST_NAMED])}.")
+    roots = _roots(parents)
     if len(roots) > 1:
-        found.append(
-            f"There are {len(roots)} roots, not connected: {', '.join(roots[:_MOST_NAMED])}."
-        )
-    sound = Part(1.0, f"{len(parents)} frames below {roots[0]}" if len(roots) == 1 else "")
-    return [*(Part(0.0, reason=reason) for reason in found), *[sound] * (3 - len(found))]
+        named = ", ".join(roots[:_MOST_NAMED])
+        found.append(f"There are {len(roots)} roots, not connected: {named}.")
+    text = f"{len(parents)} frames below {roots[0]}" if len(roots) == 1 else ""
+    sound = [Part(1.0, text)] * (3 - len(found))
+    return [*(Part(0.0, reason=reason) for reason in found), *sound]
 
 
-#: Frames that are named.
+def _roots(parents: Mapping[str, Sequence[str]]) -> list[str]:
+    """Return the frames without a parent."""
+    names: set[str] = set()
+    for each in parents.values():
+        names.update(each)
+    return sorted(names - parents.keys())
+
+
+#: Greatest number of frames that are named.
 _MOST_NAMED = 5
 
 
@@ -379,36 +447,54 @@ def _values(seen: _Seen, edge: Broadcast) -> Part:
 
 
 def _static(seen: _Seen, wanted: WantedFrame) -> Part:
-    """Judge on which topic a frame was sent, and that the static ones reach whoever comes later."""
-    child, known, p = wanted.child, seen.p.known_credit, seen.p
-    static, moving = (seen.edge(wanted, static=kind) for kind in (True, False))
+    """Judge the topic of a frame, and whether later nodes get the static ones."""
+    child = wanted.child
+    p = seen.p
+    static = seen.edge(wanted, static=True)
+    moving = seen.edge(wanted, static=False)
     if static is None and moving is None:
         return seen.missing(wanted)
     if not wanted.static:
-        reason = (
-            f"{child} moves, and was sent on {p.static_topic}, where it is taken to stay for ever."
-        )
-        return (
-            Part(1.0)
-            if moving is not None and static is None
-            else Part(known if moving else 0.0, reason=reason)
-        )
+        return _moves(p, child, static, moving)
     if static is None:
-        once = moving is not None and len(np.unique(moving.source_ns)) == 1
-        reason = f"{child} was sent on {p.topic}, where it ages; what never moves belongs on {p.static_topic}."
-        lost = f"{child} was sent once on {p.topic}, without being latched: a node that starts later never gets it."
-        return Part(0.0 if once else known, reason=lost if once else reason, hint=_STATIC_HINT)
-    offers = [
-        e.qos.durability for e in student_endpoints(seen.context, p.static_topic, "publisher")
-    ]
-    if "volatile" in offers:
-        # Listeners of tf2 request TRANSIENT_LOCAL, with which it is not compatible however often it is sent.
+        return _not_on_static_topic(p, child, moving)
+    if _is_volatile(seen):
         reason = (
             f"{p.static_topic} is offered VOLATILE: a node that starts later never gets {child}."
         )
         return Part(0.0, reason=reason, hint=_STATIC_HINT)
+    if moving is None:
+        return Part(1.0)
     again = f"{child} was sent on {p.static_topic} and again on {p.topic}; once on {p.static_topic} is enough."
-    return Part(1.0) if moving is None else Part(known, reason=again)
+    return Part(p.known_credit, reason=again)
+
+
+def _moves(
+    p: TransformTree, child: str, static: Broadcast | None, moving: Broadcast | None
+) -> Part:
+    """Judge the topics of a frame that moves."""
+    if static is None:
+        return Part(1.0)
+    reason = f"{child} moves, and was sent on {p.static_topic}, where it is taken to stay for ever."
+    return Part(p.known_credit if moving else 0.0, reason=reason)
+
+
+def _not_on_static_topic(p: TransformTree, child: str, moving: Broadcast | None) -> Part:
+    """Judge a static frame that was sent as a moving one."""
+    if moving is not None and len(np.unique(moving.source_ns)) == 1:
+        reason = f"{child} was sent once on {p.topic}, without being latched: a node that starts later never gets it."
+        return Part(0.0, reason=reason, hint=_STATIC_HINT)
+    reason = f"{child} was sent on {p.topic}, where it ages; what never moves belongs on {p.static_topic}."
+    return Part(p.known_credit, reason=reason, hint=_STATIC_HINT)
+
+
+def _is_volatile(seen: _Seen) -> bool:
+    """Tell whether a publisher of static transforms is volatile.
+
+    Listeners of tf2 request TRANSIENT_LOCAL and are incompatible with it, however often it sends.
+    """
+    endpoints = student_endpoints(seen.context, seen.p.static_topic, "publisher")
+    return any(endpoint.qos.durability == "volatile" for endpoint in endpoints)
 
 
 _STATIC_HINT = "Use tf2_ros.StaticTransformBroadcaster, or a publisher with durability TRANSIENT_LOCAL on /tf_static."
@@ -418,147 +504,191 @@ _STATIC_HINT = "Use tf2_ros.StaticTransformBroadcaster, or a publisher with dura
 
 
 def _stamps(seen: _Seen, wanted: WantedFrame) -> Part:
-    """Judge the stamps of a frame that moves; one that is old since the machine delayed the program is not."""
-    edge, p = seen.edge(wanted, static=False), seen.p
+    """Judge the stamps of a moving frame; the machine delays may excuse old ones."""
+    edge = seen.edge(wanted, static=False)
     if edge is None:
         return seen.missing(wanted)
     if not edge.stamps_ns.any():
         reason = f"The stamps of {wanted.child} are 0."
         return Part(0.0, reason=reason, hint="Set header.stamp to self.get_clock().now().to_msg().")
+    p = seen.p
     ages_s = (seen.clock(edge.source_ns) - edge.stamps_ns) / 1e9
-    old, ahead = ages_s > p.oldest_s, ages_s < -p.ahead_s
+    old = ages_s > p.oldest_s
+    ahead = ages_s < -p.ahead_s
+    right = 1 - float((old | ahead).mean())
+    share = quantise(right)
+    if share == 1:
+        return Part(1.0)
+    best = quantise(right + _aged_by_delay(seen, edge, ages_s, old) / len(old))
     worst_s = float(ages_s[np.abs(ages_s).argmax()])
-    share = quantise(1 - float((old | ahead).mean()))
-    # Those that got old before they were published, since the machine delayed the program for so long.
-    aged = [(int(edge.source_ns[n]), float(ages_s[n])) for n in np.flatnonzero(old)[:_MOST_DOUBTED]]
-    excused = sum(
-        seen.delay_s(sent_ns - round(s * 1e9), sent_ns) >= s - p.oldest_s for sent_ns, s in aged
-    )
-    best = quantise(1 - float((old | ahead).mean()) + excused / len(old))
     which = "in the future" if worst_s < 0 else "old"
     reason = (
         f"Stamps of {wanted.child} are up to {abs(worst_s):.2f} s {which} when they are published."
     )
     doubt = "Not your fault: the grading computer delayed your program between a stamp and its publication."
-    return (
-        Part(1.0)
-        if share == 1
-        else Part(share, reason=reason, best=best, doubt=doubt if best > share else "")
-    )
+    return Part(share, reason=reason, best=best, doubt=doubt if best > share else "")
 
 
-#: Of more stamps that are old, not all can be the machine's doing.
+def _aged_by_delay(seen: _Seen, edge: Broadcast, ages_s: Floats, old: NDArray[np.bool_]) -> int:
+    """Return the number of old stamps that became too old because the machine delayed the program."""
+    aged = 0
+    for place in np.flatnonzero(old)[:_MOST_DOUBTED]:
+        sent_ns = int(edge.source_ns[place])
+        age_s = float(ages_s[place])
+        delay_s = seen.delay_s(sent_ns - round(age_s * 1e9), sent_ns)
+        aged += delay_s >= age_s - seen.p.oldest_s
+    return aged
+
+
+#: Greatest number of old stamps that the machine can have caused.
 _MOST_DOUBTED = 200
 
 
 def _rate(seen: _Seen, wanted: WantedFrame, rate_hz: float) -> Part:
-    """Judge how often a frame was sent, by the bounds that the machine's delays leave open."""
-    edge, p = seen.edge(wanted, static=False), seen.p
+    """Judge the rate of a frame, by the bounds that the machine delays leave."""
+    edge = seen.edge(wanted, static=False)
     if edge is None:
         return seen.missing(wanted)
     times_ns = np.unique(edge.source_ns)
     span = seen.span or Span(int(times_ns[0]), int(times_ns[-1]))
     if len(times_ns) < 3 or span.duration_s <= 0:
-        return Part(
-            0.0, reason=f"{wanted.child} was sent {len(times_ns)} times only, too few for a rate."
-        )
-    between_hz = (len(times_ns) - 1) / ((times_ns[-1] - times_ns[0]) / 1e9)
-    # Where it falls silent within the window, that is its rate too.
-    least, most = ((len(times_ns) + k) / span.duration_s for k in (-1, 1))
-    low_hz = float(min(max(between_hz, least), most))
+        reason = f"{wanted.child} was sent {len(times_ns)} times only, too few for a rate."
+        return Part(0.0, reason=reason)
+    low_hz = _measured_hz(times_ns, span)
     delay_s = seen.delay_s(span.start_ns, span.end_ns)
     high_hz = max(low_hz, min(rate_hz, without_delay(low_hz, delay_s, span.duration_s)))
-    error_hz = 2 * float(np.std(np.diff(times_ns))) / 1e9 * low_hz / span.duration_s
-    bounds_hz = (low_hz - error_hz, high_hz + error_hz)
-    nearest_hz = min(max(rate_hz, bounds_hz[0]), bounds_hz[1])
-    furthest, nearest = (
-        max(abs(hz / rate_hz - 1) for hz in bounds_hz),
-        abs(nearest_hz / rate_hz - 1),
-    )
-    share, best = (quantise(ramp(off, p.rate_within, p.rate_beyond)) for off in (furthest, nearest))
-    reason = f"{wanted.child} is sent at {low_hz:.1f} Hz, not {rate_hz:g} Hz." if share < 1 else ""
-    doubt = cpu_delay_doubt(delay_s, span.duration_s) if best > share and delay_s else ""
-    return Part(share, f"{wanted.child} at {low_hz:.1f} Hz", reason, best=best, doubt=doubt)
+    deviation_ns = float(np.std(np.diff(times_ns)))
+    error_hz = 2 * deviation_ns / 1e9 * low_hz / span.duration_s
+    share, best = _rate_shares(seen.p, rate_hz, low_hz - error_hz, high_hz + error_hz)
+    part = Part(share, f"{wanted.child} at {low_hz:.1f} Hz", best=best)
+    if share < 1:
+        reason = f"{wanted.child} is sent at {low_hz:.1f} Hz, not {rate_hz:g} Hz."
+        part = replace(part, reason=reason)
+    if best > share and delay_s:
+        part = replace(part, doubt=cpu_delay_doubt(delay_s, span.duration_s))
+    return part
 
 
-# -- where frames lie ------------------------------------------------------------------------------
+def _measured_hz(times_ns: Integers, span: Span) -> float:
+    """Return the rate between the first and the last time, lowered by a silence within the span."""
+    count = len(times_ns)
+    between_hz = (count - 1) / ((times_ns[-1] - times_ns[0]) / 1e9)
+    least_hz = (count - 1) / span.duration_s
+    most_hz = (count + 1) / span.duration_s
+    return float(min(max(between_hz, least_hz), most_hz))
 
-#: From this share of poses that fit, something explains them.
+
+def _rate_shares(
+    p: TransformTree, wanted_hz: float, least_hz: float, most_hz: float
+) -> tuple[float, float]:
+    """Return the worst and the best share of credit of a rate between two bounds."""
+    nearest_hz = min(max(wanted_hz, least_hz), most_hz)
+    nearest = abs(nearest_hz / wanted_hz - 1)
+    furthest = max(abs(least_hz / wanted_hz - 1), abs(most_hz / wanted_hz - 1))
+    worst = quantise(ramp(furthest, p.rate_within, p.rate_beyond))
+    best = quantise(ramp(nearest, p.rate_within, p.rate_beyond))
+    return worst, best
+
+
+# -- poses of frames -------------------------------------------------------------------------------
+
+#: Share of matching poses from which a known mistake explains them.
 _EXPLAINS = 0.9
 
 
 def _pose(seen: _Seen, p: WantedPose) -> Part:
-    """Judge where a frame lies in another; a mistake with a name leaves part of the credit."""
-    # What should be static, and was sent as if it moved, has cost its part.
-    tree = FrameTree(
-        replace(edge, static=edge.static or edge.child in seen.static) for edge in seen.put_right
-    )
-    times_ns = tree.times_ns(p.frame, p.within)
-    if p.at_s:
-        start_ns = (
-            [seen.span.start_ns + round(s * 1e9) for s in p.at_s] if seen.span is not None else []
-        )
-        times_ns = seen.clock(np.array(start_ns, dtype=np.int64))
+    """Judge the pose of a frame in another; a known mistake leaves part of the credit."""
+    tree = _frame_tree(seen)
+    times_ns = _pose_times_ns(seen, p, tree)
     poses = tree.pose(p.frame, p.within, times_ns)
     if poses is None or not len(times_ns) or (p.at_s and not np.isfinite(poses).any()):
         then = " at the time that is looked at" if p.at_s else ""
-        return Part(
-            0.0,
-            reason=f"Where {p.frame} lies in {p.within} was not tested: nothing connects them{then}.",
-        )
+        reason = f"Where {p.frame} lies in {p.within} was not tested: nothing connects them{then}."
+        return Part(0.0, reason=reason)
     expected = _expected(seen, p, times_ns, {})
     if expected is None:
-        return Part(
-            0.0,
-            reason=f"Where {p.frame} lies was not tested: nothing was recorded from which it follows.",
-        )
+        reason = f"Where {p.frame} lies was not tested: nothing was recorded from which it follows."
+        return Part(0.0, reason=reason)
     fits, off = _fit(p, poses, expected)
     share = quantise(float(fits.mean()))
-    best = max(
-        share, _undisturbed(seen, times_ns, fits) if p.oracle is not None and share < 1 else 0.0
-    )
     text = f"{p.frame} in {p.within} off by {off}"
     if share == 1:
         return Part(1.0, text)
     reason = f"{p.frame} in {p.within} is off by {off}; {p.tolerance_m:g} m and {p.tolerance_deg:g}° are allowed."
-    slips = _slips(seen, p, tree, times_ns, poses) if share < _EXPLAINS else ()
-    explaining = (
-        (known, meaning, hint) for right, known, meaning, hint in slips if right.mean() >= _EXPLAINS
-    )
-    known, meaning, hint = next(explaining, (0.0, "", ""))
-    credit = max(share, known)
-    doubt = (
-        "Not your fault: the grading computer delayed your program while it sent poses."
-        if best > credit
-        else ""
-    )
-    return Part(
-        credit, text, f"{reason} {meaning}".strip(), best=max(credit, best), doubt=doubt, hint=hint
-    )
+    part = Part(share, text, reason, best=share)
+    if p.oracle is not None:
+        part = replace(part, best=max(share, _undisturbed(seen, times_ns, fits)))
+    sent = _SentPoses(seen, p, tree, times_ns, poses, expected)
+    return _with_doubt(_with_mistake(part, sent))
+
+
+def _frame_tree(seen: _Seen) -> FrameTree:
+    """Return the tree of all broadcasts; the part of its topic charges a static frame sent as a moving one."""
+    edges = []
+    for edge in seen.put_right:
+        edges.append(replace(edge, static=edge.static or edge.child in seen.static))
+    return FrameTree(edges)
+
+
+def _pose_times_ns(seen: _Seen, p: WantedPose, tree: FrameTree) -> Integers:
+    """Return the times of the judged poses: the given ones, or the times of all broadcasts."""
+    if not p.at_s:
+        return tree.times_ns(p.frame, p.within)
+    start_ns: list[int] = []
+    if seen.span is not None:
+        start_ns = [seen.span.start_ns + round(at_s * 1e9) for at_s in p.at_s]
+    return seen.clock(np.array(start_ns, dtype=np.int64))
+
+
+def _with_mistake(part: Part, sent: _SentPoses) -> Part:
+    """Return a part with the first known mistake that explains the poses, if there is one."""
+    if part.share >= _EXPLAINS:
+        return part
+    for slip in _slips(sent):
+        if slip.right.mean() >= _EXPLAINS:
+            share = max(part.share, slip.credit)
+            reason = f"{part.reason} {slip.meaning}".strip()
+            return replace(part, share=share, reason=reason, hint=slip.hint)
+    return part
+
+
+def _with_doubt(part: Part) -> Part:
+    """Return a part with a doubt, if the machine delays may have cost credit."""
+    best = part.share if part.best is None else max(part.share, part.best)
+    doubt = ""
+    if best > part.share:
+        doubt = "Not your fault: the grading computer delayed your program while it sent poses."
+    return replace(part, best=best, doubt=doubt)
 
 
 def _undisturbed(seen: _Seen, times_ns: Integers, fits: NDArray[np.bool_]) -> float:
-    """Return the share of right poses among those about which the machine did not delay the program.
+    """Return the share of right poses among those near which the machine did not delay the program.
 
-    With too few of these, all others may have been right.
+    If these are too few, all other poses may have been right.
     """
-    near = ((int(t) - _NEAR_NS, int(t) + _NEAR_NS) for t in times_ns)
-    calm = np.array([seen.p.simulated or seen.delay_s(*span) < _HARMLESS_S for span in near])
-    return quantise(float((fits[calm] if calm.sum() >= _FEWEST_CALM else fits | ~calm).mean()))
+    calm = np.array([_is_calm(seen, int(t_ns)) for t_ns in times_ns])
+    possible = fits[calm] if calm.sum() >= _FEWEST_CALM else fits | ~calm
+    return quantise(float(possible.mean()))
 
 
-#: So near to a pose, a delay of the program may have changed it, if it is longer than that of any timer; and how many
-#: other poses can stand for all.
+def _is_calm(seen: _Seen, t_ns: int) -> bool:
+    if seen.p.simulated:
+        return True
+    return seen.delay_s(t_ns - _NEAR_NS, t_ns + _NEAR_NS) < _HARMLESS_S
+
+
+#: Time about a pose that is searched for delays, in ns; longest harmless delay, in seconds; and number of undisturbed
+#: poses that can stand for all.
 _NEAR_NS, _HARMLESS_S, _FEWEST_CALM = 200_000_000, 0.01, 5
 
 
 def _expected(
     seen: _Seen, p: WantedPose, times_ns: Integers, other: Mapping[str, Any]
 ) -> Floats | None:
-    """Return the poses as they are to be, with other parameters of the oracle; None without what they rest on."""
+    """Return the right poses, with other parameters of the oracle; None if a stream was not recorded."""
     if p.oracle is None:
         return np.repeat(pose_of(p.xyz or (), p.rpy), len(times_ns), axis=0)
-    streams = {role: of.series(seen.session) for role, of in p.streams.items()}
+    streams = {role: numbers.series(seen.session) for role, numbers in p.streams.items()}
     if None in streams.values():
         return None
     parameters = {**p.parameters, **other, "times_ns": times_ns}
@@ -567,52 +697,80 @@ def _expected(
 
 
 def _fit(p: WantedPose, poses: Floats, expected: Floats) -> tuple[NDArray[np.bool_], str]:
-    """Return which poses are within the tolerances, and how far off they usually are."""
+    """Return which poses are within the tolerances, and their median distances in words."""
     distance_m, angle = poses_apart(poses, expected)
     fits: NDArray[np.bool_] = (distance_m <= p.tolerance_m) & (angle <= p.tolerance_deg)
     if not np.isfinite(distance_m + angle).any():
         return fits, "numbers that are not a pose"
-    shown = (
-        apart(float(np.nanmedian(off)), limit, places=3)
-        for off, limit in ((distance_m, p.tolerance_m), (angle, p.tolerance_deg))
-    )
-    return fits, "{} m and {}°".format(*shown)
+    off_m = apart(float(np.nanmedian(distance_m)), p.tolerance_m, places=3)
+    off_deg = apart(float(np.nanmedian(angle)), p.tolerance_deg, places=3)
+    return fits, f"{off_m} m and {off_deg}°"
 
 
-def _slips(
-    seen: _Seen, p: WantedPose, tree: FrameTree, times_ns: Integers, poses: Floats
-) -> Iterator[tuple[NDArray[np.bool_], float, str, str]]:
-    """Give the known mistakes: which of the poses each explains, the credit that it leaves, its name, how to fix it."""
-    expected, known = _expected(seen, p, times_ns, {}), seen.p.known_credit
-    assert expected is not None
-    yield (
-        _fit(p, inverse(poses), expected)[0],
-        known,
-        f"It is the inverse: where {p.within} lies in {p.frame}.",
-        _INVERSE_HINT,
-    )
-    for edges in _suspects(tree, p):
-        if (rolled := tree.rolled(edges).pose(p.frame, p.within, times_ns)) is not None:
-            yield _fit(p, rolled, expected)[0], known, _WXYZ, _WXYZ_HINT
+@dataclass(frozen=True)
+class _SentPoses:
+    """Sent poses of a frame beside the right ones, with all that a known mistake is computed from."""
+
+    seen: _Seen
+    p: WantedPose
+    tree: FrameTree
+    times_ns: Integers
+    poses: Floats
+    expected: Floats
+
+    def matches(self, expected: Floats) -> NDArray[np.bool_]:
+        """Return which sent poses match other ones."""
+        return _fit(self.p, self.poses, expected)[0]
+
+    def right_if(self, poses: Floats) -> NDArray[np.bool_]:
+        """Return which poses, sent without a mistake, would be right."""
+        return _fit(self.p, poses, self.expected)[0]
+
+
+@dataclass(frozen=True)
+class _Slip:
+    """A known mistake."""
+
+    #: bool[n]: Which poses it explains.
+    right: NDArray[np.bool_]
+    #: Credit that it leaves.
+    credit: float
+    meaning: str
+    hint: str
+
+
+def _slips(sent: _SentPoses) -> Iterator[_Slip]:
+    """Yield the known mistakes, and which of the poses each explains."""
+    p = sent.p
+    known = sent.seen.p.known_credit
+    meaning = f"It is the inverse: where {p.within} lies in {p.frame}."
+    yield _Slip(sent.right_if(inverse(sent.poses)), known, meaning, _INVERSE_HINT)
+    for edges in _suspects(sent.tree, p):
+        rolled = sent.tree.rolled(edges).pose(p.frame, p.within, sent.times_ns)
+        if rolled is not None:
+            yield _Slip(sent.right_if(rolled), known, _WXYZ, _WXYZ_HINT)
     if p.oracle is None:
-        degrees = pose_of(p.xyz or (), [float(np.degrees(a)) for a in p.rpy])
-        # Turns about moving axes are those about fixed ones in the other order.
-        moving = np.hstack(
-            (degrees[:, :3], inverse(pose_of((0, 0, 0), [-a for a in p.rpy]))[:, 3:])
-        )
-        for pose, name, hint in (
-            (degrees, _DEGREES, "Use math.radians()."),
-            (moving, _MOVING_AXES, _MOVING_AXES_HINT),
-        ):
-            yield _fit(p, poses, np.repeat(pose, len(times_ns), axis=0))[0], known, name, hint
+        yield from _angle_slips(sent)
     for each in p.alternatives:
-        if (other := _expected(seen, p, times_ns, each.parameters)) is not None:
-            yield (
-                _fit(p, poses, other)[0],
-                each.left(seen.context),
-                f"Your poses match {each.meaning}.",
-                "",
-            )
+        other = _expected(sent.seen, p, sent.times_ns, each.parameters)
+        if other is not None:
+            credit = each.left(sent.seen.context)
+            yield _Slip(sent.matches(other), credit, f"Your poses match {each.meaning}.", "")
+
+
+def _angle_slips(sent: _SentPoses) -> Iterator[_Slip]:
+    """Yield the mistakes in roll, pitch and yaw: degrees, and turns about the moving axes."""
+    p = sent.p
+    known = sent.seen.p.known_credit
+    count = len(sent.times_ns)
+    degrees = pose_of(p.xyz or (), [float(np.degrees(angle)) for angle in p.rpy])
+    in_degrees = sent.matches(np.repeat(degrees, count, axis=0))
+    yield _Slip(in_degrees, known, _DEGREES, "Use math.radians().")
+    # Turns about moving axes are turns about fixed axes in the other order.
+    turned = inverse(pose_of((0, 0, 0), [-angle for angle in p.rpy]))
+    moving = np.hstack((degrees[:, :3], turned[:, 3:]))
+    about_moving = sent.matches(np.repeat(moving, count, axis=0))
+    yield _Slip(about_moving, known, _MOVING_AXES, _MOVING_AXES_HINT)
 
 
 _INVERSE_HINT = "Send the pose of the child as it is seen from the parent."
@@ -630,10 +788,14 @@ _WXYZ_HINT = (
 
 
 def _suspects(tree: FrameTree, p: WantedPose) -> Iterator[list[Broadcast]]:
-    """Give what may have been sent with another order of numbers: all between the frames, or one of not too many."""
-    edges = [edge for way in tree.between(p.frame, p.within) or () for edge in way]
+    """Yield the broadcasts between two frames that may have another order of numbers: all, or one at a time."""
+    edges: list[Broadcast] = []
+    for way in tree.between(p.frame, p.within) or ():
+        edges += way
     yield edges
-    yield from ([edge] for edge in edges[:_MOST_SUSPECTED])
+    for edge in edges[:_MOST_SUSPECTED]:
+        yield [edge]
 
 
+#: Greatest number of broadcasts that are suspected one at a time.
 _MOST_SUSPECTED = 10

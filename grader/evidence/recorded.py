@@ -501,11 +501,8 @@ class Recorded:
     @property
     def recorders(self) -> tuple[ProcessRun, ...]:
         """Return the grader's own processes on the way of the session's traffic into the recording."""
-        runs = []
-        for run in self.record.processes:
-            if run.role == "grader":
-                runs.append(run)
-        return tuple(run for run in runs if run.name != LINK)
+        graders = [run for run in self.record.processes if run.role == "grader"]
+        return tuple(run for run in graders if run.name != LINK)
 
     def students_cpu_s(self, span: Span) -> float:
         """Return the CPU time that the student's processes took within a span, in s."""
