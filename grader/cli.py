@@ -13,7 +13,9 @@ from collections.abc import Sequence
 from rich.console import Console
 
 from grader.commands import COMMANDS
-from grader.errors import GraderError, described
+from grader.commands.usage import WrongUsage
+from grader.errors import GraderError, PlatformError, UsageError, described
+from grader.limits import limit_behind
 from grader.live.process.priority import going_first
 
 _EXIT_STATUS = """\
@@ -33,12 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     gc.set_threshold(200_000, 20, 100)
     atexit.register(gc.freeze)
     try:
-        if arguments and arguments[0] in COMMANDS:
-            command = importlib.import_module(f"grader.commands.{arguments[0]}")
-            return int(command.run(arguments[1:], console))
-        with going_first():
-            grade = importlib.import_module("grader.commands.grade")
-            return int(grade.run(arguments, console, epilog=_epilog()))
+        return _run(_in_full(arguments), console)
     except BrokenPipeError:
         _discard_output()
         return GraderError.exit_status
@@ -54,11 +51,74 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 130
-    except Exception:
-        # Not 1, with which Python would end: that is a score below --fail-under.
+    except Exception as error:
         traceback.print_exc()
-        print("grade: this is a defect of the grader; there is no result", file=sys.stderr)
-        return GraderError.exit_status
+        return _report_defect(error)
+
+
+def _report_defect(error: Exception) -> int:
+    """Say what an unexpected exception means; returns the exit status."""
+    limit = limit_behind(f"{type(error).__name__}: {error}")
+    if limit is not None:
+        print(f"grade: {limit.present}, which can be the cause\n  {limit.remedy}", file=sys.stderr)
+        return PlatformError.exit_status
+    print("grade: this is a defect of the grader; there is no result", file=sys.stderr)
+    # Not 1, with which Python would end: that is a score below --fail-under.
+    return GraderError.exit_status
+
+
+def _in_full(arguments: list[str]) -> list[str]:
+    """Return the options that `grade help`, `grade help COMMAND` and `grade version` stand for."""
+    match arguments:
+        case ["help" | "version" as word]:
+            return [f"--{word}"]
+        case ["help", command] if command in COMMANDS:
+            return [command, "--help"]
+    return arguments
+
+
+def _run(arguments: list[str], console: Console) -> int:
+    if not arguments or arguments[0] not in COMMANDS:
+        return _grade(arguments, console)
+    word = arguments[0]
+    is_both = os.path.lexists(word) and _asks_for_grading(arguments)
+    has_options = any(argument.startswith("-") for argument in arguments)
+    if is_both and not has_options:
+        _note_folder(word)
+    command = importlib.import_module(f"grader.commands.{word}")
+    try:
+        status = int(command.run(arguments[1:], console))
+    except WrongUsage as usage:
+        if is_both and has_options:
+            _note(f"{word!r} is the folder here, because the options are those of grading.")
+            return _grade(arguments, console)
+        usage.print()
+        return UsageError.exit_status
+    if is_both and has_options:
+        _note_folder(word)
+    return status
+
+
+def _asks_for_grading(arguments: list[str]) -> bool:
+    return bool(importlib.import_module("grader.commands.grade").takes(arguments))
+
+
+def _note_folder(word: str) -> None:
+    _note(f"{word!r} is the command here. To grade the folder of this name: grade ./{word}")
+
+
+def _note(text: str) -> None:
+    print(f"grade: {text}", file=sys.stderr)
+
+
+def _grade(arguments: list[str], console: Console) -> int:
+    try:
+        with going_first():
+            grade = importlib.import_module("grader.commands.grade")
+            return int(grade.run(arguments, console, epilog=_epilog()))
+    except WrongUsage as usage:
+        usage.print()
+        return UsageError.exit_status
 
 
 class _Console(Console):

@@ -5,6 +5,8 @@ A student's fault is a finding, never an exception. Each class has its exit stat
 
 from __future__ import annotations
 
+from grader.limits import limit_behind
+
 
 class GraderError(Exception):
     """Base of all errors that end a grading without a score: what is wrong, where, and what can be done about it."""
@@ -70,6 +72,10 @@ def described(error: Exception) -> GraderError:
     """Return what any exception says as an error of the grader, with what can be done about it."""
     if isinstance(error, GraderError):
         return error
+    limit = limit_behind(f"{type(error).__name__}: {error}")
+    if limit is not None:
+        problem = f"the grader failed: {str(error) or type(error).__name__}; {limit.present}"
+        return PlatformError(problem, remedy=limit.remedy)
     if isinstance(error, OSError):
         remedy = "Check that the disk is not full and that the folder can be written to."
         return GraderError(

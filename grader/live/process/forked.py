@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import resource
 import runpy
 import signal
 import sys
@@ -19,6 +18,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
+from grader.limits import set_limit
 from grader.live.sandbox.namespaces import (
     close_descriptors,
     end_with_parent,
@@ -143,6 +143,4 @@ def _leave_everything(program: Program, parent: int, descriptors: Sequence[int])
     os.chdir("/")
     sys.argv = [program.name]
     if program.address_space_bytes is not None:
-        resource.setrlimit(
-            resource.RLIMIT_AS, (program.address_space_bytes, program.address_space_bytes)
-        )
+        set_limit("as", program.address_space_bytes)
