@@ -257,8 +257,9 @@ def _limit(bound: Bound) -> None:
 def limit_memory(most_bytes: int) -> None:
     """Limit the address space of this process, unless it is limited to less."""
     soft = resource.getrlimit(resource.RLIMIT_AS)[0]
-    is_lower = soft != resource.RLIM_INFINITY and soft < most_bytes
-    set_soft_limit("as", soft if is_lower else most_bytes)
+    if soft == resource.RLIM_INFINITY:
+        soft = most_bytes
+    set_soft_limit("as", min(soft, most_bytes))
 
 
 def write_all(file: int, content: bytes) -> None:

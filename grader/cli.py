@@ -9,6 +9,7 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from enum import Enum
 
 from rich.console import Console
 
@@ -78,36 +79,47 @@ def _in_full(arguments: list[str]) -> list[str]:
 
 
 def _run(arguments: list[str], console: Console) -> int:
-    if not arguments or arguments[0] not in COMMANDS:
+    word = arguments[0] if arguments else ""
+    if word not in COMMANDS:
         return _grade(arguments, console)
-    word = arguments[0]
-    is_both = os.path.lexists(word) and _asks_for_grading(arguments)
-    has_options = any(argument.startswith("-") for argument in arguments)
-    if is_both and not has_options:
+    meaning = _meaning(arguments)
+    if meaning is _Meaning.COMMAND_AND_FOLDER:
         _note_folder(word)
     command = importlib.import_module(f"grader.commands.{word}")
     try:
         status = int(command.run(arguments[1:], console))
     except WrongUsage as usage:
-        if is_both and has_options:
-            _note(f"{word!r} is the folder here, because the options are those of grading.")
+        if meaning is _Meaning.FOLDER_IF_NO_COMMAND:
+            text = f"{word!r} is the folder here, because the options are those of grading."
+            print(f"grade: {text}", file=sys.stderr)
             return _grade(arguments, console)
         usage.print()
         return UsageError.exit_status
-    if is_both and has_options:
+    if meaning is _Meaning.FOLDER_IF_NO_COMMAND:
         _note_folder(word)
     return status
 
 
-def _asks_for_grading(arguments: list[str]) -> bool:
-    return bool(importlib.import_module("grader.commands.grade").takes(arguments))
+class _Meaning(Enum):
+    """The possible meanings of arguments that start with the name of a command."""
+
+    COMMAND = "the command"
+    COMMAND_AND_FOLDER = "the command, although a folder of that name could be graded"
+    FOLDER_IF_NO_COMMAND = "the folder, if the command does not take these options"
+
+
+def _meaning(arguments: list[str]) -> _Meaning:
+    if not os.path.lexists(arguments[0]):
+        return _Meaning.COMMAND
+    if not importlib.import_module("grader.commands.grade").takes(arguments):
+        return _Meaning.COMMAND
+    if any(argument.startswith("-") for argument in arguments):
+        return _Meaning.FOLDER_IF_NO_COMMAND
+    return _Meaning.COMMAND_AND_FOLDER
 
 
 def _note_folder(word: str) -> None:
-    _note(f"{word!r} is the command here. To grade the folder of this name: grade ./{word}")
-
-
-def _note(text: str) -> None:
+    text = f"{word!r} is the command here. To grade the folder of this name: grade ./{word}"
     print(f"grade: {text}", file=sys.stderr)
 
 

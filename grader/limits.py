@@ -30,7 +30,9 @@ _MIB = 1024**2
 def attainable(name: str, wanted: int, pid: int = 0) -> int:
     """Return the highest value up to `wanted` that a limit of a process can have; of this process for 0."""
     hard = resource.prlimit(pid, _number_of(name))[1]
-    return wanted if hard == resource.RLIM_INFINITY else min(wanted, hard)
+    if _is_lower(hard, wanted):
+        return hard
+    return wanted
 
 
 def attainable_limits(wanted: Mapping[str, int]) -> dict[str, int]:
@@ -43,8 +45,9 @@ def set_limit(name: str, soft: int, hard: int | None = None, pid: int = 0) -> No
 
     Neither value exceeds the present hard limit.
     """
-    highest = soft if hard is None else hard
-    values = attainable(name, soft, pid), attainable(name, highest, pid)
+    if hard is None:
+        hard = soft
+    values = attainable(name, soft, pid), attainable(name, hard, pid)
     resource.prlimit(pid, _number_of(name), values)
 
 
@@ -58,6 +61,13 @@ def lift(name: str) -> None:
     """Raise a limit of this process as far as it may."""
     hard = resource.getrlimit(_number_of(name))[1]
     resource.setrlimit(_number_of(name), (hard, hard))
+
+
+def _is_lower(limit: int, value: int) -> bool:
+    """Return whether a limit is lower than a value; the largest has the number -1."""
+    if limit == resource.RLIM_INFINITY:
+        return False
+    return limit < value
 
 
 def _number_of(name: str) -> int:
@@ -88,7 +98,9 @@ class Need:
         """Return a value of this limit with its unit."""
         if self.unit != "MiB":
             return f"{value} {self.unit}".rstrip()
-        return f"{value / _MIB:.4g} MiB" if value >= _MIB / 10 else f"{value} bytes"
+        if value < _MIB / 10:
+            return f"{value} bytes"
+        return f"{value / _MIB:.4g} MiB"
 
 
 _NO_MEMORY = (os.strerror(errno.ENOMEM), "MemoryError", "failed to map segment from shared object")
@@ -124,15 +136,17 @@ class Shortage:
     @property
     def present(self) -> str:
         """The limit and its value, in words."""
-        used = f", {self.in_use} of them in use" if self.in_use else ""
-        return f"the limit on {self.need.words} ({self.need.name}) is {self.need.amount(self.value)}{used}"
+        need = self.need
+        words = f"the limit on {need.words} ({need.name}) is {need.amount(self.value)}"
+        if self.in_use:
+            words += f", {self.in_use} of them in use"
+        return words
 
     def __str__(self) -> str:
         """Return what the limit is, and what it should be."""
         if self.prevents_grading:
-            return (
-                f"{self.present}; grading needs {self.need.amount(self.need.least + self.in_use)}"
-            )
+            least = self.need.amount(self.need.least + self.in_use)
+            return f"{self.present}; grading needs {least}"
         usual = self.need.amount(self.need.usual)
         return f"{self.present}; students' programs get {usual} on other machines"
 
@@ -140,10 +154,15 @@ class Shortage:
     def remedy(self) -> str:
         """Where such a limit is set, and can be raised."""
         name = self.need.name
+        places = [
+            f"`{name}` in /etc/security/limits.conf",
+            f"Limit{name.upper()}= of a systemd unit",
+        ]
+        if name != "as":  # Docker has no option for it.
+            places.append(f"`--ulimit {name}=` of a container")
+        named = ", ".join(places)
         return (
-            f"Raise the hard limit '{name}' where this is started: `{name}` in "
-            f"/etc/security/limits.conf, Limit{name.upper()}= of a systemd unit, "
-            f"`--ulimit {name}=` of a container, or `ulimit` in a shell or script."
+            f"Raise the hard limit '{name}' where this is started: {named}, or `ulimit` in a shell."
         )
 
 
@@ -156,7 +175,7 @@ def shortages(in_use: Mapping[str, int]) -> list[Shortage]:
     for need in NEEDS:
         used = in_use.get(need.name, 0)
         value = resource.getrlimit(_number_of(need.name))[1]
-        if value != resource.RLIM_INFINITY and value < need.usual + used:
+        if _is_lower(value, need.usual + used):
             found.append(Shortage(need, value, used))
     return found
 
@@ -165,7 +184,7 @@ def raise_soft_limits() -> None:
     """Raise limits of this process to the usual ones, as far as its hard limits permit."""
     for need in NEEDS:
         soft = resource.getrlimit(_number_of(need.name))[0]
-        if soft != resource.RLIM_INFINITY and soft < attainable(need.name, need.usual):
+        if _is_lower(soft, attainable(need.name, need.usual)):
             set_soft_limit(need.name, need.usual)
 
 
@@ -175,7 +194,8 @@ def limit_behind(problem: str) -> Shortage | None:
         return None
     for need in NEEDS:
         value = resource.getrlimit(_number_of(need.name))[0]
-        is_low = value != resource.RLIM_INFINITY and value < need.usual * _FAR_ABOVE
-        if is_low and any(sign in problem for sign in need.signs):
+        if not _is_lower(value, need.usual * _FAR_ABOVE):
+            continue
+        if any(sign in problem for sign in need.signs):
             return Shortage(need, value)
     return None

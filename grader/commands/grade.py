@@ -148,7 +148,7 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
 
 
 def takes(arguments: Sequence[str]) -> bool:
-    """Whether these are arguments for grading, and all paths among them exist."""
+    """Return whether these are arguments for grading, and all paths among them exist."""
     if {"-h", "--help", "--version"}.intersection(arguments):
         return False
     try:

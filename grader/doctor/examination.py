@@ -109,8 +109,11 @@ def _confinement(isolation: Isolation) -> Iterator[Status]:
     elif isolation.namespaces:
         found = "not available; the grader watches memory instead, which suffices for a class"
         yield Status(Verdict.PASS, "control groups", found)
-    verdict = Verdict.PASS if isolation.level.at_least(Level.NO_CGROUP) else Verdict.WARNING
-    verdict = Verdict.FAIL if isolation.level is Level.NONE else verdict
+    verdict = Verdict.WARNING
+    if isolation.level.at_least(Level.NO_CGROUP):
+        verdict = Verdict.PASS
+    elif isolation.level is Level.NONE:
+        verdict = Verdict.FAIL
     lacks = (
         "" if verdict is Verdict.PASS else f"; lacks: {', '.join(isolation.describe()['lacks'])}"
     )

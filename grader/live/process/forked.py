@@ -77,7 +77,9 @@ class ForkedProcess:
 
 async def start_forked(program: Program) -> ForkedProcess:
     """Start a program as a fork in a session of its own, with pipes to it; it ends with this process."""
-    (stdin, to_it), (from_it, stdout), (errors, stderr) = (os.pipe() for _ in range(3))
+    stdin, to_it = os.pipe()
+    from_it, stdout = os.pipe()
+    errors, stderr = os.pipe()
     parent = os.getpid()
     pid = os.fork()
     if pid == 0:
@@ -111,7 +113,9 @@ def become(program: Program, parent: int, descriptors: Sequence[int]) -> NoRetur
         program.main()
         status = 0
     except SystemExit as end:
-        status = end.code if isinstance(end.code, int) else int(end.code is not None)
+        status = int(end.code is not None)
+        if isinstance(end.code, int):
+            status = end.code
     except BaseException:
         traceback.print_exc()
     finally:

@@ -33,12 +33,15 @@ def _tasks_in_use() -> int:
 
     As root they have a user id of their own each, and the kernel counts none of root's. In a user namespace all count.
     """
-    if os.geteuid() == 0 and _has_all_users():
+    if _is_root_of_the_machine():
         return 0
     return _OWN_TASKS + sum(len(tasks_of(pid)) for pid in processes_of_user(os.getuid()))
 
 
-def _has_all_users() -> bool:
-    """Whether this process is in no user namespace of its own."""
+def _is_root_of_the_machine() -> bool:
+    """Return whether the kernel counts no process of this user."""
     ids = Path("/proc/self/uid_map").read_text(encoding="ascii").split()
-    return ids[:2] == ["0", "0"]
+    root_here, root_outside = ids[:2]
+    if root_here != root_outside:
+        return False
+    return os.geteuid() == 0
