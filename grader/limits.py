@@ -181,8 +181,13 @@ def shortages(in_use: Mapping[str, int]) -> list[Shortage]:
 
 
 def raise_soft_limits() -> None:
-    """Raise limits of this process to the usual ones, as far as its hard limits permit."""
+    """Raise limits of this process to the usual ones, as far as its hard limits permit.
+
+    Soft limits on memory are left: the grader itself sets them for its work on a submission.
+    """
     for need in NEEDS:
+        if need.signs == _NO_MEMORY:
+            continue
         soft = resource.getrlimit(_number_of(need.name))[0]
         if _is_lower(soft, attainable(need.name, need.usual)):
             set_soft_limit(need.name, need.usual)

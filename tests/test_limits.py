@@ -54,6 +54,19 @@ def test_a_soft_limit_can_be_raised_again() -> None:
     assert below(resource.RLIMIT_NOFILE, 80, work) == [(50, 80), (80, 80)]
 
 
+def test_soft_limits_are_raised_but_for_memory() -> None:
+    """Only the hard limit on open files counts; memory stays limited as the grader limits itself."""
+
+    def work() -> tuple[int, int]:
+        limits.set_soft_limit("nofile", 50)
+        limits.set_soft_limit("as", 2**31)
+        limits.raise_soft_limits()
+        files, memory = resource.RLIMIT_NOFILE, resource.RLIMIT_AS
+        return resource.getrlimit(files)[0], resource.getrlimit(memory)[0]
+
+    assert below(resource.RLIMIT_NOFILE, 900, work) == (900, 2**31)
+
+
 @pytest.mark.parametrize(
     ("number", "hard", "problem", "name"),
     [
