@@ -24,6 +24,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar, cast
 
 from grader.errors import BoundError
+from grader.limits import set_limit, set_soft_limit
 
 with suppress(ImportError):  # There is none on Windows.
     import resource
@@ -242,12 +243,12 @@ class _InProcess(Exception):
 
 
 def _limit(bound: Bound) -> None:
-    resource.setrlimit(resource.RLIMIT_CORE, (0, resource.getrlimit(resource.RLIMIT_CORE)[1]))
+    set_soft_limit("core", 0)
     if bound.cpu_s is not None:
         seconds = max(1, round(bound.cpu_s))
-        resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 5))
+        set_limit("cpu", seconds, seconds + 5)
     if bound.file_bytes is not None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (bound.file_bytes, bound.file_bytes))
+        set_limit("fsize", bound.file_bytes)
     if bound.memory_bytes is not None:
         taken_bytes = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         limit_memory(taken_bytes + bound.memory_bytes)
@@ -255,9 +256,10 @@ def _limit(bound: Bound) -> None:
 
 def limit_memory(most_bytes: int) -> None:
     """Limit the address space of this process, unless it is limited to less."""
-    soft, hard = resource.getrlimit(resource.RLIMIT_AS)
-    most = [limit for limit in (most_bytes, soft, hard) if limit != resource.RLIM_INFINITY]
-    resource.setrlimit(resource.RLIMIT_AS, (min(most), hard))
+    soft = resource.getrlimit(resource.RLIMIT_AS)[0]
+    if soft == resource.RLIM_INFINITY:
+        soft = most_bytes
+    set_soft_limit("as", min(soft, most_bytes))
 
 
 def write_all(file: int, content: bytes) -> None:

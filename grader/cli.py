@@ -9,11 +9,14 @@ import os
 import sys
 import traceback
 from collections.abc import Sequence
+from enum import Enum
 
 from rich.console import Console
 
 from grader.commands import COMMANDS
-from grader.errors import GraderError, described
+from grader.commands.usage import WrongUsage
+from grader.errors import GraderError, PlatformError, UsageError, described
+from grader.limits import limit_behind
 from grader.live.process.priority import going_first
 from grader.plain_output import write_to_any_terminal
 
@@ -35,12 +38,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     gc.set_threshold(200_000, 20, 100)
     atexit.register(gc.freeze)
     try:
-        if arguments and arguments[0] in COMMANDS:
-            command = importlib.import_module(f"grader.commands.{arguments[0]}")
-            return int(command.run(arguments[1:], console))
-        with going_first():
-            grade = importlib.import_module("grader.commands.grade")
-            return int(grade.run(arguments, console, epilog=_epilog()))
+        return _run(_in_full(arguments), console)
     except BrokenPipeError:
         _discard_output()
         return GraderError.exit_status
@@ -56,11 +54,85 @@ def main(argv: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 130
-    except Exception:
-        # Not 1, with which Python would end: that is a score below --fail-under.
+    except Exception as error:
         traceback.print_exc()
-        print("grade: this is a defect of the grader; there is no result", file=sys.stderr)
-        return GraderError.exit_status
+        return _report_defect(error)
+
+
+def _report_defect(error: Exception) -> int:
+    """Say what an unexpected exception means; returns the exit status."""
+    limit = limit_behind(f"{type(error).__name__}: {error}")
+    if limit is not None:
+        print(f"grade: {limit.present}, which can be the cause\n  {limit.remedy}", file=sys.stderr)
+        return PlatformError.exit_status
+    print("grade: this is a defect of the grader; there is no result", file=sys.stderr)
+    # Not 1, with which Python would end: that is a score below --fail-under.
+    return GraderError.exit_status
+
+
+def _in_full(arguments: list[str]) -> list[str]:
+    """Return the options that `grade help`, `grade help COMMAND` and `grade version` stand for."""
+    match arguments:
+        case ["help" | "version" as word]:
+            return [f"--{word}"]
+        case ["help", command] if command in COMMANDS:
+            return [command, "--help"]
+    return arguments
+
+
+def _run(arguments: list[str], console: Console) -> int:
+    word = arguments[0] if arguments else ""
+    if word not in COMMANDS:
+        return _grade(arguments, console)
+    meaning = _meaning(arguments)
+    if meaning is _Meaning.COMMAND_AND_FOLDER:
+        _note_folder(word)
+    command = importlib.import_module(f"grader.commands.{word}")
+    try:
+        status = int(command.run(arguments[1:], console))
+    except WrongUsage as usage:
+        if meaning is _Meaning.FOLDER_IF_NO_COMMAND:
+            text = f"{word!r} is the folder here, because the options are those of grading."
+            print(f"grade: {text}", file=sys.stderr)
+            return _grade(arguments, console)
+        usage.print()
+        return UsageError.exit_status
+    if meaning is _Meaning.FOLDER_IF_NO_COMMAND:
+        _note_folder(word)
+    return status
+
+
+class _Meaning(Enum):
+    """The possible meanings of arguments that start with the name of a command."""
+
+    COMMAND = "the command"
+    COMMAND_AND_FOLDER = "the command, although a folder of that name could be graded"
+    FOLDER_IF_NO_COMMAND = "the folder, if the command does not take these options"
+
+
+def _meaning(arguments: list[str]) -> _Meaning:
+    if not os.path.lexists(arguments[0]):
+        return _Meaning.COMMAND
+    if not importlib.import_module("grader.commands.grade").takes(arguments):
+        return _Meaning.COMMAND
+    if any(argument.startswith("-") for argument in arguments):
+        return _Meaning.FOLDER_IF_NO_COMMAND
+    return _Meaning.COMMAND_AND_FOLDER
+
+
+def _note_folder(word: str) -> None:
+    text = f"{word!r} is the command here. To grade the folder of this name: grade ./{word}"
+    print(f"grade: {text}", file=sys.stderr)
+
+
+def _grade(arguments: list[str], console: Console) -> int:
+    try:
+        with going_first():
+            grade = importlib.import_module("grader.commands.grade")
+            return int(grade.run(arguments, console, epilog=_epilog()))
+    except WrongUsage as usage:
+        usage.print()
+        return UsageError.exit_status
 
 
 class _Console(Console):

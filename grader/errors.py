@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import re
 
+from grader.limits import limit_behind
+
 #: Beginning of the names of the grader's temporary folders.
 TEMPORARY = "grade-temporary-"
 #: A temporary folder of the grader's within a text, with the folder in it that holds what the user knows.
@@ -99,6 +101,10 @@ def described(error: Exception) -> GraderError:
     """Return what any exception says as an error of the grader, with what can be done about it."""
     if isinstance(error, GraderError):
         return error
+    limit = limit_behind(f"{type(error).__name__}: {error}")
+    if limit is not None:
+        problem = f"the grader failed: {str(error) or type(error).__name__}; {limit.present}"
+        return PlatformError(problem, remedy=limit.remedy)
     if isinstance(error, OSError):
         remedy = "Check that the disk is not full and that the folder can be written to."
         return GraderError(

@@ -9,7 +9,10 @@ GRADE=${GRADE:-/opt/grade/bin/grade}
 # Not within the checkout, where the submission may have laid out links.
 results=$(mktemp -d)
 
-arguments=("$SUBMISSION" --one --output "$results" --require-isolation "$REQUIRE_ISOLATION")
+# A name alone, such as "lab", could be taken for a command.
+submission=$SUBMISSION
+[[ $submission == /* ]] || submission=./$submission
+arguments=("$submission" --one --output "$results" --require-isolation "$REQUIRE_ISOLATION")
 [[ -z ${RUBRIC:-} ]] || arguments+=(--rubric "$RUBRIC")
 [[ -z ${SESSIONS:-} ]] || arguments+=(--sessions "$SESSIONS")
 [[ -z ${FAIL_UNDER:-} ]] || arguments+=(--fail-under "$FAIL_UNDER")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, TypeVar
 from rich.console import Console
 from rich.text import Text
 
+from grader.commands.usage import Parser
 from grader.errors import GraderError, PlatformError, RubricError
 from grader.lab.kept_lab import RUBRIC_FILE
 from grader.report.escape import terminal_text
@@ -32,9 +33,7 @@ _TRUE = ("1", "true", "yes")
 def parser_of(command: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
     """Return the parser of a command, whose texts are shown in the lines in which they stand."""
     form = argparse.RawDescriptionHelpFormatter
-    return argparse.ArgumentParser(
-        prog=command, description=description, epilog=epilog, formatter_class=form
-    )
+    return Parser(prog=command, description=description, epilog=epilog, formatter_class=form)
 
 
 def add_path(parser: _ActionsContainer, option: str, words: str, metavar: str = "FILE") -> None:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
+import argparse
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.text import Text
 
 from grader.commands.arguments import add_flag, add_lab, add_path, interpreter_of, parser_of
 from grader.report.escape import terminal_text
+
+if TYPE_CHECKING:
+    from grader.doctor.status import Status
 
 #: Exit status when something keeps this machine from grading.
 _UNFIT = 1
@@ -18,8 +23,7 @@ _STYLES = {"PASS": "green", "WARNING": "yellow", "FAIL": "red"}
 
 def run(arguments: Sequence[str], console: Console) -> int:
     """Examine the machine; returns the exit status."""
-    from grader.doctor.examination import Verdict, calibrate, examine
-    from grader.judging import rubrics
+    from grader.doctor.status import Verdict, status_of_limits
 
     words = "Examine this machine: can it grade, how well does it confine students' code, how quiet is it?"
     parser = parser_of("grade doctor", words, "Exit status 1 if it cannot grade.")
@@ -28,19 +32,31 @@ def run(arguments: Sequence[str], console: Console) -> int:
     add_lab(parser, "its solution is graded; default: that which travels with grade")
     options = parser.parse_args(arguments)
     interpreter = interpreter_of(options.python)
-    statuses = examine(interpreter)
-    if options.calibrate:
-        statuses = itertools.chain(
-            statuses, calibrate(interpreter, rubrics.read_rubric(options.rubric))
-        )
+    limits = status_of_limits()
+    _print(limits, console)
+    if limits.verdict is Verdict.FAIL:  # Under a limit on memory, the rest cannot even be imported.
+        return _UNFIT
     verdicts = []
-    for status in statuses:
+    for status in _statuses(interpreter, options):
         verdicts.append(status.verdict)
-        line = Text(f"{status.verdict.value:<8}", style=_STYLES[status.verdict.value])
-        line.append(f"{status.subject}: ", style="bold").append(
-            terminal_text(status.found), style="default not bold"
-        )
-        console.print(line, soft_wrap=True)
-        if status.remedy:
-            console.print(Text(f"        → {terminal_text(status.remedy)}"), soft_wrap=True)
+        _print(status, console)
     return _UNFIT if Verdict.FAIL in verdicts else 0
+
+
+def _statuses(interpreter: Path, options: argparse.Namespace) -> Iterator[Status]:
+    from grader.doctor.examination import calibrate, examine
+    from grader.judging import rubrics
+
+    yield from examine(interpreter)
+    if options.calibrate:
+        yield from calibrate(interpreter, rubrics.read_rubric(options.rubric))
+
+
+def _print(status: Status, console: Console) -> None:
+    line = Text(f"{status.verdict.value:<8}", style=_STYLES[status.verdict.value])
+    line.append(f"{status.subject}: ", style="bold").append(
+        terminal_text(status.found), style="default not bold"
+    )
+    console.print(line, soft_wrap=True)
+    if status.remedy:
+        console.print(Text(f"        → {terminal_text(status.remedy)}"), soft_wrap=True)

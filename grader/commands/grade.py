@@ -34,6 +34,7 @@ from grader.commands.arguments import (
     print_note,
 )
 from grader.commands.export import add_exports
+from grader.commands.usage import WrongUsage
 from grader.errors import GraderError, UsageError
 from grader.recording.submission import SUBMISSION_FILE
 from grader.result_folder import EXPORTED, HISTORY, RECORDINGS
@@ -146,18 +147,40 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--scheduler", metavar="ADDRESS", help=workers)
 
 
+def takes(arguments: Sequence[str]) -> bool:
+    """Return whether these are arguments for grading, and all paths among them exist."""
+    if {"-h", "--help", "--version"}.intersection(arguments):
+        return False
+    try:
+        options = _parser("").parse_args(arguments)
+    except WrongUsage:
+        return False
+    return all(path.exists() for path in options.submissions)
+
+
 def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     """Grade the submissions; returns the exit status."""
     parser = _parser(epilog)
     options = parser.parse_args(arguments)
     if options.scheduler is not None:
         return _run(parser, options, console)
+    _note_limits(console)
     from grader.live.ahead import Ahead
     from grader.live.sandbox.environment import require_platform
 
     require_platform(interpreter := interpreter_of(options.python))
     with Ahead(interpreter) as options.ahead:
         return _run(parser, options, console)
+
+
+def _note_limits(console: Console) -> None:
+    """Say which limits give students' programs less than elsewhere; raises PlatformError if one prevents grading."""
+    # First: under a limit on memory, not even the modules of the grader can be imported.
+    from grader.live.sandbox.enough import present_shortages, require_limits
+
+    require_limits()
+    for shortage in present_shortages():
+        print_note(console, f"Note: {shortage}.")
 
 
 def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: Console) -> int:

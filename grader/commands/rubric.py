@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from collections.abc import Sequence
 
 from rich.console import Console
 
-from grader.commands.arguments import rubric_path
+from grader.commands.arguments import parser_of, rubric_path
 
 
 def run(arguments: Sequence[str], console: Console) -> int:
@@ -16,10 +15,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.judging.rubrics import read_rubric, rubric_kinds
     from grader.lab.rubric import json_schema
 
-    parser = argparse.ArgumentParser(
-        prog="grade rubric",
-        description="Check a rubric, or print the JSON Schema by which editors check one.",
-    )
+    words = "Check a rubric, or print the JSON Schema by which editors check one."
+    parser = parser_of("grade rubric", words)
     parser.add_argument(
         "rubric",
         nargs="?",

@@ -9,12 +9,11 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
-from enum import Enum
 from importlib.metadata import version
 from pathlib import Path
 
 from grader import pipeline, result_folder
+from grader.doctor.status import Status, Verdict
 from grader.errors import PlatformError
 from grader.evidence.cpu_delay import Span
 from grader.evidence.recorded import Recorded
@@ -42,24 +41,6 @@ _BUSY_SHARE = 0.10
 _UNSTEADY_SHARE = 0.05
 #: Of disk, and of memory.
 _LEAST_BYTES = 2 * 1024**3
-
-
-class Verdict(str, Enum):
-    """What an examination says of one thing."""
-
-    PASS = "PASS"
-    WARNING = "WARNING"
-    FAIL = "FAIL"
-
-
-@dataclass(frozen=True)
-class Status:
-    """One line of the examination: what was seen, with its figures, and the one thing that would fix it."""
-
-    verdict: Verdict
-    subject: str
-    found: str
-    remedy: str = ""
 
 
 def _status(good: bool, subject: str, found: str, remedy: str) -> Status:

@@ -10,7 +10,6 @@ import csv
 import fcntl
 import json
 import os
-import pwd
 import re
 import shutil
 import subprocess
@@ -37,6 +36,7 @@ from grader.judging import rubrics  # noqa: E402
 from grader.live.sandbox.isolation import STUDENT_UIDS  # noqa: E402
 from grader.result import result_schema  # noqa: E402
 from grader.submission.extraction import SubmissionSource  # noqa: E402
+from tests.live.accounts import account  # noqa: E402
 from tests.live.attacks import ESCAPED, SOLUTION, Attack, lay_out, read_corpus  # noqa: E402
 from tests.live.surroundings import Remains, Surroundings  # noqa: E402
 from tests.machine import MACHINE  # noqa: E402
@@ -156,30 +156,6 @@ def result_names(batch: Batch, source: dict[str, Path], results: Path) -> dict[s
     others = sorted({p.name for p in results.iterdir() if p.is_dir()} - set(names.values()))
     unfit = [attack.name for attack in batch.attacks if attack.named is not None]
     return {**names, **dict(zip(unfit, others, strict=False))}
-
-
-@contextmanager
-def account() -> Iterator[tuple[int, int]]:
-    """Give user and group id of an account that exists only for this; without root, those of the caller."""
-    if os.geteuid() != 0:
-        yield os.getuid(), os.getgid()
-        return
-    name = f"grade-attacks-{os.getpid()}"
-    command = [
-        "useradd",
-        "--no-create-home",
-        "--home-dir",
-        "/nonexistent",
-        "--shell",
-        "/usr/sbin/nologin",
-        name,
-    ]
-    subprocess.run(command, check=True, capture_output=True)
-    try:
-        entry = pwd.getpwnam(name)
-        yield entry.pw_uid, entry.pw_gid
-    finally:
-        subprocess.run(["userdel", name], check=True, capture_output=True)
 
 
 def short_rubric() -> str:

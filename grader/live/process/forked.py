@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import os
-import resource
 import runpy
 import signal
 import sys
@@ -19,6 +18,7 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
+from grader.limits import set_limit
 from grader.live.sandbox.namespaces import (
     close_descriptors,
     end_with_parent,
@@ -77,7 +77,9 @@ class ForkedProcess:
 
 async def start_forked(program: Program) -> ForkedProcess:
     """Start a program as a fork in a session of its own, with pipes to it; it ends with this process."""
-    (stdin, to_it), (from_it, stdout), (errors, stderr) = (os.pipe() for _ in range(3))
+    stdin, to_it = os.pipe()
+    from_it, stdout = os.pipe()
+    errors, stderr = os.pipe()
     parent = os.getpid()
     pid = os.fork()
     if pid == 0:
@@ -111,7 +113,9 @@ def become(program: Program, parent: int, descriptors: Sequence[int]) -> NoRetur
         program.main()
         status = 0
     except SystemExit as end:
-        status = end.code if isinstance(end.code, int) else int(end.code is not None)
+        status = int(end.code is not None)
+        if isinstance(end.code, int):
+            status = end.code
     except BaseException:
         traceback.print_exc()
     finally:
@@ -143,6 +147,4 @@ def _leave_everything(program: Program, parent: int, descriptors: Sequence[int])
     os.chdir("/")
     sys.argv = [program.name]
     if program.address_space_bytes is not None:
-        resource.setrlimit(
-            resource.RLIMIT_AS, (program.address_space_bytes, program.address_space_bytes)
-        )
+        set_limit("as", program.address_space_bytes)

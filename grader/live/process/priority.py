@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import ctypes
 import os
-import resource
 import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from grader.limits import set_limit
 from grader.live.sandbox.machine import tasks_of
 
 #: Each step is a quarter more of a core that several want: others still get a tenth, and what is measured most.
@@ -92,7 +92,7 @@ def put_in_real_time(pids: Iterable[int], priority: int = RECORDING) -> None:
     """Let all threads of some of the grader's own processes, and those to come, go before all ordinary ones."""
     for pid in pids:
         with suppress(OSError, ValueError):
-            resource.prlimit(pid, resource.RLIMIT_RTTIME, (_RUNAWAY_US, _RUNAWAY_US))
+            set_limit("rttime", _RUNAWAY_US, pid=pid)
             for task in tasks_of(pid):
                 os.sched_setscheduler(int(task), os.SCHED_RR, os.sched_param(priority))
 

@@ -13,7 +13,6 @@ from __future__ import annotations
 import ctypes
 import json
 import os
-import resource
 import stat
 import struct
 import sys
@@ -22,6 +21,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from grader.limits import set_limit
 from grader.live.sandbox.namespaces import call, end_with_parent
 from grader.live.sandbox.seccomp import FilterProgram, filter_program
 
@@ -65,7 +65,7 @@ def main() -> None:
     """Confine this process as argv[1] says, and become the command."""
     plan = Confinement(**json.loads(sys.argv[1]))
     for name, value in plan.limits.items():
-        resource.setrlimit(getattr(resource, f"RLIMIT_{name.upper()}"), (value, value))
+        set_limit(name, value)
     _prctl(_SET_NO_NEW_PRIVS, 1)
     restrict([Path(p) for p in plan.read], [Path(p) for p in plan.write])
     if os.geteuid() == 0:

@@ -21,6 +21,7 @@ from pathlib import Path
 
 import grader
 from grader.errors import PlatformError
+from grader.live.sandbox.enough import require_limits
 from grader.live.sandbox.helpers import absolute_entries, python, run_helper
 
 #: What of ours stands in a student's sandbox: the tap and the settings of discovery.
@@ -128,6 +129,7 @@ def require_platform(interpreter: Path | None = None) -> None:
             remedy="The ROS 2 wheels exist for Linux x86-64. Grade there or in the container; "
             "`grade regrade` works on every system.",
         )
+    require_limits()
     if importlib.util.find_spec("rclpy") is None:
         raise PlatformError(
             "the Python package rclpy is not installed",

@@ -19,6 +19,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 import grader
+from grader.limits import attainable_limits
 from grader.live.sandbox.cgroup import PROCESSES, CgroupParents, SandboxCgroup
 from grader.live.sandbox.confine import Confinement, confines_signals
 from grader.live.sandbox.environment import (
@@ -334,7 +335,8 @@ def _limited(
     variables = [f"{name}={value}" for name, value in environment.items()]
     # `env` would take a program with this sign in its path for one more variable.
     shell = ["sh", "-c", 'exec "$@"', "sh"] if "=" in command[0] else []
-    limited = ["prlimit", *(f"--{name}={value}" for name, value in limits.items()), "--"]
+    had = attainable_limits(limits)
+    limited = ["prlimit", *(f"--{name}={value}" for name, value in had.items()), "--"]
     return [*limited, "env", "-i", "--", *variables, *shell, *command]
 
 

@@ -11,6 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from grader.errors import IsolationError
+from grader.limits import limit_behind
 from grader.live.sandbox.cgroup import SandboxCgroup, cgroup_parents
 from grader.live.sandbox.confine import confines_signals, landlock_version
 from grader.live.sandbox.helpers import find_tool, run_helper
@@ -190,6 +191,10 @@ def _run(
 
 
 def _remedy(problem: str) -> str:
+    """Say what permits namespaces, if the attempt to make them ended with this problem."""
+    limit = limit_behind(problem)
+    if limit is not None:
+        return f"Namespaces cannot be made here: {limit.present}. {limit.remedy}"
     restricted = Path("/proc/sys/kernel/apparmor_restrict_unprivileged_userns")
     with suppress(OSError):
         if restricted.read_text().strip() == "1" and os.geteuid() != 0:

@@ -13,7 +13,6 @@ import gc
 import importlib
 import os
 import pickle
-import resource
 import socket
 import sys
 from collections.abc import Collection, Sequence
@@ -21,6 +20,7 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
+from grader.limits import lift
 from grader.live.process.forked import Program
 from grader.live.process.forking import ForkingServer, serve
 from grader.live.process.priority import put_self_first
@@ -172,8 +172,7 @@ def main() -> None:
     end_with_parent()  # If that has ended already, so has the other side of the socket.
     put_self_first()
     # What limits the grader's own memory is not for the sandboxes, which have limits of their own.
-    hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-    resource.setrlimit(resource.RLIMIT_AS, (hard, hard))
+    lift("as")
     gc.disable()  # Nothing of what is imported is for collection.
     for module in _WITHOUT_ROS:
         importlib.import_module(module)

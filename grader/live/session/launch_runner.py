@@ -21,6 +21,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from grader.evidence.near_miss import LEAST_RATIO, likeness
+from grader.limits import attainable
 from grader.live.process.process import PipeReader, RunningProcess
 from grader.live.sandbox.isolation import LAUNCHING, PARAMETERS, WORKSPACE
 from grader.live.sandbox.scratch import remove_tree
@@ -235,7 +236,8 @@ class LaunchRunner:
             sandbox.copy_workspace(sandbox.workspace, launch_workspace)
         result_read, result_write = os.pipe()
         program = f"{sandbox.seen[LAUNCHING]}/evaluate.py"
-        command = ["prlimit", f"--as={_MAX_MEMORY_BYTES}", str(sandbox.plan.interpreter), program]
+        memory_bytes = attainable("as", _MAX_MEMORY_BYTES)
+        command = ["prlimit", f"--as={memory_bytes}", str(sandbox.plan.interpreter), program]
         command += ["--result-fd", str(result_write)]
         native = sandbox.plan.native
         environment = sandbox.environment({"PYTHONPATH": ""})

@@ -1,0 +1,33 @@
+"""Arguments that a command does not take. Imported at each start, and light for it."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from typing import NoReturn
+
+from grader.errors import UsageError
+
+
+class WrongUsage(SystemExit):
+    """Arguments that a command does not take; `message` is the complaint of argparse.
+
+    Uncaught, it ends the program with the status of wrong usage.
+    """
+
+    def __init__(self, parser: argparse.ArgumentParser, message: str) -> None:
+        super().__init__(UsageError.exit_status)
+        self.parser, self.message = parser, message
+
+    def print(self) -> None:
+        """Print usage and message as argparse does."""
+        self.parser.print_usage(sys.stderr)
+        print(f"{self.parser.prog}: error: {self.message}", file=sys.stderr)
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser that raises its complaint, because the arguments may be meant for another command."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise `WrongUsage`."""
+        raise WrongUsage(self, message)

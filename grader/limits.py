@@ -1,0 +1,206 @@
+"""Decides which of the kernel's limits on a process can be had, and names those that are too low for grading.
+
+A process may lower its hard limits, and only a privileged one may raise them: sudo, systemd and Docker start their
+commands below limits that no sandbox can exceed. A limit has the name of its `resource.RLIMIT_*` in lower case, such
+as "nofile".
+
+References
+----------
+getrlimit(2); `rlimit_core`, 0 by default, in sudoers(5); "Process Properties" in systemd.exec(5).
+"""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+
+with suppress(ImportError):  # Windows, where nothing is graded, has no such module.
+    import resource
+
+_MIB = 1024**2
+
+
+# -- limits that can be had --------------------------------------------------------------------------
+
+
+def attainable(name: str, wanted: int, pid: int = 0) -> int:
+    """Return the highest value up to `wanted` that a limit of a process can have; of this process for 0."""
+    hard = resource.prlimit(pid, _number_of(name))[1]
+    if _is_lower(hard, wanted):
+        return hard
+    return wanted
+
+
+def attainable_limits(wanted: Mapping[str, int]) -> dict[str, int]:
+    """Return the highest values up to the wanted ones that limits of this process's children can have."""
+    return {name: attainable(name, value) for name, value in wanted.items()}
+
+
+def set_limit(name: str, soft: int, hard: int | None = None, pid: int = 0) -> None:
+    """Limit a process, this one for 0; without `hard` the limit cannot be raised again.
+
+    Neither value exceeds the present hard limit.
+    """
+    if hard is None:
+        hard = soft
+    values = attainable(name, soft, pid), attainable(name, hard, pid)
+    resource.prlimit(pid, _number_of(name), values)
+
+
+def set_soft_limit(name: str, soft: int) -> None:
+    """Limit this process in a way that it can undo."""
+    hard = resource.getrlimit(_number_of(name))[1]
+    resource.setrlimit(_number_of(name), (attainable(name, soft), hard))
+
+
+def lift(name: str) -> None:
+    """Raise a limit of this process as far as it may."""
+    hard = resource.getrlimit(_number_of(name))[1]
+    resource.setrlimit(_number_of(name), (hard, hard))
+
+
+def _is_lower(limit: int, value: int) -> bool:
+    """Return whether a limit is lower than a value; the largest has the number -1."""
+    if limit == resource.RLIM_INFINITY:
+        return False
+    return limit < value
+
+
+def _number_of(name: str) -> int:
+    number: int = getattr(resource, f"RLIMIT_{name.upper()}")
+    return number
+
+
+# -- limits that are too low ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Need:
+    """A limit on which grading depends.
+
+    Below `least` sessions fail. `usual` is the value that students' programs get on other machines, and the highest
+    that grading makes use of. An error message has one of the `signs` if the limit was exceeded, for example
+    "Too many open files".
+    """
+
+    name: str
+    words: str
+    least: int
+    usual: int
+    unit: str = ""
+    signs: tuple[str, ...] = ()
+
+    def amount(self, value: int) -> str:
+        """Return a value of this limit with its unit."""
+        if self.unit != "MiB":
+            return f"{value} {self.unit}".rstrip()
+        if value < _MIB / 10:
+            return f"{value} bytes"
+        return f"{value / _MIB:.4g} MiB"
+
+
+_NO_MEMORY = (os.strerror(errno.ENOMEM), "MemoryError", "failed to map segment from shared object")
+_NO_PROCESS = (os.strerror(errno.EAGAIN), "can't start new thread")
+#: The limits on which grading depends. The solution was recorded under all of the least values at once, one session
+#: at a time; at half of those for open files, processes and file size sessions failed.
+NEEDS = (
+    Need("nofile", "open files", 64, 1024, "", (os.strerror(errno.EMFILE),)),
+    Need("nproc", "processes and threads of a user", 64, 256, "", _NO_PROCESS),
+    Need("as", "address space of a process", 768 * _MIB, 4096 * _MIB, "MiB", _NO_MEMORY),
+    Need("data", "data segment of a process", 768 * _MIB, 4096 * _MIB, "MiB", _NO_MEMORY),
+    Need("fsize", "file size", 16 * _MIB, 64 * _MIB, "MiB", (os.strerror(errno.EFBIG),)),
+    Need("stack", "stack of a process", _MIB, 8 * _MIB, "MiB"),
+    Need("cpu", "CPU time of a process", 600, 3600, "s"),
+)
+#: A limit that is so many times the usual value is not the cause of an error.
+_FAR_ABOVE = 16
+
+
+@dataclass(frozen=True)
+class Shortage:
+    """A limit that is lower than it is needed; `in_use` is how much of it is taken already."""
+
+    need: Need
+    value: int
+    in_use: int = 0
+
+    @property
+    def prevents_grading(self) -> bool:
+        """Whether no session can be recorded fairly with it."""
+        return self.value < self.need.least + self.in_use
+
+    @property
+    def present(self) -> str:
+        """The limit and its value, in words."""
+        need = self.need
+        words = f"the limit on {need.words} ({need.name}) is {need.amount(self.value)}"
+        if self.in_use:
+            words += f", {self.in_use} of them in use"
+        return words
+
+    def __str__(self) -> str:
+        """Return what the limit is, and what it should be."""
+        if self.prevents_grading:
+            least = self.need.amount(self.need.least + self.in_use)
+            return f"{self.present}; grading needs {least}"
+        usual = self.need.amount(self.need.usual)
+        return f"{self.present}; students' programs get {usual} on other machines"
+
+    @property
+    def remedy(self) -> str:
+        """Where such a limit is set, and can be raised."""
+        name = self.need.name
+        places = [
+            f"`{name}` in /etc/security/limits.conf",
+            f"Limit{name.upper()}= of a systemd unit",
+        ]
+        if name != "as":  # Docker has no option for it.
+            places.append(f"`--ulimit {name}=` of a container")
+        named = ", ".join(places)
+        return (
+            f"Raise the hard limit '{name}' where this is started: {named}, or `ulimit` in a shell."
+        )
+
+
+def shortages(in_use: Mapping[str, int]) -> list[Shortage]:
+    """Return the hard limits of this process that are lower than they are usually.
+
+    `in_use` says how much of a limit is taken already, for those that count more than this process.
+    """
+    found = []
+    for need in NEEDS:
+        used = in_use.get(need.name, 0)
+        value = resource.getrlimit(_number_of(need.name))[1]
+        if _is_lower(value, need.usual + used):
+            found.append(Shortage(need, value, used))
+    return found
+
+
+def raise_soft_limits() -> None:
+    """Raise limits of this process to the usual ones, as far as its hard limits permit.
+
+    Soft limits on memory are left: the grader itself sets them for its work on a submission.
+    """
+    for need in NEEDS:
+        if need.signs == _NO_MEMORY:
+            continue
+        soft = resource.getrlimit(_number_of(need.name))[0]
+        if _is_lower(soft, attainable(need.name, need.usual)):
+            set_soft_limit(need.name, need.usual)
+
+
+def limit_behind(problem: str) -> Shortage | None:
+    """Return the limit of this process that an error message tells of, such as "Too many open files"; else None."""
+    if sys.platform != "linux":
+        return None
+    for need in NEEDS:
+        value = resource.getrlimit(_number_of(need.name))[0]
+        if not _is_lower(value, need.usual * _FAR_ABOVE):
+            continue
+        if any(sign in problem for sign in need.signs):
+            return Shortage(need, value)
+    return None
