@@ -15,7 +15,7 @@ from rich.console import Console
 
 from grader.commands import COMMANDS
 from grader.commands.usage import WrongUsage
-from grader.errors import GraderError, PlatformError, UsageError, described
+from grader.errors import GraderError, PlatformError, described
 from grader.limits import limit_behind
 from grader.live.process.priority import going_first
 from grader.plain_output import write_to_any_terminal
@@ -96,7 +96,7 @@ def _run(arguments: list[str], console: Console) -> int:
             print(f"grade: {text}", file=sys.stderr)
             return _grade(arguments, console)
         usage.print()
-        return UsageError.exit_status
+        raise
     if meaning is _Meaning.FOLDER_IF_NO_COMMAND:
         _note_folder(word)
     return status
@@ -132,7 +132,7 @@ def _grade(arguments: list[str], console: Console) -> int:
             return int(grade.run(arguments, console, epilog=_epilog()))
     except WrongUsage as usage:
         usage.print()
-        return UsageError.exit_status
+        raise
 
 
 class _Console(Console):

@@ -122,7 +122,7 @@ _FAR_ABOVE = 16
 
 @dataclass(frozen=True)
 class Shortage:
-    """A limit that is lower than it is needed; `in_use` is how much of it is taken already."""
+    """A limit that is lower than it is needed; students' programs do not get the part that is `in_use`."""
 
     need: Need
     value: int
@@ -139,7 +139,7 @@ class Shortage:
         need = self.need
         words = f"the limit on {need.words} ({need.name}) is {need.amount(self.value)}"
         if self.in_use:
-            words += f", {self.in_use} of them in use"
+            words += f", and this user's programs and the grader take {self.in_use} of them"
         return words
 
     def __str__(self) -> str:
@@ -169,7 +169,7 @@ class Shortage:
 def shortages(in_use: Mapping[str, int]) -> list[Shortage]:
     """Return the hard limits of this process that are lower than they are usually.
 
-    `in_use` says how much of a limit is taken already, for those that count more than this process.
+    `in_use` says how much of a limit others take, for those that count more than one process.
     """
     found = []
     for need in NEEDS:

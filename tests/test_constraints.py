@@ -7,7 +7,6 @@ import sys
 from pathlib import Path
 
 import pytest
-import tomllib
 
 ROOT = Path(__file__).resolve().parents[1]
 UV = Path(sys.executable).with_name("uv")
@@ -38,7 +37,7 @@ def test_versions_resolve(python: str, tmp_path: Path) -> None:
 
 def test_an_older_python_is_refused() -> None:
     """The package names the oldest Python for which there are such versions, and so does `make`."""
-    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    assert project["requires-python"] == f">={PYTHONS[0]}"
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    assert f'requires-python = ">={PYTHONS[0]}"' in project
     assert "sys.version_info < (3, 11)" in (ROOT / "Makefile").read_text(encoding="utf-8")
     assert "sys.version_info < (3, 11)" in (ROOT / "ci/install.sh").read_text(encoding="utf-8")

@@ -25,7 +25,10 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def errors_of(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
     """Run `grade`; returns exit status and errors."""
-    status = main(list(arguments))
+    try:
+        status = main(list(arguments))
+    except SystemExit as end:
+        status = int(end.code or 0)
     return status, capsys.readouterr().err
 
 

@@ -9,9 +9,9 @@ GRADE=${GRADE:-/opt/grade/bin/grade}
 as_root() { if [[ $(id -u) == 0 ]]; then "$@"; else sudo -- "$@"; fi; }
 
 # A name alone, such as "lab", could be taken for a command.
-submission=$SUBMISSION
-[[ $submission == /* ]] || submission=./$submission
-arguments=("$submission" --one --output "$RESULTS" --require-isolation "$REQUIRE_ISOLATION")
+path=$SUBMISSION
+[[ $path == /* ]] || path=./$path
+arguments=("$path" --one --output "$RESULTS" --require-isolation "$REQUIRE_ISOLATION")
 [[ -z $RUBRIC ]] || arguments+=(--rubric "$RUBRIC")
 [[ -z $SESSIONS ]] || arguments+=(--sessions "$SESSIONS")
 [[ -z $FAIL_UNDER ]] || arguments+=(--fail-under "$FAIL_UNDER")

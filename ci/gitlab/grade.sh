@@ -10,9 +10,9 @@ GRADE=${GRADE:-/opt/grade/bin/grade}
 results=$(mktemp -d)
 
 # A name alone, such as "lab", could be taken for a command.
-submission=$SUBMISSION
-[[ $submission == /* ]] || submission=./$submission
-arguments=("$submission" --one --output "$results" --require-isolation "$REQUIRE_ISOLATION")
+path=$SUBMISSION
+[[ $path == /* ]] || path=./$path
+arguments=("$path" --one --output "$results" --require-isolation "$REQUIRE_ISOLATION")
 [[ -z ${RUBRIC:-} ]] || arguments+=(--rubric "$RUBRIC")
 [[ -z ${SESSIONS:-} ]] || arguments+=(--sessions "$SESSIONS")
 [[ -z ${FAIL_UNDER:-} ]] || arguments+=(--fail-under "$FAIL_UNDER")
