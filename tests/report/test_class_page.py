@@ -285,7 +285,13 @@ def test_the_page_says_how_times_are_known() -> None:
     """Due time, extensions and the source of each time are shown; a time that proves nothing is to do."""
     at = datetime(2026, 11, 20, 22, tzinfo=timezone(timedelta(hours=1)))
     extended = Override.model_validate(
-        {"submission": "bob", "extension": "2 days", "reason": "ill", "who": "J", "when": "2026-11-19"}
+        {
+            "submission": "bob",
+            "extension": "2 days",
+            "reason": "ill",
+            "who": "J",
+            "when": "2026-11-19",
+        }
     )
     page = page_of(
         timed("alice", HandedIn(at, "Moodle's grading worksheet")),
