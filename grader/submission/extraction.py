@@ -146,19 +146,20 @@ class SubmissionSource:
     pieces: tuple[Piece, ...]
     #: What a learning-management system tells: its id of the student, whether it is marked as late, the student's name.
     student_id: str | None = None
+    #: When it was handed in, without offset from UTC if the source of the time names none.
+    submitted_at: datetime | None = None
     late: bool = False
     student: str = ""
-    #: When it was handed in, without offset from UTC if the source of the time names none; and that source, in words.
-    submitted_at: datetime | None = None
-    time_source: str = ""
-    #: The time of the newest file in the archive, once that is extracted; it proves nothing.
-    newest_file: datetime | None = None
     #: All that is known of those who handed it in.
     identity: Identity = field(default_factory=Identity)
     #: Where it comes from, in words; written by students, so not to be trusted.
     location: str = ""
     #: The path that it was found by, the same however that was typed; empty where nobody knows.
     origin: str = ""
+    #: The source of the time of submission, in words.
+    time_source: str = ""
+    #: The time of the newest file in the archive, once that is extracted; it proves nothing.
+    newest_file: datetime | None = None
 
     @property
     def handed_in(self) -> HandedIn:
