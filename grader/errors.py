@@ -28,8 +28,10 @@ def without_temporary_names(text: str) -> str:
     """
 
     def known(found: re.Match[str]) -> str:
-        goes_on = found[0].endswith("/") and text[found.end() : found.end() + 1].strip("'\": ")
-        return "" if goes_on else "a temporary folder"
+        following = text[found.end() :][:1].strip("'\": ")
+        if following:
+            return ""
+        return "a temporary folder"
 
     text = _IN_THE_MAKING.sub(lambda found: found[1] or "", text)
     return _SCRATCH.sub(known, text)

@@ -9,34 +9,36 @@ import sys
 #: Name of the error handler below.
 _HANDLER = "grade-plain"
 #: Signs of our texts, and what says the same in ASCII.
-_PLAIN = {
-    "✓": "+",
-    "✕": "x",
-    "✗": "x",
-    "◐": "~",
-    "○": "o",
-    "●": "*",
-    "•": "*",
-    "·": "-",
-    "→": "->",
-    "▸": ">",
-    "−": "-",
-    "–": "-",
-    "—": "-",
-    "±": "+-",
-    "×": "x",
-    "≤": "<=",
-    "≥": ">=",
-    "…": "...",
-    "‘": "'",
-    "’": "'",
-    "“": '"',
-    "”": '"',
-    "⟨": "<",
-    "⟩": ">",
-    "\N{NO-BREAK SPACE}": " ",
-    "\N{NARROW NO-BREAK SPACE}": " ",
-}
+_PLAIN = str.maketrans(
+    {
+        "✓": "+",
+        "✕": "x",
+        "✗": "x",
+        "◐": "~",
+        "○": "o",
+        "●": "*",
+        "•": "*",
+        "·": "-",
+        "→": "->",
+        "▸": ">",
+        "−": "-",
+        "–": "-",
+        "—": "-",
+        "±": "+-",
+        "×": "x",
+        "≤": "<=",
+        "≥": ">=",
+        "…": "...",
+        "‘": "'",
+        "’": "'",
+        "“": '"',
+        "”": '"',
+        "⟨": "<",
+        "⟩": ">",
+        "\N{NO-BREAK SPACE}": " ",
+        "\N{NARROW NO-BREAK SPACE}": " ",
+    }
+)
 
 
 def write_to_any_terminal() -> None:
@@ -56,9 +58,5 @@ def _replaced(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end]
-    plain = [_PLAIN.get(sign) or _escaped(sign) for sign in text]
-    return "".join(plain), error.end
-
-
-def _escaped(sign: str) -> str:
-    return sign.encode("ascii", "backslashreplace").decode("ascii")
+    plain = text.translate(_PLAIN).encode("ascii", "backslashreplace")
+    return plain.decode("ascii"), error.end

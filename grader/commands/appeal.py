@@ -13,7 +13,10 @@ from grader.commands.arguments import add_flag, add_lab, add_path, parser_of, po
 from grader.commands.review import desk_of, login
 
 if TYPE_CHECKING:
+    from decimal import Decimal
+
     from grader.desk.decisions import Desk
+    from grader.result import CheckResult
 
 _DESCRIPTION = """\
 Look into an appeal: write the page of all evidence about a check, judge the recording again, and say whether that
@@ -87,13 +90,8 @@ def run(arguments: Sequence[str], console: Console) -> int:
             remedy="The report names the id at each check.",
         )
     before = next(check for check in result.checks if check.id == id_)
-    if options.set is not None and not 0 <= options.set <= before.possible:
-        most = points_text(before.possible)
-        raise UsageError(
-            f"{id_} has 0 to {most} points, not {points_text(options.set)}",
-            location="--set",
-            remedy="A bonus in overrides.yaml gives more.",
-        )
+    if options.set is not None:
+        _require_within(options.set, before)
     found = regrade(
         [folder],
         options.rubric,
@@ -121,6 +119,19 @@ def run(arguments: Sequence[str], console: Console) -> int:
             f"Noted in {desk.overrides_file}; the report shows it.", soft_wrap=True, markup=False
         )
     return 0
+
+
+def _require_within(given: Decimal, check: CheckResult) -> None:
+    """Raise UsageError if a check does not have so many points."""
+    from grader.errors import UsageError
+    from grader.report.views import points as points_text
+
+    if not 0 <= given <= check.possible:
+        raise UsageError(
+            f"{check.id} has 0 to {points_text(check.possible)} points, not {points_text(given)}",
+            location="--set",
+            remedy="A bonus in overrides.yaml gives more.",
+        )
 
 
 def _note(desk: Desk, name: str, options: argparse.Namespace) -> bool:

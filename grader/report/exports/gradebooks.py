@@ -128,47 +128,52 @@ class GradeBook:
 
     def _parts(self, lines: Sequence[_Line]) -> Iterator[Sequence[_Line]]:
         """Divide the lines into tables that have a complete key column each, the largest first."""
-        if self.line_by_line and lines:
-            yield lines
-            return
         while lines:
-            known = Counter(heading for found in lines for heading in found.keys)
+            missing = self._missing(lines)
             # Of those that name equally many students, the first in the table.
-            key = max(self._key_headings, key=lambda heading: known[heading])
-            yield [found for found in lines if key in found.keys]
-            lines = [found for found in lines if key not in found.keys]
+            key = min(missing, key=lambda heading: len(missing[heading]))
+            others = [] if self.line_by_line else missing[key]
+            yield [found for found in lines if found not in others]
+            lines = others
 
     def _table(self, lines: Sequence[_Line], heading: str, possible: Decimal) -> Returned:
-        complete = {name for name in self._key_headings if _everybody_has(name, lines)}
-        columns = [
-            column
-            for column in self.columns
-            if self.line_by_line or not column.is_key or column.heading in complete
-        ]
-        table: list[Sequence[str | Decimal]] = [[column.heading or heading for column in columns]]
+        missing = self._missing(lines)
+        complete = [name for name in missing if not missing[name]]
+        columns = list(self.columns)
+        if not self.line_by_line:
+            columns = [column for column in columns if not missing.get(column.heading)]
+        head = [column.heading or heading for column in columns]
+        table: list[Sequence[str | Decimal]] = [head]
         if self.second:
-            others = ["" for _ in columns[1:-1]]
-            table.append([self.second, *others, possible])
-        table += [[_cell(column, found) for column in columns] for found in lines]
+            table.append([self.second, *[""] * (len(columns) - 2), possible])
+        for found in lines:
+            table.append([_cell(column, found) for column in columns])
         text = csv_text(table, csv.QUOTE_ALL).removeprefix(BYTE_ORDER_MARK)
         returned = Returned(text.encode(), len(lines))
-        if advice := self.advice([name for name in self._key_headings if name in complete]):
+        advice = self.advice(complete)
+        if advice:
             returned.notes[advice] = []
         return returned
+
+    def _missing(self, lines: Sequence[_Line]) -> dict[str, list[_Line]]:
+        """Return by each heading of a key column the lines with an empty cell there."""
+        missing = {}
+        for heading in self._key_headings:
+            missing[heading] = [found for found in lines if heading not in found.keys]
+        return missing
 
     def _notes(self, lines: Sequence[_Line]) -> dict[str, list[str]]:
         """Return notes on incomplete columns and on points above the maximum, each with whom it is about."""
         notes = {}
-        for name in () if self.line_by_line else self._key_headings:
-            without = [found.share.entry.name for found in lines if name not in found.keys]
-            if without and len(without) < len(lines):
-                notes[f"not all have {name}, so no table has it with a gap; it is missing of"] = (
-                    without
-                )
-        above = [found.share for found in lines if found.share.is_above]
-        if above and self.above:
-            notes[f"more points than the maximum, {self.above}"] = [s.entry.name for s in above]
-        return notes
+        if not self.line_by_line:
+            for name, without in self._missing(lines).items():
+                note = f"not all have {name}, so no table has it with a gap; it is missing of"
+                if 0 < len(without) < len(lines):
+                    notes[note] = _names(without)
+        if self.above:
+            above = _names([found for found in lines if found.share.is_above])
+            notes[f"more points than the maximum, {self.above}"] = above
+        return {note: names for note, names in notes.items() if names}
 
     def _keys(self, share: Share) -> dict[str, str]:
         """Return by what the grade book finds a student, as far as that is known and can be written as it is."""
@@ -178,8 +183,8 @@ class GradeBook:
         return {heading: cell for heading, cell in cells.items() if cell and csv_cell(cell) == cell}
 
 
-def _everybody_has(heading: str, lines: Sequence[_Line]) -> bool:
-    return all(heading in found.keys for found in lines)
+def _names(lines: Sequence[_Line]) -> list[str]:
+    return [found.share.entry.name for found in lines]
 
 
 def _cell(column: Column, found: _Line) -> str | Decimal:

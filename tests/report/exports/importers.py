@@ -88,13 +88,18 @@ def moodle_grade_book(
             (student,) = found
         if not student:
             raise Refused("no user")
-        grade = row[head.index("Grade")]
-        if grade not in ("", "-") and not re.fullmatch(r"-?\d+(\.\d+)?", grade):
-            raise Refused(f"no grade: {grade}")
-        read[student] = Decimal(grade) if grade not in ("", "-") else None
-        if (read[student] or 0) > most:
-            raise Refused(f"too big: {grade}")
+        read[student] = _moodle_grade(row[head.index("Grade")], most)
     return read
+
+
+def _moodle_grade(cell: str, most: Decimal) -> Decimal | None:
+    if cell in ("", "-"):
+        return None
+    if not re.fullmatch(r"-?\d+(\.\d+)?", cell):
+        raise Refused(f"no grade: {cell}")
+    if Decimal(cell) > most:
+        raise Refused(f"too big: {cell}")
+    return Decimal(cell)
 
 
 def canvas(
