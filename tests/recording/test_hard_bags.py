@@ -6,13 +6,16 @@ import struct
 import tempfile
 import time
 from collections.abc import Callable
+from functools import cache, partial
 from pathlib import Path
 
 import pytest
+import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.opcode import Opcode
 
+from grader.bounded import Bound, in_process
 from grader.evidence.timing import timing_of
 from grader.recording.bag import Bag, BagWriter, recover
 from tests.synthetic import DEFINITIONS, FLOATS, RELIABLE, floats
@@ -154,3 +157,33 @@ def test_no_bytes_are_too_much(changes: list[tuple[int, bytes, bool]], cut: int)
         assert recover(Path(name))
         assert _read(Path(name)) == found
         assert time.process_time() - began_s < MOST_S
+
+
+@cache
+def _zeros(size: int, *, told: bool) -> bytes:
+    """Return so many zeros as a frame of zstd, which is small, with its size in it or without."""
+    compressor = zstandard.ZstdCompressor().compressobj(size=size if told else -1)
+    piece = bytes(2**20)
+    parts = [compressor.compress(piece) for _ in range(size // len(piece))]
+    return b"".join([*parts, compressor.flush()])
+
+
+@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize("claimed", [1000, 2**30, 2**63])
+def test_a_small_bag_does_not_open_large(told: bool, claimed: int, tmp_path: Path) -> None:
+    """Whatever size a chunk claims and its data says, no more memory is taken than a session's recording may have."""
+    data = _zeros(2**28, told=told)
+    chunk = struct.pack("<QQQI", 0, 0, claimed, 0) + _string("zstd")
+    chunk += struct.pack("<Q", len(data)) + data
+    whole = _record(Opcode.CHUNK, chunk)
+    assert len(whole) < 50_000
+    folder = _bag(tmp_path, _described(1) + whole + _message(0, 1, 1, 1, floats([1.0])))
+    bound = Bound("opening a bag", cpu_s=20.0, wall_s=60.0, memory_bytes=100 * 2**20)
+    count, damage = in_process(partial(_count_and_damage, folder), bound)
+    assert count == 1
+    assert len(damage) == 1
+
+
+def _count_and_damage(folder: Path) -> tuple[int, tuple[str, ...]]:
+    bag = Bag.open(folder)
+    return len(bag.stream("/t0")), bag.damage
