@@ -301,11 +301,11 @@ class ChosenFile:
     #: The file name that the lab asks for.
     expected: str
     path: str
-    #: Those that were not graded.
+    #: Files of the same name that were not graded.
     others: tuple[str, ...]
-    #: Why this one, as a clause.
+    #: The reason, as a clause.
     why: str
-    #: Whether nothing told them apart, so that a person must look.
+    #: True if nothing told them apart, and a person must look.
     is_open: bool = False
 
 
@@ -410,7 +410,7 @@ class Result:
     #: Extensions that were handed in, whose points are in no sum.
     bonus: tuple[CriterionResult, ...] = ()
     violations: tuple[Violation, ...] = ()
-    #: Where several files had one name.
+    #: The graded files of which others have the name.
     chosen: tuple[ChosenFile, ...] = ()
     #: None if the rubric does not say what lateness costs.
     timing: Timing | None = None

@@ -61,8 +61,8 @@ class Check:
     #: Whether what it finds wrong may be so since the system's clock was set at some time in the session, or in
     #: the window of the check.
     by_clock: bool = False
-    #: Whether a program that needs what is missing here leaves all that it finds wrong open, whatever it is: the
-    #: author of a lab's own check cannot know what is missing.
+    #: True for a lab's own check, whose author cannot know what is missing here: all that it takes from a program
+    #: that needs it stays open.
     of_author: bool = False
     #: Kinds of the endpoints or nodes that its parameters name, where nothing but the graph shows them.
     seeks: tuple[str, ...] = ()

@@ -241,8 +241,10 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
             f"The solution holds nothing of the bonus {', '.join(absent)}, so that this is not examined.",
         )
     by_person = left_to_a_person(rubric)
-    judged = [check for check in result.every_check if check.id not in by_person]
-    lost = [check for check in judged if check.outcome is not Outcome.PASSED]
+    lost = []
+    for check in result.every_check:
+        if check.outcome is not Outcome.PASSED and check.id not in by_person:
+            lost.append(check)
     for check in lost:
         found = f"{check.outcome.value.replace('_', ' ')}; expected {check.expected}, found {check.measured}"
         yield Remark(

@@ -1,4 +1,4 @@
-"""Whether a Python text is correct, but only by the syntax of a newer Python.
+"""Tell whether a Python text is correct, but only by the syntax of a newer Python.
 
 Two parsers answer together. The grammar of tree-sitter finds the newer constructs: type aliases, type parameters,
 f-strings whose fields are written more freely, t-strings. Each is then rewritten as an older Python has it, and the
@@ -49,7 +49,7 @@ _DEFINITIONS = ("function_definition", "class_definition")
 
 @lru_cache(maxsize=16)
 def is_newer_python(text: str) -> bool:
-    """Whether a text is correct by the syntax of Python 3.12 or later, and not by an older one's."""
+    """Tell whether a text is correct by the syntax of Python 3.12 or later, and not by an older one's."""
     text = normalise(text)
     older = _as_older(text, _MOST_NESTED)
     return older is not None and older != text and tree_of(older) is not None

@@ -418,11 +418,12 @@ def judge(recordings: Recordings, rubric: Rubric) -> Result:
 
 def _chosen(submission: SubmissionRecord) -> tuple[ChosenFile, ...]:
     """Return the files that were graded where others have the same name."""
-    return tuple(
-        ChosenFile(fact.expected, fact.path, tuple(fact.passed_over), fact.why, fact.is_open)
-        for fact in submission.artifacts
-        if fact.path is not None and fact.passed_over
-    )
+    found = []
+    for fact in submission.artifacts:
+        if fact.path is not None and fact.passed_over:
+            others = tuple(fact.passed_over)
+            found.append(ChosenFile(fact.expected, fact.path, others, fact.why, fact.is_open))
+    return tuple(found)
 
 
 def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -> tuple[str, ...]:

@@ -32,7 +32,7 @@ def mistake_in(pattern: str) -> str:
 
 
 def matches(pattern: str, path: PurePosixPath) -> bool:
-    """Whether a pattern matches the path of a file, relative to the submission's root."""
+    """Tell whether a pattern matches the path of a file, relative to the submission's root."""
     parts = path.parts
     #: The numbers of leading parts of the path that the pattern so far can match.
     reached = {0}

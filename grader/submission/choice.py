@@ -1,4 +1,4 @@
-"""Which of several files of an artifact's name is the student's work: a tutorial lies beside it, or an earlier try.
+"""Choose the student's work among files of one name: a tutorial lies beside it, or an earlier try.
 
 The files' contents decide, the lab's package, and which folder holds the most of the lab's files; never how deep a
 file lies. Nothing is read of what the student writes about their folders: it may say anything.
@@ -28,7 +28,7 @@ class Choice:
     path: PurePosixPath
     others: tuple[PurePosixPath, ...] = ()
     why: str = ""
-    #: Whether nothing tells the taken one from another, so that a person must look.
+    #: True if nothing tells the taken one from another, and a person must look.
     is_open: bool = False
 
 
@@ -37,7 +37,7 @@ class Candidates:
     """The files of one artifact's names: each with the rank of its name, 0 for the best."""
 
     ranks: Mapping[PurePosixPath, int] = field(default_factory=dict)
-    #: Those that hold all the words by which the rubric knows the artifact.
+    #: Files with all the words by which the rubric knows the artifact.
     worded: frozenset[PurePosixPath] = frozenset()
 
 
@@ -51,13 +51,13 @@ class _Group:
     named: frozenset[str]
     worded: frozenset[str]
     rank: int
-    #: Whether one of the files holds the words, and whether one lies in the lab's package.
+    #: True if one of the files holds the words, and if one lies in the lab's package.
     own_words: bool
     in_package: bool
 
     @property
     def is_left_behind(self) -> bool:
-        """Whether the folder is called as those are that nobody means to hand in."""
+        """Tell whether the folder is called as those are that nobody means to hand in."""
         return _LEFT_BEHIND.search(self.folder) is not None
 
     @property
@@ -94,14 +94,20 @@ class Chooser:
             is_open = is_open or tied
             left = list(best.files)
         taken = min(left, key=lambda path: (len(path.parts), path.parts))
-        ranks = self._found[artifact].ranks
-        others = tuple(
-            path
-            for path in files
-            if self._digests.get(path) != self._digests.get(taken)
-            and ranks.get(path) == ranks.get(taken)
-        )
+        others = self._others(artifact, files, taken)
         return Choice(taken, others, next(filter(None, whys), ""), is_open and bool(others))
+
+    def _others(
+        self, artifact: str, files: Sequence[PurePosixPath], taken: PurePosixPath
+    ) -> tuple[PurePosixPath, ...]:
+        """Return the files of the taken one's rank that are no copies of it."""
+        ranks = self._found[artifact].ranks
+        found = []
+        for path in files:
+            is_copy = self._digests.get(path) == self._digests.get(taken)
+            if not is_copy and ranks.get(path) == ranks.get(taken):
+                found.append(path)
+        return tuple(found)
 
     def _groups(self, artifact: str, files: Sequence[PurePosixPath], depth: int) -> list[_Group]:
         """Return files by the folders in which they lie at a depth; each file that lies in none is its own group."""
@@ -113,8 +119,11 @@ class Chooser:
         groups = []
         for folder in sorted(by_folder):
             within = _Within(above, folder, rivals)
-            each = [by_folder[folder]] if folder else [[path] for path in sorted(by_folder[""])]
-            groups += [self._group(artifact, folder, one, within) for one in each]
+            if folder:
+                groups.append(self._group(artifact, folder, by_folder[folder], within))
+                continue
+            for path in sorted(by_folder[""]):
+                groups.append(self._group(artifact, folder, [path], within))
         return groups
 
     def _group(
@@ -147,8 +156,10 @@ class Chooser:
         left = list(groups)
         for measure in measures:
             most = max(measure.of(group) for group in left)
-            behind = [group for group in left if measure.of(group) < most]
-            left = [group for group in left if measure.of(group) == most]
+            behind, ahead = list[_Group](), list[_Group]()
+            for group in left:
+                (ahead if measure.of(group) == most else behind).append(group)
+            left = ahead
             if len(left) == 1:
                 return left[0], measure.why(left[0], behind), False
         return left[0], _TIED, True
@@ -170,7 +181,7 @@ class _Within:
     rivals: frozenset[str]
 
     def holds(self, path: PurePosixPath) -> bool:
-        """Whether a file lies there."""
+        """Tell whether a file lies there."""
         depth = len(self.above)
         if path.parts[:depth] != self.above:
             return False
@@ -179,14 +190,14 @@ class _Within:
 
 
 def _are_versions(groups: Sequence[_Group]) -> bool:
-    """Whether several groups hold the same work."""
+    """Tell whether several groups hold the same work."""
     held = Counter(name for group in groups for name in group.worded)
     return sum(times > 1 for times in held.values()) >= _VERSIONS
 
 
 @dataclass(frozen=True)
 class _Measure:
-    """What is the greater, the better, and what is said where it decides."""
+    """A figure of a group, of which more is better, and the words where it decides."""
 
     of: Callable[[_Group], int]
     why: Callable[[_Group, Sequence[_Group]], str]

@@ -79,6 +79,7 @@ def test_the_contract() -> None:
         "advisories",
         "problems",
         "provenance",
+        "chosen",
     }
     assert set(plain["criteria"][0]) == {
         "id",

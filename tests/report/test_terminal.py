@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import re
 import unicodedata
+from dataclasses import replace
 from decimal import Decimal
 
 import pytest
@@ -15,7 +16,16 @@ from rich.console import Console
 from grader.report.escape import terminal_text
 from grader.report.terminal import ProgressDisplay, print_result
 from grader.report.views import points
-from grader.result import CheckResult, CriterionResult, Finding, Location, Outcome, Result, Score
+from grader.result import (
+    CheckResult,
+    ChosenFile,
+    CriterionResult,
+    Finding,
+    Location,
+    Outcome,
+    Result,
+    Score,
+)
 
 EVIL = "\x1b[2J\x1b]0;owned\x07[red]x[/red][link=http://a]\r\x9b31m\u202eabc\x00\ud800"
 
@@ -111,6 +121,18 @@ def test_what_is_undecided_is_not_shown_as_lost() -> None:
     text = printed(result(finding(Outcome.INCONCLUSIVE), finding(Outcome.ERROR)))
     assert text.count("? / 5") == 2
     assert "0 now, up to 10: 10 points are undecided." in text
+
+
+def test_of_several_files_of_one_name_the_graded_one_is_told_first() -> None:
+    """Which was graded, why, and which were not stands above the table; of what is open, that a person looks."""
+    sure = ChosenFile("a.py", "new/a.py", ("old/a.py",), "new/ holds 3 of the lab's files, old/ 2")
+    unsure = ChosenFile("b.py", "v1/b.py", tuple(f"v{n}/b.py" for n in range(2, 9)), "", True)
+    text = printed(replace(result(finding(Outcome.FAILED)), chosen=(sure, unsure)))
+    words = "new/a.py was graded, because new/ holds 3 of the lab's files, old/ 2. Not graded: old/a.py."
+    head, table, _ = " ".join(text.split()).partition("ann: ")
+    assert table
+    assert words in head
+    assert "v6/b.py and 2 more. Your instructor is asked to look." in head
 
 
 def test_advice_and_problems_are_shown() -> None:
