@@ -445,8 +445,17 @@ class Bag:
         read = len(data)
         if decoder is not None:
             read = readable_messages(topic_type, decoder.types, data, self._most_values)
-        columns = (_column(rows[:read], index) for index in range(3))
-        return Stream(topic, topic_type, *columns, data[:read], definition, len(data) - read)
+        rows = rows[:read]
+        return Stream(
+            topic,
+            topic_type,
+            received_ns=_column(rows, 0),
+            source_ns=_column(rows, 1),
+            sequence=_column(rows, 2),
+            data=data[:read],
+            definition=definition,
+            unread=len(data) - read,
+        )
 
 
 def _column(rows: list[Row], index: int) -> Int64s:

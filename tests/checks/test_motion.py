@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable
 from decimal import Decimal
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -113,15 +114,19 @@ def test_a_step_that_was_not_reached_is_charged_where_it_is(tmp_path: Path) -> N
     assert judged("reaches", {**GOAL, "after": "goal"}, session).outcome is Outcome.NOT_REACHED
 
 
+def _distance(speed: float, t_s: float) -> float:
+    """Give the way, at most 2, after a time at a speed."""
+    return min(2.0, speed * t_s)
+
+
 def test_the_machine_s_delay_leaves_lateness_open(tmp_path: Path) -> None:
     """5.4 s with half a second of delay may be full or not; with much more lateness it cannot."""
     for name, speed, outcome in (
         ("near", 0.352, Outcome.INCONCLUSIVE),
         ("far", 0.05, Outcome.FAILED),
     ):
-        session = moved(tmp_path / name, lambda t, v=speed: min(2.0, v * t)).disturbed(
-            "it", (2.0, 0.5)
-        )  # type: ignore[misc]
+        drives = partial(_distance, speed)
+        session = moved(tmp_path / name, drives).disturbed("it", (2.0, 0.5))
         assert judged("reaches", GOAL, session).outcome is outcome
 
 

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -116,7 +117,7 @@ def test_words_points_and_checks_need_no_other_recordings(rubric: Rubric) -> Non
         )
     name, session = next(iter(rubric.sessions.items()))
     artifact = next(iter(rubric.artifacts))
-    others = [
+    others: list[dict[str, Any]] = [
         {"sessions": {**rubric.sessions, name: session.model_copy(update={"steps": ()})}},
         {"artifacts": {k: v for k, v in rubric.artifacts.items() if k != artifact}},
         {"reference": {}},

@@ -12,13 +12,13 @@ import yaml
 from rich.console import Console
 
 from grader.commands import regrade
-from grader.desk.rubric_edit import EDITED, edited, limits_of, save, would_change
+from grader.desk.rubric_edit import edited, limits_of, save, would_change
 from grader.errors import RubricError
 from grader.judging.rubrics import read_rubric
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
 from grader.result import load_result
-from grader.result_folder import RESULT_FILE
+from grader.result_folder import EDITED_RUBRIC, RESULT_FILE
 from tests.desk.made_class import add_alike, serve
 
 
@@ -98,7 +98,7 @@ def test_a_rubric_that_cannot_be_used_is_not_saved(rubric: Rubric, made: Path) -
         with pytest.raises(RubricError) as caught:
             use()
         assert any("points" in mistake for mistake in caught.value.mistakes)
-    assert not (made / EDITED).exists()
+    assert not (made / EDITED_RUBRIC).exists()
 
 
 def test_who_would_change_and_by_how_much(rubric: Rubric, made: Path) -> None:
@@ -116,11 +116,11 @@ def test_who_would_change_and_by_how_much(rubric: Rubric, made: Path) -> None:
         assert (row["difference"], row["parts"]) == ("+2", ["Mean error at Ctrl-C +2"])
         assert {path: path.read_bytes() for path in made.rglob("*") if path.is_file()} == before
         status, body, _ = desk.ask("POST", "rubric/save", moved)
-        assert (status, json.loads(body)["saved"]) == (200, str(made / EDITED))
+        assert (status, json.loads(body)["saved"]) == (200, str(made / EDITED_RUBRIC))
     finally:
         desk.kill()
     console = Console(record=True, width=200)
-    assert regrade.run([str(made), "--rubric", str(made / EDITED), "--apply"], console) == 0
+    assert regrade.run([str(made), "--rubric", str(made / EDITED_RUBRIC), "--apply"], console) == 0
     after = {name: load_result(made / name / RESULT_FILE) for name in ("alice", "bob")}
     assert (after["alice"].final, after["bob"].final) == (Decimal(102), points)
     assert after["bob"].score.possible == possible + 2

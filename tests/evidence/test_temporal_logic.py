@@ -142,11 +142,9 @@ def defined(node: Any, x: Floats, y: Floats, t: int) -> float:
             eval(compile(ast.Expression(side), "", "eval"), {"x": x[t], "y": y[t], "abs": abs})
             for side in (node.left, *node.comparators)
         ]
-        return (
-            sides[1] - sides[0]
-            if isinstance(node.ops[0], (ast.Lt, ast.LtE))
-            else sides[0] - sides[1]
-        )  # type: ignore[no-any-return]
+        left, right = (float(side) for side in sides)
+        is_less = isinstance(node.ops[0], (ast.Lt, ast.LtE))
+        return right - left if is_less else left - right
     if isinstance(node, ast.UnaryOp):
         return -of(node.operand, t)
     if isinstance(node, ast.BoolOp):

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -91,9 +92,10 @@ def test_other_readers_agree(tmp_path: Path) -> None:
     write_floats(tmp_path)
     ours = Bag.open(tmp_path).stream("/commands")
     with AnyReader([tmp_path]) as reader:
-        theirs = [
-            (t, reader.deserialize(d, c.msgtype).data.tolist()) for c, t, d in reader.messages()
-        ]  # type: ignore[attr-defined]
+        theirs = []
+        for connection, time_ns, data in reader.messages():
+            message: Any = reader.deserialize(data, connection.msgtype)
+            theirs.append((time_ns, message.data.tolist()))
     with (tmp_path / "session.mcap").open("rb") as stream:
         raw = [
             (m.log_time, m.publish_time, m.sequence, m.data)

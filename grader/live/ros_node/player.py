@@ -11,8 +11,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 from grader.live.ros_node.graph import interface_named, new_context, silent_node
-from grader.recording.bag import Bag, TopicInfo, offered_policies
+from grader.recording.bag import Bag, offered_policies
 from grader.recording.definitions import type_hash_of
+from grader.recording.mcap_file import TopicInfo
 
 _CLOCK = "/clock"
 #: Between two messages, the clock goes on so often, as that of `ros2 bag play` does.
