@@ -162,7 +162,8 @@ def _of_whole(name: str, result: Result) -> Iterable[Item]:
         answered = any(a.what == WHOLE and a.kind in ANSWERS for a in result.adjustments)
         state = state_of(result, WHOLE)
         points = result.score.possible
-        yield Item(Kind.NOTE, name, part, " ".join(asked), state, "", points, (name,), "", answered)
+        text, most = " ".join(asked), {"": points}
+        yield Item(Kind.NOTE, name, part, text, state, "", points, (name,), "", answered, most)
 
 
 def _of_checks(

@@ -420,8 +420,9 @@ def _chosen(submission: SubmissionRecord) -> tuple[ChosenFile, ...]:
     """Return the files that were graded where others have the same name."""
     found = []
     for fact in submission.artifacts:
-        if fact.path is not None and fact.passed_over:
-            others = tuple(fact.passed_over)
+        if fact.path is None:
+            continue
+        if others := tuple(fact.passed_over):
             found.append(ChosenFile(fact.expected, fact.path, others, fact.why, fact.is_open))
     return tuple(found)
 

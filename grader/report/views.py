@@ -584,8 +584,13 @@ def chosen_words(chosen: ChosenFile) -> str:
     """Say which of several files of one name was graded, why, and which were not."""
     listed = ", ".join(chosen.others[:_MOST_PATHS])
     left = len(chosen.others) - _MOST_PATHS
-    more = f" and {left} more" if left > 0 else ""
-    asked = " Your instructor is asked to look." if chosen.is_open else ""
-    joint = "; " if chosen.is_open else ", because "
-    why = f"{joint}{chosen.why}" if chosen.why else ""
-    return f"{chosen.path} was graded{why}. Not graded: {listed}{more}.{asked}"
+    if left > 0:
+        listed += f" and {left} more"
+    words = f"{chosen.path} was graded"
+    if chosen.why:
+        words += "; " if chosen.is_open else ", because "
+        words += chosen.why
+    words += f". Not graded: {listed}."
+    if chosen.is_open:
+        words += " Your instructor is asked to look."
+    return words
