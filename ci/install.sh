@@ -16,7 +16,7 @@ as_root apt-get update -qq
 as_root env DEBIAN_FRONTEND=noninteractive apt-get install -qq -y --no-install-recommends \
   bubblewrap util-linux python3 python3-venv gcc g++ libc6-dev python3-dev >/dev/null
 python3 -I -c 'import sys; sys.exit(sys.version_info < (3, 11))' || {
-  echo "install.sh: the grader needs Python 3.11 or newer, and here is $(python3 -V)." >&2
+  echo "install.sh: the grader needs Python 3.11 or newer, and here is $(python3 -I -V)." >&2
   echo "  Choose Ubuntu 24.04 or Debian 12, or a newer one." >&2
   exit 1
 }

@@ -17,7 +17,7 @@ _SCRATCH = re.compile(
     r"(?:/(?:submission|workspace|trial|sources|lab|results)(?![^/\s'\":]))?/*"
 )
 #: Folders in which results, and the recording of a session, are made before they take their places.
-_IN_THE_MAKING = re.compile(r"/\.unfinished(?![^/\s'\":])|(?<=/)\.([\w-]+)\.partial(?![^/\s'\":])")
+_IN_THE_MAKING = re.compile(r"/\.unfinished(?=/)|(?<=/)\.([\w-]+)\.partial(?![^/\s'\":])")
 
 
 def without_temporary_names(text: str) -> str:

@@ -20,6 +20,7 @@ from grader.classroom.regrade import recorded_in, regrade
 from grader.errors import BoundError, RecordingError
 from grader.judging import judgement, rubrics
 from grader.lab.rubric import Rubric, load_rubric
+from grader.result import to_json
 from tests.regraded import judge_results, regraded
 
 pytestmark = pytest.mark.usefixtures("judged_before")
@@ -110,21 +111,21 @@ def endless(tmp_path: Path) -> Rubric:
     return load_rubric(tmp_path / "lab/rubric.yaml", rubrics.rubric_kinds())
 
 
-def test_judging_without_end_keeps_the_recordings(
+def test_judging_without_end_leaves_open_the_sessions_that_it_needs(
     endless: Rubric, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Judging is given up in time; recordings and the earlier result stay, and the error says what to do."""
-    monkeypatch.setattr(
-        judgement, "JUDGING_BOUND", dataclasses.replace(judgement.JUDGING_BOUND, cpu_s=2.0)
-    )
+    """Judging is given up in time; all else is judged, the limit is named, and the recordings stay."""
+    bound = dataclasses.replace(judgement.JUDGING_BOUND, cpu_s=2.0)
+    monkeypatch.setattr(judgement, "JUDGING_BOUND", bound)
     results = tmp_path / "results/ann"
-    shutil.copytree(ROOT / "tests/recordings/solution", results / result_folder.RECORDINGS)
-    shutil.copy(
-        ROOT / "rubric.yaml", results / result_folder.RECORDINGS / result_folder.RUBRIC_COPY
-    )
+    recordings = results / result_folder.RECORDINGS
+    shutil.copytree(ROOT / "tests/recordings/solution", recordings)
+    shutil.copy(ROOT / "rubric.yaml", recordings / result_folder.RUBRIC_COPY)
     before = judge_results(results, rubrics.read_rubric(None))
-    with pytest.raises(BoundError, match="judging the submission took more than 2 s"):
-        judge_results(results, endless)
+    judged = judge_results(results, endless)
+    assert judged.score.earned < before.score.earned
+    assert judged.score.earned + judged.score.undecided == before.score.earned
+    assert "(limit: judging)" in to_json(judged)
     assert regraded(results).score == before.score
 
 

@@ -29,6 +29,7 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import IO, Any
 
+from grader.limits import set_limit
 from grader.live.process.forked import Program, become
 from grader.live.process.process import RunningProcess
 from grader.live.sandbox.namespaces import bring_loopback_up, enter_own_network
@@ -53,8 +54,8 @@ _LATE, _FIRST_LATE_S, _LATE_EACH_S, _LATE_END_S = 4, 0.1, 0.15, 1.0
 _KNOWN_S, _LOOK_S = 1.0, 0.02
 #: Address space of each of its processes.
 _TRUSTED_BYTES = 3 * 1024**3
-#: CPU time limit of each of its processes: s at the start, and share of a core from then on. With the four topics of
-#: Lab 09-01, all three together take 1.0 to 1.4 s in 7 s.
+#: CPU time limit of each of its processes: s at the start, and share of a core from then on. With four topics, all
+#: three together take 1.0 to 1.4 s in 7 s.
 _START_CPU_S, _MOST_OF_A_CORE = 4.0, 0.6
 _MEANS = "a relay of the grader's between two networks"
 
@@ -205,7 +206,7 @@ def carry(plan: LinkPlan, delay_s: float, seed: int) -> None:
 
     planned_s = len(plan.loss) * (plan.duration_s + _LATE_END_S)
     most_s = math.ceil(_START_CPU_S + _MOST_OF_A_CORE * planned_s)
-    resource.setrlimit(resource.RLIMIT_CPU, (most_s, most_s))  # for the ends too
+    set_limit("cpu", most_s)  # The ends inherit it.
     receiver = _End(_SECOND, _FIRST, partial(link_end.receive, plan), "link-receiver")
     sender = _End(_FIRST, _SECOND, partial(link_end.send, plan), "link-sender")
     relay = _Relay(sender, receiver, plan.loss, delay_s, seed)
