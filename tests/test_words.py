@@ -10,6 +10,8 @@ from grader import __version__
 from grader.cli import main
 from grader.commands import COMMANDS
 
+pytestmark = pytest.mark.slow
+
 #: Grading ends at once with it, and says which command it was.
 UNKNOWN_SESSION = ["--sessions", "nosuch"]
 

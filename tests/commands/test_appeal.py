@@ -18,6 +18,8 @@ from grader.result import AdjustmentKind, Result, load_result
 from grader.result_folder import AUDIT_FILE, REPORT_FILE, RESULT_FILE
 from tests.desk.made_class import add_alike
 
+pytestmark = pytest.mark.slow
+
 CHECK = "subscriber.mean"
 
 

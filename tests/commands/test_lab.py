@@ -19,6 +19,8 @@ from grader.live.interfaces.build import lacking_toolchain
 from grader.result import CheckResult
 from tests.synthetic import Session, evenly, submission
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 NODE = """\
 import sys

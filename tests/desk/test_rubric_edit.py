@@ -21,6 +21,8 @@ from grader.result import load_result
 from grader.result_folder import EDITED_RUBRIC, RESULT_FILE
 from tests.desk.made_class import add_alike, serve
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def rubric() -> Rubric:

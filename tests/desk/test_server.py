@@ -18,6 +18,8 @@ from grader.result import load_result
 from grader.result_folder import AUDIT_FILE, RECORDINGS, RESULT_FILE
 from tests.desk.made_class import Served, add_alike, serve
 
+pytestmark = pytest.mark.slow
+
 COMMENTS = "# Agreed with Dr. Miller.\noverrides:\n  # the first one\n"
 CHECK = "service.enables"
 

@@ -18,6 +18,8 @@ from grader.recording.bag import Bag
 from grader.result import CheckResult, Outcome, Result
 from tests.thorough import examples
 
+pytestmark = pytest.mark.slow
+
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
 LOST = (Outcome.FAILED, Outcome.NOT_REACHED, Outcome.PARTIAL, Outcome.ERROR)
 

@@ -13,6 +13,8 @@ from grader.judging.judge import judge, open_recordings
 from grader.judging.rubrics import read_rubric
 from grader.lab.rubric import Rubric
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 KEPT = [
     path

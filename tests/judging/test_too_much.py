@@ -23,6 +23,8 @@ from grader.result import CheckResult, Outcome, Result
 from tests.judging.test_damaged_bags import KEPT, checks_of
 from tests.recording.test_elements import with_dimensions
 
+pytestmark = pytest.mark.slow
+
 FLOATS, COMMANDS = "std_msgs/msg/Float64MultiArray", "/joint_commands"
 MOST_MIB = 160
 

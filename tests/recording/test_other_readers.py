@@ -20,6 +20,8 @@ from rosbags.highlevel import AnyReader
 from grader.recording.bag import METADATA_FILE, Bag
 from tests.recording.sample_messages import Sent, message_types, same, write_all_types
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("rclpy")
 
 #: Packages of npm that read a bag as Foxglove and Lichtblick do.

@@ -39,6 +39,8 @@ from tests.submission.hostile_archives import (
 )
 from tests.thorough import examples
 
+pytestmark = pytest.mark.slow
+
 FILES = [
     ("lab/a.py", b"print(1)\n"),
     ("lab/größe.md", "Größe\n".encode() * 999),

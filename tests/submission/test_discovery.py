@@ -23,6 +23,8 @@ from grader.submission.discovery import Discovery, Shape, find_submissions
 from grader.submission.extraction import Piece, SubmissionSource, open_submission
 from tests.thorough import examples
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 FIVE = (
     "joint_publisher.py",

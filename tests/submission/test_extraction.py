@@ -32,6 +32,8 @@ from grader.submission.extraction import (
 )
 from tests.submission.hostile_archives import tar_of, zip_of
 
+pytestmark = pytest.mark.slow
+
 ELF = b"\x7fELF\x02\x01\x01" + bytes(64)
 PROGRAM = b"import rclpy\n"
 

@@ -16,6 +16,8 @@ from hypothesis import strategies as st
 
 from grader.submission.last_commit import last_commit_time
 
+pytestmark = pytest.mark.slow
+
 ZONE = timezone(timedelta(hours=5, minutes=30))
 
 

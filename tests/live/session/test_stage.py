@@ -16,6 +16,8 @@ from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.submission.artifacts import decode_text
 from grader.submission.packages.colcon import find_packages
 
+pytestmark = pytest.mark.slow
+
 SAYS = 'import sys\nprint("{0}", __name__, sys.argv[1:])\n'
 MANIFEST = (
     "<package><name>arm_lab</name><export><build_type>ament_python</build_type></export></package>"
