@@ -403,7 +403,7 @@ def _print_discovery(found: Discovery, console: Console, *, several: bool) -> No
 
 
 def _has_more_to_say(found: Discovery) -> bool:
-    """Whether the paths hold more than submissions without a name or a mark of their own."""
+    """Tell whether the paths hold more than submissions without a name or a mark of their own."""
     if found.not_understood or found.missing:
         return True
     return any(source.late or source.student for source in found.submissions)

@@ -137,7 +137,7 @@ def _mistakes_of(row: int, summary: ClassSummary) -> list[int]:
 
 
 def _has_points_beside(summary: ClassSummary) -> bool:
-    """Whether a submission has points beside those of the criteria."""
+    """Tell whether a submission has points beside those of the criteria."""
     return any(row.result.beside_criteria for row in summary.rows if row.result)
 
 

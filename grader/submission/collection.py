@@ -162,8 +162,7 @@ class Collections:
         archives = _archives_in(listing)
         if len(archives) > 1 or _are_sealed(listing, students):
             return True
-        has_submissions = bool(archives) or any(listing.entries.values())
-        if has_submissions and _is_named_as_collection(listing):
+        if _has_folder_or_archive(listing) and _is_named_as_collection(listing):
             return True
         if archives and any(students.values()):
             return not has_readme
@@ -232,7 +231,7 @@ class Collections:
 
 
 def _is_named_as_collection(listing: Listing) -> bool:
-    """Whether a folder is called as folders of submissions are, e.g. `submissions` or `lab 9 abgaben`."""
+    """Tell whether a folder is called as folders of submissions are, e.g. `submissions` or `lab 9 abgaben`."""
     return _COLLECTION.search(listing.name) is not None
 
 
@@ -242,8 +241,13 @@ def _archives_in(listing: Listing) -> list[str]:
     return [name for name in files if is_packed(name)]
 
 
+def _has_folder_or_archive(listing: Listing) -> bool:
+    """Tell whether an entry of a folder can be a submission."""
+    return any(folder or is_packed(name) for name, folder in listing.entries.items())
+
+
 def _are_sealed(listing: Listing, students: Iterable[str]) -> bool:
-    """Whether several folders hold nothing but archives."""
+    """Tell whether several folders hold nothing but archives."""
     sealed = [name for name in students if _holds_archives_only(listing.below(name).files)]
     return len(sealed) > 1
 
