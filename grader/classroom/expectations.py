@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from decimal import Decimal
@@ -105,31 +105,43 @@ class Expectation(Strict):
         return list(self._unfit(rubric))
 
     def _unfit(self, rubric: Rubric) -> Iterator[tuple[Loc, str]]:
+        """Yield each name that a rubric does not have, or that nothing can be expected of."""
         for n, name in enumerate(self.sessions):
             if name not in rubric.sessions:
-                yield (
-                    ("sessions", n),
-                    f"the rubric has no session {name!r}{suggestion(name, rubric.sessions)}",
-                )
+                words = f"the rubric has no session {name!r}"
+                yield ("sessions", n), words + suggestion(name, rubric.sessions)
         listed = (*rubric.criteria, *rubric.bonus)
-        checks = {criterion.id: [check.id for check in criterion.checks] for criterion in listed}
+        known = {criterion.id: [check.id for check in criterion.checks] for criterion in listed}
         by_person = left_to_a_person(rubric)
-        for part, name in [
-            *(("criteria", name) for name in self.criteria),
-            *(("teacher", n) for n in self.teacher),
-        ]:
-            if name not in checks:
-                yield (
-                    (part, name),
-                    f"the rubric has no criterion {name!r}{suggestion(name, checks)}",
-                )
-            for check in self.criteria[name].checks if part == "criteria" else ():
-                if check not in checks.get(name, [check]):
-                    words = f"the rubric's criterion {name!r} has no check {check!r}"
-                    yield (part, name, "checks", check), words + suggestion(check, checks[name])
-                elif check in by_person:
-                    words = f"a person grades {check!r}, so nothing can be expected of it here"
-                    yield (part, name, "checks", check), words
+        for name, criterion in self.criteria.items():
+            yield from _unknown_criterion("criteria", name, known)
+            yield from _unfit_checks(name, criterion.checks, known, by_person)
+        for name in self.teacher:
+            yield from _unknown_criterion("teacher", name, known)
+
+
+def _unknown_criterion(
+    part: str, name: str, known: Mapping[str, Collection[str]]
+) -> Iterator[tuple[Loc, str]]:
+    """Yield a criterion that a rubric does not have."""
+    if name not in known:
+        yield (part, name), f"the rubric has no criterion {name!r}{suggestion(name, known)}"
+
+
+def _unfit_checks(
+    name: str,
+    checks: Iterable[str],
+    known: Mapping[str, Collection[str]],
+    by_person: Collection[str],
+) -> Iterator[tuple[Loc, str]]:
+    """Yield the checks of a criterion that the rubric does not have there, and those that a person grades."""
+    for check in checks:
+        loc = ("criteria", name, "checks", check)
+        if name in known and check not in known[name]:
+            words = f"the rubric's criterion {name!r} has no check {check!r}"
+            yield loc, words + suggestion(check, known[name])
+        elif check in by_person:
+            yield loc, f"a person grades {check!r}, so nothing can be expected of it here"
 
 
 @dataclass(frozen=True)

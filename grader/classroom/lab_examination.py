@@ -7,7 +7,7 @@ import inspect
 import io
 import sys
 import tempfile
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib.util import find_spec
@@ -210,21 +210,11 @@ def _call(folder: Path, function: str, part: Any) -> None:
 
 
 def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
-    """Say which checks its solution does not pass, and which also pass where nothing happens."""
+    """Yield the checks that the solution does not pass, and those that pass where nothing happens."""
     recordings = tried / RECORDINGS
-    try:
-        recorded = _experiments((recordings / RUBRIC_COPY).read_text(encoding="utf-8"))
-    except OSError:
-        yield Remark(
-            "!",
-            "The solution has not been recorded yet: `grade lab try` does it, and more can be told then.",
-        )
-        return
-    if recorded != _experiments(rubric.text):
-        yield Remark(
-            "!",
-            "The sessions have changed since the solution was recorded; `grade lab try` records it again.",
-        )
+    outdated = _outdated(rubric, recordings)
+    if outdated:
+        yield Remark("!", outdated)
         return
     try:
         result = in_process(partial(_judged, recordings, rubric), JUDGING_BOUND)
@@ -234,37 +224,66 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
             "!", f"The solution's recording cannot be judged: {error.problem} {error.remedy}"
         )
         return
-    beside = {criterion.id for criterion in result.bonus}
-    if absent := [criterion.id for criterion in rubric.bonus if criterion.id not in beside]:
-        yield Remark(
-            "!",
-            f"The solution holds nothing of the bonus {', '.join(absent)}, so that this is not examined.",
-        )
-    by_person = left_to_a_person(rubric)
-    lost = []
-    for check in result.every_check:
-        if check.outcome is not Outcome.PASSED and check.id not in by_person:
-            lost.append(check)
-    for check in lost:
-        found = f"{check.outcome.value.replace('_', ' ')}; expected {check.expected}, found {check.measured}"
-        yield Remark(
-            "!", f"{check.id} does not pass on the solution's recording: {check.reason or found}"
-        )
-    free = [check for check in idle if check.earned]
-    for check in free:
-        words = f"{check.id} earns {points(check.earned)} points also where nothing happens"
-        yield Remark("!", f"{words}: let it require a check that fails then, or ask for more.")
-    broken = [check for check in idle if check.outcome is Outcome.ERROR]
-    for check in broken:
-        yield Remark(
-            "!",
-            f"{check.id} fails with an error where nothing happens, so that it costs nobody: {check.reason}",
-        )
-    if not (lost or free or broken):
+    yield from _absent_bonus(result, rubric)
+    wrong = [*_lost(result, left_to_a_person(rubric)), *_free(idle), *_broken(idle)]
+    yield from wrong
+    if not wrong:
         yield Remark(
             "✓",
             "On the solution's recording every check passes, and where nothing happens none does.",
         )
+
+
+def _outdated(rubric: Rubric, recordings: Path) -> str:
+    """Say that recordings of the solution are missing, or were made with other sessions; empty otherwise."""
+    try:
+        recorded = _experiments((recordings / RUBRIC_COPY).read_text(encoding="utf-8"))
+    except OSError:
+        return "The solution has not been recorded yet: `grade lab try` does it, and more can be told then."
+    if recorded != _experiments(rubric.text):
+        return "The sessions have changed since the solution was recorded; `grade lab try` records it again."
+    return ""
+
+
+def _absent_bonus(result: Result, rubric: Rubric) -> Iterator[Remark]:
+    """Yield a remark if the solution has not all of the bonus."""
+    there = {criterion.id for criterion in result.bonus}
+    absent = [criterion.id for criterion in rubric.bonus if criterion.id not in there]
+    if absent:
+        yield Remark(
+            "!",
+            f"The solution holds nothing of the bonus {', '.join(absent)}, so that this is not examined.",
+        )
+
+
+def _lost(result: Result, by_person: Collection[str]) -> Iterator[Remark]:
+    """Yield each check that the solution does not pass, except those that a person grades."""
+    for check in result.every_check:
+        if check.outcome is Outcome.PASSED or check.id in by_person:
+            continue
+        outcome = check.outcome.value.replace("_", " ")
+        found = f"{outcome}; expected {check.expected}, found {check.measured}"
+        yield Remark(
+            "!", f"{check.id} does not pass on the solution's recording: {check.reason or found}"
+        )
+
+
+def _free(idle: Sequence[CheckResult]) -> Iterator[Remark]:
+    """Yield each check that earns points where nothing happens."""
+    for check in idle:
+        if check.earned:
+            words = f"{check.id} earns {points(check.earned)} points also where nothing happens"
+            yield Remark("!", f"{words}: let it require a check that fails then, or ask for more.")
+
+
+def _broken(idle: Sequence[CheckResult]) -> Iterator[Remark]:
+    """Yield each check that fails with an error where nothing happens."""
+    for check in idle:
+        if check.outcome is Outcome.ERROR:
+            yield Remark(
+                "!",
+                f"{check.id} fails with an error where nothing happens, so that it costs nobody: {check.reason}",
+            )
 
 
 def _experiments(rubric: str) -> list[Any]:

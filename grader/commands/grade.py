@@ -8,7 +8,7 @@ import os
 import resource
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -386,26 +386,45 @@ def _grading_location(
 
 
 def _print_discovery(found: Discovery, console: Console, *, several: bool) -> None:
-    """Say what the paths were taken for, unless a single submission without more to say lies there."""
+    """Print how the paths were understood, unless they hold a single submission without further facts."""
     for doubt in found.doubts:
         print_note(console, f"Note: {doubt}")
-    told = any(source.late or source.student for source in found.submissions)
-    if not (several or told or found.not_understood or found.missing):
+    if not (several or _has_more_to_say(found)):
         return
     for line in found.understood:
         print_note(console, line, "")
-    for line in found.not_understood[:_MOST_LISTED]:
-        print_note(console, f"Belongs to no submission: {line}")
-    if len(found.not_understood) > _MOST_LISTED:
-        print_note(console, f"and {len(found.not_understood) - _MOST_LISTED} more.")
-    late = [
-        source.name for source in found.submissions if source.late and source.submitted_at is None
-    ]
+    _print_not_understood(found.not_understood, console)
+    late = _late_without_time(found.submissions)
     if late:
         text = "Marked as late, but the download does not say when they were handed in; --class-list can"
         print_note(console, f"{text}: {', '.join(late)}")
     if found.missing:
         print_note(console, f"Nothing handed in: {', '.join(found.missing)}")
+
+
+def _has_more_to_say(found: Discovery) -> bool:
+    """Tell whether the paths hold more than submissions without a name or a mark of their own."""
+    if found.not_understood or found.missing:
+        return True
+    return any(source.late or source.student for source in found.submissions)
+
+
+def _print_not_understood(lines: Sequence[str], console: Console) -> None:
+    """Print the first files and folders that belong to no submission, and the number of the others."""
+    for line in lines[:_MOST_LISTED]:
+        print_note(console, f"Belongs to no submission: {line}")
+    more = len(lines) - _MOST_LISTED
+    if more > 0:
+        print_note(console, f"and {more} more.")
+
+
+def _late_without_time(submissions: Iterable[SubmissionSource]) -> list[str]:
+    """Return the names of submissions that a download marks as late without their time."""
+    found = []
+    for source in submissions:
+        if source.late and source.submitted_at is None:
+            found.append(source.name)
+    return found
 
 
 def _report_class(

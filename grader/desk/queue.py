@@ -138,32 +138,36 @@ def _asking(check: CheckResult) -> list[str]:
 
 
 def _of_whole(name: str, result: Result) -> Iterable[Item]:
+    """Yield the questions about a submission as a whole: interference, and the choice among several files."""
     part = part_of(result, "", WHOLE)
-    if result.violations and part is not None:
-        text = " ".join(dict.fromkeys(violation.text for violation in result.violations))
-        lost = {id_ for violation in result.violations for id_ in violation.checks}
-        points = sum((check.lost for check in result.checks if check.id in lost), Decimal(0))
-        answered = any(a.what == WHOLE and a.kind in ANSWERS for a in result.adjustments)
-        yield Item(
-            Kind.INTERFERENCE,
-            name,
-            part,
-            text,
-            state_of(result, WHOLE),
-            "",
-            points,
-            (name,),
-            "",
-            answered,
-            {"": part.possible},
-        )
+    if part is None:
+        return
+    if result.violations:
+        yield _interference(name, result, part)
     asked = [chosen_words(chosen) for chosen in result.chosen if chosen.is_open]
-    if asked and part is not None:
-        answered = any(a.what == WHOLE and a.kind in ANSWERS for a in result.adjustments)
-        state = state_of(result, WHOLE)
+    if asked:
         points = result.score.possible
-        text, most = " ".join(asked), {"": points}
-        yield Item(Kind.NOTE, name, part, text, state, "", points, (name,), "", answered, most)
+        yield _item_of_whole(Kind.NOTE, name, result, part, " ".join(asked), points, points)
+
+
+def _interference(name: str, result: Result, part: Part) -> Item:
+    """Return the question about interference, with the points that its checks lost."""
+    text = " ".join(dict.fromkeys(violation.text for violation in result.violations))
+    disturbed: set[str] = set()
+    for violation in result.violations:
+        disturbed.update(violation.checks)
+    lost = sum((check.lost for check in result.checks if check.id in disturbed), Decimal(0))
+    return _item_of_whole(Kind.INTERFERENCE, name, result, part, text, lost, part.possible)
+
+
+def _item_of_whole(
+    kind: Kind, name: str, result: Result, part: Part, text: str, points: Decimal, most: Decimal
+) -> Item:
+    """Return a question about a submission as a whole, with the points at stake and the most that it can have."""
+    answers = [a for a in result.adjustments if a.what == WHOLE and a.kind in ANSWERS]
+    state = state_of(result, WHOLE)
+    answered, possible = bool(answers), {"": most}
+    return Item(kind, name, part, text, state, "", points, (name,), "", answered, possible)
 
 
 def _of_checks(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from grader.evidence.authorship import authorship, digests_of
+from grader.evidence.authorship import Authorship, authorship, digests_of
 from grader.evidence.recorded import Recorded
 from grader.recording.bag import Stream
 from grader.recording.session import ProcessRun, Published, RecordingGap
@@ -124,33 +124,55 @@ _MATCHED_WITHIN_S = 5.0
 
 @functools.lru_cache(maxsize=_MOST_KEPT)
 def dropped(recorded: Recorded) -> Mapping[str, str]:
-    """Return the topics on which messages of the grader's own processes are missing, and say so in words.
+    """Return the topics on which messages of the grader's own processes are missing, each with a sentence.
 
-    Whoever can send packets there can pretend that messages are gone, or that others stand in their place. So what was
-    reported through the trusted channel is compared with what is recorded of it.
+    A process that can send packets there can pretend that messages are missing, or put others in their place.
+    Therefore the recorded messages are compared with the reports of the trusted channel.
     """
-    record = recorded.record
-    limited = {gap.topic for gap in record.unrecorded}
-    by_topic: dict[tuple[str, str], list[Published]] = {}
-    for entry in record.published:
-        is_whole = entry.topic not in limited and unread(recorded, entry.topic) is None
-        if is_whole and not _gone_at_once(recorded, entry):
-            by_topic.setdefault((entry.topic, entry.type), []).append(entry)
     found: dict[str, str] = {}
-    for (topic, _), entries in by_topic.items():
+    for (topic, _), entries in _comparable(recorded).items():
         published = sum(len(digests_of(entry)) for entry in entries)
-        apart = (
-            recorded.authorship(topic) if recorded.published_on(topic) == tuple(entries) else None
-        )
-        apart = apart or authorship(recorded.bag, topic, entries)
-        there, early = (len(apart.own), 0) if apart is not None else (0, 0)
-        if apart is not None and not all(entry.recorded for entry in entries):
-            early = _before_match(recorded, topic, apart.own)
+        apart = _set_apart(recorded, topic, entries)
+        there = early = 0
+        if apart is not None:
+            there = len(apart.own)
+            early = _unseen_at_first(recorded, topic, entries, apart.own)
         if published - early - there > _HARMLESS * published:
             found[topic] = (
                 f"Of the {published} messages that the grader published on {topic} {there} are recorded."
             )
     return found
+
+
+def _comparable(recorded: Recorded) -> dict[tuple[str, str], list[Published]]:
+    """Return reports of the grader's publishers by topic and type, for the topics that are recorded in full."""
+    limited = {gap.topic for gap in recorded.record.unrecorded}
+    found: dict[tuple[str, str], list[Published]] = {}
+    for entry in recorded.record.published:
+        if entry.topic in limited or unread(recorded, entry.topic) is not None:
+            continue
+        if not _gone_at_once(recorded, entry):
+            found.setdefault((entry.topic, entry.type), []).append(entry)
+    return found
+
+
+def _set_apart(recorded: Recorded, topic: str, entries: Sequence[Published]) -> Authorship | None:
+    """Separate the messages of some publishers on a topic from others; None if none of them is recorded."""
+    apart = None
+    if recorded.published_on(topic) == tuple(entries):
+        apart = recorded.authorship(topic)
+    if apart is None:
+        apart = authorship(recorded.bag, topic, entries)
+    return apart
+
+
+def _unseen_at_first(
+    recorded: Recorded, topic: str, entries: Sequence[Published], own: Stream
+) -> int:
+    """Return how many messages may precede the recorder, if a publisher did not wait for it."""
+    if all(entry.recorded for entry in entries):
+        return 0
+    return _before_match(recorded, topic, own)
 
 
 def _gone_at_once(recorded: Recorded, entry: Published) -> bool:

@@ -1,4 +1,4 @@
-"""What changes the points after the judgement: people's decisions first, then what lateness costs. Pure.
+"""Adjusts the points after the judgement: by people's decisions first, then by lateness. Pure.
 
 The judgement itself stays as it is; each adjustment says how many points it adds or takes, so that they add up.
 """

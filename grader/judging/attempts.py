@@ -15,7 +15,7 @@ from grader.result import Result
 if TYPE_CHECKING:
     from grader.judging.judgement import Judgement
 
-#: How often a session whose checks are undecided is recorded again, alone.
+#: Most retries of a session with undecided checks, each alone.
 RETRIES = 2
 #: Beside the recordings, where a retry is recorded.
 _RETRY = ".retry"

@@ -39,7 +39,7 @@ from grader.lab.kept_lab import identity_of
 from grader.lab.patterns import NOTE, patterns_bounded
 from grader.lab.rubric import CheckSpec, Rubric
 from grader.recording.elements import MOST_VALUES
-from grader.recording.session import SESSION_FILE
+from grader.recording.session import SESSION_FILE, RecordingGap
 from grader.recording.submission import SubmissionRecord, read_submission
 from grader.result import (
     ChosenFile,
@@ -63,7 +63,7 @@ class Recordings:
     submission: SubmissionRecord
     #: Session name -> recording, for those that can be judged.
     sessions: Mapping[str, Recorded]
-    #: What is wrong on the grader's side.
+    #: Faults on the grader's side.
     problems: tuple[str, ...] = ()
     #: Sessions that are recorded, and cannot be judged within bounds.
     too_much: frozenset[str] = frozenset()
@@ -71,7 +71,7 @@ class Recordings:
 
 @dataclass(frozen=True)
 class Effort:
-    """How much of recordings is looked at: the values decoded of a topic, and sessions that are too much."""
+    """Limits of judging recordings: the values decoded of a topic, and the sessions left out as too large."""
 
     most_values: int = MOST_VALUES
     too_much: frozenset[str] = frozenset()
@@ -165,29 +165,48 @@ def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ..
 def judge_checks(
     recordings: Recordings, rubric: Rubric, violations: Sequence[Violation]
 ) -> dict[str, Finding]:
-    """Judge all checks in the rubric's order; those of sessions that were not asked for are left out."""
-    chosen = recordings.submission.sessions
+    """Judge all checks in the rubric's order, except those of sessions that were not asked for."""
     findings: dict[str, Finding] = {}
     references = frozenset(reference.node for reference in rubric.reference.values())
     # A check is never compared with another session of which a part cannot be read.
     sound = {name: each for name, each in recordings.sessions.items() if each.bag.whole}
     context = Context(recordings.submission, None, sound, findings, references, rubric.folder)
-    beside = {check.id for criterion in rubric.bonus for check in criterion.checks}
+    for spec in _checks_to_judge(recordings, rubric, context):
+        finding = _judged_in_session(spec, recordings, context, rubric, violations)
+        finding = _of_the_rest(spec, finding, findings, rubric)
+        findings[spec.id] = _excused(spec, finding, context, rubric)
+    return findings
+
+
+def _checks_to_judge(recordings: Recordings, rubric: Rubric, context: Context) -> list[CheckSpec]:
+    """Return the checks of the sessions that were asked for, and of the bonus that was handed in."""
+    bonus: set[str] = set()
+    for criterion in rubric.bonus:
+        bonus.update(check.id for check in criterion.checks)
+    chosen = recordings.submission.sessions
+    found = []
     for spec in rubric.checks():
-        # What is of the bonus is not missed where it was not handed in.
-        if spec.id in beside and context.path_of(rubric.needed_first(spec)) is None:
+        # A bonus that was not handed in is not missed.
+        if spec.id in bonus and context.path_of(rubric.needed_first(spec)) is None:
             continue
         if chosen is None or spec.session is None or spec.session in chosen:
-            recorded = recordings.sessions.get(spec.session or "")
-            if spec.session in recordings.too_much:
-                finding = _blocked(spec, findings, rubric) or _undecidable()
-            else:
-                own = dataclasses.replace(context, recorded=recorded)
-                finding = _judge(spec, own, rubric, violations)
-            findings[spec.id] = _excused(
-                spec, _of_the_rest(spec, finding, findings, rubric), context, rubric
-            )
-    return findings
+            found.append(spec)
+    return found
+
+
+def _judged_in_session(
+    spec: CheckSpec,
+    recordings: Recordings,
+    context: Context,
+    rubric: Rubric,
+    violations: Sequence[Violation],
+) -> Finding:
+    """Judge a check on the recording of its session, unless judging that one takes too much."""
+    if spec.session in recordings.too_much:
+        return _blocked(spec, context.findings, rubric) or _undecidable()
+    recorded = recordings.sessions.get(spec.session or "")
+    own = dataclasses.replace(context, recorded=recorded)
+    return _judge(spec, own, rubric, violations)
 
 
 def _undecidable() -> Finding:
@@ -297,7 +316,7 @@ def _blocked(spec: CheckSpec, findings: Mapping[str, Finding], rubric: Rubric) -
     if not earlier.outcome.decided:
         return inconclusive("", "", f"Depends on '{title}', which is not decided yet.", retry=False)
     if earlier.outcome is Outcome.NOT_REACHED:
-        # It names what is at the root of both.
+        # Both are blocked by the same check.
         return dataclasses.replace(not_reached(earlier.reason), blocked_by=earlier.blocked_by)
     why = (
         f"nothing arrives at your node, as '{title}' says"
@@ -350,7 +369,7 @@ def _faults(recorded: Recorded) -> list[str]:
     faults = [*recorded.record.problems, *gaps]
     if not recorded.record.complete:
         return [*faults, "The recording was cut off."]
-    # What cannot be read must not be taken for a node that fell silent.
+    # Unreadable messages must not count as silence of a node.
     if recorded.bag.damage:
         faults.append(f"The bag is damaged: {'; '.join(recorded.bag.damage)}.")
     elif not recorded.bag.finished:
@@ -359,24 +378,46 @@ def _faults(recorded: Recorded) -> list[str]:
 
 
 def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -> Finding:
-    """Return what is found of a check that rests on a topic whose messages are not all recorded."""
-    check, names = check_named(spec.check), named(spec, recorded)
-    if (
-        loss := next((text for topic, text in dropped(recorded).items() if topic in names), None)
-    ) is not None:
+    """Limit a finding to the recorded messages, if a topic that its check rests on has others."""
+    names = named(spec, recorded)
+    loss = _loss_on(names, recorded)
+    if loss is not None:
         return undecided(finding, loss)
-    if finding.outcome is Outcome.ERROR or (check.by_endpoints and finding.outcome in _GOES_ON):
+    if finding.outcome is Outcome.ERROR:
         return finding
-    if not check.by_endpoints and (strange := _not_understood(recorded, names)):
-        return undecided(finding, strange, retry=False)
-    gap = next((u for u in gaps_by_student(recorded) if u.topic in names), None)
-    if gap is None:
-        gap = next(filter(None, (unread(recorded, topic) for topic in sorted(names))), None)
+    if check_named(spec.check).by_endpoints:
+        if finding.outcome in _GOES_ON:
+            return finding
+    else:
+        strange = _not_understood(recorded, names)
+        if strange:
+            return undecided(finding, strange, retry=False)
+    gap = _gap_on(names, recorded)
     if gap is None:
         return finding
     if isinstance(gap, UnreadGap) and not is_unread_by_student(recorded, gap):
         return undecided(finding, describe_gap(gap), retry=False)
     return without_rest(finding, gap, timed=is_timed(spec, recorded))
+
+
+def _loss_on(topics: Collection[str], recorded: Recorded) -> str | None:
+    """Return the sentence on the first topic that lost messages of the grader; None without such."""
+    for topic, text in dropped(recorded).items():
+        if topic in topics:
+            return text
+    return None
+
+
+def _gap_on(topics: Collection[str], recorded: Recorded) -> RecordingGap | None:
+    """Return the first gap by the student on some topics, else the first messages there that were not decoded."""
+    for gap in gaps_by_student(recorded):
+        if gap.topic in topics:
+            return gap
+    for topic in sorted(topics):
+        rest = unread(recorded, topic)
+        if rest is not None:
+            return rest
+    return None
 
 
 def _not_understood(recorded: Recorded, topics: Collection[str]) -> str:

@@ -1,4 +1,4 @@
-"""What recordings are judged to be by a rubric and by what people decided, with its page: within a bound."""
+"""Judges recordings by a rubric and by people's decisions, and renders the page, within a bound."""
 
 from __future__ import annotations
 
@@ -35,19 +35,19 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-#: What judging one submission may take. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
+#: Limits of judging one submission. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
 #: times that is no fair wait. In a class, a process that says nothing is given up in any case (`classroom.worker`).
 JUDGING_BOUND = Bound(
     what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3
 )
-#: What it may take after that, of all or of one session, with a tenth of the values of each topic.
+#: Limits of the attempts after that, on all sessions or one, with a tenth of the values of each topic.
 SPARING_BOUND = replace(JUDGING_BOUND, cpu_s=10.0, wall_s=40.0)
 _SPARING = Effort(most_values=MOST_VALUES // 10)
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """What recordings were judged to be: by the rubric alone, and with what people and the rubric's policy make of it.
+    """The judgement of recordings: by the rubric alone, and after people's decisions and the rubric's policy.
 
     `text` is `result.json`. `page` is the report, and `layouts` has a layout for Foxglove for each session; both are
     empty where no page was wanted.

@@ -22,7 +22,8 @@ def mistake_in(pattern: str) -> str:
         return "an empty pattern matches no file"
     if "\\" in pattern:
         return f"{pattern!r} matches no file; folders are separated by /"
-    if parts[0] == "" or _DRIVE.match(pattern):
+    is_absolute = parts[0] == ""
+    if is_absolute or _DRIVE.match(pattern):
         return f"{pattern!r} matches no file; a pattern begins at the submission's root, without a / before it"
     if parts[-1] == "":
         return f"{pattern!r} matches no file; it ends with a folder"
@@ -41,7 +42,8 @@ def matches(pattern: str, path: PurePosixPath) -> bool:
             reached = set(range(min(reached), len(parts) + 1))
         else:
             named = _named(piece)
-            reached = {n + 1 for n in reached if n < len(parts) and named.match(parts[n])}
+            inside = (n for n in reached if n < len(parts))
+            reached = {n + 1 for n in inside if named.match(parts[n])}
         if not reached:
             return False
     return len(parts) in reached

@@ -177,10 +177,15 @@ def _signature(found: Definition) -> tuple[str, str]:
         for a in arguments
     ]
     made = found.beside.get("".join(typed[1:]))
-    if len(typed) == 2 and not (
-        isinstance(made, ast.ClassDef) and (made.bases or made.decorator_list)
-    ):
+    if len(typed) == 2 and not _is_model(made):
         raise ValueError(
             f"the second argument of {name} must name the dataclass of its parameters, in the same file"
         )
     return typed[0], "".join(typed[1:])
+
+
+def _is_model(made: ast.AST | None) -> bool:
+    """Tell whether a definition can be that of a check's parameters: a class with a base or a decorator."""
+    if not isinstance(made, ast.ClassDef):
+        return False
+    return bool(made.bases or made.decorator_list)

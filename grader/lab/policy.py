@@ -31,7 +31,8 @@ def _time_span(value: Any) -> Any:
         return value
     text = value.strip().lower() if isinstance(value, str) else ""
     parts = _SPAN.findall(text)
-    if not _SPANS.fullmatch(text) or any(unit not in _UNITS for _, unit in parts):
+    units = {unit for _, unit in parts}
+    if not (_SPANS.fullmatch(text) and units <= _UNITS.keys()):
         raise ValueError("a time with its unit is expected, such as 10 min, 36 h or 2 days")
     return sum((float(number) * _UNITS[unit] for number, unit in parts), timedelta())
 
@@ -180,7 +181,9 @@ class LatePolicy(Strict):
 
 
 def _zone_name(value: Any) -> Any:
-    if value is None or (isinstance(value, str) and value in available_timezones()):
+    if value is None:
+        return value
+    if isinstance(value, str) and value in available_timezones():
         return value
     near = meant(str(value), sorted(available_timezones()))
     raise ValueError(f"a time zone is expected, such as Europe/Berlin{near}")
@@ -226,7 +229,9 @@ class Policy(Strict):
         )
 
     def _zoned(self, time: datetime | None) -> datetime | None:
-        if time is None or time.utcoffset() is not None or self.timezone is None:
+        if time is None or self.timezone is None:
+            return time
+        if time.utcoffset() is not None:
             return time
         # An hour that the clocks repeat counts as the first, in the student's favour.
         return time.replace(tzinfo=ZoneInfo(self.timezone), fold=0)
@@ -262,5 +267,14 @@ def span_text(span: timedelta) -> str:
     """Write a length of time with its two largest units, rounded down; "less than a minute" below one."""
     minutes = int(span.total_seconds() // 60)
     parts = ((minutes // 1440, "day"), (minutes // 60 % 24, "h"), (minutes % 60, "min"))
-    words = [f"{n} {unit}{'s' * (unit == 'day' and n != 1)}" for n, unit in parts if n]
-    return " ".join(words[:2]) or "less than a minute"
+    words = [_counted(n, unit) for n, unit in parts if n]
+    if not words:
+        return "less than a minute"
+    return " ".join(words[:2])
+
+
+def _counted(number: int, unit: str) -> str:
+    """Write a number with its unit, e.g. "1 day", "2 days" and "2 h"."""
+    if number == 1 or unit != "day":
+        return f"{number} {unit}"
+    return f"{number} {unit}s"

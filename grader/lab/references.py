@@ -278,12 +278,20 @@ def _refusal(scope: Scope, value: str, info: ValidationInfo) -> None:
         )
 
 
+def _name_of_process(start: Mapping[str, Any]) -> str:
+    """Return the name that a step `start` gives its process."""
+    for key in ("name", "student"):
+        if start.get(key):
+            return str(start[key])
+    return str(start.get("reference"))
+
+
 def _process(*more: str) -> Reference:
     def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
         starts = [step.parameters for step in scope.steps or () if step.kind == "start"]
         # How the processes of a launch file are called stands in that file.
         if scope.steps is not None and not any("launch" in start for start in starts):
-            names = [str(s.get("name") or s.get("student") or s.get("reference")) for s in starts]
+            names = [_name_of_process(start) for start in starts]
             one_of(value, "process", [*names, *more], f" in session '{scope.session}'")
 
     return Reference("Name of a process that the session starts.", look_up, "talker")
@@ -358,9 +366,14 @@ def _one_letter_apart(a: str, b: str) -> bool:
     rest = a[len(a) - end :]
     around = re.split(r"[_/.]", a[:start])[-1] + re.split(r"[_/.]", rest)[0]
     more, ends = left + right, re.fullmatch(r"|[_/.].*", rest)
-    meant = len(around) < _LEAST_AROUND or (more == "s" and ends) or (more == "/" and not start)
-    different = max(len(left), len(right)) == 1 or (len(left) == 2 and left == right[::-1])
-    return different and not meant and re.search(r"\d", more) is None
+    if len(around) < _LEAST_AROUND:
+        return False
+    is_plural = more == "s" and bool(ends)
+    is_absolute = more == "/" and not start
+    if is_plural or is_absolute or re.search(r"\d", more):
+        return False
+    is_swapped = len(left) == 2 and left == right[::-1]
+    return is_swapped or max(len(left), len(right)) == 1
 
 
 def _alike(a: str, b: str) -> int:

@@ -258,8 +258,10 @@ class _OfKind(Parameters):
     @classmethod
     def _of_kind(cls, value: Any, info: ValidationInfo) -> Any:
         kind = info.data.get(cls.key)
-        if isinstance(value, BaseModel) or kind is None or info.context is None:
-            return value if isinstance(value, BaseModel) else Parameters()
+        if isinstance(value, BaseModel):
+            return value
+        if kind is None or info.context is None:
+            return Parameters()
         info.context.session = info.data.get("session")
         if cls.is_own(kind):
             return own_parameters(info.context, kind, value)
@@ -355,7 +357,9 @@ class CriterionSpec(Parameters):
     @model_validator(mode="before")
     @classmethod
     def _by_person(cls, value: Any) -> Any:
-        if not isinstance(value, dict) or "by" not in value or "checks" in value:
+        if not isinstance(value, dict):
+            return value
+        if "by" not in value or "checks" in value:
             return value
         own = {key: value[key] for key in ("id", "title", "points", "by", *_GRADED) if key in value}
         kept = {key: value[key] for key in value if key not in ("by", *_GRADED)}
@@ -364,7 +368,9 @@ class CriterionSpec(Parameters):
 
 def _by(value: Any) -> Any:
     """Return a check with its kind in place of `by: person`, and what that is given."""
-    if not isinstance(value, dict) or "check" in value or value.get("by") != BY_PERSON:
+    if not isinstance(value, dict):
+        return value
+    if "check" in value or value.get("by") != BY_PERSON:
         return value
     kept = {key: value[key] for key in value if key not in ("by", *_GRADED)}
     return {

@@ -240,9 +240,10 @@ def _spelled(nodetype: int, kind: Any) -> str:
 def types_in(package: str, folder: str) -> tuple[str, ...]:
     """Return the types of a package in its folder ("msg", "srv"); none where the package is not known here."""
     own = (name for each in _at_hand.get() if each.name == package for name in each.types)
-    return tuple(sorted(name for name in own if f"/{folder}/" in name)) or installed_types(
-        package, folder
-    )
+    found = tuple(sorted(name for name in own if f"/{folder}/" in name))
+    if found:
+        return found
+    return installed_types(package, folder)
 
 
 @lru_cache(maxsize=64)

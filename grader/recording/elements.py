@@ -130,7 +130,9 @@ class _Counter:
 
     def _add(self) -> None:
         self._count += 1
-        if self._count > self._most or self._place > len(self._data):
+        if self._count > self._most:
+            raise _Beyond
+        if self._place > len(self._data):
             raise _Beyond
 
     def _length(self) -> int:

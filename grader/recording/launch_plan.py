@@ -39,6 +39,7 @@ _NO_JSON = "!!float"
 _MOST_NAMES = 128
 #: Linux takes no longer path, and no longer name of a file, in bytes.
 _LONGEST_NAME, _LONGEST_FILE_NAME = 4096, 255
+_NO_MOMENT = "what it waits for is no moment"
 
 
 class MalformedPlanError(ValueError):
@@ -58,23 +59,31 @@ def _require_folder(path: str) -> str:
 
 
 def _require_file_name(name: str) -> str:
-    """Refuse what is no name of a file beside the others in one folder."""
-    if (
-        name in ("", ".", "..")
-        or "/" in name
-        or "\0" in name
-        or len(os.fsencode(name)) > _LONGEST_FILE_NAME
-    ):
+    """Refuse a text that names no file directly in a folder, e.g. `..` or `a/b`."""
+    if not _is_file_name(name):
         raise ValueError("not a name for a file of a launch plan")
     return name
 
 
+def _is_file_name(name: str) -> bool:
+    """Tell whether a text names a file directly in a folder."""
+    if name in ("", ".", ".."):
+        return False
+    if {"/", "\0"} & set(name):
+        return False
+    return len(os.fsencode(name)) <= _LONGEST_FILE_NAME
+
+
 def _require_moment(when: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Refuse what no process can wait for: a time without end, or something else than a name."""
+    """Refuse a moment that no process can wait for: a time without end, or something else than a name."""
+    names = [value for key, value in when.items() if key.endswith("_of")]
+    if not all(isinstance(name, str) for name in names):
+        raise ValueError(_NO_MOMENT)
     after_s = when.get("after_s", 0)
-    awaited = all(isinstance(value, str) for key, value in when.items() if key.endswith("_of"))
-    if not awaited or not isinstance(after_s, (int, float)) or not abs(after_s) <= _LARGEST:
-        raise ValueError("what it waits for is no moment")
+    if not isinstance(after_s, (int, float)):
+        raise ValueError(_NO_MOMENT)
+    if not abs(after_s) <= _LARGEST:
+        raise ValueError(_NO_MOMENT)
     return when
 
 

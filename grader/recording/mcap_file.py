@@ -44,6 +44,9 @@ Buffer = Any  # bytes or mmap
 Row = tuple[int, int, int, Buffer, int, int]
 
 
+_WRONG_CHECKSUM = "does not match its checksum"
+
+
 class _Unreadable(Exception):
     """A part of the file cannot be read."""
 
@@ -147,10 +150,12 @@ def _summary_of(buffer: Buffer, size: int, contents: Contents) -> _Summary | Non
 
 def _summary_start(buffer: Buffer, place: int) -> int | None:
     """Return where the summary starts, by the footer at a place, or None if either is damaged or missing."""
-    if place < len(MAGIC) or buffer[place + _FOOTER.size :] != MAGIC:
+    if place < len(MAGIC):
+        return None
+    if buffer[place + _FOOTER.size :] != MAGIC:
         return None
     opcode, length, start, _, checksum = _FOOTER.unpack_from(buffer, place)
-    if opcode != Opcode.FOOTER or length != _FOOTER.size - _RECORD_HEAD.size:
+    if (opcode, length) != (Opcode.FOOTER, _FOOTER.size - _RECORD_HEAD.size):
         return None
     if start == 0:
         return place
@@ -243,8 +248,11 @@ def _read_records(
     while offset + _RECORD_HEAD.size <= end:
         opcode, length = read_head(buffer, offset)
         body = offset + _RECORD_HEAD.size
-        # Of a chunk that is cut short, the beginning is as good; there is no record of the number 0.
-        if opcode == 0 or (body + length > end and opcode != Opcode.CHUNK):
+        # There is no record of the number 0.
+        if opcode == 0:
+            break
+        # The beginning of a chunk that is cut short can be read.
+        if body + length > end and opcode != Opcode.CHUNK:
             break
         offset = body + length
         if opcode == Opcode.MESSAGE and length >= _MESSAGE_HEAD.size:
@@ -291,9 +299,8 @@ def _opened(
     name = bytes(buffer[body + _CHUNK_HEAD.size : start - _LENGTH.size])
     (length,) = _LENGTH.unpack_from(buffer, start - _LENGTH.size)
     if not name:
-        whole = not cut and start + length <= end
-        if whole and checksum not in (0, zlib.crc32(buffer[start : start + length])):
-            raise _Unreadable("does not match its checksum")
+        if not cut and start + length <= end:
+            _require_checksum(buffer[start : start + length], checksum)
         return buffer, start, min(start + length, end)
     if start + length > end:
         raise _Unreadable("is cut short")
@@ -301,9 +308,16 @@ def _opened(
         raise _Unreadable(f"makes more than {MOST_BYTES // 2**20} MiB of a session's messages")
     contents.left_bytes -= size
     data = _decompressed(name, bytes(buffer[start : start + length]), size)
-    if len(data) != size or checksum not in (0, zlib.crc32(data)):
-        raise _Unreadable("does not match its checksum")
+    if len(data) != size:
+        raise _Unreadable(_WRONG_CHECKSUM)
+    _require_checksum(data, checksum)
     return data, 0, size
+
+
+def _require_checksum(data: Buffer, checksum: int) -> None:
+    """Raise _Unreadable if records do not match their CRC-32; 0 says that there is none."""
+    if checksum not in (0, zlib.crc32(data)):
+        raise _Unreadable(_WRONG_CHECKSUM)
 
 
 def _decompressed(name: bytes, data: bytes, size: int) -> bytes:
@@ -343,13 +357,17 @@ def _describe(opcode: int, data: bytes, contents: Contents) -> None:
 
 
 def _take_schema(schema: Any, contents: Contents) -> None:
-    if schema.id not in contents.schemas and schema.encoding in ("ros2msg", "ros2idl"):
+    if schema.id in contents.schemas:
+        return
+    if schema.encoding in ("ros2msg", "ros2idl"):
         definition = MessageDefinition(schema.encoding, schema.data.decode())
         contents.schemas[schema.id] = (schema.name, definition)
 
 
 def _take_channel(channel: Any, contents: Contents) -> None:
-    if channel.id in contents.rows or channel.schema_id not in contents.schemas:
+    if channel.id in contents.rows:
+        return
+    if channel.schema_id not in contents.schemas:
         return
     topic_type, definition = contents.schemas[channel.schema_id]
     type_hash = channel.metadata.get("topic_type_hash", "")

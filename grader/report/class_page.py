@@ -9,13 +9,16 @@ from collections.abc import Mapping
 from datetime import timezone
 
 from grader.cohort.changes import Changes, by_check, changes_between
+from grader.cohort.entries import ClassEntry
+from grader.cohort.mistakes import Mistake
 from grader.cohort.similarity import Similarity
-from grader.cohort.statistics import CheckStatistics, ClassSummary, Need, Row
+from grader.cohort.statistics import CheckStatistics, ClassSummary, Need, Row, Todo
 from grader.lab.policy import time_text
 from grader.report import views
 from grader.report.figures.scores import scores_figure
 from grader.report.page import render_page
 from grader.report.views import Badge
+from grader.result import Timing
 
 _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
     Need.NOT_GRADED: (
@@ -59,13 +62,13 @@ _TASKS: Mapping[Need, tuple[str, str, Badge]] = {
 def render(
     summary: ClassSummary, similarity: Similarity | None = None, *, anonymous: bool = False
 ) -> str:
-    """Return the class page as HTML, which says whether names were replaced; equal arguments give equal bytes.
+    """Return the class page as HTML; equal arguments give equal bytes.
 
-    What the submissions have in common is shown where it was compared; it names students and quotes them.
+    `anonymous` adds a note that names were replaced. Similarities of submissions are shown if they were compared; they
+    name students and quote them.
     """
-    needs = {todo.need: _TASKS[todo.need] for todo in summary.todos}
     rows = range(len(summary.rows))
-    compared = {n: changes for n in rows if (changes := _changes(summary.rows[n])) is not None}
+    compared = _compared(summary)
     zone = _zone(summary)
     times = [_when(row, zone) for row in summary.rows]
     return render_page(
@@ -81,21 +84,11 @@ def render(
         anonymous=anonymous,
         graded=summary.spread.count if summary.spread else 0,
         chart=scores_figure(summary.spread) if summary.spread else None,
-        tasks=[
-            (*words, [todo for todo in summary.todos if todo.need is need])
-            for need, words in needs.items()
-        ],
-        badges=[[needs[todo.need][2] for todo in summary.todos if todo.row == n] for n in rows],
-        shared=[
-            (n, mistake) for n, mistake in enumerate(summary.mistakes) if len(mistake.made_by) > 1
-        ],
-        single=[
-            (n, mistake) for n, mistake in enumerate(summary.mistakes) if len(mistake.made_by) == 1
-        ],
-        mistakes=[
-            [k for k, m in enumerate(summary.mistakes) if any(one.row == n for one in m.made_by)]
-            for n in rows
-        ],
+        tasks=_tasks(summary),
+        badges=[_badges_of(n, summary) for n in rows],
+        shared=_numbered_mistakes(summary, shared=True),
+        single=_numbered_mistakes(summary, shared=False),
+        mistakes=[_mistakes_of(n, summary) for n in rows],
         codes=[_codes(row, summary) for row in summary.rows],
         final_share=views.final_share,
         titles={check.id: check.title for check in summary.checks},
@@ -103,12 +96,59 @@ def render(
         remarks=[_remark(check, summary.noise) for check in summary.checks],
         adjustments_of=views.adjustments_of,
         cell_badge=views.cell_badge,
-        beside=any(row.result.beside_criteria for row in summary.rows if row.result),
+        beside=_has_points_beside(summary),
         zone=zone,
         dated=any(when != ("–", "") for when in times),
         times=times,
         due=_due(summary),
     )
+
+
+def _tasks(summary: ClassSummary) -> list[tuple[str, str, Badge, list[Todo]]]:
+    """Return title, text and badge of each kind of task that a person has, with its submissions."""
+    by_need: dict[Need, list[Todo]] = {}
+    for todo in summary.todos:
+        by_need.setdefault(todo.need, []).append(todo)
+    return [(*_TASKS[need], todos) for need, todos in by_need.items()]
+
+
+def _badges_of(row: int, summary: ClassSummary) -> list[Badge]:
+    """Return the badges of the tasks with one submission."""
+    return [_TASKS[todo.need][2] for todo in summary.todos if todo.row == row]
+
+
+def _numbered_mistakes(summary: ClassSummary, *, shared: bool) -> list[tuple[int, Mistake]]:
+    """Return the mistakes of several submissions, or else those of a single one, with their numbers."""
+    found = []
+    for n, mistake in enumerate(summary.mistakes):
+        count = len(mistake.made_by)
+        if (count > 1) if shared else (count == 1):
+            found.append((n, mistake))
+    return found
+
+
+def _mistakes_of(row: int, summary: ClassSummary) -> list[int]:
+    """Return the numbers of the mistakes in one submission."""
+    found = []
+    for n, mistake in enumerate(summary.mistakes):
+        if any(one.row == row for one in mistake.made_by):
+            found.append(n)
+    return found
+
+
+def _has_points_beside(summary: ClassSummary) -> bool:
+    """Tell whether a submission has points beside those of the criteria."""
+    return any(row.result.beside_criteria for row in summary.rows if row.result)
+
+
+def _compared(summary: ClassSummary) -> dict[int, Changes]:
+    """Return the changes since the previous submission, by row, for the rows that have one."""
+    found = {}
+    for n, row in enumerate(summary.rows):
+        changes = _changes(row)
+        if changes is not None:
+            found[n] = changes
+    return found
 
 
 def _changes(row: Row) -> Changes | None:
@@ -162,23 +202,31 @@ def _due(summary: ClassSummary) -> str:
 
 
 def _when(row: Row, zone: timezone | None) -> tuple[str, str]:
-    """Return when a submission was handed in, in a zone, and how that is known, with an extension of the due date."""
-    entry, timing = row.entry, row.result.timing if row.result is not None else None
-    notes = [entry.time_source] if entry.submitted_at is not None else []
-    shown = "–"
-    if timing is not None and timing.source and entry.submitted_at is None:
-        shown, notes = timing.handed_in, [timing.source]
-    elif entry.submitted_at is not None:
-        shown = entry.submitted_at.strftime("%Y-%m-%d %H:%M")
-        if entry.submitted_at.utcoffset() is None:
-            notes.append("time zone not known")
-        elif zone is not None:
-            shown = entry.submitted_at.astimezone(zone).strftime("%Y-%m-%d %H:%M")
-    elif entry.newest_file is not None:
-        notes.append(f"newest file {time_text(entry.newest_file)}")
+    """Return the time of a submission in a zone, and the source of the time with an extension of the due date."""
+    timing = row.result.timing if row.result is not None else None
+    shown, notes = _time_and_source(row.entry, timing, zone)
     if timing is not None and timing.due_for_all:
         notes.append(f"due {timing.due}, extended")
     return shown, "; ".join(note for note in notes if note)
+
+
+def _time_and_source(
+    entry: ClassEntry, timing: Timing | None, zone: timezone | None
+) -> tuple[str, list[str]]:
+    """Return the time of a submission in a zone, a dash without one, and notes on its source."""
+    time = entry.submitted_at
+    if time is not None:
+        notes = [entry.time_source]
+        if time.utcoffset() is None:
+            notes.append("time zone not known")
+        elif zone is not None:
+            time = time.astimezone(zone)
+        return time.strftime("%Y-%m-%d %H:%M"), notes
+    if timing is not None and timing.source:
+        return timing.handed_in, [timing.source]
+    if entry.newest_file is not None:
+        return "–", [f"newest file {time_text(entry.newest_file)}"]
+    return "–", []
 
 
 def _remark(check: CheckStatistics, noise: float | None) -> str:

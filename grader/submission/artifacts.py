@@ -8,7 +8,7 @@ from __future__ import annotations
 import difflib
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
@@ -183,17 +183,12 @@ def find_artifacts(
 ) -> list[ArtifactFact]:
     """Find each artifact: by the rubric's patterns, else by a similar name, else by its contents.
 
-    One file may hold several, as nodes that are composed in one process do. What is of the bonus is not found by a
-    similar name: nobody has to hand it in, so that the file is more likely another.
+    One file may hold several, as nodes that are composed in one process do. A bonus artifact is not found by a similar
+    name: nobody has to hand it in, so that the file is more likely another.
     """
     specs, texts = rubric.artifacts, record.texts
     found = {name: _candidates(spec, paths, texts) for name, spec in specs.items()}
-    chooser = Chooser(
-        found,
-        {PurePosixPath(file.path): file.sha256 for file in record.files},
-        rubric.lab.package,
-        [PurePosixPath(p.path) for p in record.packages if p.name == rubric.lab.package],
-    )
+    chooser = _chooser(found, record, rubric)
     facts = {name: ArtifactFact(name, spec.file) for name, spec in specs.items()}
     for name, candidates in found.items():
         if candidates.ranks:
@@ -201,19 +196,58 @@ def find_artifacts(
     for name, spec in specs.items():
         if facts[name].path is not None:
             continue
-        taken = {fact.path for fact in facts.values()}
-        free = [p for p in paths if str(p) not in taken and p.suffix in (".py", "")]
-        programs = [p for p in paths if p.suffix == ".py"] if spec.executable is not None else []
+        free = _free_programs(paths, facts.values())
         alike = _similar(spec, free) if name not in rubric.bonus_artifacts else []
-        near = alike or _holding(spec, free, texts) or _holding(spec, programs, texts)
-        if not near:
-            continue
-        # Names that are less like the wanted one are candidates still, but no rivals.
-        ranks = {path: int(_plain(path.name) != _plain(near[0].name)) for path in alike}
-        ranks = ranks or dict.fromkeys(near, 0)
-        found[name] = Candidates(ranks, frozenset(_holding(spec, near, texts)))
-        facts[name] = _chosen(facts[name], chooser, near, "near miss")
+        near = alike or _by_contents(spec, free, paths, texts)
+        if near:
+            worded = frozenset(_holding(spec, near, texts))
+            found[name] = Candidates(_ranks_of_near(near, alike), worded)
+            facts[name] = _chosen(facts[name], chooser, near, "near miss")
     return list(facts.values())
+
+
+def _chooser(found: dict[str, Candidates], record: SubmissionRecord, rubric: Rubric) -> Chooser:
+    """Return the choice among candidates, by contents and by the packages of the lab's name."""
+    hashes = {PurePosixPath(file.path): file.sha256 for file in record.files}
+    package = rubric.lab.package
+    folders = [PurePosixPath(p.path) for p in record.packages if p.name == package]
+    return Chooser(found, hashes, package, folders)
+
+
+def _free_programs(
+    paths: Sequence[PurePosixPath], facts: Iterable[ArtifactFact]
+) -> list[PurePosixPath]:
+    """Return the Python files and files without suffix that are no artifact yet."""
+    taken = {fact.path for fact in facts}
+    programs = (path for path in paths if path.suffix in (".py", ""))
+    return [path for path in programs if str(path) not in taken]
+
+
+def _by_contents(
+    spec: ArtifactSpec,
+    free: list[PurePosixPath],
+    paths: list[PurePosixPath],
+    texts: dict[str, str],
+) -> list[PurePosixPath]:
+    """Return the files that hold an artifact by their contents, else programs that are another artifact too."""
+    found = _holding(spec, free, texts)
+    if not found and spec.executable is not None:
+        programs = [path for path in paths if path.suffix == ".py"]
+        found = _holding(spec, programs, texts)
+    return found
+
+
+def _ranks_of_near(
+    near: Sequence[PurePosixPath], alike: Sequence[PurePosixPath]
+) -> dict[PurePosixPath, int]:
+    """Return the rank of each file that was found without a pattern.
+
+    Names that are less like the wanted one are candidates still, but no rivals.
+    """
+    best = _plain(near[0].name)
+    if alike:
+        return {path: int(_plain(path.name) != best) for path in alike}
+    return dict.fromkeys(near, 0)
 
 
 def _candidates(

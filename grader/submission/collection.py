@@ -130,41 +130,43 @@ class Collections:
             way.append(way[-1].entered(inner))
 
     def _is_collection(self, listing: Listing) -> bool | None:
-        """Apply the rules to what lies directly in a folder; None if none applies."""
-        entries = listing.entries
-        own = self.artifacts(name for name, folder in entries.items() if not folder)
+        """Apply the rules to the entries of a folder; None if none applies."""
+        own = self._artifacts_beside(listing)
         if self._is_download(listing, bool(own)):
             return True
         held = self._held(listing)
-        parts = _parts_of(entries)
+        parts = _parts_of(listing.entries)
         students = {name: artifacts for name, artifacts in held.items() if name not in parts}
         alike = self._are_alike(listing, students)
-        is_named_so = _COLLECTION.search(listing.name) is not None
         if listing.is_repository or own:
-            return is_named_so and alike
+            return alike and _is_named_as_collection(listing)
         if alike:
             return True
         if listing.only_folder in parts and self._wraps_students(listing):
             return None
-        if _PACKAGE_MARKS & set(entries) or any(held[name] for name in parts):
+        if _PACKAGE_MARKS & set(listing.entries) or any(held[name] for name in parts):
             return False
         return self._by_form(listing, students)
 
+    def _artifacts_beside(self, listing: Listing) -> frozenset[str]:
+        """Return the artifacts whose file lies directly in a folder."""
+        return self.artifacts(name for name, folder in listing.entries.items() if not folder)
+
     def _by_form(self, listing: Listing, students: Mapping[str, frozenset[str]]) -> bool | None:
         """Apply the rules for folders in which no two hold the same artifact's file."""
-        entries = listing.entries
-        alone = not any(name.lower().startswith("readme") for name in entries)
-        if alone and self._of_several_labs([listing.below(name) for name in students]):
+        has_readme = any(name.lower().startswith("readme") for name in listing.entries)
+        if not has_readme and self._of_several_labs([listing.below(name) for name in students]):
             return True
         if listing.only_folder is not None:
             return None
-        archives = [name for name, folder in entries.items() if not folder and is_packed(name)]
-        sealed = [name for name in students if _holds_archives_only(listing.below(name).files)]
-        if len(archives) > 1 or len(sealed) > 1:
+        archives = _archives_in(listing)
+        if len(archives) > 1 or _are_sealed(listing, students):
             return True
-        if _COLLECTION.search(listing.name) and (archives or any(entries.values())):
+        if _has_folder_or_archive(listing) and _is_named_as_collection(listing):
             return True
-        return alone if archives and any(students.values()) else None
+        if archives and any(students.values()):
+            return not has_readme
+        return None
 
     def _is_download(self, listing: Listing, has_artifacts: bool) -> bool:
         """Whether a system named most entries.
@@ -226,6 +228,28 @@ class Collections:
             foreign |= bool(found[-1] and programs) and not self.artifacts(student.files)
         packages = all(_PACKAGE_MARKS & student.entries.keys() for student in students)
         return foreign and not packages and _share_one(found)
+
+
+def _is_named_as_collection(listing: Listing) -> bool:
+    """Tell whether a folder is called as folders of submissions are, e.g. `submissions` or `lab 9 abgaben`."""
+    return _COLLECTION.search(listing.name) is not None
+
+
+def _archives_in(listing: Listing) -> list[str]:
+    """Return the archives directly in a folder."""
+    files = (name for name, folder in listing.entries.items() if not folder)
+    return [name for name in files if is_packed(name)]
+
+
+def _has_folder_or_archive(listing: Listing) -> bool:
+    """Tell whether an entry of a folder can be a submission."""
+    return any(folder or is_packed(name) for name, folder in listing.entries.items())
+
+
+def _are_sealed(listing: Listing, students: Iterable[str]) -> bool:
+    """Tell whether several folders hold nothing but archives."""
+    sealed = [name for name in students if _holds_archives_only(listing.below(name).files)]
+    return len(sealed) > 1
 
 
 def _parts_of(entries: Mapping[str, bool]) -> frozenset[str]:

@@ -226,33 +226,46 @@ class _Search:
     def _add_download(
         self, listing: Listing, system: System, delivered: Mapping[str, Delivered]
     ) -> None:
-        students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
+        """Add the submissions in the download of a learning-management system, one for each student."""
         known = system.details(delivered, listing.texts)
-        for entry, is_a_folder in listing.entries.items():
+        self._note_foreign(listing, system, known)
+        students: dict[tuple[str, str], dict[str, Delivered]] = defaultdict(dict)
+        for entry in listing.entries:
             if entry in known:
-                students[known[entry].student, known[entry].student_id][entry] = known[entry]
-            elif entry not in system.own and (is_a_folder or not is_table(entry)):
-                described = f"{listing.location}: {displayed(entry)}: not named as {system.name} names files"
-                self.not_understood.append(described)
+                upload = known[entry]
+                students[upload.student, upload.student_id][entry] = upload
         for (student, student_id), entries in students.items():
             source = self._delivered(listing, entries)
-            named = (
-                student if student == student_id or not student_id else f"{student}_{student_id}"
-            )
-            described = f"{listing.location}: {displayed(named)}"
-            own = {system.id_is: student_id} if system.id_is else {}
-            people = next(iter(entries.values())).people or (
-                Person(student if student != student_id else "", **own),
-            )
-            identity = replace(source.identity, people=people, system=system.name)
+            people = next(iter(entries.values())).people
+            if not people:
+                people = (_person_in(system, student, student_id),)
+            named = student
+            if student_id and student_id != student:
+                named = f"{student}_{student_id}"
             source = replace(
-                source, student=student, student_id=student_id or None, identity=identity
+                source,
+                student=student,
+                student_id=student_id or None,
+                identity=replace(source.identity, people=people, system=system.name),
+                location=f"{listing.location}: {displayed(named)}",
+                origin=listing.origin,
             )
             if source.submitted_at is not None:
                 source = replace(source, time_source=f"{system.name}'s download")
-            self._add(replace(source, location=described, origin=listing.origin), named)
+            self._add(source, named)
         amount = _submissions(len(students))
         self.understood.append(f"{listing.location}: {system.name}'s download of {amount}")
+
+    def _note_foreign(
+        self, listing: Listing, system: System, known: Mapping[str, Delivered]
+    ) -> None:
+        """Note the entries of a download that the system did not name, except tables."""
+        for entry, is_a_folder in listing.entries.items():
+            if entry in known or entry in system.own:
+                continue
+            if is_a_folder or not is_table(entry):
+                described = f"{listing.location}: {displayed(entry)}: not named as {system.name} names files"
+                self.not_understood.append(described)
 
     def _delivered(self, listing: Listing, entries: Mapping[str, Delivered]) -> SubmissionSource:
         """Put together what one student has handed in: of several attempts, the last."""
@@ -288,6 +301,12 @@ class _Search:
 
 #: By this, the results of an earlier grading are known.
 _RESULT = "recordings/submission.json"
+
+
+def _person_in(system: System, student: str, student_id: str) -> Person:
+    """Return the person whom the names of a system's files tell, e.g. a name with a login."""
+    own = {system.id_is: student_id} if system.id_is else {}
+    return Person(student if student != student_id else "", **own)
 
 
 def _submissions(count: int) -> str:

@@ -256,23 +256,43 @@ def _by_whole_names(
     students: Sequence[Student], items: Sequence[_Item]
 ) -> list[tuple[int | None, set[int]]]:
     """Find owners by names, logins, ids and addresses that are all of a name that something bears."""
+    called = _students_by_key(students)
+    bearing = _bearers_by_key(items)
+    found: list[tuple[int | None, set[int]]] = []
+    for item, names in items:
+        own = _keys(item.student_id)
+        sure: int | None = None
+        may_be: set[int] = set()
+        for key in _keys(item.student_id, item.name, *names):
+            owners = called.get(key, set())
+            may_be |= owners
+            is_telling = len(bearing[key]) == 1 or key in own
+            if sure is None and is_telling and len(owners) == 1:
+                sure = min(owners)
+        found.append((sure, may_be))
+    return found
+
+
+def _students_by_key(students: Sequence[Student]) -> dict[str, set[int]]:
+    """Return the places of the students for each key that they are known by."""
     called: dict[str, set[int]] = defaultdict(set)
     for index, student in enumerate(students):
-        # Of a download, folders are called after both.
-        both = f"{student.name} {student.student_id}" if student.name and student.student_id else ""
-        for key in _keys(student.student_id, student.name, *student.person.names, both):
+        keys = _keys(student.student_id, student.name, *student.person.names)
+        if student.name and student.student_id:
+            # Folders of a download have the name and the id, e.g. "Ann Lee 4711".
+            keys += _keys(f"{student.name} {student.student_id}")
+        for key in keys:
             called[key].add(index)
+    return called
+
+
+def _bearers_by_key(items: Sequence[_Item]) -> dict[str, set[str]]:
+    """Return the ids, or else the names, of the things that bear each key."""
     bearing: dict[str, set[str]] = defaultdict(set)
     for item, names in items:
         for key in _keys(item.student_id, item.name, *names):
             bearing[key].add(item.student_id or item.name)
-    found: list[tuple[int | None, set[int]]] = []
-    for item, names in items:
-        keys = [key for key in _keys(item.student_id, item.name, *names) if key in called]
-        telling = [key for key in keys if len(bearing[key]) == 1 or key in _keys(item.student_id)]
-        sure = next((min(called[key]) for key in telling if len(called[key]) == 1), None)
-        found.append((sure, {index for key in keys for index in called[key]}))
-    return found
+    return bearing
 
 
 def _by_words(
@@ -280,28 +300,42 @@ def _by_words(
 ) -> list[tuple[int | None, set[int]]]:
     """Find owners by a login or id among the words of a name that something bears, or by all words of their names.
 
-    `Müller_Änne_aemuell_4711` has the login aemuell and the words of "Änne Müller". Where logins and names point to
-    different students, it does not tell. A login or id among the words of several things, as a year is, tells nothing.
+    `Müller_Änne_aemuell_4711` has the login aemuell and the words of "Änne Müller". Logins and names of different
+    students do not tell. A login or id among the words of several things, as a year is, tells nothing.
     """
     spoken = [f" {' '.join(map(_plain, (item.name, *names)))} " for item, names in items]
     names = [frozenset(_plain(student.name).split()) for student in students]
     numbers = [_numbers_of(student) for student in students]
-    common = Counter(number for known in numbers for number in known)
-    for number in list(common):
-        common[number] = sum(f" {number} " in text for text in spoken)
+    common = _times_spoken(numbers, spoken)
     found: list[tuple[int | None, set[int]]] = []
     for text in spoken:
-        by_number: set[int] = set()
-        unclear: set[int] = set()
-        for index, known in enumerate(numbers):
-            here = [number for number in known if f" {number} " in text]
-            if any(common[number] == 1 for number in here):
-                by_number.add(index)
-            elif here:
-                unclear.add(index)
+        by_number, unclear = _numbered_in(text, numbers, common)
         by_name = _named_in(frozenset(text.split()), names)
         found.append(_owner_of(by_number, by_name, unclear))
     return found
+
+
+def _times_spoken(numbers: Sequence[frozenset[str]], spoken: Sequence[str]) -> dict[str, int]:
+    """Return for each login and id among how many texts' words it is."""
+    common: dict[str, int] = {}
+    for number in frozenset[str]().union(*numbers):
+        common[number] = sum(f" {number} " in text for text in spoken)
+    return common
+
+
+def _numbered_in(
+    text: str, numbers: Sequence[frozenset[str]], common: Mapping[str, int]
+) -> tuple[set[int], set[int]]:
+    """Return the students with a login or id in one text only, and those with others that it has."""
+    certain: set[int] = set()
+    unclear: set[int] = set()
+    for index, known in enumerate(numbers):
+        here = [number for number in known if f" {number} " in text]
+        if any(common[number] == 1 for number in here):
+            certain.add(index)
+        elif here:
+            unclear.add(index)
+    return certain, unclear
 
 
 def _owner_of(

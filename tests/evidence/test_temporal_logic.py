@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -132,37 +133,57 @@ def _grown(inner: st.SearchStrategy[str]) -> st.SearchStrategy[str]:
 
 
 def defined(node: Any, x: Floats, y: Floats, t: int) -> float:
-    """Give the robustness at a step as it is defined, with as many steps after it as are asked for."""
+    """Return the robustness at a step by its definition, with as many later steps as are asked for."""
 
     def of(part: Any, at: int) -> float:
         return defined(part, x, y, at)
 
     if isinstance(node, ast.Compare):
-        sides = [
-            eval(compile(ast.Expression(side), "", "eval"), {"x": x[t], "y": y[t], "abs": abs})
-            for side in (node.left, *node.comparators)
-        ]
-        left, right = (float(side) for side in sides)
-        is_less = isinstance(node.ops[0], (ast.Lt, ast.LtE))
-        return right - left if is_less else left - right
+        return _margin(node, float(x[t]), float(y[t]))
     if isinstance(node, ast.UnaryOp):
         return -of(node.operand, t)
     if isinstance(node, ast.BoolOp):
-        return (min if isinstance(node.op, ast.And) else max)(of(value, t) for value in node.values)
-    called: Any = node.func.value if isinstance(node.func, ast.Subscript) else node.func
-    if called.id == "implies":
+        values = [of(value, t) for value in node.values]
+        return min(values) if isinstance(node.op, ast.And) else max(values)
+    name = _name_called(node)
+    if name == "implies":
         return max(-of(node.args[0], t), of(node.args[1], t))
-    low, high = (
-        ast.literal_eval(node.func.slice)
-        if isinstance(node.func, ast.Subscript)
-        else (0, _AT_REST - t)
-    )
-    steps = range(t + low, max(t + low, t + high) + 1)
-    if called.id == "until":
-        return max(
-            min([of(node.args[1], d), *(of(node.args[0], e) for e in range(t, d))]) for d in steps
-        )
-    return (min if called.id == "always" else max)(of(node.args[0], d) for d in steps)
+    steps = _steps_within(node, t)
+    if name == "until":
+        return max(_until(node, of, t, step) for step in steps)
+    values = [of(node.args[0], step) for step in steps]
+    return min(values) if name == "always" else max(values)
+
+
+def _margin(node: ast.Compare, x: float, y: float) -> float:
+    """Return by how much a comparison holds."""
+    sides = []
+    for side in (node.left, *node.comparators):
+        code = compile(ast.Expression(side), "", "eval")
+        sides.append(float(eval(code, {"x": x, "y": y, "abs": abs})))
+    left, right = sides
+    is_less = isinstance(node.ops[0], (ast.Lt, ast.LtE))
+    return right - left if is_less else left - right
+
+
+def _name_called(node: Any) -> str:
+    """Return the name of an operator, e.g. `until` of `until[0, 2](...)`."""
+    called: Any = node.func.value if isinstance(node.func, ast.Subscript) else node.func
+    return str(called.id)
+
+
+def _steps_within(node: Any, t: int) -> range:
+    """Return the steps within an operator's bounds, and all later ones without bounds."""
+    low, high = 0, _AT_REST - t
+    if isinstance(node.func, ast.Subscript):
+        low, high = ast.literal_eval(node.func.slice)
+    return range(t + low, max(t + low, t + high) + 1)
+
+
+def _until(node: Any, of: Callable[[Any, int], float], t: int, step: int) -> float:
+    """Return the robustness of `until` if its second part counts at one step."""
+    before = [of(node.args[0], each) for each in range(t, step)]
+    return min([of(node.args[1], step), *before])
 
 
 #: From this step on the signals rest, so that it is all the same how far one looks.

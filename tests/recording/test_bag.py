@@ -140,25 +140,32 @@ def test_metadata_says_the_same_as_the_channel(tmp_path: Path) -> None:
     writer.close()
 
     metadata = yaml.safe_load((tmp_path / METADATA_FILE).read_text())["rosbag2_bagfile_information"]
-    listed = {
-        t["topic_metadata"]["name"]: t["topic_metadata"]
-        for t in metadata["topics_with_message_count"]
-    }
-    with (tmp_path / "session.mcap").open("rb") as stream:
-        summary = make_reader(stream).get_summary()
-    assert summary is not None
-    for channel in summary.channels.values():
-        told = channel.metadata["offered_qos_profiles"]
-        assert told == listed[channel.topic]["offered_qos_profiles"]
-    profiles = yaml.safe_load(told)
+    listed = {}
+    for topic in metadata["topics_with_message_count"]:
+        described = topic["topic_metadata"]
+        listed[described["name"]] = described["offered_qos_profiles"]
+    channels = profiles_in_channels(tmp_path / "session.mcap")
+    told = channels["/two"]
+    assert channels == {topic: listed[topic] for topic in channels}
     assert metadata["version"] == 8
     assert metadata["relative_file_paths"] == ["session.mcap"]
+    profiles = yaml.safe_load(told)
     assert profiles[1]["deadline"] == {"sec": 1, "nsec": 500_000_000}
     assert profiles[1]["lifespan"] == {"sec": 9_223_372_036, "nsec": 854_775_807}
-    assert [p["reliability"] for p in profiles] == [1, 2]
-    assert [p["durability"] for p in profiles] == [2, 1]
-    assert [p["history"] for p in profiles] == [3, 3]
+    policies = [(p["reliability"], p["durability"], p["history"]) for p in profiles]
+    assert policies == [(1, 2, 3), (2, 1, 3)]
     assert offered_policies(told) == [("reliable", "volatile"), ("best_effort", "transient_local")]
+
+
+def profiles_in_channels(path: Path) -> dict[str, str]:
+    """Return the text of QoS profiles in each channel of a file, by topic."""
+    with path.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+    assert summary is not None
+    found = {}
+    for channel in summary.channels.values():
+        found[channel.topic] = channel.metadata["offered_qos_profiles"]
+    return found
 
 
 def test_policies_of_earlier_recordings_are_understood() -> None:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 import zipfile
+from collections.abc import Iterable
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -127,38 +129,53 @@ print(json.dumps(told))
 
 def test_no_verdict_depends_on_the_machines_time_zone(tmp_path: Path) -> None:
     """Zips of Windows, a list and a download without zones cost the same points in Berlin, UTC and Los Angeles."""
-    (tmp_path / "class").mkdir()
+    lay_out_times_without_zones(tmp_path)
+    zones = ("Europe/Berlin", "UTC", "America/Los_Angeles")
+    told, *others = [verdicts_in(zone, tmp_path) for zone in zones]
+    assert others == [told, told]
+    assert {points for _, points, _ in told} == {"12.5"}
+    texts = sorted({(name, text) for name, _, text in told})
+    words = "\n".join(text for _, text in texts)
+    assert "newest file in it says 2026-11-20 23:40, time zone not known" in words
+    assert count_of(r"\+01:00 \(by Blackboard's download\)", r"in time", texts) == 2
+    assert count_of(r"\(by the class list\)", r": in time\.$", texts) == 1
+
+
+def count_of(source: str, verdict: str, texts: Iterable[tuple[str, str]]) -> int:
+    """Return how many texts have both a source and a verdict, given as regular expressions."""
+    named = [text for _, text in texts if re.search(source, text)]
+    return sum(re.search(verdict, text) is not None for text in named)
+
+
+def lay_out_times_without_zones(folder: Path) -> None:
+    """Write zips, a class list and a download of Blackboard, all with the same local time."""
+    (folder / "class").mkdir()
     for name in ("anna", "ben"):
-        with zipfile.ZipFile(tmp_path / f"class/{name}.zip", "w") as packed:
+        with zipfile.ZipFile(folder / f"class/{name}.zip", "w") as packed:
             info = zipfile.ZipInfo("joint_publisher.py", (2026, 11, 20, 23, 40, 0))
             packed.writestr(info, "pass\n")
-    (tmp_path / "class.csv").write_text("name,submitted_at\nanna,2026-11-20T23:40\nben,\n")
-    (tmp_path / "blackboard").mkdir()
+    (folder / "class.csv").write_text("name,submitted_at\nanna,2026-11-20T23:40\nben,\n")
+    (folder / "blackboard").mkdir()
     for user in ("cem1", "dora2"):
         attempt = f"Lab 9_{user}_attempt_2026-11-20-23-40-00"
-        (tmp_path / f"blackboard/{attempt}_joint_publisher.py").write_text("pass\n")
-        (tmp_path / f"blackboard/{attempt}.txt").write_text("")
+        (folder / f"blackboard/{attempt}_joint_publisher.py").write_text("pass\n")
+        (folder / f"blackboard/{attempt}.txt").write_text("")
+
+
+def verdicts_in(zone: str, folder: Path) -> list[list[str]]:
+    """Return name, points and reason of each submission on a machine in a time zone, by two policies."""
     late = {"due": "2026-11-20T23:59:00+01:00", "per_day": "10 %"}
     policies = json.dumps([{"late": late}, {"late": late, "timezone": "Europe/Berlin"}])
-    told = []
-    for zone in ("Europe/Berlin", "UTC", "America/Los_Angeles"):
-        done = subprocess.run(
-            [sys.executable, "-c", PROGRAM, str(tmp_path), policies],
-            capture_output=True,
-            text=True,
-            env={**os.environ, "TZ": zone},
-            cwd=Path(__file__).parents[2],
-            check=True,
-        )
-        told.append(json.loads(done.stdout))
-    assert told[0] == told[1] == told[2]
-    assert {points for _, points, _ in told[0]} == {"12.5"}
-    texts = {(name, text) for name, _, text in told[0]}
-    assert any(
-        "newest file in it says 2026-11-20 23:40, time zone not known" in t for _, t in texts
+    done = subprocess.run(
+        [sys.executable, "-c", PROGRAM, str(folder), policies],
+        capture_output=True,
+        text=True,
+        env={**os.environ, "TZ": zone},
+        cwd=Path(__file__).parents[2],
+        check=True,
     )
-    assert sum("+01:00 (by Blackboard's download)" in t and "in time" in t for _, t in texts) == 2
-    assert sum("(by the class list)" in t and t.endswith(": in time.") for _, t in texts) == 1
+    found: list[list[str]] = json.loads(done.stdout)
+    return found
 
 
 # -- whose what is ---------------------------------------------------------------------------------

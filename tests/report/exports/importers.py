@@ -113,30 +113,49 @@ def canvas(
     of nothing but commas are skipped, a line with `Points Possible` is about no student; numbers with a decimal comma get
     a point. A student is found by ID, else by SIS ids, else by name; others would be new.
     """
-    rows = [row for row in table(content) if any(cell.strip(" ;,") for cell in row)]
-    head = rows[0]
-    if len(head) <= 3 or "Student" not in head[0] or "ID" not in head[1]:
+    head, *lines = [row for row in table(content) if any(cell.strip(" ;,") for cell in row)]
+    rows = [row for row in lines if "Points Possible" not in row[0]]
+    read: dict[str, dict[str, str]] = {}
+    for at in range(_first_assignment(head), len(head)):
+        if _CANVAS_SUMS.search(head[at]):
+            continue
+        scores = read[_assignment_of(head[at], assignments)] = {}
+        for row in rows:
+            user = _canvas_user(dict(zip(head, row, strict=True)), users)
+            scores[user] = _with_point(row[at])
+    return read
+
+
+#: Columns of Canvas' own.
+_CANVAS_SUMS = re.compile("final|(Current|Override) (Score|Points|Grade|Status)", re.IGNORECASE)
+
+
+def _first_assignment(head: Sequence[str]) -> int:
+    """Return the first column after those about the student; raises Refused for another order of these."""
+    if len(head) <= 3:
         raise Refused("Invalid header row")
-    sis = ["SIS User ID", "SIS Login ID"] if head[2] == "SIS User ID" else ["SIS Login ID"]
-    end = 2 + (len(sis) if head[2 : 2 + len(sis)] == sis else 0)
+    for wanted, heading in zip(("Student", "ID"), head, strict=False):
+        if wanted not in heading:
+            raise Refused("Invalid header row")
+    sis = ["SIS Login ID"]
+    if head[2] == "SIS User ID":
+        sis = ["SIS User ID", "SIS Login ID"]
+    end = 2
+    if head[2 : 2 + len(sis)] == sis:
+        end += len(sis)
     if "Section" not in head[end]:
         raise Refused("Invalid header row")
-    read: dict[str, dict[str, str]] = {}
-    for at in range(end + 1, len(head)):
-        if re.search(
-            "final|(Current|Override) (Score|Points|Grade|Status)", head[at], re.IGNORECASE
-        ):
-            continue
-        named = re.fullmatch(r"(.*)\s\((\d+)\)", head[at])
-        titled = {title: number for number, title in assignments.items()}
-        number = named[2] if named and named[2] in assignments else titled.get(head[at], head[at])
-        scores = read[number] = {}
-        for row in rows[1:]:
-            if "Points Possible" not in row[0]:
-                scores[_canvas_user(dict(zip(head, row, strict=True)), users)] = _with_point(
-                    row[at]
-                )
-    return read
+    return end + 1
+
+
+def _assignment_of(heading: str, assignments: Mapping[str, str]) -> str:
+    """Return the number of a column's assignment, by the number or the title in its heading; else the heading."""
+    named = re.fullmatch(r"(.*)\s\((\d+)\)", heading)
+    number = named[2] if named else ""
+    if number in assignments:
+        return number
+    titled = {title: number for number, title in assignments.items()}
+    return titled.get(heading, heading)
 
 
 def _with_point(cell: str) -> str:
