@@ -45,7 +45,7 @@ def _kind_of_module(module: str) -> Kind:
     text = (ROOT / module).read_text(encoding="utf-8")
     if re.search(r"pytest\.mark\.live\b", text):
         return _kind_of_live_module(name)
-    if re.search(r"^pytestmark = pytest\.mark\.slow\b", text, re.MULTILINE):
+    if re.search(r"^pytestmark = .*pytest\.mark\.slow\b", text, re.MULTILINE):
         return Kind.LONG
     if Path(module).parts[1] in PATIENT and name not in IMPATIENT:
         return Kind.PURE

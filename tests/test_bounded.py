@@ -23,7 +23,7 @@ from grader.lab.rubric import Rubric, load_rubric
 from grader.result import to_json
 from tests.regraded import judge_results, regraded
 
-pytestmark = pytest.mark.usefixtures("judged_before")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("judged_before")]
 
 ROOT = Path(__file__).resolve().parents[1]
 SMALL = Bound(what="work", cpu_s=1.0, wall_s=60.0, memory_bytes=256 * 1024**2)

@@ -20,7 +20,7 @@ from grader.lab.kept_lab import lab_folder
 from grader.result_folder import AUDIT_FILE, HISTORY
 from tests.regraded import judge_results, regraded
 
-pytestmark = pytest.mark.usefixtures("judged_before")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("judged_before")]
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = lab_folder() / "rubric.yaml"

@@ -13,7 +13,7 @@ from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
 
-pytestmark = pytest.mark.usefixtures("judged_before")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("judged_before")]
 
 ROOT = Path(__file__).resolve().parents[2]
 

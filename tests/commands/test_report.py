@@ -16,7 +16,7 @@ from grader.lab.rubric import Rubric
 from grader.recording.submission import read_submission, write_submission
 from tests.regraded import judge_results, regraded
 
-pytestmark = pytest.mark.usefixtures("judged_before")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("judged_before")]
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
 

@@ -20,7 +20,7 @@ from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import KEPT, files_of, identity_of, kept_files, lab_folder, sha256s
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
 
-pytestmark = pytest.mark.usefixtures("judged_before")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("judged_before")]
 
 UNCHECKED = py_compile.PycInvalidationMode.UNCHECKED_HASH
 ROOT = Path(__file__).resolve().parents[2]

@@ -25,7 +25,7 @@ from tests.live.launch.evaluations import (  # noqa: E402
 )
 from tests.live.launch.outline import outline  # noqa: E402
 
-pytestmark = needs_the_original
+pytestmark = [pytest.mark.slow, needs_the_original]
 
 #: Cases of what patch releases of Jazzy after 3.4.3 brought, so that the copy gives an error or another plan.
 LATER_PATCHES = {
