@@ -243,12 +243,12 @@ def test_a_broken_recording_costs_nothing(
     elif how.endswith("bag"):
         path = next((copy / session).glob("*.mcap"))
         data = path.read_bytes()
-        # No record's length is so large: what follows cannot be found.
-        path.write_bytes(
-            data[: len(data) // 2]
-            if how == "half of its bag"
-            else data[:9] + b"\xff" * 8 + data[17:]
-        )
+        middle = len(data) // 2
+        rest = b""
+        if how == "a damaged bag":
+            wrong = bytes(byte ^ 0xFF for byte in data[middle : middle + 8])
+            rest = wrong + data[middle + 8 :]
+        path.write_bytes(data[:middle] + rest)
     else:
         change = (
             {"complete": False} if how == "cut off" else {"problems": ["a reference node died"]}
