@@ -1,7 +1,8 @@
 """Choose the student's work among files of one name: a tutorial lies beside it, or an earlier try.
 
 The files' contents decide, the lab's package, the lab's programs that a launch file names, and which folder holds the
-most of the lab's files; never how deep a file lies. Nothing is read of what the student writes about their folders: it may say anything.
+most of the lab's files; never how deep a file lies. Nothing is read of what the student writes about their folders: it
+may say anything.
 """
 
 from __future__ import annotations
