@@ -187,7 +187,8 @@ def find_artifacts(
     name: nobody has to hand it in, so that the file is more likely another.
     """
     specs, texts = rubric.artifacts, record.texts
-    found = {name: _candidates(spec, paths, texts) for name, spec in specs.items()}
+    executables = frozenset(filter(None, (spec.executable for spec in specs.values())))
+    found = {name: _candidates(spec, paths, texts, executables) for name, spec in specs.items()}
     chooser = _chooser(found, record, rubric)
     facts = {name: ArtifactFact(name, spec.file) for name, spec in specs.items()}
     for name, candidates in found.items():
@@ -251,7 +252,10 @@ def _ranks_of_near(
 
 
 def _candidates(
-    spec: ArtifactSpec, paths: Sequence[PurePosixPath], texts: dict[str, str]
+    spec: ArtifactSpec,
+    paths: Sequence[PurePosixPath],
+    texts: dict[str, str],
+    programs: frozenset[str],
 ) -> Candidates:
     """Return the files of an artifact's names, each with the rank of the best name that it has."""
     ranks: dict[PurePosixPath, int] = {}
@@ -260,7 +264,15 @@ def _candidates(
             if path not in ranks and any(matches(pattern, path) for pattern in patterns):
                 ranks[path] = rank
     worded = _holding(spec, list(ranks), texts) if spec.contains else ranks
-    return Candidates(ranks, frozenset(worded))
+    if spec.executable is not None:
+        return Candidates(ranks, frozenset(worded))
+    # No program itself, such as a launch file: the lab's is known by the programs that it starts.
+    named = {path: _named_in(texts.get(str(path), ""), programs) for path in ranks}
+    return Candidates(ranks, frozenset(worded), named)
+
+
+def _named_in(text: str, programs: frozenset[str]) -> int:
+    return sum(re.search(rf"\b{re.escape(program)}\b", text) is not None for program in programs)
 
 
 def _names_by_rank(spec: ArtifactSpec) -> list[list[str]]:

@@ -1,7 +1,8 @@
 """Choose the student's work among files of one name: a tutorial lies beside it, or an earlier try.
 
-The files' contents decide, the lab's package, and which folder holds the most of the lab's files; never how deep a
-file lies. Nothing is read of what the student writes about their folders: it may say anything.
+The files' contents decide, the lab's package, the lab's programs that a launch file names, and which folder holds the
+most of the lab's files; never how deep a file lies. Nothing is read of what the student writes about their folders: it
+may say anything.
 """
 
 from __future__ import annotations
@@ -39,6 +40,8 @@ class Candidates:
     ranks: Mapping[PurePosixPath, int] = field(default_factory=dict)
     #: Files with all the words by which the rubric knows the artifact.
     worded: frozenset[PurePosixPath] = frozenset()
+    #: How many of the lab's programs each file names.
+    programs: Mapping[PurePosixPath, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -54,6 +57,8 @@ class _Group:
     #: True if one of the files holds the words, and if one lies in the lab's package.
     own_words: bool
     in_package: bool
+    #: The most of the lab's programs that one of the files names.
+    programs: int
 
     @property
     def is_left_behind(self) -> bool:
@@ -144,6 +149,7 @@ class Chooser:
             min(own.ranks.get(path, 0) for path in files),
             any(path in own.worded for path in files),
             any(map(self._is_in_package, files)),
+            max(own.programs.get(path, 0) for path in files),
         )
 
     def _is_in_package(self, path: PurePosixPath) -> bool:
@@ -219,6 +225,14 @@ _WORDS = _Measure(
 _PACKAGE = _Measure(
     lambda group: group.in_package, lambda best, others: "it lies in the lab's package"
 )
+
+
+def _why_by_programs(best: _Group, others: Sequence[_Group]) -> str:
+    most = max(group.programs for group in others)
+    return f"it names {best.programs} of the lab's programs, the other {most}"
+
+
+_PROGRAMS = _Measure(lambda group: group.programs, _why_by_programs)
 _WORDED = _by_count(lambda group: len(group.worded))
 _NAMED = _by_count(lambda group: len(group.named))
 _KEPT = _Measure(
@@ -226,5 +240,5 @@ _KEPT = _Measure(
     lambda best, others: f"the other lies in {others[0].shown}",
 )
 #: For files that only have the name in common, and for versions of the same work.
-_FILES_BY = (_NAME, _WORDS, _PACKAGE, _WORDED, _NAMED, _KEPT)
+_FILES_BY = (_NAME, _WORDS, _PACKAGE, _PROGRAMS, _WORDED, _NAMED, _KEPT)
 _VERSIONS_BY = (_WORDED, _PACKAGE, _WORDS, _NAMED, _NAME, _KEPT)

@@ -176,7 +176,9 @@ class _Search:
                 # GitHub Classroom's `lab-09-submissions/lab-09-alice` names the user.
                 assignment = listing.name.removesuffix("-submissions")
                 user = name.removeprefix(f"{assignment}-") if assignment != listing.name else name
-                source = _source_of(self._last_version(listing.below(name)))
+                folder_of_one = self._last_version(listing.below(name))
+                self._doubt_several_in(folder_of_one)
+                source = _source_of(folder_of_one)
                 identity = Identity((Person(login=user),))
                 self._add(
                     replace(source, student_id=user, identity=identity) if user != name else source,
@@ -197,6 +199,17 @@ class _Search:
         self.understood.append(
             f"{listing.location}: {_submissions(len(self.submissions) - before)}"
         )
+
+    def _doubt_several_in(self, listing: Listing) -> None:
+        """Tell of a folder among submissions that holds several itself, as that of a section or a group does."""
+        students = self._collections.understood(listing).students
+        inner = [name for name, folder in students.entries.items() if folder] if students else []
+        if len(inner) > 1:
+            one, other, *_ = map(displayed, inner)
+            self.doubts.append(
+                f"{listing.location}: taken as one submission, although {one}/ and {other}/ in it look like "
+                "submissions. If they are, grade that folder by its own path, unpacked."
+            )
 
     def _is_earlier_result(self, listing: Listing) -> bool:
         """Whether a folder holds results, and none of the lab's files, which a student may keep beside such."""

@@ -20,6 +20,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
+from itertools import islice
 from pathlib import Path
 
 from grader.errors import SubmissionError
@@ -28,6 +29,8 @@ from grader.recording.submission import Identity, Person
 from grader.submission.lms.worksheet import WORKSHEET_TIME, columns_of, worksheet_time
 
 _MOST_BYTES = 4 * 1024 * 1024
+#: Lines by which columns are known.
+_SAMPLE_LINES = 50
 #: What is known of a person -> how columns with it are called, in lower case, with underscores for blanks.
 _COLUMNS = {
     "name": ("name", "full_name", "student"),
@@ -84,9 +87,11 @@ def read_class_list(path: Path) -> list[Student]:
             remedy=f"It is a CSV file in UTF-8. {problem}",
         ) from None
     first = text.partition("\n")[0]
-    rows = csv.reader(text.splitlines(), delimiter=max(",;\t", key=first.count))
+    delimiter = max(",;\t", key=first.count)
+    rows = csv.reader(text.splitlines(), delimiter=delimiter)
     try:
-        columns = columns_of(next(rows, []))
+        sample = [*islice(csv.reader(text.splitlines(), delimiter=delimiter), 1, _SAMPLE_LINES)]
+        columns = columns_of(next(rows, []), sample)
         if not {*_COLUMNS["name"], *_COLUMNS["login"], *_COLUMNS["student_id"]} & {*columns}:
             raise ValueError("there is no column 'name'")
         listed = []

@@ -117,6 +117,15 @@ CASES = {
 }
 
 
+def test_the_launch_file_is_the_one_of_the_labs_programs(tmp_path: Path, rubric: Rubric) -> None:
+    """Of two launch files of one name, the one that starts the lab's programs is graded, wherever it lies."""
+    starts = LAUNCH + "# talker, relay\n"
+    files = {"demo/lab1_launch.py": LAUNCH + "# turtle\n", "launch/lab1_launch.py": starts}
+    fact = facts(tmp_path, rubric, files | {"talker.py": TALKER, "relay.py": RELAY})["launch"]
+    assert (fact.path, fact.is_open) == ("launch/lab1_launch.py", False)
+    assert fact.why == "it names 2 of the lab's programs, the other 0"
+
+
 @pytest.mark.parametrize("case", CASES)
 def test_contents_package_and_completeness_decide(
     tmp_path: Path, rubric: Rubric, case: str

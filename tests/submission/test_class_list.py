@@ -79,6 +79,26 @@ def test_a_worksheet_of_any_language_is_a_class_list(language: str, tmp_path: Pa
     assert (student.submitted_at, student.time_source) == (EVENING, "Moodle's grading worksheet")
 
 
+FOREIGN = {
+    "pl": "Identyfikator,Imię i nazwisko,Adres e-mail,Status,Ocena,Maksymalna ocena,"
+    "Ostatnio modyfikowane (przesłane zadanie),Ostatnio modyfikowane (ocena)",
+    "zh": "识别号,全名,电子邮件地址,状态,成绩,最高分,最后修改(作业),最后修改(成绩)",
+    "tr": "Kimlik,Tam adı,E-posta adresi,Durum,Not,En yüksek not,Son değiştirme (gönderim),Son değiştirme (not)",
+    "da": "Identifikator,Fulde navn,E-mailadresse,Status,Karakter,Maksimum,"
+    "Senest ændret (aflevering),Senest ændret (karakter)",
+}
+
+
+@pytest.mark.parametrize("language", FOREIGN)
+def test_addresses_tell_a_worksheets_columns(language: str, tmp_path: Path) -> None:
+    """Where no heading is known, the column with addresses tells that names stand in the second one."""
+    row = 'Participant 11,Ann Lee,al@uni.example,-,,100,"2 March 2026, 23:41",-'
+    (tmp_path / "sheet.csv").write_text(f"{FOREIGN[language]}\n{row}\n", encoding="utf-8-sig")
+    (student,) = read_class_list(tmp_path / "sheet.csv")
+    known = (student.name, student.person.moodle, student.person.email, student.submitted_at)
+    assert known == ("Ann Lee", "11", "al@uni.example", EVENING)
+
+
 def test_other_lists_keep_their_columns() -> None:
     """Only two headings that differ in their brackets make a worksheet of a list."""
     for headings in (["Name", "Points (of 10)"], ["name", "Lab 1 (x)", "Lab 2 (y)", "id"]):

@@ -293,6 +293,24 @@ def test_packages_with_the_same_file_are_one_submission(rubric: Rubric, tmp_path
     assert found_in(folder, rubric) == ["alice"], "one package and one folder share nothing else"
 
 
+def test_sections_of_a_class_are_told(rubric: Rubric, tmp_path: Path) -> None:
+    """A folder among submissions that holds a class itself is named, and its versions of one work are not."""
+    sections = {
+        "Group 1/ann": FIVE,
+        "Group 1/bob": FIVE,
+        "Group 2": FIVE,
+        "cy/old": FIVE,
+        "cy/new": FIVE,
+    }
+    folder = lay_out(tmp_path / "class", in_folders(sections))
+    for path in (folder, pack(folder, tmp_path / "class.zip")):
+        found = find_submissions([path], rubric)
+        assert [source.name for source in found.submissions] == ["cy", "Group_1", "Group_2"]
+        (doubt,) = found.doubts
+        assert "Group 1" in doubt.partition(": taken as one submission")[0]
+        assert "ann/ and bob/ in it look like submissions" in doubt
+
+
 def test_students_whose_folders_are_packages_are_a_class(rubric: Rubric, tmp_path: Path) -> None:
     """Whole packages, or packages of the lab's name in folders of students, are one submission each."""
     group = lay_out(tmp_path / "group", in_folders({"alice": FIVE, "bob": FIVE}))

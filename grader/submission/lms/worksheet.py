@@ -22,12 +22,18 @@ _YEAR = re.compile(r"\b\d{4}\b|\d{4}年")
 #: A date of numbers without the year in front.
 _TWO_DAYS = re.compile(r"\b\d{1,2}[-/.]\d{1,2}[-/.]\d{4}")
 _MOST_CHARACTERS = 100
+_ADDRESS = re.compile(r"\s*[^@\s]{1,100}@[^@\s]{1,200}\s*")
+#: Columns before those of grades: the participant, the name, and what else an instructor may see of a person.
+_MOST_IDENTITY_COLUMNS = 6
 _KNOWN = frozenset({"full_name", "id_number", "email_address"})
 _NAME = re.compile(r"(?i).*(name|nom|naam|nimi|jméno|név|имя|氏名|姓名|名前).*")
 
 
-def columns_of(headings: Sequence[str]) -> list[str]:
-    """Return the columns of a class list: in lower case, with underscores for blanks, and those of a worksheet in English."""
+def columns_of(headings: Sequence[str], sample: Sequence[Sequence[str]] = ()) -> list[str]:
+    """Return the columns of a class list: in lower case, with underscores for blanks, and those of a worksheet in English.
+
+    Addresses in some of its lines tell more than headings in a language that is not known here.
+    """
     columns = [heading.strip().lower().replace(" ", "_") for heading in headings]
     heads = [match["head"] if (match := _BRACKETED.fullmatch(c)) else "" for c in columns]
     pairs = [head for head, count in Counter(heads).items() if head and count == 2]
@@ -40,7 +46,19 @@ def columns_of(headings: Sequence[str]) -> list[str]:
             columns[1] = "full_name"
         if not _KNOWN & {*columns[2:]}:
             _translate(columns)
+        _name_by_addresses(columns, sample)
     return columns
+
+
+def _name_by_addresses(columns: list[str], sample: Sequence[Sequence[str]]) -> None:
+    """Name the column of addresses by what stands in it; a worksheet that has one has full names in its second column."""
+    beside = range(2, min(len(columns), _MOST_IDENTITY_COLUMNS))
+    lines = [line for line in sample if len(line) == len(columns)]
+    for n in beside:
+        if "email_address" not in columns and any(_ADDRESS.fullmatch(line[n]) for line in lines):
+            columns[n] = "email_address"
+    if "email_address" in columns[2:] and not _KNOWN & {columns[1]}:
+        columns[1] = "full_name"
 
 
 def _translate(columns: list[str]) -> None:
