@@ -318,7 +318,7 @@ class Timing:
     #: The same without extensions; empty if there are none.
     due_for_all: str = ""
     #: In the same form, without offset if none is known; empty if nothing tells the time.
-    handed_in: str = ""
+    submission_time: str = ""
     #: The source of that time, in words.
     source: str = ""
     #: The time of the newest file in the archive, for a person; it proves nothing.
@@ -334,11 +334,11 @@ class Timing:
         due = f"due {self.due}"
         if self.due_for_all:
             due += f" (extended from {self.due_for_all})"
-        if not self.handed_in:
+        if not self.submission_time:
             newest = f"; the newest file in it says {self.newest_file}" if self.newest_file else ""
             return f"Time of submission not known{newest}; {due}."
         verdicts = {True: "late", False: "in time", None: "not known whether in time"}
-        known = f"Handed in {self.handed_in} (by {self.source})"
+        known = f"Handed in {self.submission_time} (by {self.source})"
         return f"{known}, {due}: {verdicts[self.late]}."
 
 

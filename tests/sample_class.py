@@ -174,11 +174,10 @@ def sample_class(
             }
             result["adjustments"] = [late | {"who": "", "when": ""}]
         add_up(result)
-        handed_in = DUE - timedelta(minutes=chance.randrange(9000)) + timedelta(days=n == 5 and 7)
+        early = timedelta(minutes=chance.randrange(9000))
+        at = DUE - early + timedelta(days=n == 5 and 7)
         entries.append(
-            ClassEntry(
-                name, read_result(result), "", report_link(name), handed_in, f"{4100000 + 37 * n}"
-            )
+            ClassEntry(name, read_result(result), "", report_link(name), at, f"{4100000 + 37 * n}")
         )
     if number > 33:
         there_is_none = "There is nothing in it that the lab asks for: no joint_publisher.py, no joint_subscriber.py."

@@ -265,8 +265,8 @@ def _readme_paths(context: Context, titles: Sequence[str]) -> list[PurePosixPath
 def _readme_facts(context: Context, paths: Sequence[PurePosixPath], p: Readme) -> _ReadmeFacts:
     """Read the READMEs, and look for the instruction to run the work and for its parts."""
     # Other checks charge the files that were not handed in.
-    handed_in = [part for part in p.parts if context.path_of(part.artifact) is not None]
-    parts = handed_in or list(p.parts)
+    present = [part for part in p.parts if context.path_of(part.artifact) is not None]
+    parts = present or list(p.parts)
     names = {part: _names_of(context, part) for part in parts}
     all_names = Terms.of(chain(*names.values()), _ENDING)
     texts, hollow = _visible(context, paths, all_names, p.placeholders)

@@ -876,8 +876,8 @@ def _judge_component(
     if len(values) < _FEWEST:
         return Part(0.0, f"[{c.index}] is not a number", f"Element {c.index} is not a number.")
     best = min(fits, key=lambda fit: _badness(fit, c))
-    amplitude = _told_apart(best.amplitude, c.amplitude, p)
-    frequency = _told_apart(best.frequency_hz, c.frequency_hz, p)
+    amplitude = _distinguished(best.amplitude, c.amplitude, p)
+    frequency = _distinguished(best.frequency_hz, c.frequency_hz, p)
     text = f"[{c.index}] {amplitude} at {frequency} Hz"
     early = _earliest(fits, c, p)
     if early is not None:
@@ -888,7 +888,7 @@ def _judge_component(
     return _wrong_motion(best, c, p, text, got)
 
 
-def _told_apart(got: float, wanted: float, p: Sinusoids) -> str:
+def _distinguished(got: float, wanted: float, p: Sinusoids) -> str:
     """Return a number with as many places as show on which side of the tolerance it is."""
     limits = (wanted * (1 - p.tolerance), wanted * (1 + p.tolerance))
     return apart(got, *limits, places=3)

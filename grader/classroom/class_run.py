@@ -20,7 +20,7 @@ from grader.cohort.entries import ClassEntry, entries_in
 from grader.errors import GraderError, RecordingError
 from grader.files import text_of
 from grader.judging.attempts import undecided_sessions
-from grader.lab.policy import HandedIn
+from grader.lab.policy import SubmissionTime
 from grader.lab.rubric import Rubric
 from grader.live.process.waiting import side_by_side
 from grader.live.sandbox.isolation import Isolation, Level
@@ -31,7 +31,7 @@ from grader.recording.submission import read_submission, write_submission
 from grader.result import Result, load_result
 from grader.result_folder import RECORDINGS, REPORT_FILE, RESULT_FILE
 from grader.submission.extraction import SubmissionSource, open_submission
-from grader.submission.handed_in import set_handed_in
+from grader.submission.submission_time import set_submission_time
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class _Task:
 
     source: SubmissionSource
     submission: str
-    handed_in: HandedIn
+    submission_time: SubmissionTime
     key: str
     policy: str
 
@@ -127,14 +127,14 @@ class ClassRun:
         return found
 
     def _task(self, source: SubmissionSource, common: str, lab: str) -> _Task:
-        submission, handed_in = "", source.handed_in
+        submission, submission_time = "", source.submission_time
         # What is wrong with it will be said when it is its turn.
         with suppress(Exception), open_submission(source, prefix=scratch_prefix()) as intake:
             submission = fingerprint.submission_sha256(intake)
-            handed_in = intake.source.handed_in
-        policy = fingerprint.judging_sha256(self.options, source.name, repr(handed_in), lab)
+            submission_time = intake.source.submission_time
+        policy = fingerprint.judging_sha256(self.options, source.name, repr(submission_time), lab)
         key = fingerprint.sha256_of((common, submission))
-        return _Task(source, submission, handed_in, key, policy)
+        return _Task(source, submission, submission_time, key, policy)
 
     def _entry(self, task: _Task, least: Level) -> Entry | None:
         """Return what the journal says of recordings that hold good."""
@@ -188,7 +188,7 @@ class ClassRun:
         recordings = self.journal.results / task.source.name / RECORDINGS
         record, source = read_submission(recordings), task.source
         known = replace(record, student_id=source.student_id, identity=source.identity)
-        set_handed_in(known, task.handed_in)
+        set_submission_time(known, task.submission_time)
         if known != record:
             write_submission(recordings, known)
 

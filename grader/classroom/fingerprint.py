@@ -93,12 +93,12 @@ def options_sha256(options: Options) -> str:
     return sha256_of(stated)
 
 
-def judging_sha256(options: Options, name: str, handed_in: str, lab: str) -> str:
+def judging_sha256(options: Options, name: str, submission_time: str, lab: str) -> str:
     """Return the hash of everything that needs another judgement of a submission, and no other recordings.
 
     The lab's hash is that of `lab_sha256`.
     """
-    return sha256_of((repr(options.overrides.of(name)), handed_in, lab))
+    return sha256_of((repr(options.overrides.of(name)), submission_time, lab))
 
 
 def seed_for(submission: str, run_seed: int) -> int:

@@ -10,12 +10,12 @@ from urllib.parse import quote
 
 from grader.errors import RecordingError
 from grader.files import text_of
-from grader.lab.policy import HandedIn, Policy
+from grader.lab.policy import Policy, SubmissionTime
 from grader.recording.submission import Identity, Person, read_submission
 from grader.result import Result, load_result, result_of_text
 from grader.result_folder import EARLIER_FILE, RECORDINGS, REPORT_FILE, RESULT_FILE
-from grader.submission.handed_in import handed_in_of
 from grader.submission.roster import Match, Student, matches, person_of
+from grader.submission.submission_time import submission_time_of
 
 NOTHING_SUBMITTED = (
     "There is no result under this name: nothing was handed in, or under another name."
@@ -47,9 +47,9 @@ class ClassEntry:
     newest_file: datetime | None = None
 
     @property
-    def handed_in(self) -> HandedIn:
+    def submission_time(self) -> SubmissionTime:
         """When it was handed in, and how that is known."""
-        return HandedIn(self.submitted_at, self.time_source, self.newest_file)
+        return SubmissionTime(self.submitted_at, self.time_source, self.newest_file)
 
     @property
     def people(self) -> tuple[Person, ...]:
@@ -109,15 +109,15 @@ def _with_record(entry: ClassEntry, recordings: Path) -> ClassEntry:
         record = read_submission(recordings)
     except (OSError, ValueError):
         return entry
-    handed_in = handed_in_of(record)
+    submission_time = submission_time_of(record)
     return replace(
         entry,
-        submitted_at=handed_in.at,
+        submitted_at=submission_time.at,
         student_id=record.student_id,
         identity=record.identity,
         before=result_of_text(text_of(recordings / EARLIER_FILE)),
-        time_source=handed_in.source,
-        newest_file=handed_in.newest_file,
+        time_source=submission_time.source,
+        newest_file=submission_time.newest_file,
     )
 
 
@@ -125,8 +125,8 @@ def in_zone(entries: Sequence[ClassEntry], policy: Policy) -> list[ClassEntry]:
     """Return the entries, with the zone of a policy in times without one."""
     zoned = []
     for entry in entries:
-        handed_in = policy.zoned(entry.handed_in)
-        zoned.append(replace(entry, submitted_at=handed_in.at))
+        submission_time = policy.zoned(entry.submission_time)
+        zoned.append(replace(entry, submitted_at=submission_time.at))
     return zoned
 
 

@@ -168,7 +168,7 @@ def _export_class(
     )
     notes = _standing_of(entries)
     beside = any(target.file == STANDARD_OUTPUT for target in targets)
-    told = Console(stderr=True) if beside else console
+    display = Console(stderr=True) if beside else console
     reaches_nobody = []
     for target in targets:
         returned = CLASS_EXPORTS[target.name].render(given)
@@ -178,7 +178,7 @@ def _export_class(
             reaches_nobody.append(target.name)
             continue
         for path, part in write_class_export(target, results, returned):
-            told.print(f"{terminal_text(str(path))}: {part.count}", soft_wrap=True, markup=False)
+            display.print(f"{terminal_text(str(path))}: {part.count}", soft_wrap=True, markup=False)
         for part in (returned, *returned.further):
             notes |= {f"{target.name}: {note}": names for note, names in part.notes.items()}
     _print_notes(notes)

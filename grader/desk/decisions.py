@@ -137,7 +137,7 @@ class Desk:
         assert entry.result is not None
         of = decided.of(entry.result.submission)
         policy = self.rubric.policy
-        return adjust(entry.result, of, policy.late, policy.zoned(entry.handed_in))
+        return adjust(entry.result, of, policy.late, policy.zoned(entry.submission_time))
 
     # -- decisions ------------------------------------------------------------------------------
 

@@ -13,8 +13,8 @@ from decimal import Decimal
 from grader.lab.overrides import Override
 from grader.lab.policy import (
     NOT_KNOWN,
-    HandedIn,
     LatePolicy,
+    SubmissionTime,
     earliest,
     latest,
     span_text,
@@ -41,7 +41,7 @@ def adjust(
     result: Result,
     entries: Iterable[Override],
     late: LatePolicy | None = None,
-    handed_in: HandedIn = NOT_KNOWN,
+    submission_time: SubmissionTime = NOT_KNOWN,
 ) -> Result:
     """Return a result with its adjustments; those that it had are replaced.
 
@@ -74,7 +74,7 @@ def adjust(
         _by_hand(AdjustmentKind.BONUS, WHOLE, e.bonus, e) for e in listed if e.bonus is not None
     ]
     adjusted = replace(result, adjustments=tuple(made), timing=None)
-    return adjusted if late is None else _with_lateness(adjusted, listed, late, handed_in)
+    return adjusted if late is None else _with_lateness(adjusted, listed, late, submission_time)
 
 
 def _changed(points: Decimal, entry: Override, possible: Decimal) -> Decimal:
@@ -90,23 +90,23 @@ def _by_hand(kind: AdjustmentKind, what: str, points: Decimal, entry: Override) 
 
 
 def _with_lateness(
-    result: Result, entries: Sequence[Override], late: LatePolicy, handed_in: HandedIn
+    result: Result, entries: Sequence[Override], late: LatePolicy, submission_time: SubmissionTime
 ) -> Result:
     """Return a result with what moved its times, and with what lateness takes of the points that stand."""
-    moved, due, handed_in = _times(entries, late, handed_in)
-    timing = _timing(late, due, handed_in)
-    costs = _lateness(result.final, late, due, handed_in, timing)
+    moved, due, submission_time = _times(entries, late, submission_time)
+    timing = _timing(late, due, submission_time)
+    costs = _lateness(result.final, late, due, submission_time, timing)
     return replace(result, adjustments=(*result.adjustments, *moved, *costs), timing=timing)
 
 
 def _times(
-    entries: Iterable[Override], late: LatePolicy, handed_in: HandedIn
-) -> tuple[list[Adjustment], datetime, HandedIn]:
+    entries: Iterable[Override], late: LatePolicy, submission_time: SubmissionTime
+) -> tuple[list[Adjustment], datetime, SubmissionTime]:
     """Return the decisions that move times, when it is due with these, and when it was handed in."""
     due, moved = late.due, []
     for entry in entries:
         if entry.submitted is not None:
-            handed_in = replace(handed_in, at=entry.submitted, source=entry.who)
+            submission_time = replace(submission_time, at=entry.submitted, source=entry.who)
             kind, what = AdjustmentKind.SUBMITTED, time_text(entry.submitted)
         elif entry.due is not None or entry.extension is not None:
             due = entry.due if entry.due is not None else due + (entry.extension or timedelta())
@@ -114,15 +114,15 @@ def _times(
         else:
             continue
         moved.append(_by_hand(kind, what, Decimal(0), entry))
-    return moved, due, handed_in
+    return moved, due, submission_time
 
 
-def _timing(late: LatePolicy, due: datetime, handed_in: HandedIn) -> Timing:
+def _timing(late: LatePolicy, due: datetime, submission_time: SubmissionTime) -> Timing:
     """Compare when it was due and handed in.
 
     A time without offset from UTC counts as early or late only if it is so wherever its clock stands.
     """
-    at, is_late, may_be_late = handed_in.at, None, False
+    at, is_late, may_be_late = submission_time.at, None, False
     if at is not None:
         if latest(at) <= due:
             is_late = False
@@ -130,14 +130,14 @@ def _timing(late: LatePolicy, due: datetime, handed_in: HandedIn) -> Timing:
             is_late = True
         else:
             may_be_late = True
-    elif handed_in.newest_file is not None:
-        may_be_late = latest(handed_in.newest_file) > due
+    elif submission_time.newest_file is not None:
+        may_be_late = latest(submission_time.newest_file) > due
     return Timing(
         due=time_text(due),
         due_for_all=time_text(late.due) if due != late.due else "",
-        handed_in=_known(at),
-        source=handed_in.source,
-        newest_file=_known(handed_in.newest_file),
+        submission_time=_known(at),
+        source=submission_time.source,
+        newest_file=_known(submission_time.newest_file),
         late=is_late,
         may_be_late=may_be_late,
     )
@@ -151,16 +151,20 @@ def _known(time: datetime | None) -> str:
 
 
 def _lateness(
-    standing: Decimal, late: LatePolicy, due: datetime, handed_in: HandedIn, timing: Timing
+    standing: Decimal,
+    late: LatePolicy,
+    due: datetime,
+    submission_time: SubmissionTime,
+    timing: Timing,
 ) -> list[Adjustment]:
     """Return what lateness takes of the points that stand, if it is certain."""
     if timing.late is False:
         return []
-    if timing.late is None or handed_in.at is None:
+    if timing.late is None or submission_time.at is None:
         return [Adjustment(AdjustmentKind.LATE, WHOLE, Decimal(0), _unknown(timing))]
-    behind = handed_in.at - due
+    behind = submission_time.at - due
     reason = (
-        f"Handed in {timing.handed_in}, {span_text(behind)} after it was due. "
+        f"Handed in {timing.submission_time}, {span_text(behind)} after it was due. "
         f"{_price(late, behind)}"
     )
     return [Adjustment(AdjustmentKind.LATE, WHOLE, -late.deduction(standing, behind), reason)]
@@ -168,9 +172,9 @@ def _lateness(
 
 def _unknown(timing: Timing) -> str:
     """Say why nothing is taken although it is not known to be in time."""
-    if timing.handed_in:
+    if timing.submission_time:
         return (
-            f"Handed in {timing.handed_in} (by {timing.source}). It does not count as late until "
+            f"Handed in {timing.submission_time} (by {timing.source}). It does not count as late until "
             "the time zone is known: the rubric's policy can name it by the key timezone."
         )
     reason = "It is not known when this was handed in, so it does not count as late."

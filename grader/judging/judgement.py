@@ -28,7 +28,7 @@ from grader.recording.submission import ArtifactFact, FileFact, SubmissionRecord
 from grader.report.foxglove import layout_of
 from grader.result import Result, result_of_text, to_json
 from grader.result_folder import EARLIER_FILE
-from grader.submission.handed_in import handed_in_of
+from grader.submission.submission_time import submission_time_of
 
 if TYPE_CHECKING:
     from grader.report.figures.svg import Figure
@@ -75,8 +75,8 @@ def judge_recordings(
     """
     recordings = open_recordings(folder, rubric, effort)
     by_rubric, submission = earlier or judge(recordings, rubric), recordings.submission
-    handed_in = rubric.policy.zoned(handed_in_of(submission))
-    result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, handed_in)
+    submission_time = rubric.policy.zoned(submission_time_of(submission))
+    result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, submission_time)
     if not page:
         return Judgement(by_rubric, result, "", to_json(result))
     layouts = {name: layout_of(recorded) for name, recorded in recordings.sessions.items()}

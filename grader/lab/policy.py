@@ -198,7 +198,7 @@ MaybeZone = Annotated[
 
 
 @dataclass(frozen=True)
-class HandedIn:
+class SubmissionTime:
     """When a submission was handed in, and how that is known."""
 
     #: As the source says it: without offset from UTC if the source has none. None if nothing tells.
@@ -210,7 +210,7 @@ class HandedIn:
 
 
 #: Nothing tells the time of submission.
-NOT_KNOWN = HandedIn()
+NOT_KNOWN = SubmissionTime()
 
 
 class Policy(Strict):
@@ -222,10 +222,12 @@ class Policy(Strict):
         description="Time zone of the times in downloads and class lists that name none.",
     )
 
-    def zoned(self, handed_in: HandedIn) -> HandedIn:
+    def zoned(self, submission_time: SubmissionTime) -> SubmissionTime:
         """Return times of submission with their offset from UTC, as far as the policy names the zone of all others."""
         return replace(
-            handed_in, at=self._zoned(handed_in.at), newest_file=self._zoned(handed_in.newest_file)
+            submission_time,
+            at=self._zoned(submission_time.at),
+            newest_file=self._zoned(submission_time.newest_file),
         )
 
     def _zoned(self, time: datetime | None) -> datetime | None:

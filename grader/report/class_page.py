@@ -223,7 +223,7 @@ def _time_and_source(
             time = time.astimezone(zone)
         return time.strftime("%Y-%m-%d %H:%M"), notes
     if timing is not None and timing.source:
-        return timing.handed_in, [timing.source]
+        return timing.submission_time, [timing.source]
     if entry.newest_file is not None:
         return "–", [f"newest file {time_text(entry.newest_file)}"]
     return "–", []

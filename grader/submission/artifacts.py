@@ -19,8 +19,8 @@ from grader.recording.submission import ArtifactFact, FileFact, PackageFact, Sub
 from grader.submission.choice import Candidates, Chooser
 from grader.submission.extraction import Intake, SubmissionSource
 from grader.submission.file_names import TEXT_SUFFIXES, displayed
-from grader.submission.handed_in import set_handed_in
 from grader.submission.packages.colcon import find_packages
+from grader.submission.submission_time import set_submission_time
 
 #: A text beyond this, and the largest of those that are too much together, are not read by the judging half.
 MAX_TEXT_BYTES = 512 * 1024
@@ -40,7 +40,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
         name=source.name, left_out=list(intake.left_out), source=source.origin
     )
     record.student_id, record.identity = source.student_id, source.identity
-    set_handed_in(record, source.handed_in)
+    set_submission_time(record, source.submission_time)
     collect_files(intake.folder, record)
     if not record.files:
         raise SubmissionError(

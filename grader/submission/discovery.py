@@ -92,7 +92,7 @@ def find_submissions(
         sources, missing, unclear = _with_class_list(sources, plain, students)
         search.understood += [*_unread_times(students), *unclear]
         if sources and students and len(missing) == len(students):
-            _refuse_strangers(sources, class_list)
+            _refuse_unknown_students(sources, class_list)
     ordered = tuple(sorted(sources, key=lambda source: (source.name.casefold(), source.name)))
     return Discovery(
         ordered,
@@ -397,7 +397,7 @@ def _uniquely_named(
     return named, remarks
 
 
-def _refuse_strangers(submissions: Sequence[SubmissionSource], class_list: Path) -> None:
+def _refuse_unknown_students(submissions: Sequence[SubmissionSource], class_list: Path) -> None:
     """Raise because nobody of a class list is among those that handed in: one of the two is not what it seems."""
     some = ", ".join(source.name for source in submissions[:3])
     more = ", ..." if len(submissions) > 3 else ""

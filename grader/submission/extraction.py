@@ -21,7 +21,7 @@ from typing import BinaryIO, TypeVar
 
 from grader.bounded import Bound, in_process
 from grader.errors import BoundError, SubmissionError
-from grader.lab.policy import HandedIn, latest
+from grader.lab.policy import SubmissionTime, latest
 from grader.recording.submission import Identity
 from grader.submission import file_names
 from grader.submission.beneath import open_regular_beneath
@@ -162,9 +162,9 @@ class SubmissionSource:
     newest_file: datetime | None = None
 
     @property
-    def handed_in(self) -> HandedIn:
+    def submission_time(self) -> SubmissionTime:
         """When it was handed in, and how that is known."""
-        return HandedIn(self.submitted_at, self.time_source, self.newest_file)
+        return SubmissionTime(self.submitted_at, self.time_source, self.newest_file)
 
     @classmethod
     def of(cls, path: Path) -> SubmissionSource:

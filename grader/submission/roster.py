@@ -131,7 +131,7 @@ def _listed(row: Mapping[str, str]) -> Student:
     person = Person(**(known | {"name": name, "moodle": _number_in(known["moodle"])}))
     if not (person.name or person.student_id or person.login):
         raise ValueError("neither a name nor a student_id")
-    time, source = _handed_in(row)
+    time, source = _submission_time(row)
     unread = row.get(WORKSHEET_TIME, "") if time is None else ""
     return Student(
         name,
@@ -150,7 +150,7 @@ def _number_in(participant: str) -> str:
     return number[0] if number is not None else participant
 
 
-def _handed_in(row: Mapping[str, str]) -> tuple[datetime | None, str]:
+def _submission_time(row: Mapping[str, str]) -> tuple[datetime | None, str]:
     """Return when a student handed in, by a column of the list's own or of Moodle's worksheet, and which of the two."""
     text = row.get("submitted_at", "")
     if text:
@@ -216,13 +216,13 @@ def matches(
         known = students[sure] if sure is not None else Student("")
         members = teams[team] if team and of_team.count(team) == 1 else ()
         shares = dict.fromkeys([*([] if sure is None else [sure]), *members])
-        told = known if known.submitted_at is not None else item
+        dated = known if known.submitted_at is not None else item
         people = tuple(person_of(students[index]) for index in shares)
         found.append(
             Match(
                 known.student_id or item.student_id,
-                told.submitted_at,
-                told.time_source,
+                dated.submitted_at,
+                dated.time_source,
                 frozenset({*may_be, *shares}),
                 people,
                 bool(people) and sure is None,

@@ -22,7 +22,7 @@ from grader.errors import GraderError
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
 from grader.lab.overrides import load_overrides
-from grader.lab.policy import HandedIn
+from grader.lab.policy import SubmissionTime
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.pipeline import Options
 from grader.recording.submission import Identity, Person, read_submission, write_submission
@@ -110,11 +110,11 @@ def test_who_handed_in_is_told_to_recordings_that_hold_good(tmp_path: Path) -> N
             Machine(1),
             RunProgress(Console(), 1),
         )
-        run._state_intake(_Task(listed, "", HandedIn(NOON), "", ""))
+        run._state_intake(_Task(listed, "", SubmissionTime(NOON), "", ""))
         record = read_submission(results / "ann" / RECORDINGS)
         assert (record.student_id, record.identity) == ("0012", listed.identity)
         before = (results / "ann" / RECORDINGS / "submission.json").stat()
-        run._state_intake(_Task(with_earlier(ann, results), "", HandedIn(NOON), "", ""))
+        run._state_intake(_Task(with_earlier(ann, results), "", SubmissionTime(NOON), "", ""))
         after = (results / "ann" / RECORDINGS / "submission.json").stat()
     assert (after.st_ino, after.st_mtime_ns) == (before.st_ino, before.st_mtime_ns), (
         "a run without a list changed it"
@@ -123,8 +123,8 @@ def test_who_handed_in_is_told_to_recordings_that_hold_good(tmp_path: Path) -> N
 
 def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -> None:
     """Recordings that hold good are judged by what people have decided since, or where a file is missing; else kept."""
-    handed_in, results = tmp_path / "ann", tmp_path / "results"
-    shutil.copytree(lab_folder() / "reference/solution", handed_in)
+    submission_time, results = tmp_path / "ann", tmp_path / "results"
+    shutil.copytree(lab_folder() / "reference/solution", submission_time)
     shutil.copytree(KEPT, results / "ann" / RECORDINGS)
     shutil.copy(lab_folder() / "rubric.yaml", results / "ann" / RECORDINGS / RUBRIC_COPY)
     decided = (
@@ -137,13 +137,13 @@ def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -
     )
     lab, chosen = fingerprint.recording_sha256(rubric), fingerprint.options_sha256(options)
     key = fingerprint.sha256_of((fingerprint.engine_sha256(), lab, chosen))
-    with open_submission(SubmissionSource.of(handed_in)) as intake:
+    with open_submission(SubmissionSource.of(submission_time)) as intake:
         key = fingerprint.sha256_of((key, fingerprint.submission_sha256(intake)))
 
     def graded(journal: Journal) -> Row:
         display = RunProgress(Console(file=io.StringIO()), 1)
         run = ClassRun(rubric, options, journal, Machine(1), display)
-        run.grade([SubmissionSource.of(handed_in)], Isolation(Level.FULL))
+        run.grade([SubmissionSource.of(submission_time)], Isolation(Level.FULL))
         (row,) = run.rows
         return row
 

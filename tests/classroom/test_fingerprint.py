@@ -170,8 +170,8 @@ def test_decisions_of_people_concern_those_whom_they_name(tmp_path: Path, rubric
     (tmp_path / "overrides.yaml").write_text(f"overrides:\n  - {override}\n", encoding="utf-8")
     decided = replace(OPTIONS, overrides=read_overrides(None, tmp_path, rubric))
 
-    def policy(options: Options, name: str, handed_in: str = "") -> str:
-        return fingerprint.judging_sha256(options, name, handed_in, "lab")
+    def policy(options: Options, name: str, submission_time: str = "") -> str:
+        return fingerprint.judging_sha256(options, name, submission_time, "lab")
 
     assert policy(decided, "ann") != policy(OPTIONS, "ann")
     assert policy(decided, "bob") == policy(OPTIONS, "bob")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from grader.judging.adjust import adjust
 from grader.lab.overrides import Override
-from grader.lab.policy import HandedIn, LatePolicy, Policy
+from grader.lab.policy import LatePolicy, Policy, SubmissionTime
 from grader.result import AdjustmentKind, CheckResult, CriterionResult, Outcome, Result, Score
 
 DUE = datetime.fromisoformat("2026-11-20T23:59:00+01:00")
@@ -131,14 +131,16 @@ def test_an_undecided_check_can_be_decided_by_hand() -> None:
 
 def late(hours: float, *entries: Override, judged: Result = JUDGED) -> Result:
     """Give the result of a submission so many hours after it was due."""
-    return adjust(judged, entries, LATE, HandedIn(DUE + timedelta(hours=hours), "the class list"))
+    return adjust(
+        judged, entries, LATE, SubmissionTime(DUE + timedelta(hours=hours), "the class list")
+    )
 
 
 def test_in_time_nothing_is_said() -> None:
     """A submission in time, or a lab without a due date, has no adjustment."""
     assert late(-1).adjustments == ()
     assert late(0).adjustments == ()
-    assert adjust(JUDGED, [], None, HandedIn(DUE + timedelta(days=9))).adjustments == ()
+    assert adjust(JUDGED, [], None, SubmissionTime(DUE + timedelta(days=9))).adjustments == ()
 
 
 @pytest.mark.parametrize(
@@ -176,7 +178,7 @@ def test_lateness_says_what_it_costs(hours: float, taken: str, words: str) -> No
 def test_each_way_of_counting_has_its_words(parts: dict[str, str], hours: int, words: str) -> None:
     """The reason follows the lab's policy."""
     policy = LatePolicy.model_validate({"due": DUE, **parts})
-    (made,) = adjust(JUDGED, [], policy, HandedIn(DUE + timedelta(hours=hours))).adjustments
+    (made,) = adjust(JUDGED, [], policy, SubmissionTime(DUE + timedelta(hours=hours))).adjustments
     assert made.reason.endswith(words)
 
 
@@ -193,7 +195,7 @@ NAIVE = datetime.fromisoformat("2026-11-20T23:40:00")
 def test_the_time_of_a_file_never_costs_points() -> None:
     """Even years after it was due, a file's time is told for a person, and takes nothing."""
     for newest in (NAIVE, NAIVE + timedelta(days=900), DUE + timedelta(days=3)):
-        adjusted = adjust(JUDGED, [], LATE, HandedIn(newest_file=newest))
+        adjusted = adjust(JUDGED, [], LATE, SubmissionTime(newest_file=newest))
         (made,) = adjusted.adjustments
         assert made.points == 0
         assert f"The newest file in it says {newest:%Y-%m-%d %H:%M}" in made.reason
@@ -201,7 +203,10 @@ def test_the_time_of_a_file_never_costs_points() -> None:
         assert adjusted.timing is not None
         assert (adjusted.timing.late, adjusted.timing.may_be_late) == (None, True)
     berlin = Policy.model_validate({"timezone": "Europe/Berlin"})
-    for known in (HandedIn(newest_file=NAIVE - timedelta(days=2)), HandedIn(newest_file=NAIVE)):
+    for known in (
+        SubmissionTime(newest_file=NAIVE - timedelta(days=2)),
+        SubmissionTime(newest_file=NAIVE),
+    ):
         early = adjust(JUDGED, [], LATE, berlin.zoned(known)).timing
         assert early is not None
         assert (early.late, early.may_be_late) == (None, False)
@@ -209,16 +214,16 @@ def test_the_time_of_a_file_never_costs_points() -> None:
 
 def test_a_time_without_a_zone_costs_points_nowhere() -> None:
     """A download's time without a zone is in time if it is so on every clock; else the policy's zone decides."""
-    made = adjust(JUDGED, [], LATE, HandedIn(NAIVE, "Blackboard"))
+    made = adjust(JUDGED, [], LATE, SubmissionTime(NAIVE, "Blackboard"))
     assert made.final == JUDGED.final
     assert "by the key timezone" in made.adjustments[0].reason
-    early = adjust(JUDGED, [], LATE, HandedIn(NAIVE - timedelta(days=1), "Blackboard"))
+    early = adjust(JUDGED, [], LATE, SubmissionTime(NAIVE - timedelta(days=1), "Blackboard"))
     assert early.adjustments == ()
     assert early.timing is not None
     assert early.timing.late is False
     for zone, late in (("Europe/Berlin", False), ("UTC", True), ("America/Los_Angeles", True)):
         policy = Policy.model_validate({"timezone": zone})
-        known = adjust(JUDGED, [], LATE, policy.zoned(HandedIn(NAIVE, "Blackboard")))
+        known = adjust(JUDGED, [], LATE, policy.zoned(SubmissionTime(NAIVE, "Blackboard")))
         assert known.timing is not None
         assert known.timing.late is late
         assert (known.final < JUDGED.final) is late
@@ -320,7 +325,7 @@ def test_the_total_stays_within_what_is_possible(
     judged: Result, entries: list[Override], policy: LatePolicy | None, submitted: datetime | None
 ) -> None:
     """Without a bonus the final points lie between nothing and all, and the judgement is as it was."""
-    adjusted = adjust(judged, entries, policy, HandedIn(submitted))
+    adjusted = adjust(judged, entries, policy, SubmissionTime(submitted))
     assert 0 <= adjusted.final <= adjusted.score.possible
     assert (adjusted.score, adjusted.criteria) == (judged.score, judged.criteria)
 
@@ -334,7 +339,7 @@ def test_only_a_bonus_goes_beyond(
     submitted: datetime | None,
 ) -> None:
     """The final points are never below nothing, and above all that is possible by at most the bonuses."""
-    adjusted = adjust(judged, [*entries, *extra], policy, HandedIn(submitted))
+    adjusted = adjust(judged, [*entries, *extra], policy, SubmissionTime(submitted))
     beyond = sum((e.bonus or Decimal(0) for e in extra), Decimal(0))
     assert 0 <= adjusted.final <= adjusted.score.possible + beyond
 
@@ -348,8 +353,8 @@ def test_adjusting_again_changes_nothing(
     submitted: datetime | None,
 ) -> None:
     """However often a result is adjusted by the same decisions, it is the same; without them it is as judged."""
-    once = adjust(judged, [*entries, *extra], policy, HandedIn(submitted))
-    assert adjust(once, [*entries, *extra], policy, HandedIn(submitted)) == once
+    once = adjust(judged, [*entries, *extra], policy, SubmissionTime(submitted))
+    assert adjust(once, [*entries, *extra], policy, SubmissionTime(submitted)) == once
     assert adjust(once, []) == judged
 
 

@@ -12,7 +12,7 @@ import pytest
 from grader.judging.adjust import adjust
 from grader.judging.judge import judge, open_recordings
 from grader.judging.rubrics import read_rubric
-from grader.lab.policy import HandedIn, LatePolicy
+from grader.lab.policy import LatePolicy, SubmissionTime
 from grader.lab.rubric import Rubric
 from grader.result import Result
 
@@ -70,7 +70,7 @@ def test_one_mistake_costs_what_its_consequence_does(name: str, rubric: Rubric) 
     assert least <= lost <= most
     due = datetime(2026, 11, 20, tzinfo=timezone.utc)
     policy = LatePolicy.model_validate({"due": due.isoformat(), "per_day": "10 %"})
-    late = adjust(result, (), policy, HandedIn(due + timedelta(hours=1)))
+    late = adjust(result, (), policy, SubmissionTime(due + timedelta(hours=1)))
     assert lost_in_sessions(late) == lost
     assert abs(late.final - late.score.earned * Decimal("0.9")) <= Decimal("0.05")
 

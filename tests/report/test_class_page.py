@@ -17,7 +17,7 @@ from grader.cohort.statistics import ClassSummary, summarise
 from grader.judging.adjust import adjust
 from grader.judging.rubrics import read_rubric
 from grader.lab.overrides import Override
-from grader.lab.policy import HandedIn, LatePolicy
+from grader.lab.policy import LatePolicy, SubmissionTime
 from grader.lab.rubric import Rubric
 from grader.report.class_page import render
 from tests.cohort.made_up import entry_of, result_of, rubric_of
@@ -268,16 +268,16 @@ def test_times_of_submission_can_be_compared(
 DUE = LatePolicy.model_validate({"due": "2026-11-20T23:59:00+01:00", "per_day": "10 %"})
 
 
-def timed(name: str, handed_in: HandedIn, *decided: Override) -> ClassEntry:
+def timed(name: str, submission_time: SubmissionTime, *decided: Override) -> ClassEntry:
     """Give an entry with all that is known of its times."""
     plain = entry(name, [1, 1, 1])
     assert plain.result is not None
     return dataclasses.replace(
         plain,
-        result=adjust(plain.result, decided, DUE, handed_in),
-        submitted_at=handed_in.at,
-        time_source=handed_in.source,
-        newest_file=handed_in.newest_file,
+        result=adjust(plain.result, decided, DUE, submission_time),
+        submitted_at=submission_time.at,
+        time_source=submission_time.source,
+        newest_file=submission_time.newest_file,
     )
 
 
@@ -294,10 +294,10 @@ def test_the_page_says_how_times_are_known() -> None:
         }
     )
     page = page_of(
-        timed("alice", HandedIn(at, "Moodle's grading worksheet")),
-        timed("bob", HandedIn(at + timedelta(days=1), "the class list"), extended),
-        timed("carl", HandedIn(newest_file=datetime(2026, 11, 20, 23, 40))),
-        timed("dora", HandedIn(datetime(2026, 11, 20, 23, 40), "Blackboard's download")),
+        timed("alice", SubmissionTime(at, "Moodle's grading worksheet")),
+        timed("bob", SubmissionTime(at + timedelta(days=1), "the class list"), extended),
+        timed("carl", SubmissionTime(newest_file=datetime(2026, 11, 20, 23, 40))),
+        timed("dora", SubmissionTime(datetime(2026, 11, 20, 23, 40), "Blackboard's download")),
     )
     words = " ".join(page.words.split())
     assert "due 2026-11-20 23:59 +01:00" in words

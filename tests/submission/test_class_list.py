@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from grader.lab.policy import HandedIn, Policy
+from grader.lab.policy import Policy, SubmissionTime
 from grader.submission.lms.worksheet import columns_of, worksheet_time
 from grader.submission.roster import Match, Student, matches, read_class_list
 
@@ -109,10 +109,10 @@ def test_a_repeated_hour_counts_as_the_first() -> None:
     """A policy's zone gives a time its offset, in the student's favour when clocks are set back."""
     policy = Policy.model_validate({"timezone": "Europe/Berlin"})
     night = datetime(2026, 10, 25, 2, 30)
-    zoned = policy.zoned(HandedIn(night, "Blackboard"))
+    zoned = policy.zoned(SubmissionTime(night, "Blackboard"))
     assert zoned.at is not None
     assert zoned.at.astimezone(timezone.utc) == datetime(2026, 10, 25, 0, 30, tzinfo=timezone.utc)
-    known = HandedIn(datetime(2026, 10, 25, 2, 30, tzinfo=timezone.utc))
+    known = SubmissionTime(datetime(2026, 10, 25, 2, 30, tzinfo=timezone.utc))
     assert policy.zoned(known) == known
 
 
@@ -140,7 +140,7 @@ for path, listed in (("class", None), ("class", "class.csv"), ("blackboard", Non
         with open_submission(source) as intake:
             for plain in policies:
                 policy = Policy.model_validate(plain)
-                known = policy.zoned(intake.source.handed_in)
+                known = policy.zoned(intake.source.submission_time)
                 result = adjust(JUDGED, (), policy.late, known)
                 told.append([source.name, str(result.final), result.timing.text])
 print(json.dumps(told))

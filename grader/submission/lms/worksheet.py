@@ -77,8 +77,8 @@ def worksheet_time(text: str) -> datetime | None:
     """
     import dateparser
 
-    told = len(text) <= _MOST_CHARACTERS and _CLOCK.search(text) and _YEAR.search(text)
-    if not told or _TWO_DAYS.search(text):
+    complete = len(text) <= _MOST_CHARACTERS and _CLOCK.search(text) and _YEAR.search(text)
+    if not complete or _TWO_DAYS.search(text):
         return None
     settings = {
         "PARSERS": ["absolute-time"],

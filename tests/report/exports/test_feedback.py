@@ -60,7 +60,7 @@ def test_moodle_gives_each_report_to_its_student(
 
 def test_canvas_shows_a_file_of_the_kind_that_was_handed_in(tmp_path: Path, rubric: Rubric) -> None:
     """It keeps the name of the student's file: a zip holds the page, a program's text is a report as text."""
-    handed_in = {
+    submission_time = {
         "890": ("67", "lab.zip"),
         "891": ("68", "joint_publisher-2.py"),
         "892": ("68", "notes_1_2.zip"),
@@ -78,7 +78,7 @@ def test_canvas_shows_a_file_of_the_kind_that_was_handed_in(tmp_path: Path, rubr
         "eve_71_text.html",
     ]
     returned = archive_of(given_back(tmp_path, taken_in(tmp_path, rubric, names)))
-    read = canvas_feedback(returned.content, handed_in)
+    read = canvas_feedback(returned.content, submission_time)
     assert {user: name for user, (name, _) in read.items()} == {
         "67": "lab.zip",
         "68": "notes_1_2.zip",

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 from datetime import datetime
 
-from grader.lab.policy import HandedIn, parse_time
+from grader.lab.policy import SubmissionTime, parse_time
 from grader.recording.submission import SubmissionRecord
 
 
-def set_handed_in(record: SubmissionRecord, handed_in: HandedIn) -> None:
+def set_submission_time(record: SubmissionRecord, submission_time: SubmissionTime) -> None:
     """Keep in a record when its submission was handed in."""
-    record.submitted_at = _text(handed_in.at)
-    record.time_source = handed_in.source
-    record.newest_file = _text(handed_in.newest_file)
+    record.submitted_at = _text(submission_time.at)
+    record.time_source = submission_time.source
+    record.newest_file = _text(submission_time.newest_file)
 
 
-def handed_in_of(record: SubmissionRecord) -> HandedIn:
+def submission_time_of(record: SubmissionRecord) -> SubmissionTime:
     """Return when a recorded submission was handed in.
 
     Records of earlier versions do not name the source of their time, which may be a file's.
     """
     at = _time(record.submitted_at)
     source = record.time_source or ("an earlier version of grade" if at is not None else "")
-    return HandedIn(at, source, _time(record.newest_file))
+    return SubmissionTime(at, source, _time(record.newest_file))
 
 
 def _text(time: datetime | None) -> str | None:
