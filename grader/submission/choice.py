@@ -15,7 +15,8 @@ from pathlib import PurePosixPath
 
 #: Folders that say of themselves that the work is elsewhere.
 _LEFT_BEHIND = re.compile(
-    r"(^|[^a-z])(old|older|backup|bak|archived?|attic|unused|drafts?|deprecated|obsolete|orig)([^a-z]|$)",
+    r"(^|[^a-z])(old|older|backup|bak|archived?|attic|unused|drafts?|deprecated|obsolete|orig|copy|alt|kopie|sicherung"
+    r"|tutorials?|demos?|examples?|samples?|templates?|starter|handout|tests?)([^a-z]|$)",
     re.IGNORECASE,
 )
 #: Two folders that hold so many of the same artifacts are two versions of the work, which are compared as wholes.

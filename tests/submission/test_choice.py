@@ -117,6 +117,17 @@ CASES = {
 }
 
 
+@pytest.mark.parametrize("beside", ["handout", "demo", "lab1 - Kopie", "lab1 copy", "tests"])
+def test_a_folder_of_examples_or_copies_comes_last(
+    tmp_path: Path, rubric: Rubric, beside: str
+) -> None:
+    """Of two files that are equally good, the one in a folder of that name is not the work."""
+    files = {f"{beside}/talker.py": TALKER + "# 1\n", "work/talker.py": TALKER}
+    fact = facts(tmp_path, rubric, files)["talker"]
+    assert (fact.path, fact.is_open) == ("work/talker.py", False)
+    assert fact.why == f"the other lies in {beside}/"
+
+
 def test_the_launch_file_is_the_one_of_the_labs_programs(tmp_path: Path, rubric: Rubric) -> None:
     """Of two launch files of one name, the one that starts the lab's programs is graded, wherever it lies."""
     starts = LAUNCH + "# talker, relay\n"
