@@ -15,7 +15,7 @@ from rich.console import Console
 
 from grader.commands import COMMANDS
 from grader.commands.usage import WrongUsage
-from grader.errors import GraderError, PlatformError, described
+from grader.errors import GraderError, PlatformError, UsageError, described
 from grader.limits import limit_behind
 from grader.live.process.priority import going_first
 from grader.plain_output import write_to_any_terminal
@@ -71,12 +71,19 @@ def _report_defect(error: Exception) -> int:
 
 
 def _in_full(arguments: list[str]) -> list[str]:
-    """Return the options that `grade help`, `grade help COMMAND` and `grade version` stand for."""
+    """Return the options that `grade help`, `grade help COMMAND` and `grade version` stand for.
+
+    Raises UsageError for help with something that is no command.
+    """
     match arguments:
         case ["help" | "version" as word]:
             return [f"--{word}"]
+        case ["help", "help" | "version" | "grade"]:
+            return ["--help"]
         case ["help", command] if command in COMMANDS:
             return [command, "--help"]
+        case ["help", other] if not (other.startswith("-") or os.path.lexists("help")):
+            raise UsageError(f"there is no command {other!r}", remedy="`grade help` lists them.")
     return arguments
 
 

@@ -88,6 +88,7 @@ def test_without_a_folder(working_folder: Path, capsys: pytest.CaptureFixture[st
     [
         (["help"], "usage: grade "),
         (["help", "regrade"], "usage: grade regrade"),
+        (["help", "version"], "usage: grade "),
         (["version"], f"grade {__version__}"),
         (["lab", "--help"], "usage: grade lab"),
     ],
@@ -100,3 +101,13 @@ def test_help_and_version(
         main(arguments)
     assert not end.value.code
     assert said in capsys.readouterr().out
+
+
+def test_help_with_something_else_is_no_submission(
+    working_folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`grade help nosuch` grades nothing: it says that there is no such command."""
+    (working_folder / "help").rmdir()
+    status, errors = errors_of(capsys, "help", "nosuch")
+    assert (status, list(working_folder.glob("results"))) == (2, [])
+    assert "there is no command 'nosuch'" in errors
