@@ -117,6 +117,7 @@ def test_judging_without_end_leaves_open_the_sessions_that_it_needs(
     """Judging is given up in time; all else is judged, the limit is named, and the recordings stay."""
     bound = dataclasses.replace(judgement.JUDGING_BOUND, cpu_s=2.0)
     monkeypatch.setattr(judgement, "JUDGING_BOUND", bound)
+    monkeypatch.setattr(judgement, "SPARING_BOUND", bound)
     results = tmp_path / "results/ann"
     recordings = results / result_folder.RECORDINGS
     shutil.copytree(ROOT / "tests/recordings/solution", recordings)

@@ -90,8 +90,6 @@ def judge_bounded(
     overrides: Overrides,
     *,
     page: bool = True,
-    bound: Bound = JUDGING_BOUND,
-    sparing: Bound = SPARING_BOUND,
 ) -> Judgement:
     """Do as `judge_recordings` in a process of its own, and leave out what takes more than it may.
 
@@ -105,18 +103,18 @@ def judge_bounded(
         return judge_recordings(folder, rubric, overrides, page=page, effort=effort)
 
     try:
-        return in_process(partial(work, FULL), bound)
+        return in_process(partial(work, FULL), JUDGING_BOUND)
     except BoundError:
-        return judge_sparingly(work, rubric, sparing)
+        return judge_sparingly(work, rubric)
 
 
-def judge_sparingly(work: Callable[[Effort], T], rubric: Rubric, bound: Bound = SPARING_BOUND) -> T:
+def judge_sparingly(work: Callable[[Effort], T], rubric: Rubric) -> T:
     """Return what work makes of recordings that are too much: first with fewer values, then without some sessions.
 
     Each session is tried by itself, so that one that takes too much costs the others nothing.
     """
     try:
-        return in_process(partial(work, _SPARING), bound)
+        return in_process(partial(work, _SPARING), SPARING_BOUND)
     except BoundError:
         pass
     names = frozenset(rubric.sessions)
@@ -124,13 +122,15 @@ def judge_sparingly(work: Callable[[Effort], T], rubric: Rubric, bound: Bound = 
     for name in sorted(names):
         alone = replace(_SPARING, too_much=names - {name})
         try:
-            in_process(partial(_done, work, alone), bound)
+            in_process(partial(_done, work, alone), SPARING_BOUND)
         except BoundError:
             too_much.add(name)
     try:
-        return in_process(partial(work, replace(_SPARING, too_much=frozenset(too_much))), bound)
+        return in_process(
+            partial(work, replace(_SPARING, too_much=frozenset(too_much))), SPARING_BOUND
+        )
     except BoundError:
-        return in_process(partial(work, replace(_SPARING, too_much=names)), bound)
+        return in_process(partial(work, replace(_SPARING, too_much=names)), SPARING_BOUND)
 
 
 def _done(work: Callable[[Effort], object], effort: Effort) -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from grader.bounded import Bound
+from grader.judging import judgement as judging
 from grader.judging import rubrics
 from grader.judging.judge import judge, open_recordings
 from grader.judging.judgement import judge_bounded
@@ -84,14 +85,16 @@ def test_a_flood_of_values_is_named_and_the_rest_is_judged(tmp_path: Path, rubri
     assert [check.outcome for check in others] == [whole[check.id].outcome for check in others]
 
 
-def test_a_session_that_takes_too_much_is_left_out(tmp_path: Path, rubric: Rubric) -> None:
+def test_a_session_that_takes_too_much_is_left_out(
+    tmp_path: Path, rubric: Rubric, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """It is undecided and says so; every other session has the points that it has without."""
     zeros = struct.pack("<BBHIII", 0, 1, 0, 0, 0, 2**20) + bytes(4 + 8 * 2**20)
     recordings = with_messages(tmp_path, "publisher", [zeros] * 30)
     bound = Bound("judging", cpu_s=30.0, wall_s=100.0, memory_bytes=MOST_MIB * 2**20)
-    judgement = judge_bounded(
-        recordings, rubric, Overrides(), bound=bound, sparing=replace(bound, cpu_s=10.0)
-    )
+    monkeypatch.setattr(judging, "JUDGING_BOUND", bound)
+    monkeypatch.setattr(judging, "SPARING_BOUND", replace(bound, cpu_s=10.0))
+    judgement = judge_bounded(recordings, rubric, Overrides())
     left_out = of_session(judgement.result, "publisher")
     assert {check.outcome for check in left_out} == {Outcome.INCONCLUSIVE}
     assert any("limit: judging" in check.reason for check in left_out)

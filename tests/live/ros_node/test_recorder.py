@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -364,6 +365,11 @@ def test_log_and_service_events_are_recorded(recorded: Recorded) -> None:
     assert answers == ["set to True", "set to False", "set to True"]
 
 
+def _without_constants(message: object) -> str:
+    """Write a message without the constants of its definition, which `rosbags` takes for fields."""
+    return re.sub(r", [A-Z][A-Z0-9_]*=[^,()]*", "", repr(message))
+
+
 def test_all_readers_agree(recorded: Recorded) -> None:
     """`rosbags`, `mcap` and our reader agree on counts, times, bytes and values of all topics."""
     theirs: dict[tuple[str, str], list[tuple[int, object]]] = {}
@@ -391,9 +397,8 @@ def test_all_readers_agree(recorded: Recorded) -> None:
         )
         assert sorted(raw.get(key, [])) == sorted(zip(*columns, strict=True))
         ours = zip(stream.received_ns.tolist(), map(repr, stream.messages), strict=True)
-        assert sorted((time_ns, repr(value)) for time_ns, value in theirs.get(key, [])) == sorted(
-            ours
-        )
+        read = [(time_ns, _without_constants(value)) for time_ns, value in theirs.get(key, [])]
+        assert sorted(read) == sorted(ours)
         assert all(message is not None for message in stream.messages)
 
 
