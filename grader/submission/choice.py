@@ -197,8 +197,11 @@ class _Within:
 
 
 def _are_versions(groups: Sequence[_Group]) -> bool:
-    """Tell whether several groups hold the same work."""
-    held = Counter(name for group in groups for name in group.worded)
+    """Tell whether several folders hold the same work; files beside each other share a folder."""
+    by_folder = {group.folder: group.worded for group in groups}
+    held: Counter[str] = Counter()
+    for names in by_folder.values():
+        held.update(names)
     return sum(times > 1 for times in held.values()) >= _VERSIONS
 
 

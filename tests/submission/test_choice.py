@@ -211,3 +211,15 @@ def test_a_pattern_with_a_folder_matches_as_written(tmp_path: Path) -> None:
     found = facts(tmp_path, rubric, SHALLOW | WORK)
     assert found["talker"].path == "ws/src/lab1_pkg/lab1_pkg/talker.py"
     assert found["talker"].passed_over == []
+
+
+def test_the_right_name_counts_among_files_beside_each_other(tmp_path: Path) -> None:
+    """A complete copy under another name in the same folder is no other version of the work."""
+    rubric = lab(tmp_path, find=["talker.py", "*talker.py"])
+    files = {
+        "talker.py": "print('not finished')\n",
+        "backup_talker.py": TALKER,
+        "relay.py": RELAY,
+        "lab1_launch.py": LAUNCH,
+    }
+    assert facts(tmp_path, rubric, files)["talker"].path == "talker.py"
