@@ -11,10 +11,12 @@ from grader.limits import limit_behind
 
 #: Beginning of the names of the grader's temporary folders.
 TEMPORARY = "grade-temporary-"
-#: A temporary folder of the grader's within a text, with the folder in it that holds what the user knows.
+#: A path within a text.
+_PATH = re.compile(r"/[^\s'\":]*")
+#: A temporary folder of the grader within a path, with its part that the user does not know.
 _SCRATCH = re.compile(
-    r"(?:/[^\s'\":]*)?/(?:grade-\d+-\d+-\d+-|grade-intake-|grade-doctor-|grade-temporary-)[^/\s'\":]+"
-    r"(?:/(?:submission|workspace|trial|sources|lab|results)(?![^/\s'\":]))?/*"
+    r"/(?:grade-\d+-\d+-\d+-|grade-intake-|grade-doctor-|grade-temporary-)[^/]+"
+    r"(?:/(?:submission|workspace|trial|sources|lab|results)(?![^/]))?/*"
 )
 #: Folders in which results, and the recording of a session, are made before they take their places.
 _IN_THE_MAKING = re.compile(r"/\.unfinished(?=/)|(?<=/)\.([\w-]+)\.partial(?![^/\s'\":])")
@@ -26,15 +28,16 @@ def without_temporary_names(text: str) -> str:
     For example `/tmp/grade-1-2-3-intake-x/submission/a/b.py` becomes `a/b.py`, and `results/ann/.unfinished/recordings`
     becomes `results/ann/recordings`.
     """
-
-    def known(found: re.Match[str]) -> str:
-        following = text[found.end() :][:1].strip("'\": ")
-        if following:
-            return ""
-        return "a temporary folder"
-
     text = _IN_THE_MAKING.sub(lambda found: found[1] or "", text)
-    return _SCRATCH.sub(known, text)
+    return _PATH.sub(lambda found: _known_part(found[0]), text)
+
+
+def _known_part(path: str) -> str:
+    """Return the part of a path that the user knows: what follows a temporary folder."""
+    folders = list(_SCRATCH.finditer(path))
+    if not folders:
+        return path
+    return path[folders[-1].end() :] or "a temporary folder"
 
 
 class GraderError(Exception):

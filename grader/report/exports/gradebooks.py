@@ -232,7 +232,7 @@ def _moodle_advice(headings: Sequence[str]) -> str:
 
 #: Words in headings by which Canvas takes a column for one of its own sums, and the number of an assignment.
 _CANVAS_SUMS = re.compile(
-    r"\w*final\w*|\b(?:current|override) (?:score|points|grade|status)", re.IGNORECASE
+    r"\b\w*final\w*|\b(?:current|override) (?:score|points|grade|status)", re.IGNORECASE
 )
 _CANVAS_NUMBER = re.compile(r"\s\(\d+\)$")
 

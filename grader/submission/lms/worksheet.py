@@ -26,7 +26,7 @@ _ADDRESS = re.compile(r"\s*[^@\s]{1,100}@[^@\s]{1,200}\s*")
 #: Columns before those of grades: the participant, the name, and what else an instructor may see of a person.
 _MOST_IDENTITY_COLUMNS = 6
 _KNOWN = frozenset({"full_name", "id_number", "email_address"})
-_NAME = re.compile(r"(?i).*(name|nom|naam|nimi|jméno|név|имя|氏名|姓名|名前).*")
+_NAME = re.compile(r"(?i)name|nom|naam|nimi|jméno|név|имя|氏名|姓名|名前")
 
 
 def columns_of(headings: Sequence[str], sample: Sequence[Sequence[str]] = ()) -> list[str]:
@@ -42,7 +42,7 @@ def columns_of(headings: Sequence[str], sample: Sequence[Sequence[str]] = ()) ->
     columns[heads.index(pairs[0])] = WORKSHEET_TIME
     if "identifier" not in columns:
         columns[0] = "identifier"
-        if not _KNOWN & {*columns} and _NAME.fullmatch(columns[1]):
+        if not _KNOWN & {*columns} and _NAME.search(columns[1]):
             columns[1] = "full_name"
         if not _KNOWN & {*columns[2:]}:
             _translate(columns)
