@@ -82,9 +82,16 @@ def _in_full(arguments: list[str]) -> list[str]:
             return ["--help"]
         case ["help", command] if command in COMMANDS:
             return [command, "--help"]
-        case ["help", other] if not (other.startswith("-") or os.path.lexists("help")):
+        case ["help", other] if _is_unknown(other):
             raise UsageError(f"there is no command {other!r}", remedy="`grade help` lists them.")
     return arguments
+
+
+def _is_unknown(word: str) -> bool:
+    """Tell whether a word after `help` is no option, and `help` is no folder to grade."""
+    if word.startswith("-"):
+        return False
+    return not os.path.lexists("help")
 
 
 def _run(arguments: list[str], console: Console) -> int:

@@ -37,7 +37,10 @@ def _known_part(path: str) -> str:
     folders = list(_SCRATCH.finditer(path))
     if not folders:
         return path
-    return path[folders[-1].end() :] or "a temporary folder"
+    known = path[folders[-1].end() :]
+    if not known:
+        return "a temporary folder"
+    return known
 
 
 class GraderError(Exception):
