@@ -13,6 +13,7 @@ from rich.console import Console
 
 from grader.commands.arguments import add_flag, parser_of, print_note
 from grader.errors import RecordingError, UsageError
+from grader.live.sandbox.helpers import become, python
 from grader.recording.session import SESSION_FILE
 from grader.result_folder import RECORDINGS
 
@@ -98,7 +99,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
 def _play_isolated(options: argparse.Namespace) -> NoReturn:
     """Become a process that takes nothing from the working folder, which may be a student's: no modules, no settings."""
     results = options.results.resolve()
-    command = [sys.executable, "-I", "-m", "grader.cli", "play", str(results)]
+    command = python(sys.executable, "-m", "grader.cli", "play", str(results))
     if options.session is not None:
         command.append(options.session)
     command += [f"--from={options.from_s}", f"--rate={options.rate}"]
@@ -106,9 +107,7 @@ def _play_isolated(options: argparse.Namespace) -> NoReturn:
         command.append("--loop")
     if options.topics:
         command += ["--topics", *options.topics]
-    environment = environment_without(Path.cwd(), results, os.environ)
-    os.chdir("/")
-    os.execve(sys.executable, command, environment)
+    become(command, environment=environment_without(Path.cwd(), results, os.environ))
 
 
 def environment_without(
@@ -123,7 +122,7 @@ def environment_without(
     kept[_MORE_MODULES] = environment.get("PYTHONPATH", "")
     for name in _PROFILES:
         file = Path(os.path.realpath(kept.get(name, "")))
-        is_inside = working in file.parents or results in file.parents
+        is_inside = not {working, results}.isdisjoint(file.parents)
         if not kept.get(name, "").startswith("/") or is_inside:
             kept.pop(name, None)
     for name in _SEARCH_PATHS:

@@ -12,6 +12,7 @@ import shutil
 import subprocess
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import NoReturn
 
 #: Folders of system programs, for a caller without a usable PATH.
 _SYSTEM_PATH = "/usr/local/sbin:/usr/local/bin:/usr/sbin:/usr/bin:/sbin:/bin"
@@ -101,6 +102,15 @@ def start_helper(
         pass_fds=pass_fds,
         start_new_session=start_new_session,
     )
+
+
+def become(command: Sequence[str], *, environment: Mapping[str, str]) -> NoReturn:
+    """Replace this process by a helper that keeps its input, its output and its terminal.
+
+    Raises `OSError` if it cannot be started.
+    """
+    os.chdir(FOLDER)
+    os.execve(command[0], list(command), dict(environment))
 
 
 def run_helper(
