@@ -9,6 +9,9 @@ STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 NOT_INSTALLED = { echo "The packages could not be installed, see above; the first time, this needs a network."; exit 1; }
 
+# Compiled test modules are kept: each worker needs them, and rewriting the assertions costs a core 12 s.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: alice test thorough fixtures attacks bench docs system system-dev lint types layers house clean test-all test-rest
 
 alice: $(STAMP) system

@@ -80,6 +80,7 @@ sys.exit(main(["regrade", sys.argv[1]]))
 """
 
 
+@pytest.mark.slow
 def test_without_ros_regrading_gives_the_same_bytes(results: Path, tmp_path: Path) -> None:
     """On a machine without ROS 2, in an empty environment, result and report are the same."""
     regraded(results)
@@ -101,6 +102,7 @@ def test_without_ros_regrading_gives_the_same_bytes(results: Path, tmp_path: Pat
     assert written(other) == here
 
 
+@pytest.mark.slow
 def test_another_rubric_changes_the_points(results: Path) -> None:
     """A corrected rubric judges old recordings anew, and the provenance tells which it was."""
     before = regraded(results)

@@ -21,7 +21,7 @@ from grader.result_folder import (
 )
 from tests.regraded import judge_results
 
-pytestmark = pytest.mark.usefixtures("judged_before")
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("judged_before")]
 
 ROOT = Path(__file__).resolve().parents[2]
 SHIPPED = lab_folder() / "rubric.yaml"

@@ -11,9 +11,10 @@ pytest.importorskip("rclpy")
 
 from tests.live.sample import ALICE, Graded, grade
 
-pytestmark = [pytest.mark.live, pytest.mark.smoke]
+pytestmark = pytest.mark.live
 
 
+@pytest.mark.smoke
 def test_the_sample_is_graded(alice: Graded) -> None:
     """The sample submission gets a believable score; the command says so and ends with 0."""
     assert alice.exit_status == 0, alice.errors
