@@ -143,6 +143,35 @@ def test_every_room_of_the_house_is_in_the_layout() -> None:
     assert {name for name in rooms if not name.startswith("__")} - said == set()
 
 
+#: A Python file, and the names that a page gives from it: `grader/result.py`: `Finding`, `Score`.
+_NAMED = re.compile(r"`([\w./-]+\.py)`: (`[\w.]+`(?:, `[\w.]+`)*)")
+
+
+def defined_in(file: Path) -> set[str]:
+    """Return the classes and functions of a file, methods as `Class.method`."""
+    names = set()
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if not isinstance(node, (ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)):
+            continue
+        names.add(node.name)
+        for part in node.body:
+            if isinstance(part, (ast.FunctionDef, ast.AsyncFunctionDef)):
+                names.add(f"{node.name}.{part.name}")
+    return names
+
+
+def test_names_of_the_code_that_developers_are_shown_are_there() -> None:
+    """The tree of processes and the way of a message name functions where they stand."""
+    text = (ROOT / "docs/developers.md").read_text(encoding="utf-8")
+    found = _NAMED.findall(text)
+    missing = []
+    for file, names in found:
+        there = defined_in(ROOT / file)
+        missing += [f"{file}: {name}" for name in re.findall(r"[\w.]+", names) if name not in there]
+    assert len(found) > 15
+    assert missing == []
+
+
 @named
 def test_examples_in_python_and_yaml_can_be_read(page: Path) -> None:
     """They are valid as they stand."""
