@@ -16,7 +16,7 @@ import subprocess
 import sys
 import unicodedata
 import urllib.parse
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from enum import Enum
@@ -41,6 +41,7 @@ from tests.live.attacks import ESCAPED, SOLUTION, Attack, lay_out, read_corpus  
 from tests.live.surroundings import Remains, Surroundings  # noqa: E402
 from tests.machine import MACHINE  # noqa: E402
 from tests.report.taken_apart import Page  # noqa: E402
+from tests.thorough import part  # noqa: E402
 
 pytestmark = pytest.mark.live
 
@@ -72,12 +73,8 @@ class Environment(str, Enum):
     CONTAINER = "container"
 
 
-#: What is tried otherwise: another part in each environment, since all would take too long for every run.
-PARTS = {
-    Environment.ROOT: slice(0, None, 20),
-    Environment.USER: slice(3, None, 20),
-    Environment.CONTAINER: slice(6, None, 40),
-}
+#: One batch in so many is tried in every run, others for each commit and in each environment.
+ONE_IN = {Environment.ROOT: 20, Environment.USER: 25, Environment.CONTAINER: 31}
 
 
 @dataclass(frozen=True)
@@ -100,20 +97,26 @@ class Batch:
 
 
 def batches() -> list[Batch]:
-    """Divide the corpus, or another part of it for each environment, so that all of a batch need the same sessions."""
+    """Return the batches to try: chosen attacks, the whole corpus, or a part of it for each environment."""
     found: list[Batch] = []
     for environment in Environment:
-        chosen = list(read_corpus()[slice(None) if CHOSEN else PARTS[environment]])
+        attacks = read_corpus()
         if CHOSEN not in ("", "all"):
-            chosen = [attack for attack in chosen if attack.name in CHOSEN.split(",")]
-        ordered = sorted(chosen, key=lambda attack: (attack.sessions, attack.name))
-        for _, group in groupby(ordered, key=lambda attack: attack.sessions):
-            attacks = list(group)
-            for start in range(0, len(attacks), MOST_IN_BATCH):
-                found.append(
-                    Batch(environment, len(found), tuple(attacks[start : start + MOST_IN_BATCH]))
-                )
+            attacks = [attack for attack in attacks if attack.name in CHOSEN.split(",")]
+        for together in part(divided(attacks), ONE_IN[environment], everything=CHOSEN != ""):
+            found.append(Batch(environment, len(found), together))
     return found
+
+
+def divided(attacks: Sequence[Attack]) -> list[tuple[Attack, ...]]:
+    """Divide attacks so that all of a batch need the same sessions."""
+    ordered = sorted(attacks, key=lambda attack: (attack.sessions, attack.name))
+    parts = []
+    for _, group in groupby(ordered, key=lambda attack: attack.sessions):
+        alike = tuple(group)
+        for start in range(0, len(alike), MOST_IN_BATCH):
+            parts.append(alike[start : start + MOST_IN_BATCH])
+    return parts
 
 
 BATCHES = batches()
