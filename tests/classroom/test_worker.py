@@ -50,8 +50,11 @@ class Case:
     temporary: Path
     phases: list[str] = field(default_factory=list)
 
-    def ends(self, kill_at: str = "", **limits: Any) -> Ending:
-        """Grade it, and check that nothing is left; `kill_at` is the phase from which on its process is killed."""
+    def ends(self, kill_at: str = "", after_another: bool = False, **limits: Any) -> Ending:
+        """Grade it, and check that nothing is left; its process is killed from the phase `kill_at` on.
+
+        After another submission, the process that forks has imported what it needs.
+        """
         phases = self.phases
 
         async def watch() -> None:
@@ -67,6 +70,11 @@ class Case:
             watching = asyncio.ensure_future(watch())
             job = replace(self.job, **limits)
             with Workers() as workers:
+                if after_another:
+                    nobody = SubmissionSource.of(self.small.folder / "nobody")
+                    await grade_in_process(
+                        replace(job, source=nobody, silence_s=300.0), workers, lambda _: None
+                    )
                 ending = await grade_in_process(
                     job, workers, lambda phase: phases.append(phase.text)
                 )
@@ -110,7 +118,10 @@ def test_a_submission_gets_its_points(case: Case) -> None:
 @pytest.mark.parametrize(("silence_s", "phase"), [(15.0, "waiting for"), (0.05, "reading")])
 def test_a_process_that_says_nothing_is_ended(case: Case, silence_s: float, phase: str) -> None:
     """One that hangs, be it in a session or as it starts, costs its places until then."""
-    ending = case.ends(silence_s=silence_s - case.job.rubric.sessions["only"].timeout_s)
+    ending = case.ends(
+        after_another=phase != "reading",
+        silence_s=silence_s - case.job.rubric.sessions["only"].timeout_s,
+    )
     assert isinstance(ending, GraderError)
     assert ending.problem == f"the grader's process reported nothing for {silence_s:g} s"
     assert case.phases == [] if phase == "reading" else phase in case.phases[-1]
