@@ -52,6 +52,9 @@ _OPEN = 0o755
 #: Limits of a session's students together: where one was hit, nothing more may begin.
 _LEAVES_NO_ROOM = ("processes", "memory")
 
+#: Mode of a pipe that any account may open for writing.
+_WRITABLE = 0o622
+
 
 class StudentSandbox:
     """Where the student's programs of one session run.
@@ -158,6 +161,8 @@ class StudentSandbox:
     ) -> RunningProcess:
         """Start one of the student's processes, confined and with the tap."""
         tap_read, tap_write = os.pipe()
+        # Another account runs the program, whose children open the pipe by their parent's folder in /proc.
+        os.fchmod(tap_write, _WRITABLE)
         variables = self.environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
         try:
             running = await self.start_confined(run, variables, cwd, pass_fds=(tap_write,))

@@ -5,6 +5,7 @@ It changes nothing but how many cores a program is told of, when modules are imp
 
 Discovery carries neither history nor depth, and no lines. So it wraps a few methods of rclpy's classes when their
 modules are imported, and writes one JSON line a call to the descriptor named by GRADER_TAP_FD: a claim, no evidence.
+Programs that the node's process starts, such as those of `multiprocessing`, open the same pipe by GRADER_TAP_PIPE.
 """
 
 import builtins
@@ -13,7 +14,22 @@ import json
 import os
 import sys
 
-_FD = int(os.environ.pop("GRADER_TAP_FD", "-1"))
+
+def _descriptor():
+    """Return the descriptor of the tap's pipe, or -1 without one."""
+    descriptor = int(os.environ.pop("GRADER_TAP_FD", "-1"))
+    if descriptor >= 0:
+        os.set_inheritable(descriptor, False)
+        os.environ["GRADER_TAP_PIPE"] = f"/proc/{os.getpid()}/fd/{descriptor}"
+        return descriptor
+    try:
+        return os.open(os.environ.get("GRADER_TAP_PIPE", ""), os.O_WRONLY)
+    except OSError:
+        return -1
+
+
+_STARTED = "GRADER_TAP_FD" in os.environ
+_FD = _descriptor()
 _LIMIT = 1000
 _LATE = vars(builtins).copy()
 #: In the type of each service, of which each node has six, but used by introspection alone.
@@ -194,8 +210,8 @@ _generator = sys.modules["rosidl_generator_py.generate_py_impl"] = type(sys)(
     "rosidl_generator_py.generate_py_impl"
 )
 _generator.generate_py = _generate_py
-if _FD >= 0:
-    os.set_inheritable(_FD, False)
+if _STARTED:
     # Python itself has started: whatever happens from here on is the student's doing.
     os.write(_FD, b'{"kind": "started"}\n')
+if _FD >= 0:
     sys.meta_path.insert(0, _NodeFinder())
