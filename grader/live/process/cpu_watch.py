@@ -21,8 +21,8 @@ from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass, field
 
+from confine.priority import WATCHING, demote, put_in_real_time, put_standing
 from grader.live.process.forked import Program
-from grader.live.process.priority import WATCHING, demote, put_in_real_time, put_standing
 from grader.live.process.process import RunningProcess
 from grader.live.process.waiting import within
 from grader.recording.session import ProcessRun

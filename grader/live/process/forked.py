@@ -18,8 +18,8 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
-from grader.limits import set_limit
-from grader.live.sandbox.namespaces import (
+from confine.limits import set_limit
+from confine.namespaces import (
     close_descriptors,
     end_with_parent,
     name_process,

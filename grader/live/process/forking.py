@@ -18,8 +18,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from confine.helpers import python, start_helper
 from grader.live.process.forked import Program, become, read_pipe
-from grader.live.sandbox.helpers import python, start_helper
 
 if TYPE_CHECKING:
     from typing_extensions import Self

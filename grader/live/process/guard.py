@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
+from confine.cgroup import MEMORY_BYTES, PROCESSES, SandboxCgroup
+from confine.machine import available_share, network_bytes, processes_of_user, tasks_of
 from grader.live.process.process import RunningProcess
-from grader.live.sandbox.cgroup import MEMORY_BYTES, PROCESSES, SandboxCgroup
-from grader.live.sandbox.machine import available_share, network_bytes, processes_of_user, tasks_of
 
 _PERIOD_S = 0.1
 #: Share of the limit on memory from which it is getting short.

@@ -12,16 +12,16 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from grader.live.process.forked import ForkedProcess, Program, start_forked
-from grader.live.process.priority import STANDING, put_in_real_time, put_standing
-from grader.live.sandbox.helpers import run_helper, start_piped
-from grader.live.sandbox.machine import (
+from confine.helpers import run_helper, start_piped
+from confine.machine import (
     children_of,
     cpu_with_children_ns,
     descendants_of,
     read_bytes_of,
     tasks_of,
 )
+from confine.priority import STANDING, put_in_real_time, put_standing
+from grader.live.process.forked import ForkedProcess, Program, start_forked
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
 #: Output kept of one process, in bytes and in lines; what comes after is counted and dropped.

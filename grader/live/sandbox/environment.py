@@ -20,14 +20,13 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 
 import grader
+from confine.helpers import absolute_entries, python, run_helper
+from confine.interpreters import OWN_INTERPRETER
 from grader.errors import PlatformError
 from grader.live.sandbox.enough import require_limits
-from grader.live.sandbox.helpers import absolute_entries, python, run_helper
 
 #: What of ours stands in a student's sandbox: the tap and the settings of discovery.
 INSIDE_FOLDER = Path(__file__).parents[1] / "student_tap/inside"
-#: Python of the grader itself: not resolved, since a virtual environment is known by its link.
-OWN_INTERPRETER = Path(sys.executable)
 #: What evaluates launch files there.
 LAUNCHING_FOLDER = Path(__file__).parents[1] / "launch"
 
@@ -284,36 +283,3 @@ def absent_modules(interpreter: Path, names: Sequence[str]) -> list[str] | None:
         return ask_interpreter(interpreter, _FIND, *unknown).split() if unknown else []
     except ValueError:
         return None
-
-
-def interpreter_roots(interpreter: Path) -> list[Path]:
-    """Folders that an interpreter needs to run: its virtual environment and the installation behind it."""
-    real = interpreter.resolve().parent.parent
-    stdlib = (
-        Path(sysconfig.get_path("stdlib")).parent.parent if interpreter == OWN_INTERPRETER else real
-    )
-    # A link may lie anywhere, such as in ~/bin: what else is there is nobody's business.
-    linked = [path.parent.parent for path in (interpreter, *_links_of(interpreter))]
-    installed = [p for p in linked if (p / "pyvenv.cfg").is_file() or any(p.glob("lib*/python3*"))]
-    return list(dict.fromkeys([*installed, real, stdlib]))
-
-
-def interpreter_links(interpreter: Path) -> dict[Path, str]:
-    """Links on the way to the real program that lie in none of its folders -> what each of them says."""
-    roots = interpreter_roots(interpreter)
-    apart = [
-        link
-        for link in _links_of(interpreter)
-        if not any(link.is_relative_to(root) for root in roots)
-    ]
-    return {link: str(link.readlink()) for link in apart}
-
-
-def _links_of(interpreter: Path) -> list[Path]:
-    """Return the links from an interpreter to the real program, the interpreter first if it is one."""
-    links: list[Path] = []
-    path = interpreter
-    while path.is_symlink() and path not in links:
-        links.append(path)
-        path = Path(os.path.normpath(path.parent / path.readlink()))
-    return links

@@ -15,8 +15,8 @@ from typing import Any
 
 import pytest
 
+from confine.priority import put_in_real_time
 from grader.live.process.cpu_watch import _Watched
-from grader.live.process.priority import put_in_real_time
 from tests.live.small_lab import until
 
 pytestmark = pytest.mark.live

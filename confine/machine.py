@@ -9,8 +9,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from grader.recording.session import MachineSample
-
 _TICK_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
 #: Below this all sockets of the machine together are not worth a closer look, in pages.
 _NOTABLE_PAGES = 16 * 1024
@@ -20,13 +18,6 @@ _READ_BYTES = 64 * 1024
 _MOST_WAIT_S, _CALM_SHARE = 10.0, 0.2
 #: Readings of both clocks that are tried, and how far apart they may be at best.
 _READINGS, _AT_ONCE_NS = 5, 50_000
-
-
-def sample_machine() -> MachineSample:
-    """Read the machine's clock, and what it says of time taken and time waited."""
-    now_ns, offset_ns = read_clocks()
-    idle_ns = {core: times[3] + times[4] for core, times in _times_of_cores().items()}
-    return MachineSample(now_ns, offset_ns, stolen_ns(), waited_us(), idle_ns)
 
 
 def waited_us() -> int | None:
@@ -66,10 +57,15 @@ def read_clocks(
     return min(readings)[1:]
 
 
+def idle_ns_of_cores() -> dict[str, int]:
+    """Return the idle time of each core since boot, in ns: waiting for a disk is idle too."""
+    return {core: times[3] + times[4] for core, times in _times_of_cores().items()}
+
+
 def idle_s() -> float:
-    """Return for how long the machine's cores had nothing to do since boot, in s of one core, on average."""
-    idle_ns = [times[3] + times[4] for times in _times_of_cores().values()]
-    return sum(idle_ns) / 1e9 / max(1, len(idle_ns))
+    """Return the idle time of the machine's cores since boot, in s of one core, on average."""
+    idle_ns = idle_ns_of_cores()
+    return sum(idle_ns.values()) / 1e9 / max(1, len(idle_ns))
 
 
 def stolen_ns() -> int:

@@ -9,14 +9,14 @@ import tempfile
 from contextlib import suppress
 from pathlib import Path
 
-from grader.live.sandbox.helpers import run_helper
+from confine.helpers import run_helper
 
-_NAME = re.compile(r"grade-(\d+)-(\d+)-(\d+)-.+")
+_NAME = re.compile(r"confine-(\d+)-(\d+)-(\d+)-.+")
 
 
 def scratch_prefix() -> str:
     """Return how the names of this process's temporary folders begin."""
-    return f"grade-{_namespace()}-{os.getpid()}-{_start_ticks(os.getpid())}-"
+    return f"confine-{_namespace()}-{os.getpid()}-{_start_ticks(os.getpid())}-"
 
 
 def remove_stale() -> list[str]:
@@ -28,7 +28,7 @@ def remove_stale() -> list[str]:
     removed: list[str] = []
     if not Path("/proc/self/ns/pid").exists():
         return removed
-    for path in sorted(Path(tempfile.gettempdir()).glob("grade-*")):
+    for path in sorted(Path(tempfile.gettempdir()).glob("confine-*")):
         with suppress(OSError):
             if _is_stale(path):
                 remove_tree(path)

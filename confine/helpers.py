@@ -142,6 +142,33 @@ def run_helper(
     )
 
 
+def run_attached(
+    command: Sequence[str],
+    *,
+    environment: Mapping[str, str],
+    pass_fds: Sequence[int] = (),
+    before: Callable[[], object] | None = None,
+    timeout_s: float | None = None,
+) -> int:
+    """Run a command to its end with the input and the outputs of this process, and return its exit status.
+
+    The status is 128 and the number of the signal if one has ended it. Raises `OSError` if it cannot be started, and
+    `subprocess.TimeoutExpired` if it was ended for its time.
+    """
+    status = subprocess.run(
+        command,
+        check=False,
+        timeout=timeout_s,
+        env=dict(environment),
+        cwd=FOLDER,
+        pass_fds=pass_fds,
+        preexec_fn=before,
+    ).returncode
+    if status < 0:
+        return 128 - status
+    return status
+
+
 async def start_piped(
     command: Sequence[str],
     *,

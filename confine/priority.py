@@ -16,8 +16,8 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from grader.limits import set_limit
-from grader.live.sandbox.machine import tasks_of
+from confine.limits import set_limit
+from confine.machine import tasks_of
 
 #: Each step is a quarter more of a core that several want: others still get a tenth, and what is measured most.
 STANDING, MEASURED = -10, -15

@@ -1,4 +1,4 @@
-"""Keeps packets in the grader's name, and those that would hang it, from the sockets of its own processes.
+"""The filter that keeps packets in the grader's name, and those that would hang it, from the grader's own sockets.
 
 Whatever is in a sandbox can write to every UDP socket there. The grader's own sockets are marked, and a filter looks at
 what comes without the mark: it may not bear the name of a reference node, nor hold a GAP of more numbers than any
@@ -12,17 +12,11 @@ DDSI-RTPS 2.5, sections 8.3.5 and 9.4; socket(7): SO_MARK, SO_ATTACH_FILTER; pid
 
 from __future__ import annotations
 
-import os
-import socket
 import struct
-from collections.abc import Collection, Iterator
-from contextlib import suppress
+from collections.abc import Collection
 
-from grader.live.sandbox.namespaces import call
-from grader.live.sandbox.seccomp import FilterProgram, step
-
-_SO_ATTACH_FILTER, _SO_MARK, _PIDFD_GETFD = 26, 36, 438
-_MARK = 0x67726164
+from confine.packet_filter import MARK, PacketFilter
+from confine.seccomp import step
 
 # Classic BPF. Loads: a word at a place, a byte or half beyond X, the packet's length; then arithmetic and jumps.
 _WORD, _BYTE_AT_X, _HALF_AT_X, _LENGTH, _STORED_TO_X = 0x20, 0x50, 0x48, 0x80, 0x61
@@ -44,7 +38,7 @@ _DROP, _PASS = step(_RETURN, 0), step(_RETURN, 0xFFFFFFFF)
 
 def filter_program(prefixes: Collection[bytes]) -> bytes:
     """Return the filter for sockets of the grader's, where participants with these prefixes of 12 bytes are its own."""
-    steps = [step(_WORD, _MARK_OF_PACKET), step(_EQUAL, _MARK, 0, 1), _PASS]
+    steps = [step(_WORD, _MARK_OF_PACKET), step(_EQUAL, MARK, 0, 1), _PASS]
     steps += [step(_LENGTH), step(_AT_LEAST, _FIRST_PART, 1, 0), _PASS]
     for prefix in prefixes:
         for place, word in enumerate(struct.unpack(">III", prefix)):
@@ -94,60 +88,6 @@ def _unless_shorter(size: int) -> list[bytes]:
     return [step(_LENGTH), step(_SUBTRACT, size), step(_AT_LEAST_X, 0, 1, 0), _PASS]
 
 
-class PacketFilter:
-    """The filter of one sandbox's sockets."""
-
-    def __init__(self) -> None:
-        self._prefixes: set[bytes] = set()
-        self._sockets: dict[tuple[int, str], socket.socket] = {}
-        #: All that were looked at, those of other kinds too.
-        self._known: set[tuple[int, str]] = set()
-        self._marks = True
-
-    def protect(self, pid: int, prefix: str = "") -> None:
-        """Filter what comes to a process's UDP sockets, and protect its participant's prefix, in hexadecimal digits."""
-        new = dict(_udp_sockets(pid, self._known))
-        for found in new.values():
-            self._marks = self._marks and _set(found, _SO_MARK, _MARK)
-        known = len(self._prefixes)
-        if prefix and self._marks:
-            self._prefixes.add(bytes.fromhex(prefix))
-        self._sockets |= new
-        if unfiltered := self._sockets if len(self._prefixes) > known else new:
-            program = bytes(FilterProgram.of(filter_program(self._prefixes)))
-            for found in unfiltered.values():
-                _set(found, _SO_ATTACH_FILTER, program)
-
-
-def _udp_sockets(
-    pid: int, known: set[tuple[int, str]]
-) -> Iterator[tuple[tuple[int, str], socket.socket]]:
-    """Return the UDP sockets of a process that are not known yet, as copies of its descriptors, and know all of it."""
-    folder = f"/proc/{pid}/fd"
-    with suppress(OSError):
-        handle = os.pidfd_open(pid)
-        try:
-            for name in os.listdir(folder):  # noqa: PTH208 - twice a second; as paths it would take several times as long
-                with suppress(OSError):
-                    key = (pid, os.readlink(f"{folder}/{name}"))  # noqa: PTH115
-                    if key in known or not key[1].startswith("socket:"):
-                        continue
-                    found = socket.socket(
-                        fileno=call("syscall", _PIDFD_GETFD, handle, int(name), 0)
-                    )
-                    known.add(key)
-                    if (found.family, found.type) == (socket.AF_INET, socket.SOCK_DGRAM):
-                        yield key, found
-                    else:
-                        found.close()
-        finally:
-            os.close(handle)
-
-
-def _set(found: socket.socket, option: int, value: int | bytes) -> bool:
-    """Set an option of a socket; False where the system does not permit it, as in a plain container."""
-    try:
-        found.setsockopt(socket.SOL_SOCKET, option, value)
-    except OSError:
-        return False
-    return True
+def rtps_filter() -> PacketFilter:
+    """Return the filter of one sandbox's sockets; the names that it protects are prefixes of participants."""
+    return PacketFilter(filter_program)

@@ -13,7 +13,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from grader.live.sandbox.machine import read_bytes_of
+from confine.machine import read_bytes_of
 
 #: Limit of all of a sandbox's student processes together.
 MEMORY_BYTES = 2 * 1024**3
@@ -59,7 +59,7 @@ class SandboxCgroup:
 
     def __init__(self, parents: CgroupParents, label: str) -> None:
         self._version = parents.version
-        name = f"grade-{os.getuid()}-{label}"
+        name = f"confine-{os.getuid()}-{label}"
         self._memory, self._processes = Path(parents.memory) / name, Path(parents.processes) / name
         self._limit, self._swap, self._taken, self._kills = (
             self._memory / n for n in _MEMORY_FILES[parents.version]
