@@ -27,7 +27,7 @@ from confine.scratch import remove_stale, scratch_prefix
 
 #: Exit statuses of this program's own, as env(1) and timeout(1) have them; others are the command's.
 _TIMED_OUT, _NOT_CONFINED, _INTERRUPTED = 124, 125, 130
-#: Size of each area, and how many files it can hold.
+#: Size of each area in bytes, and the number of files in it.
 _AREA_BYTES, _AREA_FILES = 64 * 1024 * 1024, 20_000
 _DESCRIPTION = """
 Run a command that is not trusted: in namespaces of its own, below limits, without privileges and without a network;

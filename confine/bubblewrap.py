@@ -17,7 +17,7 @@ from confine.room import Room
 SETTINGS = ("ld.so.cache", "localtime", "alternatives", "timezone")
 #: Folders of programs and libraries, which are links into `/usr` on most systems.
 SYSTEM_FOLDERS = ("bin", "sbin", "lib", "lib32", "lib64", "libx32")
-#: Folders in which `setpriv`, `prlimit` and `env` are found in a sandbox.
+#: Folders of `setpriv`, `prlimit` and `env` in a sandbox.
 _PATH_OF_TOOLS = "/usr/bin:/bin:/usr/sbin:/sbin"
 _NAMESPACES = ("--unshare-pid", "--unshare-ipc", "--unshare-uts", "--unshare-cgroup-try")
 #: Capabilities with which `setpriv` changes the user.
@@ -46,7 +46,7 @@ def namespace_options(form: Form, old: bool, info_fd: int, seccomp_fd: int) -> l
 
 
 def start_options(cwd: str, uid: int | None) -> list[str]:
-    """Return the last options and, for a user id of its own, the command that takes it.
+    """Return the last options, and the command that takes a user id of its own, if there is one.
 
     Variables such as LD_PRELOAD or PATH must not reach the programs that still have privileges: the environment of the
     confined program begins after these.

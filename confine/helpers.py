@@ -1,6 +1,6 @@
-"""Starts the grader's helper processes apart from the working folder and the variables of the caller.
+"""Starts trusted helper processes apart from the working folder and the variables of the caller.
 
-The working folder may be a student's repository, and Python, the dynamic loader and DDS take code and settings from
+The working folder may hold untrusted code, and Python, the dynamic loader and libraries take code and settings from
 there. Each helper therefore starts in `/`, with an environment made from nothing, and Python with `-I`.
 """
 
@@ -43,7 +43,7 @@ def absolute_entries(variable: str, without: Iterable[Path] = ()) -> list[str]:
 
 
 def _working_folder() -> Path | None:
-    """Return the folder in which the grader was called, None if it has been removed."""
+    """Return the working folder of the caller, None if it has been removed."""
     try:
         return Path(os.path.realpath(Path.cwd()))
     except OSError:
@@ -51,7 +51,7 @@ def _working_folder() -> Path | None:
 
 
 def search_path() -> str:
-    """Return the PATH by which system programs are found: the caller's, absolute entries only."""
+    """Return the PATH of system programs: the caller's, absolute entries only."""
     entries = absolute_entries("PATH")
     if not entries:
         return _SYSTEM_PATH
@@ -59,7 +59,7 @@ def search_path() -> str:
 
 
 def find_tool(name: str) -> str | None:
-    """Return where a system program is installed, or None."""
+    """Return the path of a system program, or None."""
     return shutil.which(name, path=search_path())
 
 

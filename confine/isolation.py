@@ -1,4 +1,4 @@
-"""The levels of confinement, and what distinguishes the sandboxes of one machine: numbers, user ids, control groups.
+"""The levels of confinement, and the numbers, user ids and control groups of a machine's sandboxes.
 
 A *sandbox* is a set of namespaces (network with only loopback up, mounts, IPC, processes); inside it bubblewrap
 confines each program further. Started as root, each sandbox has a user id of its own; an ordinary user has it in a user
@@ -20,7 +20,7 @@ from confine.cgroup import CgroupParents, SandboxCgroup
 from confine.landlock import confines_signals
 from confine.namespaces import Form
 
-#: Unassigned user ids: those of each network, and the remaining ones where only few ids are mapped.
+#: Unassigned user ids: a range with a part for each network, and one for containers with few ids.
 #: References: systemd's "Users, Groups, UIDs and GIDs on systemd Systems"; user_namespaces(7).
 CONFINED_UIDS = (range(1_879_048_192, 2_147_352_576), range(64_100, 64_228))
 _UIDS_OF_NETWORK = 128
@@ -37,7 +37,7 @@ class ConfinementError(Exception):
 
 
 class Level(str, Enum):
-    """How well programs are confined, from the best to none; `at_least` compares."""
+    """A level of confinement, from the best to none; `at_least` compares."""
 
     FULL = "full"
     NO_CGROUP = "no cgroup"
@@ -69,7 +69,7 @@ _OWN_UID = "a user id of its own: confined code runs as root, without its privil
 
 @dataclass(frozen=True)
 class Isolation:
-    """The confinement of a machine's sandboxes, and what it covers.
+    """The confinement of a machine's sandboxes.
 
     An `old_bubblewrap` has no `--disable-userns`. `groups` are the parents of control groups at the level full.
     `first_uid` is the user id of sandbox number 0, if each sandbox has one of its own. `remedy` names the way to a
@@ -85,12 +85,12 @@ class Isolation:
 
     @property
     def own_uid(self) -> bool:
-        """Whether each sandbox has a user id of its own."""
+        """True if each sandbox has a user id of its own."""
         return self.first_uid is not None
 
     @property
     def namespaces(self) -> bool:
-        """Whether sandboxes are namespaces of their own."""
+        """True if sandboxes are namespaces of their own."""
         return self.form is not Form.NONE
 
     def require(self, least: Level) -> None:
@@ -165,7 +165,7 @@ def free_slot() -> Iterator[int]:
 
 
 def first_confined_uid() -> int:
-    """Return the user id from which those of sandboxes in this network are counted.
+    """Return the lowest user id of sandboxes in this network.
 
     Two containers number their sandboxes alike; if both have the users of the machine, equal ids would be one user to
     the kernel. Each network therefore has its own ids, by the number of its namespace. A container with users of its

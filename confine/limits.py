@@ -24,11 +24,11 @@ with suppress(ImportError):  # Windows, where nothing can be confined, has no su
 _MIB = 1024**2
 
 
-# -- limits that can be had --------------------------------------------------------------------------
+# -- attainable limits -------------------------------------------------------------------------------
 
 
 def attainable(name: str, wanted: int, pid: int = 0) -> int:
-    """Return the highest value up to `wanted` that a limit of a process can have; of this process for 0."""
+    """Return the highest attainable value up to `wanted` for a limit of a process; of this process for 0."""
     hard = resource.prlimit(pid, _number_of(name))[1]
     if _is_lower(hard, wanted):
         return hard
@@ -36,7 +36,7 @@ def attainable(name: str, wanted: int, pid: int = 0) -> int:
 
 
 def attainable_limits(wanted: Mapping[str, int]) -> dict[str, int]:
-    """Return the highest values up to the wanted ones that limits of this process's children can have."""
+    """Return the highest attainable values up to the wanted ones for limits of this process's children."""
     return {name: attainable(name, value) for name, value in wanted.items()}
 
 
@@ -52,13 +52,13 @@ def set_limit(name: str, soft: int, hard: int | None = None, pid: int = 0) -> No
 
 
 def set_soft_limit(name: str, soft: int) -> None:
-    """Limit this process in a way that it can undo."""
+    """Lower or raise a soft limit of this process, which it can undo."""
     hard = resource.getrlimit(_number_of(name))[1]
     resource.setrlimit(_number_of(name), (attainable(name, soft), hard))
 
 
 def lift(name: str) -> None:
-    """Raise a limit of this process as far as it may."""
+    """Raise a limit of this process as far as its hard limit permits."""
     hard = resource.getrlimit(_number_of(name))[1]
     resource.setrlimit(_number_of(name), (hard, hard))
 
@@ -115,7 +115,7 @@ NEEDS = (
     Need("stack", "stack of a process", _MIB, 8 * _MIB, "MiB"),
     Need("cpu", "CPU time of a process", 600, 3600, "s"),
 )
-#: A limit that is so many times the usual value is not the cause of an error.
+#: Multiple of the usual value from which a limit is not taken for the cause of an error.
 _FAR_ABOVE = 16
 
 
@@ -129,7 +129,7 @@ class Shortage:
 
     @property
     def is_fatal(self) -> bool:
-        """Whether programs fail under it."""
+        """True if programs fail under it."""
         return self.value < self.need.least + self.in_use
 
     @property
@@ -142,7 +142,7 @@ class Shortage:
         return words
 
     def __str__(self) -> str:
-        """Return what the limit is, and what it should be."""
+        """Return the present value of the limit, and the one that it should have."""
         if self.is_fatal:
             least = self.need.amount(self.need.least + self.in_use)
             return f"{self.present}; at least {least} are required"
@@ -151,7 +151,7 @@ class Shortage:
 
     @property
     def remedy(self) -> str:
-        """Where such a limit is set, and can be raised."""
+        """Places where such a limit is set, and can be raised."""
         name = self.need.name
         places = [
             f"`{name}` in /etc/security/limits.conf",
@@ -193,7 +193,7 @@ def raise_soft_limits() -> None:
 
 
 def limit_behind(problem: str) -> Shortage | None:
-    """Return the limit of this process that an error message tells of, such as "Too many open files"; else None."""
+    """Return the limit of this process behind an error message such as "Too many open files"; None if there is none."""
     if sys.platform != "linux":
         return None
     for need in NEEDS:

@@ -37,7 +37,7 @@ class PacketFilter:
         self._program = program
         self._names: set[bytes] = set()
         self._sockets: dict[_Key, socket.socket] = {}
-        #: All descriptors that were looked at, those of other kinds too.
+        #: All sockets seen so far, of other kinds too.
         self._known: set[_Key] = set()
         self._marks = True
 

@@ -13,17 +13,16 @@ HOME = "/home/user"
 TEMPORARY = "/tmp"
 SHARED_MEMORY = "/dev/shm"
 
-#: Rights of a folder in which every user may make files, and remove its own.
+#: Rights of a folder like /tmp: every user may make files there, and remove its own.
 _OPEN_TO_ALL = 0o1777
 
 
 @dataclass(frozen=True)
 class Room:
-    """Folders of a sandbox, besides those of the system.
+    """Folders that confined programs see besides those of the system.
 
     Programs may change the `areas` and read the `tools`: path inside the sandbox -> folder outside. An `interpreter`
-    and its installation are seen at their own paths. The folders in `covered` stay hidden, even if they lie among what
-    is seen.
+    and its installation have the same paths inside. The folders in `covered` stay hidden, even below a visible folder.
     """
 
     areas: Mapping[str, Path]
@@ -55,7 +54,7 @@ class Room:
             self.areas[area].chmod(_OPEN_TO_ALL)
 
     def seen(self, isolation: Isolation) -> dict[str, str]:
-        """Return the path by which confined programs reach each area and tool."""
+        """Return the path of each area and tool for confined programs."""
         folders = {**self.areas, **self.tools}
         if isolation.namespaces:
             return {target: target for target in folders}

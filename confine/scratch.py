@@ -1,4 +1,4 @@
-"""Temporary folders whose names hold their owner, so that stale ones of a killed grader are found and removed."""
+"""Temporary folders with their owner in the name, so that stale ones of a killed process are found and removed."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ _NAME = re.compile(r"confine-(\d+)-(\d+)-(\d+)-.+")
 
 
 def scratch_prefix() -> str:
-    """Return how the names of this process's temporary folders begin."""
+    """Return the beginning of the names of this process's temporary folders, such as "confine-4026531836-712-98113-"."""
     return f"confine-{_namespace()}-{os.getpid()}-{_start_ticks(os.getpid())}-"
 
 
 def remove_stale() -> list[str]:
-    """Remove the temporary folders of this user's gradings that have ended; returns their names.
+    """Remove the temporary folders of this user's processes that have ended; returns the folders' names.
 
-    A process is known by its number, its start and the namespace in which both hold. What belongs to another namespace,
-    such as a container that shares the folder, cannot be judged from here, and stays.
+    A process is known by its number, its start and its namespace of processes. Folders of another namespace, such as a
+    container that shares this folder, stay, because their processes cannot be seen from here.
     """
     removed: list[str] = []
     if not Path("/proc/self/ns/pid").exists():
@@ -37,9 +37,9 @@ def remove_stale() -> list[str]:
 
 
 def remove_tree(folder: Path) -> None:
-    """Remove a folder as far as that is permitted, whatever is in it.
+    """Remove a folder and everything in it, as far as that is permitted.
 
-    Students' processes may have nested them deeper than Python's functions follow, and closed them to their owner.
+    Confined programs may have nested folders deeper than Python's functions follow, and closed them to their owner.
     """
     with suppress(RecursionError):
         shutil.rmtree(folder, ignore_errors=True)
@@ -50,14 +50,14 @@ def remove_tree(folder: Path) -> None:
 
 def _is_stale(path: Path) -> bool:
     named = _NAME.fullmatch(path.name)
-    if (
-        named is None
-        or path.is_symlink()
-        or path.lstat().st_uid != os.getuid()
-        or int(named[1]) != _namespace()
-    ):
+    if named is None or path.is_symlink():
         return False
-    return _start_ticks(int(named[2])) != int(named[3])
+    if path.lstat().st_uid != os.getuid():
+        return False
+    namespace, pid, start_ticks = map(int, named.groups())
+    if namespace != _namespace():
+        return False
+    return _start_ticks(pid) != start_ticks
 
 
 def _namespace() -> int:
@@ -65,7 +65,7 @@ def _namespace() -> int:
 
 
 def _start_ticks(pid: int) -> int | None:
-    """Return when a process was started, in clock ticks since boot; None if there is no such process."""
+    """Return the start of a process, in clock ticks since boot; None if there is no such process."""
     try:
         status = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
     except OSError:

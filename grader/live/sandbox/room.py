@@ -29,7 +29,7 @@ class StudentRoom(Room):
 
     @classmethod
     def below(cls, scratch: Path, interpreter: Path) -> StudentRoom:
-        """Return the room of a sandbox whose own folders are made in `scratch`."""
+        """Return the room of a sandbox with its own folders in `scratch`."""
         areas = {seen: scratch / name for seen, name in _AREAS.items()}
         tools = {INSIDE: INSIDE_FOLDER, LAUNCHING: LAUNCHING_FOLDER}
         tools |= {seen: scratch / name for seen, name in _WRITTEN.items()}

@@ -1,9 +1,9 @@
 """The filter that keeps packets in the grader's name, and those that would hang it, from the grader's own sockets.
 
-Whatever is in a sandbox can write to every UDP socket there. The grader's own sockets are marked, and a filter looks at
-what comes without the mark: it may not bear the name of a reference node, nor hold a GAP of more numbers than any
-session has, all of which Fast DDS 2.14 goes through (CVE-2025-64438). What gets past it is seen by
-`grader.evidence.integrity`.
+Every program in a sandbox can write to every UDP socket there. The grader's own sockets are marked. The filter drops
+packets without the mark that bear the name of a reference node, or that hold a GAP of more numbers than any session
+has, because Fast DDS 2.14 goes through all of them (CVE-2025-64438). `grader.evidence.integrity` sees the packets that
+get past it.
 
 References
 ----------
@@ -29,9 +29,8 @@ _MARK_OF_PACKET = 0xFFFFF000 + 20
 #: Behind the header of UDP, RTPS has four letters, version and vendor, and then the sender's prefix.
 _PREFIX, _FIRST_PART = 16, 28
 _GAP, _INFO_SOURCE = 0x08, 0x0C
-#: Parts of a packet that are looked at: older kernels keep 20 KiB for what a socket has besides its data.
+#: Number of parts of a packet to examine: older kernels keep 20 KiB for a socket's filter and other settings.
 _MOST_PARTS = 24
-
 
 _DROP, _PASS = step(_RETURN, 0), step(_RETURN, 0xFFFFFFFF)
 
