@@ -9,6 +9,7 @@ RUN apt-get update \
 
 WORKDIR /opt/grader
 COPY pyproject.toml constraints.txt README.md rubric.yaml rubric.schema.json ./
+COPY confine confine
 COPY grader grader
 COPY reference reference
 # Apart from the interpreter's folder, of which students' code may read all.

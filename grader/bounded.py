@@ -23,8 +23,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar, cast
 
+from confine.limits import set_limit, set_soft_limit
 from grader.errors import BoundError
-from grader.limits import set_limit, set_soft_limit
 
 with suppress(ImportError):  # There is none on Windows.
     import resource

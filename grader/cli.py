@@ -13,11 +13,11 @@ from enum import Enum
 
 from rich.console import Console
 
+from confine.limits import limit_behind
+from confine.priority import going_first
 from grader.commands import COMMANDS
 from grader.commands.usage import WrongUsage
 from grader.errors import GraderError, PlatformError, UsageError, described
-from grader.limits import limit_behind
-from grader.live.process.priority import going_first
 from grader.plain_output import write_to_any_terminal
 
 _EXIT_STATUS = """\

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 
-from grader.limits import limit_behind
+from confine.limits import limit_behind
 
 #: Beginning of the names of the grader's temporary folders.
 TEMPORARY = "grade-temporary-"
@@ -15,7 +15,7 @@ TEMPORARY = "grade-temporary-"
 _PATH = re.compile(r"/[^\s'\":]*")
 #: A temporary folder of the grader within a path, with its part that the user does not know.
 _SCRATCH = re.compile(
-    r"/(?:grade-\d+-\d+-\d+-|grade-intake-|grade-doctor-|grade-temporary-)[^/]+"
+    r"/(?:confine-\d+-\d+-\d+-|grade-intake-|grade-doctor-|grade-temporary-)[^/]+"
     r"(?:/(?:submission|workspace|trial|sources|lab|results)(?![^/]))?/*"
 )
 #: Folders in which results, and the recording of a session, are made before they take their places.
@@ -25,7 +25,7 @@ _IN_THE_MAKING = re.compile(r"/\.unfinished(?=/)|(?<=/)\.([\w-]+)\.partial(?![^/
 def without_temporary_names(text: str) -> str:
     """Return a text in which no name of a temporary folder of the grader's stands.
 
-    For example `/tmp/grade-1-2-3-intake-x/submission/a/b.py` becomes `a/b.py`, and `results/ann/.unfinished/recordings`
+    For example `/tmp/confine-1-2-3-intake-x/submission/a/b.py` becomes `a/b.py`, and `results/ann/.unfinished/recordings`
     becomes `results/ann/recordings`.
     """
     text = _IN_THE_MAKING.sub(lambda found: found[1] or "", text)

@@ -15,8 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from confine.helpers import helper_environment, python, start_helper
 from grader.errors import UsageError
-from grader.live.sandbox.helpers import helper_environment, python, start_helper
 from grader.report.exports import EXPORTS
 from grader.report.exports.writing import STANDARD_OUTPUT, ExportTarget, write_exports
 from grader.result import Result

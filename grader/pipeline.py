@@ -153,8 +153,8 @@ def grade(
     Results of an earlier grading stay until all sessions have been recorded. Raises GraderError if no fair score
     exists: no result is written then, but once all is recorded, the recordings are kept.
     """
+    from confine.scratch import scratch_prefix
     from grader.live.sandbox.environment import require_platform
-    from grader.live.sandbox.scratch import scratch_prefix
     from grader.live_exports import LiveExports
 
     require_platform(options.interpreter)
@@ -240,15 +240,15 @@ def record(
     `before` is the text of the result of what the student handed in before this, and kept with the recordings. Without
     a scheduler, what was begun `ahead` is used, and ends with this.
     """
+    from confine.isolation import Level
+    from confine.machine import wait_for_calm
+    from confine.scratch import scratch_prefix
     from grader.evidence.environment_gap import modules_to_look_for
     from grader.live.ahead import Ahead
     from grader.live.interfaces.build import parts_in
     from grader.live.interfaces.needs import needed_interfaces, provide_interfaces
     from grader.live.sandbox.environment import absent_modules, find_native_launch, versions
-    from grader.live.sandbox.isolation import Level
-    from grader.live.sandbox.machine import wait_for_calm
     from grader.live.sandbox.probing import require
-    from grader.live.sandbox.scratch import scratch_prefix
     from grader.live.session.runner import Progress, SessionRunner, given_in_steps
     from grader.live.session.stage import stage
 

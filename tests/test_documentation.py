@@ -36,6 +36,7 @@ OTHERS = {
 OTHERS |= {"--scheduler-file", "--plain", "--network"}
 #: Folders of the repository; what is set as code and lies in one has to be there.
 FOLDERS = (
+    "confine",
     "grader",
     "reference",
     "fixtures",

@@ -8,6 +8,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from confine.isolation import Isolation, Level
+from confine.scratch import scratch_prefix
 from grader.classroom import audit, fingerprint
 from grader.classroom.cluster import Cluster, cluster
 from grader.classroom.job import Ending, Job, Row, problem_of
@@ -23,8 +25,6 @@ from grader.judging.attempts import undecided_sessions
 from grader.lab.policy import SubmissionTime
 from grader.lab.rubric import Rubric
 from grader.live.process.waiting import side_by_side
-from grader.live.sandbox.isolation import Isolation, Level
-from grader.live.sandbox.scratch import scratch_prefix
 from grader.live.session.runner import Progress, run_to_an_end
 from grader.pipeline import Options, Scope, earlier_results
 from grader.recording.submission import read_submission, write_submission

@@ -20,15 +20,15 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from confine.isolation import Level
+from confine.scratch import scratch_prefix
 from grader.classroom import fingerprint
 from grader.classroom.job import Ending, Job
 from grader.classroom.scheduler import Machine
 from grader.classroom.worker import Here
 from grader.errors import GraderError, PlatformError
 from grader.files import atomic_replacement
-from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
-from grader.live.sandbox.scratch import scratch_prefix
 from grader.live.session.runner import Progress
 from grader.pipeline import PARTS
 from grader.submission.extraction import Intake, SubmissionSource, open_submission

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from confine.isolation import Isolation
 from grader.classroom.scheduler import Machine
 from grader.errors import GraderError, ProcessLostError, RubricError, described
 from grader.lab.rubric import Rubric
-from grader.live.sandbox.isolation import Isolation
 from grader.pipeline import Options
 from grader.report.exports.writing import ExportTarget
 from grader.result import Result

@@ -14,6 +14,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from confine.interpreters import OWN_INTERPRETER
+from confine.scratch import scratch_prefix
 from grader import yaml_text
 from grader.bounded import Bound, in_process
 from grader.checks.own import built, load_own
@@ -29,9 +31,7 @@ from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
 from grader.lab.yaml_with_lines import Loc, parse_yaml
 from grader.live.interfaces.build import provide, shipped_for
-from grader.live.sandbox.environment import OWN_INTERPRETER
 from grader.live.sandbox.probing import probe_isolation
-from grader.live.sandbox.scratch import scratch_prefix
 from grader.recording.bag import Bag
 from grader.recording.session import SessionRecord
 from grader.report.views import points

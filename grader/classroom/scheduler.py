@@ -8,8 +8,8 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 
-from grader.live.sandbox.isolation import Isolation
-from grader.live.sandbox.machine import idle_s
+from confine.isolation import Isolation
+from confine.machine import idle_s
 from grader.live.session.runner import sessions_at_a_time
 
 _POLL_S = 0.1

@@ -26,6 +26,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
+from confine.helpers import absolute_entries, helper_environment
+from confine.isolation import Isolation, Level
+from confine.namespaces import end_with_parent
+from confine.scratch import remove_stale, scratch_prefix
 from grader import pipeline
 from grader.bounded import limit_memory, write_all
 from grader.classroom.job import Ending, Job, problem_of
@@ -38,10 +42,6 @@ from grader.live.process.forked import Program
 from grader.live.process.forking import ForkingServer, serve
 from grader.live.process.waiting import within
 from grader.live.sandbox.environment import SOURCED
-from grader.live.sandbox.helpers import absolute_entries, helper_environment
-from grader.live.sandbox.isolation import Isolation, Level
-from grader.live.sandbox.namespaces import end_with_parent
-from grader.live.sandbox.scratch import remove_stale, scratch_prefix
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.runner import Progress, given_in_steps
 from grader.live_exports import export_variables

@@ -49,10 +49,10 @@ from grader.submission.separation import (
 if TYPE_CHECKING:
     from decimal import Decimal
 
+    from confine.isolation import Isolation
     from grader.classroom.job import Row
     from grader.classroom.scheduler import Machine
     from grader.lab.rubric import Rubric
-    from grader.live.sandbox.isolation import Isolation
     from grader.live.session.runner import Progress
     from grader.pipeline import Options
     from grader.submission.discovery import Discovery
@@ -184,10 +184,10 @@ def _note_limits(console: Console) -> None:
 
 
 def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: Console) -> int:
+    from confine.scratch import remove_stale
     from grader import pipeline
     from grader.classroom.regrade import recorded_in
     from grader.judging import rubrics
-    from grader.live.sandbox.scratch import remove_stale
 
     rubric = rubrics.read_rubric(options.rubric)
     pipeline.require_sessions(options.sessions or (), rubric)
@@ -373,8 +373,8 @@ def _grading_location(
     options: argparse.Namespace, live: Options
 ) -> tuple[Isolation | str, Machine]:
     """Return where to grade (how code is confined here, or a scheduler), and this machine's slots."""
+    from confine.isolation import Isolation, Level
     from grader.classroom.scheduler import Machine
-    from grader.live.sandbox.isolation import Isolation, Level
     from grader.live.sandbox.probing import require
 
     if options.scheduler is not None:

@@ -11,9 +11,9 @@ from typing import NoReturn
 
 from rich.console import Console
 
+from confine.helpers import become, python
 from grader.commands.arguments import add_flag, parser_of, print_note
 from grader.errors import RecordingError, UsageError
-from grader.live.sandbox.helpers import become, python
 from grader.recording.session import SESSION_FILE
 from grader.result_folder import RECORDINGS
 

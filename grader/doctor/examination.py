@@ -12,6 +12,10 @@ from collections.abc import Iterator
 from importlib.metadata import version
 from pathlib import Path
 
+from confine.helpers import find_tool, python, run_helper
+from confine.isolation import Isolation, Level
+from confine.machine import stolen_ns
+from confine.priority import WATCHING
 from grader import pipeline, result_folder
 from grader.doctor.status import Status, Verdict
 from grader.errors import PlatformError
@@ -21,11 +25,7 @@ from grader.evidence.timing import timing_of
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
 from grader.live.interfaces.build import lacking_toolchain
-from grader.live.process.priority import WATCHING
 from grader.live.sandbox.environment import ask_interpreter, require_platform
-from grader.live.sandbox.helpers import find_tool, python, run_helper
-from grader.live.sandbox.isolation import Isolation, Level
-from grader.live.sandbox.machine import stolen_ns
 from grader.live.sandbox.probing import probe_isolation
 from grader.live.session.runner import sessions_at_a_time
 from grader.result import Outcome

@@ -33,6 +33,6 @@ def status_of_limits() -> Status:
         return Status(Verdict.PASS, "limits", "as high as grading makes use of")
     words = "; ".join(map(str, found))
     verdict = Verdict.WARNING
-    if found[0].prevents_grading:
+    if found[0].is_fatal:
         verdict = Verdict.FAIL
     return Status(verdict, "limits", words, found[0].remedy)

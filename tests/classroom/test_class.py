@@ -20,10 +20,10 @@ pytest.importorskip("rclpy")
 
 sys.path.append(str(Path(__file__).parents[2]))
 
+from confine.isolation import Level
 from grader.classroom.journal import Journal
 from grader.errors import PlatformError
 from grader.judging.rubrics import read_rubric
-from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
 from grader.recording.session import read_session, write_session
 from grader.result_folder import JOURNAL_FILE, RECORDINGS

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from confine.isolation import Isolation, Level
 from grader.classroom import fingerprint
 from grader.classroom.class_run import ClassRun, _Task, entries_of
 from grader.classroom.job import Row
@@ -23,7 +24,6 @@ from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import lab_folder
 from grader.lab.overrides import load_overrides
 from grader.lab.policy import SubmissionTime
-from grader.live.sandbox.isolation import Isolation, Level
 from grader.pipeline import Options
 from grader.recording.submission import Identity, Person, read_submission, write_submission
 from grader.result import Result, Score, to_json

@@ -20,11 +20,11 @@ pytest.importorskip("distributed")
 
 sys.path.append(str(Path(__file__).parents[2]))
 
+from confine.isolation import Level
 from grader.classroom.cluster import Bundle, grade_bundle
 from grader.classroom.job import Job
 from grader.errors import GraderError
 from grader.judging.rubrics import read_rubric
-from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
 from grader.pipeline import Options
 from grader.submission.extraction import SubmissionSource

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from confine.isolation import Isolation, Level
 from grader.classroom.job import Job, problem_of
 from grader.errors import GraderError, RubricError, SubmissionError
 from grader.judging.rubrics import read_rubric
-from grader.live.sandbox.isolation import Isolation, Level
 from grader.pipeline import Options
 from grader.submission.extraction import SubmissionSource
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import pytest
 
+from confine.isolation import Isolation, Level
+from confine.namespaces import Form
 from grader.classroom.scheduler import MOST_SLOTS, ROOM_S, ROOM_SHARE, Machine
-from grader.live.sandbox.isolation import Isolation, Level
-from grader.live.sandbox.namespaces import Form
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="abstract sockets are Linux's own")
 

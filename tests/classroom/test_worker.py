@@ -24,12 +24,12 @@ pytest.importorskip("rclpy")
 
 sys.path.append(str(Path(__file__).parents[2]))
 
+from confine.isolation import Level
 from grader.classroom.job import Ending, Job
 from grader.classroom.scheduler import Machine
 from grader.classroom.worker import Workers, grade_in_process
 from grader.errors import GraderError
 from grader.judging.rubrics import read_rubric
-from grader.live.sandbox.isolation import Level
 from grader.live.sandbox.probing import probe_isolation
 from grader.pipeline import Options
 from grader.result import Result, Score

@@ -32,8 +32,8 @@ pytest.importorskip("rclpy")
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
+from confine.isolation import CONFINED_UIDS  # noqa: E402
 from grader.judging import rubrics  # noqa: E402
-from grader.live.sandbox.isolation import STUDENT_UIDS  # noqa: E402
 from grader.result import result_schema  # noqa: E402
 from grader.submission.extraction import SubmissionSource  # noqa: E402
 from tests.live.accounts import account  # noqa: E402
@@ -268,7 +268,7 @@ def is_litter(path: Path, user: int) -> bool:
         return False
     return (
         "attack_" in path.name
-        or any(owner in uids for uids in STUDENT_UIDS)
+        or any(owner in uids for uids in CONFINED_UIDS)
         or (owner == user != os.geteuid())
     )
 

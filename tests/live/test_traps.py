@@ -117,8 +117,8 @@ def test_the_machine(trapped: Path) -> None:
 
 #: Modules that may start processes: the one for helpers, and those within a sandbox, where students' code runs too.
 STARTING_MODULES = {
-    "grader/live/sandbox/helpers.py",
-    "grader/live/sandbox/confine.py",
+    "confine/helpers.py",
+    "confine/reduced.py",
     "grader/live/interfaces/inside/build_package.py",
     "grader/live/launch/processes.py",
     "grader/live/launch/standin/launch/substitutions/__init__.py",
@@ -140,7 +140,7 @@ def starts_processes(path: Path) -> bool:
 def test_helpers_are_started_in_one_place() -> None:
     """No other module of the grader and of its labs starts a process or looks for a program by itself."""
     starting = set()
-    for part in ("grader", "reference", "labs"):
+    for part in ("confine", "grader", "reference", "labs"):
         for path in (ROOT / part).rglob("*.py"):
             name = path.relative_to(ROOT).as_posix()
             if "/fixtures/" not in name and starts_processes(path):

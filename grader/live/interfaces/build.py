@@ -20,11 +20,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import IO, Any
 
-from grader.live.sandbox.environment import OWN_INTERPRETER, ros_environment
-from grader.live.sandbox.helpers import find_tool, python
-from grader.live.sandbox.isolation import HOME, INTERFACES, TEMPORARY, Isolation, Room, free_slot
-from grader.live.sandbox.running import run_confined
-from grader.live.sandbox.scratch import remove_tree, scratch_prefix
+from confine.helpers import find_tool, python
+from confine.interpreters import OWN_INTERPRETER
+from confine.isolation import Isolation, free_slot
+from confine.room import TEMPORARY, Room
+from confine.running import run_confined
+from confine.scratch import remove_tree, scratch_prefix
+from grader.live.sandbox.environment import ros_environment
+from grader.live.sandbox.room import HOME, INTERFACES, made_room
 from grader.recording.interfaces import InterfacePackage, in_order, packages_of, read_folder
 
 _INSIDE = Path(__file__).parent / "inside"
@@ -203,8 +206,7 @@ def _build(
     """Have it built in a sandbox, and take from that what is expected, which are files."""
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as name:
         scratch = Path(name)
-        room = Room.below(scratch, OWN_INTERPRETER)
-        room.make(scratch)
+        room: Room = made_room(scratch, OWN_INTERPRETER)
         sources, out = scratch / "sources", room.areas[TEMPORARY] / "out"
         for file, text in package.files.items():
             path = sources / package.name / file

@@ -8,11 +8,12 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from confine.interpreters import OWN_INTERPRETER
+from confine.isolation import Isolation
 from grader.lab import kept_lab
 from grader.lab.rubric import Rubric, SessionSpec
 from grader.live.interfaces.build import Built, provide, shipped_for
-from grader.live.sandbox.environment import OWN_INTERPRETER, ask_interpreter
-from grader.live.sandbox.isolation import Isolation
+from grader.live.sandbox.environment import ask_interpreter
 from grader.recording.interfaces import InterfacePackage
 from grader.recording.submission import SubmissionRecord
 from grader.submission.packages.interfaces import interface_packages

@@ -1,8 +1,8 @@
-"""Starts the grader's own processes as forks of one that has imported what they need.
+"""Starts the grader's own processes as forks of one that has imported their modules.
 
-A Python that imports rclpy anew takes a sixth of a second of a core, and its first node nearly another tenth for the
-libraries that it loads; a fork has them. Nothing of ROS may have been started before: neither a context nor its threads
-would be whole in the child.
+A Python that imports rclpy anew takes a sixth of a second of a core, and its first node nearly another tenth for its
+libraries; a fork has them. No ROS context may exist before the fork: neither it nor its threads would be whole in the
+child.
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NoReturn
 
-from grader.limits import set_limit
-from grader.live.sandbox.namespaces import (
+from confine.limits import set_limit
+from confine.namespaces import (
     close_descriptors,
     end_with_parent,
     name_process,
     open_descriptors,
 )
 
-#: The longest message of a program: a snapshot of a graph that somebody floods.
+#: The longest message of a program, in bytes: a snapshot of a flooded graph.
 _LONGEST_LINE_BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True)
 class Program:
-    """What a fork does, under a name, with all of its environment, and with descriptors that it keeps open."""
+    """The work of a fork, its name, all of its environment, and the descriptors that it keeps open."""
 
     name: str
     main: Callable[[], object]
@@ -86,17 +86,22 @@ async def start_forked(program: Program) -> ForkedProcess:
         become(program, parent, (stdin, stdout, stderr))
     for descriptor in (stdin, stdout, stderr):
         os.close(descriptor)
-    loop = asyncio.get_running_loop()
-    protocol = asyncio.StreamReaderProtocol(
-        asyncio.StreamReader()
-    )  # which knows when the pipe is full
-    transport, _ = await loop.connect_write_pipe(lambda: protocol, os.fdopen(to_it, "wb", 0))
-    writer = asyncio.StreamWriter(transport, protocol, None, loop)
+    writer = await _write_pipe(to_it)
     return ForkedProcess(pid, writer, await read_pipe(from_it), await read_pipe(errors))
 
 
+async def _write_pipe(descriptor: int) -> asyncio.StreamWriter:
+    """Return a writer for a pipe, which closes it at the end."""
+    loop = asyncio.get_running_loop()
+    # The protocol of a reader knows when the pipe is full.
+    protocol = asyncio.StreamReaderProtocol(asyncio.StreamReader())
+    pipe = os.fdopen(descriptor, "wb", 0)
+    transport, _ = await loop.connect_write_pipe(lambda: protocol, pipe)
+    return asyncio.StreamWriter(transport, protocol, None, loop)
+
+
 async def read_pipe(descriptor: int) -> asyncio.StreamReader:
-    """Return what reads a pipe, and closes it at its end."""
+    """Return a reader for a pipe, which closes it at its end."""
     reader = asyncio.StreamReader(limit=_LONGEST_LINE_BYTES)
     protocol = asyncio.StreamReaderProtocol(reader)
     await asyncio.get_running_loop().connect_read_pipe(
@@ -119,7 +124,7 @@ def become(program: Program, parent: int, descriptors: Sequence[int]) -> NoRetur
     except BaseException:
         traceback.print_exc()
     finally:
-        # Not as Python ends: what else is in this image, such as the event loop, is the other process's to end.
+        # Not as Python ends: the event loop and other objects of this image are the other process's to end.
         try:
             sys.stdout.flush()
             sys.stderr.flush()

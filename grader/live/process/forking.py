@@ -1,7 +1,7 @@
-"""A process that forks others on request, so that what they need is imported once.
+"""A process that forks others on request, so that their modules are imported once.
 
-Python that imports rclpy and a session anew takes a seventh of a second of a core, and what grades a submission most
-of one; a fork takes a hundredth.
+Importing rclpy and a session anew takes a seventh of a second of a core, and importing the modules for a whole grading
+most of a second; a fork takes a hundredth.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
+from confine.helpers import python, start_helper
 from grader.live.process.forked import Program, become, read_pipe
-from grader.live.sandbox.helpers import python, start_helper
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
 _MOST_REQUEST_BYTES = 16 * 1024
-#: How long a server may take to end when nothing more is asked of it.
+#: Time for a server to end after its last request.
 _END_S = 5.0
 
 
@@ -38,10 +38,10 @@ class _Running(Protocol):
 
 
 class ForkingServer:
-    """A process that forks others; used as a context, with which all that it started ends.
+    """A process that forks others; its forks end with it, and it ends with its context.
 
-    It runs a module of the grader's as a program, which calls `serve` with the socket of the number that comes first
-    among its arguments.
+    It runs a module of the grader as a program. The module calls `serve` with a socket; the descriptor of the socket is
+    its first argument.
     """
 
     def __init__(
@@ -51,7 +51,8 @@ class ForkingServer:
         environment: Mapping[str, str],
     ) -> None:
         self._command = python(sys.executable, "-m", module)
-        self._arguments, self._environment = arguments, environment
+        self._arguments = arguments
+        self._environment = environment
 
     def __enter__(self) -> Self:
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -68,11 +69,11 @@ class ForkingServer:
         )
 
     def fileno(self) -> int:
-        """Return the descriptor by which it is asked."""
+        """Return the descriptor for requests."""
         return self._link.fileno()
 
     def has_ended(self) -> bool:
-        """Whether its process is gone: it says nothing by this descriptor, so that only its end can be read."""
+        """Return whether its process is gone: it never writes to this descriptor, so that only its end can be read."""
         return bool(select.select([self], [], [], 0)[0])
 
     def __exit__(self, *_: object) -> None:
@@ -87,14 +88,14 @@ class ForkingServer:
             self._link.close()
 
     async def start(self, request: bytes, errors: Path) -> asyncio.StreamReader:
-        """Start what a request asks for, with a file for its standard error.
+        """Start the program of a request, with a file for its standard error, and return its output.
 
-        Returns what it says, until all has ended: first its process id, or why it could not be started; at last, on a
-        line, `ended` and its exit status (negative: the signal that ended it).
+        The first line is its process id, or the reason why it could not be started; the last one is `ended` and its
+        exit status (negative: the signal that ended it).
         """
         with errors.open("wb") as file:
             reader, writer = os.pipe()
-            with suppress(ConnectionError):  # Then nothing will be said.
+            with suppress(ConnectionError):  # Then the output is empty.
                 socket.send_fds(self._link, [request], [writer, file.fileno()])
         os.close(writer)
         return await read_pipe(reader)
@@ -105,23 +106,21 @@ def serve(
     program_of: Callable[[bytes], Program],
     needed: Sequence[ForkingServer] = (),
 ) -> None:
-    """Fork a program for each request, until there will be no more; what still runs then is killed.
+    """Fork a program for each request until the socket is closed, and then kill those that still run.
 
-    A request comes with two descriptors, the program's standard output and error. `program_of` raises OSError where
-    it cannot be started. Where a server that all `needed` has ended, this one is of no more use: it is to end at once,
-    which kills its forks.
+    A request comes with two descriptors, the program's standard output and error. `program_of` raises `OSError` if the
+    program cannot be started. As soon as one of the `needed` servers has ended, this one ends too, with its forks.
     """
-    server, null = os.getpid(), os.open(os.devnull, os.O_RDONLY)
+    null = os.open(os.devnull, os.O_RDONLY)
     outputs: dict[int, int] = {}
     woken, waking = os.pipe()
     os.set_blocking(waking, False)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(waking, warn_on_full_buffer=False)
+    needed_fds = [server.fileno() for server in needed]
     while True:
-        ready, _, _ = select.select(
-            [link.fileno(), woken, *(server.fileno() for server in needed)], [], []
-        )
-        if any(server.fileno() in ready for server in needed):
+        ready, _, _ = select.select([link.fileno(), woken, *needed_fds], [], [])
+        if not set(ready).isdisjoint(needed_fds):
             return
         if woken in ready:
             os.read(woken, _MOST_REQUEST_BYTES)
@@ -131,22 +130,13 @@ def serve(
         request, descriptors, *_ = socket.recv_fds(link, _MOST_REQUEST_BYTES, 2)
         if not request:
             break
-        try:
-            program = program_of(request)
-            forked = os.fork()
-        except OSError as problem:  # What runs already goes on.
-            with suppress(OSError):
-                os.write(descriptors[0], f"{problem}\n".encode())
-            forked = -1
-        if forked == 0:
-            with suppress(OSError):
-                os.write(descriptors[0], f"{os.getpid()}\n".encode())
-            become(program, server, (null, *descriptors))
-        os.close(descriptors[1])
-        if forked > 0:
-            outputs[forked] = descriptors[0]
+        output, errors = descriptors
+        forked = _fork(program_of, request, (null, output, errors))
+        os.close(errors)
+        if forked is None:
+            os.close(output)
         else:
-            os.close(descriptors[0])
+            outputs[forked] = output
     signal.set_wakeup_fd(-1)
     for pid in outputs:
         for kill in (os.killpg, os.kill):  # One that has just begun leads no group yet.
@@ -155,21 +145,47 @@ def serve(
     _reap(outputs, 0)
 
 
+def _fork(
+    program_of: Callable[[bytes], Program], request: bytes, descriptors: tuple[int, int, int]
+) -> int | None:
+    """Fork the program of a request, and return its process id; None, and a line of output, if that failed.
+
+    `descriptors` are its standard input, output and error.
+    """
+    server = os.getpid()
+    output = descriptors[1]
+    try:
+        program = program_of(request)
+        forked = os.fork()
+    except OSError as problem:  # The forks that run already go on.
+        with suppress(OSError):
+            os.write(output, f"{problem}\n".encode())
+        return None
+    if forked == 0:
+        with suppress(OSError):
+            os.write(output, f"{os.getpid()}\n".encode())
+        become(program, server, descriptors)
+    return forked
+
+
 def _reap(outputs: dict[int, int], options: int) -> None:
-    """Take note of forks that have ended, so that their CPU time counts as the server's, and say so."""
+    """Wait for forks that have ended, so that their CPU time counts as the server's, and report their ends."""
     with suppress(ChildProcessError):
-        while outputs and (ended := os.waitpid(-1, options))[0]:
-            # The program may have started others of its own, such as a server.
-            if (output := outputs.pop(ended[0], None)) is not None:
-                _say_end(output, os.waitstatus_to_exitcode(ended[1]))
+        while outputs:
+            pid, status = os.waitpid(-1, options)
+            if pid == 0:
+                return
+            output = outputs.pop(pid, None)
+            if output is not None:  # Otherwise a program has started it, such as a server.
+                _report_end(output, os.waitstatus_to_exitcode(status))
                 os.close(output)
 
 
-def _say_end(output: int, status: int) -> None:
-    """Say it without waiting: nobody may read any more, or what was said before may fill the pipe still."""
+def _report_end(output: int, status: int) -> None:
+    """Write the exit status without waiting: the reader may be gone, or earlier output may still fill the pipe."""
     with suppress(OSError):
-        said = os.open(f"/proc/self/fd/{output}", os.O_WRONLY | os.O_NONBLOCK)
+        unblocked = os.open(f"/proc/self/fd/{output}", os.O_WRONLY | os.O_NONBLOCK)
         try:
-            os.write(said, f"ended {status}\n".encode())
+            os.write(unblocked, f"ended {status}\n".encode())
         finally:
-            os.close(said)
+            os.close(unblocked)

@@ -12,19 +12,19 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 
-from grader.live.process.forked import ForkedProcess, Program, start_forked
-from grader.live.process.priority import STANDING, put_in_real_time, put_standing
-from grader.live.sandbox.helpers import run_helper, start_piped
-from grader.live.sandbox.machine import (
+from confine.helpers import run_helper, start_piped
+from confine.machine import (
     children_of,
     cpu_with_children_ns,
     descendants_of,
     read_bytes_of,
     tasks_of,
 )
+from confine.priority import STANDING, put_in_real_time, put_standing
+from grader.live.process.forked import ForkedProcess, Program, start_forked
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
-#: Output kept of one process, in bytes and in lines; what comes after is counted and dropped.
+#: Output kept of one process, in bytes and in lines; further output is counted and dropped.
 MAX_OUTPUT_BYTES = 1024 * 1024
 MAX_OUTPUT_LINES = 50_000
 #: Output after which a process is ended, in bytes: reading it takes time from others.
@@ -32,26 +32,27 @@ MAX_FLOOD_BYTES = 64 * 1024 * 1024
 #: The longest line that is kept whole, in bytes.
 MAX_LINE_BYTES = 8 * 1024
 _READ_BYTES = 64 * 1024
-#: After SIGINT, how long a process may take to SIGTERM and then to SIGKILL.
+#: Time between SIGINT, SIGTERM and SIGKILL.
 _TERMINATE_GRACE_S = 1.0
-#: After its exit, how long what it wrote last may take to be read on a busy machine.
+#: Time to read the last output after the exit of a process, on a busy machine.
 _LAST_OUTPUT_S = 2.0
-#: What holding a process to a core by another program may take; it takes a few ms.
+#: Timeout of another program that holds a process to a core; it takes a few ms.
 _HOLD_S = 2.0
 
 
 @dataclass
 class OutputRoom:
-    """What may still be kept of the output of several processes together."""
+    """Room for the further output of several processes together."""
 
     bytes: int = 16 * MAX_OUTPUT_BYTES
     lines: int = 4 * MAX_OUTPUT_LINES
 
     def take(self, length: int) -> bool:
-        """Take the room for a line, if there is so much."""
+        """Take the room for a line, if there is enough."""
         if self.bytes < length or self.lines < 1:
             return False
-        self.bytes, self.lines = self.bytes - length, self.lines - 1
+        self.bytes -= length
+        self.lines -= 1
         return True
 
 
@@ -76,21 +77,20 @@ class RunningProcess:
         self._child_pid_fd = child_pid_fd
         self._sandbox_info = b""
         self._sandbox_pid: int | None = None
-        #: By thread id; those that have ended keep what they used.
+        #: Thread id -> CPU time and delay in ns; threads that have ended stay.
         self._usage: dict[int, tuple[int, int]] = {}
-        #: Ids of those that it had when it was last looked at.
+        #: Ids of its threads at the last sample.
         self.threads: list[int] = []
         self._kept = self._written = 0
         self._room = room
         assert process.stdout is not None
         assert process.stderr is not None
-        reader = (
-            self._read(process.stdout, "stdout")
-            if on_message is None
-            else _hear(process.stdout, on_message)
-        )
+        if on_message is None:
+            output = self._read(process.stdout, "stdout")
+        else:
+            output = _hear(process.stdout, on_message)
         self._readers = [
-            asyncio.create_task(reader),
+            asyncio.create_task(output),
             asyncio.create_task(self._read(process.stderr, "stderr")),
         ]
         self.exited = asyncio.create_task(self._wait())
@@ -129,7 +129,7 @@ class RunningProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether it has not ended."""
+        """True until it has ended."""
         return not self.exited.done()
 
     def write(self, data: bytes, *, last: bool = False) -> None:
@@ -176,14 +176,13 @@ class RunningProcess:
         status = await self._process.wait()
         self.run.exited_ns = time.time_ns()
         self.run.exit_status = status
-        # A grandchild may hold the pipes open; what it writes later is not waited for.
+        # A grandchild may hold the pipes open; its later output is not waited for.
         await asyncio.wait(self._readers, timeout=_LAST_OUTPUT_S)
         for reader in self._readers:
             reader.cancel()
         self._note_last_usage()
-        if (
-            self._child_pid_fd is not None
-        ):  # A launch file may start more programs than one may have files open.
+        # A launch file may start more programs than the grader may have files open.
+        if self._child_pid_fd is not None:
             os.close(self._child_pid_fd)
         return status
 
@@ -194,15 +193,17 @@ class RunningProcess:
         if self._sandbox_pid is None and self.alive:
             with suppress(BlockingIOError):
                 self._sandbox_info += os.read(self._child_pid_fd, 4096)
-            with suppress(ValueError, KeyError):  # It is written in pieces.
+            with suppress(ValueError, KeyError):  # Bubblewrap writes in pieces.
                 self._sandbox_pid = int(json.loads(self._sandbox_info)["child-pid"])
         if self._sandbox_pid is None:
             return None
         children = children_of(self._sandbox_pid)
-        return children[0] if children else None
+        if not children:
+            return None
+        return children[0]
 
     async def stop(self, timeout_s: float) -> None:
-        """Interrupt the program itself as Ctrl-C would, then terminate, then kill it; `ended_by` says what it took."""
+        """Interrupt the program itself as Ctrl-C would, then terminate, then kill it; `ended_by` names the last step."""
         # Without a program, it is just beginning or just ending.
         if not self.alive or (self._pid() is None and await self.wait_exit(_TERMINATE_GRACE_S)):
             return
@@ -212,7 +213,8 @@ class RunningProcess:
             ("terminate", signal.SIGTERM, _TERMINATE_GRACE_S),
         )
         for ended_by, number, grace_s in ways:
-            if (pid := self._pid()) is not None:
+            pid = self._pid()
+            if pid is not None:
                 if number == signal.SIGINT:
                     self.run.interrupted_ns = time.time_ns()
                 with suppress(ProcessLookupError):
@@ -226,8 +228,10 @@ class RunningProcess:
         """Kill it, for a `limit` if it exceeded one, with its process group (and with bubblewrap, its sandbox)."""
         if self.alive:
             self.sample_usage()
-            self.run.ended_by = "kill" if limit is None else "limit"
-            self.run.limit = limit or self.run.limit
+            self.run.ended_by = "kill"
+            if limit is not None:
+                self.run.ended_by = "limit"
+                self.run.limit = limit
             self._end_group()
             await self.wait_exit(5.0)
 
@@ -242,7 +246,9 @@ class RunningProcess:
     def descendants(self) -> list[int]:
         """Process ids of all its processes that have not left it."""
         root = self.root_pid()
-        return descendants_of(root) if root is not None else []
+        if root is None:
+            return []
+        return descendants_of(root)
 
     async def wait_exit(self, timeout_s: float) -> bool:
         """Wait until it has ended; False if it has not in time."""
@@ -250,13 +256,13 @@ class RunningProcess:
         return bool(done)
 
     def put_standing(self, nice: int = STANDING) -> None:
-        """Let it go before what is still starting: from now on its timing counts; what is the grader's in real time."""
+        """Let it go before processes that are still starting, because its timing counts from now on."""
         put_standing(self.descendants(), nice)
         if self.run.role != "student":
             put_in_real_time(self.descendants())
 
     def hold_to_core(self, core: int, user: int | None) -> None:
-        """Let all its threads, and those to come, run on one core only.
+        """Let all its present and future threads run on one core only.
 
         On several cores CPython's threads hand the interpreter's lock to each other badly: a subscription under rclpy's
         MultiThreadedExecutor was seen to handle 27 of 400 messages on two cores, and 400 of 400 on one. It is done once
@@ -269,13 +275,12 @@ class RunningProcess:
                 if user is not None:
                     _hold_as_user(pid, core, user)
         root = self.root_pid()
+        if root is None or self.run.core == core:
+            return
         with suppress(OSError):
-            if (
-                root is not None
-                and self.run.core != core
-                and os.sched_getaffinity(self._pid() or root) == {core}
-            ):
-                self.run.core, self.run.held_ns = core, time.time_ns()
+            if os.sched_getaffinity(self._pid() or root) == {core}:
+                self.run.core = core
+                self.run.held_ns = time.time_ns()
 
     def sample_usage(self) -> None:
         """Read CPU time and run-queue delay of all its processes and threads, while they exist."""
@@ -283,18 +288,19 @@ class RunningProcess:
         if root is None or not self.alive:
             return
         pids = descendants_of(root)
-        now = {thread: used for pid in pids for thread, used in _scheduling_of(pid).items()}
+        now: dict[int, tuple[int, int]] = {}
+        for pid in pids:
+            now.update(_scheduling_of(pid))
         self._usage.update(now)
         self.threads = list(now)
-        if not self._usage:  # It ended before it was ever looked at.
+        if not self._usage:  # The process ended before the first sample.
             return
-        cpu_ns, delay_ns = (sum(values) for values in zip(*self._usage.values(), strict=True))
-        # Children that came and went between two looks are in the times of those that waited for them.
-        cpu_ns = max(
-            cpu_ns,
-            sum(map(cpu_with_children_ns, pids)),
-            self.run.usage[-1].cpu_ns if self.run.usage else 0,
-        )
+        # Children that came and went between two samples are in the times of the processes that waited for them.
+        cpu_ns = sum(map(cpu_with_children_ns, pids))
+        cpu_ns = max(cpu_ns, sum(cpu_ns for cpu_ns, _ in self._usage.values()))
+        delay_ns = sum(delay_ns for _, delay_ns in self._usage.values())
+        if self.run.usage:
+            cpu_ns = max(cpu_ns, self.run.usage[-1].cpu_ns)
         self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
 
     def lately_used(self) -> float:
@@ -303,15 +309,16 @@ class RunningProcess:
         return (now.cpu_ns - before.cpu_ns) / (now.t_ns - before.t_ns)
 
     def _note_last_usage(self) -> None:
-        """Note the CPU time that it took until its end, which no sample has seen; its delay is as last seen.
+        """Note the CPU time until its end, which no sample has; its delay is taken from the last sample.
 
-        The sandbox that ends leaves its first process, with the CPU time of all in it, to the first of the session.
+        A sandbox that ends leaves its first process, with the CPU time of all in it, to the first of the session.
         """
         if self._sandbox_pid is None or not self.run.usage:
             return
         with suppress(ChildProcessError):
             pid, _, used = os.wait4(self._sandbox_pid, os.WNOHANG)
-            last, cpu_ns = self.run.usage[-1], round((used.ru_utime + used.ru_stime) * 1e9)
+            last = self.run.usage[-1]
+            cpu_ns = round((used.ru_utime + used.ru_stime) * 1e9)
             if pid and cpu_ns > last.cpu_ns:
                 self.run.usage.append(
                     Usage(self.run.exited_ns or last.t_ns, cpu_ns, last.run_delay_ns)
@@ -319,10 +326,12 @@ class RunningProcess:
 
 
 class PipeReader:
-    """Collects what comes through a pipe, up to a limit, and hands it on when the pipe closes."""
+    """Collects the text from a pipe, up to a limit, and hands it on when the pipe closes."""
 
     def __init__(self, fd: int, limit_bytes: int, on_end: Callable[[str], None]) -> None:
-        self._fd, self._limit, self._on_end = fd, limit_bytes, on_end
+        self._fd = fd
+        self._limit = limit_bytes
+        self._on_end = on_end
         self._data = bytearray()
         os.set_blocking(fd, False)
         asyncio.get_running_loop().add_reader(fd, self._read)
@@ -331,17 +340,18 @@ class PipeReader:
         with suppress(BlockingIOError):
             block = os.read(self._fd, _READ_BYTES)
             self._data += block
-            if (
-                not block or len(self._data) >= self._limit
-            ):  # Who writes on gets an error, and keeps nobody busy here.
+            # A program that writes beyond the limit gets an error, and keeps no reader busy.
+            if not block or len(self._data) >= self._limit:
                 self.close()
 
     def so_far(self) -> str:
-        """Return what has come, as long as it has not been handed on."""
-        return self._data.decode("utf-8", "replace") if self._fd >= 0 else ""
+        """Return the text until now, "" after it was handed on."""
+        if self._fd < 0:
+            return ""
+        return self._data.decode("utf-8", "replace")
 
     def close(self) -> None:
-        """Take what is left in the pipe, close it, and hand everything on."""
+        """Read the rest from the pipe, close it, and hand the text on."""
         if self._fd < 0:
             return
         with suppress(BlockingIOError):
@@ -366,7 +376,7 @@ def _hold(pid: int, core: int) -> None:
 
 
 def _hold_as_user(pid: int, core: int, user: int) -> None:
-    """Hold a process to a core as the user that it runs as: root in a container has no say over others' cores."""
+    """Hold a process to a core as its own user: root in a container may not choose the cores of other users."""
     become = ["setpriv", f"--reuid={user}", f"--regid={user}", "--clear-groups", "--no-new-privs"]
     command = [*become, "taskset", "--all-tasks", "--cpu-list", "--pid", str(core), str(pid)]
     with suppress(OSError, subprocess.TimeoutExpired):

@@ -1,1 +1,1 @@
-"""How a session and its student's processes are confined. Imports no other folder of the live half."""
+"""The sandbox of a session and its student's processes, made by `confine`; imports no other folder of the live half."""

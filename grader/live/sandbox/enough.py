@@ -5,9 +5,9 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from confine.limits import Shortage, raise_soft_limits, shortages
+from confine.machine import processes_of_user, tasks_of
 from grader.errors import PlatformError
-from grader.limits import Shortage, raise_soft_limits, shortages
-from grader.live.sandbox.machine import processes_of_user, tasks_of
 
 #: Threads of the grader and of one session's programs, which count against their common user's limit. Two sessions
 #: side by side had 57.
@@ -17,14 +17,14 @@ _OWN_TASKS = 96
 def present_shortages() -> list[Shortage]:
     """Return the limits that are lower than usual, those that prevent grading first."""
     found = shortages({"nproc": _tasks_in_use()})
-    return sorted(found, key=lambda shortage: not shortage.prevents_grading)
+    return sorted(found, key=lambda shortage: not shortage.is_fatal)
 
 
 def require_limits() -> None:
     """Make use of the limits that this process may have; raises `PlatformError` if one prevents grading."""
     raise_soft_limits()
     for shortage in present_shortages():
-        if shortage.prevents_grading:
+        if shortage.is_fatal:
             raise PlatformError(str(shortage), remedy=shortage.remedy)
 
 

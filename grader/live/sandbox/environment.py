@@ -1,6 +1,6 @@
 """Environments of the processes in a sandbox, built from nothing.
 
-What the caller has sourced or exported reaches no process of a session.
+Sourced or exported variables of the caller reach no process of a session.
 """
 
 from __future__ import annotations
@@ -20,15 +20,14 @@ from importlib.machinery import PathFinder
 from pathlib import Path
 
 import grader
+from confine.helpers import absolute_entries, python, run_helper
+from confine.interpreters import OWN_INTERPRETER
 from grader.errors import PlatformError
 from grader.live.sandbox.enough import require_limits
-from grader.live.sandbox.helpers import absolute_entries, python, run_helper
 
-#: What of ours stands in a student's sandbox: the tap and the settings of discovery.
+#: Folder of the tap and of the settings of discovery, as seen in a student's sandbox.
 INSIDE_FOLDER = Path(__file__).parents[1] / "student_tap/inside"
-#: Python of the grader itself: not resolved, since a virtual environment is known by its link.
-OWN_INTERPRETER = Path(sys.executable)
-#: What evaluates launch files there.
+#: Folder of the program that evaluates launch files there.
 LAUNCHING_FOLDER = Path(__file__).parents[1] / "launch"
 
 #: The first import from a cold disk takes seconds.
@@ -49,7 +48,7 @@ def ros_environment(prefix: Path) -> dict[str, str]:
     libraries = sorted((prefix / "lib" / version / "site-packages").glob("ros_*.libs"))
     return {
         **_DDS,
-        # What the ROS wheels' start-up hook would set, which spares its second start.
+        # The ROS wheels' start-up hook would set these and start Python again.
         "LD_LIBRARY_PATH": ":".join(map(str, [prefix / "lib", *libraries])),
         "_ROS_WHEELS_BOOTSTRAP_COMPLETE": "1",
         "LANG": "C.UTF-8",
@@ -61,9 +60,9 @@ def ros_environment(prefix: Path) -> dict[str, str]:
 
 
 def with_prefixes(environment: Mapping[str, str], prefixes: Sequence[str]) -> dict[str, str]:
-    """Return an environment in which packages of some ament prefixes are found, as when these are sourced.
+    """Return an environment with the packages of some ament prefixes, as if these had been sourced.
 
-    Of two packages of a name, that of an earlier prefix counts, but what the environment has counts before all.
+    Packages of the environment itself come first, then those of earlier prefixes.
     """
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     below = {
@@ -71,14 +70,14 @@ def with_prefixes(environment: Mapping[str, str], prefixes: Sequence[str]) -> di
         "PYTHONPATH": f"/lib/{version}/site-packages",
         "LD_LIBRARY_PATH": "/lib",
     }
-    paths = {
-        name: [environment.get(name, ""), *(f"{p}{folder}" for p in prefixes)]
-        for name, folder in below.items()
-    }
-    return {
-        **environment,
-        **{name: ":".join(filter(None, parts)) for name, parts in paths.items() if any(parts)},
-    }
+    found = dict(environment)
+    for name, folder in below.items():
+        entries = [f"{prefix}{folder}" for prefix in prefixes]
+        if environment.get(name):
+            entries.insert(0, environment[name])
+        if entries:
+            found[name] = ":".join(entries)
+    return found
 
 
 def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
@@ -98,9 +97,9 @@ def trusted_environment(home: Path, domain_id: int) -> dict[str, str]:
 def student_environment(
     interpreter: Path, home: str, workspace: str, inside: str, domain_id: int
 ) -> dict[str, str]:
-    """Environment of a student's process, with paths as it sees them.
+    """Environment of a student's process, with paths inside its sandbox.
 
-    Where `interpreter` is of a virtual environment with the ROS wheels, these are set up.
+    If `interpreter` belongs to a virtual environment with the ROS wheels, these are set up.
     """
     prefix = interpreter.parent.parent
     return {
@@ -113,14 +112,14 @@ def student_environment(
         "ROS_VERSION": "2",
         "AMENT_PREFIX_PATH": f"{workspace}/install:{prefix}",
         "PYTHONDONTWRITEBYTECODE": "1",
-        "PYTHONNOUSERSITE": "1",  # what an earlier program left at home must not run before the tap does
+        "PYTHONNOUSERSITE": "1",  # files that an earlier program left at home must not run before the tap
         "PYTHONPATH": inside,
         "FASTRTPS_DEFAULT_PROFILES_FILE": f"{inside}/discovery.xml",
         "RCUTILS_COLORIZED_OUTPUT": "0",
     }
 
 
-@functools.cache  # Two who need it may ask, and an interpreter takes half a second to answer.
+@functools.cache  # An interpreter takes half a second to answer.
 def require_platform(interpreter: Path | None = None) -> None:
     """Raise `PlatformError` unless ROS 2 nodes can run here, and, if it is given, with students' interpreter."""
     if platform.system() != "Linux" or platform.machine() != "x86_64":
@@ -280,40 +279,9 @@ def absent_modules(interpreter: Path, names: Sequence[str]) -> list[str] | None:
         else []
     )
     unknown = [name for name in names if not own or PathFinder.find_spec(name, own) is None]
+    if not unknown:
+        return []
     try:
-        return ask_interpreter(interpreter, _FIND, *unknown).split() if unknown else []
+        return ask_interpreter(interpreter, _FIND, *unknown).split()
     except ValueError:
         return None
-
-
-def interpreter_roots(interpreter: Path) -> list[Path]:
-    """Folders that an interpreter needs to run: its virtual environment and the installation behind it."""
-    real = interpreter.resolve().parent.parent
-    stdlib = (
-        Path(sysconfig.get_path("stdlib")).parent.parent if interpreter == OWN_INTERPRETER else real
-    )
-    # A link may lie anywhere, such as in ~/bin: what else is there is nobody's business.
-    linked = [path.parent.parent for path in (interpreter, *_links_of(interpreter))]
-    installed = [p for p in linked if (p / "pyvenv.cfg").is_file() or any(p.glob("lib*/python3*"))]
-    return list(dict.fromkeys([*installed, real, stdlib]))
-
-
-def interpreter_links(interpreter: Path) -> dict[Path, str]:
-    """Links on the way to the real program that lie in none of its folders -> what each of them says."""
-    roots = interpreter_roots(interpreter)
-    apart = [
-        link
-        for link in _links_of(interpreter)
-        if not any(link.is_relative_to(root) for root in roots)
-    ]
-    return {link: str(link.readlink()) for link in apart}
-
-
-def _links_of(interpreter: Path) -> list[Path]:
-    """Return the links from an interpreter to the real program, the interpreter first if it is one."""
-    links: list[Path] = []
-    path = interpreter
-    while path.is_symlink() and path not in links:
-        links.append(path)
-        path = Path(os.path.normpath(path.parent / path.readlink()))
-    return links

@@ -20,18 +20,18 @@ from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
-from grader.limits import lift
-from grader.live.process.forked import Program
-from grader.live.process.forking import ForkingServer, serve
-from grader.live.process.priority import put_self_first
-from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
-from grader.live.sandbox.namespaces import (
+from confine.limits import lift
+from confine.namespaces import (
     Form,
     end_with_parent,
     enter_own_mounts,
     enter_sandbox,
     name_process,
 )
+from confine.priority import put_self_first
+from grader.live.process.forked import Program
+from grader.live.process.forking import ForkingServer, serve
+from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER, trusted_environment
 from grader.live.session.plan import SessionPlan
 from grader.recording.definitions import definition_of, type_hash_of
 

@@ -20,11 +20,11 @@ from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from confine.limits import attainable
+from confine.scratch import remove_tree
 from grader.evidence.near_miss import LEAST_RATIO, likeness
-from grader.limits import attainable
 from grader.live.process.process import PipeReader, RunningProcess
-from grader.live.sandbox.isolation import LAUNCHING, PARAMETERS, WORKSPACE
-from grader.live.sandbox.scratch import remove_tree
+from grader.live.sandbox.room import LAUNCHING, PARAMETERS, WORKSPACE
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.launch_plan import (
     PARAMETERS_PLACEHOLDER,

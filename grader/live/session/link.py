@@ -29,10 +29,10 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from typing import IO, Any
 
-from grader.limits import set_limit
+from confine.limits import set_limit
+from confine.namespaces import bring_loopback_up, enter_own_network
 from grader.live.process.forked import Program, become
 from grader.live.process.process import RunningProcess
-from grader.live.sandbox.namespaces import bring_loopback_up, enter_own_network
 from grader.recording.link import Crossing, LinkedTopic, LinkPlan, LinkResult
 from grader.recording.session import (
     LINK,

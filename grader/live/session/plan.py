@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from confine.isolation import Isolation
 from grader.live.sandbox.environment import NativeLaunch
-from grader.live.sandbox.isolation import Isolation
 from grader.recording.session import SessionRecord, StepRun
 
 

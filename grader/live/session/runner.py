@@ -16,12 +16,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
+from confine.isolation import Isolation, free_slot
+from confine.scratch import remove_tree, scratch_prefix
 from grader.errors import PlatformError, ProcessLostError
 from grader.lab.rubric import Rubric, SessionSpec
 from grader.live.process.waiting import side_by_side, within
 from grader.live.sandbox.environment import NativeLaunch
-from grader.live.sandbox.isolation import Isolation, free_slot
-from grader.live.sandbox.scratch import remove_tree, scratch_prefix
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.plan import SessionPlan
 from grader.recording.session import SessionRecord, StepRun

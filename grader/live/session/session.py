@@ -20,16 +20,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from confine.priority import MEASURED, STANDING, put_self_first
 from grader.errors import without_temporary_names
 from grader.live.process.cpu_watch import CpuWatch
 from grader.live.process.forked import Program, run_script
-from grader.live.process.priority import MEASURED, STANDING, put_self_first
+from grader.live.process.machine_sample import sample_machine
 from grader.live.process.process import RunningProcess
 from grader.live.process.waiting import within
 from grader.live.sandbox.environment import trusted_environment
-from grader.live.sandbox.isolation import WORKSPACE
-from grader.live.sandbox.machine import sample_machine
-from grader.live.sandbox.packet_filter import PacketFilter
+from grader.live.sandbox.room import WORKSPACE
+from grader.live.sandbox.rtps_filter import rtps_filter
 from grader.live.session.director_client import Answer, DirectorClient
 from grader.live.session.launch_runner import LaunchRunner
 from grader.live.session.link import Link
@@ -66,7 +66,7 @@ class Session:
         self.processes = self.sandbox.processes
         self.director: DirectorClient | None = None
         self._launch = LaunchRunner(self.sandbox)
-        self._filter = PacketFilter()
+        self._filter = rtps_filter()
         self._watch = CpuWatch()
         self._links: list[asyncio.Task[ProcessRun]] = []
         self._linked: list[RunningProcess] = []

@@ -11,30 +11,29 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
-from grader.live.process.guard import Guard
-from grader.live.process.process import OutputRoom, PipeReader, RunningProcess
-from grader.live.sandbox.environment import student_environment, with_prefixes
-from grader.live.sandbox.helpers import search_path
-from grader.live.sandbox.isolation import (
-    HOME,
-    INSIDE,
-    INTERFACES,
-    PARAMETERS,
-    TEMPORARY,
-    WORKSPACE,
-    Room,
-    confined,
-    sandbox_cgroup,
-    student_uid,
-)
-from grader.live.sandbox.machine import descendants_of
-from grader.live.sandbox.namespaces import (
+from confine.command import confined
+from confine.helpers import search_path
+from confine.isolation import confined_uid, sandbox_cgroup
+from confine.machine import descendants_of
+from confine.namespaces import (
     adopt_orphans,
     bring_loopback_up,
     mount_tmpfs,
     use_up_process_ids,
 )
-from grader.live.sandbox.scratch import remove_tree
+from confine.room import TEMPORARY
+from confine.scratch import remove_tree
+from grader.live.process.guard import Guard
+from grader.live.process.process import OutputRoom, PipeReader, RunningProcess
+from grader.live.sandbox.environment import student_environment, with_prefixes
+from grader.live.sandbox.room import (
+    HOME,
+    INSIDE,
+    INTERFACES,
+    PARAMETERS,
+    WORKSPACE,
+    StudentRoom,
+)
 from grader.live.session.plan import SessionPlan
 from grader.live.student_tap.claims import claims_in
 from grader.recording.session import Claim, ProcessRun
@@ -67,10 +66,10 @@ class StudentSandbox:
 
     def __init__(self, plan: SessionPlan) -> None:
         self.plan, self.record, self.isolation = plan, plan.record, plan.isolation
-        self.uid = student_uid(plan.isolation, plan.slot)
+        self.uid = confined_uid(plan.isolation, plan.slot)
         self.processes: dict[str, RunningProcess] = {}
         self.trusted: list[RunningProcess] = []
-        self._room = Room.below(plan.scratch, plan.interpreter)
+        self._room = StudentRoom.below(plan.scratch, plan.interpreter)
         self.workspace, self.launch_workspace = self._room.areas[WORKSPACE], plan.scratch / "trial"
         self.parameters, self.interfaces = (
             self._room.tools[PARAMETERS],

@@ -13,11 +13,12 @@ from pathlib import Path
 
 import pytest
 
+from confine.interpreters import OWN_INTERPRETER
+from confine.isolation import Isolation, Level
 from grader.judging.rubrics import read_rubric
 from grader.live.interfaces.build import Built, lacking_toolchain, provide
 from grader.live.interfaces.needs import Needed, provide_interfaces
-from grader.live.sandbox.environment import OWN_INTERPRETER, ros_environment, with_prefixes
-from grader.live.sandbox.isolation import Isolation, Level
+from grader.live.sandbox.environment import ros_environment, with_prefixes
 from grader.live.sandbox.probing import probe_isolation
 from grader.recording.interfaces import InterfacePackage
 from grader.recording.submission import SubmissionRecord

@@ -16,8 +16,8 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.time import Time
 
 import grader
+from confine.isolation import Isolation, Level
 from grader.live.interfaces.build import provide
-from grader.live.sandbox.isolation import Isolation, Level
 from grader.recording.interfaces import InterfacePackage
 
 SUBSETS = Path(grader.__file__).parent / "live/interfaces/subsets"

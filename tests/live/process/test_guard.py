@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from confine.machine import available_share, processes_of_user
+from confine.scratch import remove_tree
 from grader.live.process import guard
 from grader.live.process.guard import Guard
 from grader.live.process.process import RunningProcess
-from grader.live.sandbox.machine import available_share, processes_of_user
-from grader.live.sandbox.scratch import remove_tree
 from grader.recording.session import ProcessRun
 from tests.live.small_lab import until
 

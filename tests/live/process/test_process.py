@@ -9,6 +9,7 @@ import sys
 
 import pytest
 
+from confine.machine import descendants_of
 from grader.live.process.process import (
     MAX_OUTPUT_BYTES,
     MAX_OUTPUT_LINES,
@@ -16,7 +17,6 @@ from grader.live.process.process import (
     PipeReader,
     RunningProcess,
 )
-from grader.live.sandbox.machine import descendants_of
 from grader.recording.session import ProcessRun
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")

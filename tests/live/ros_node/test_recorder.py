@@ -120,7 +120,7 @@ SESSION = """
 import json, os, resource, signal, subprocess, sys, time
 from pathlib import Path
 import rclpy
-from grader.live.sandbox.namespaces import end_with_parent
+from confine.namespaces import end_with_parent
 from grader.live.ros_node.recorder import Recorder
 from grader.recording.bag import BagWriter
 from grader.recording.session import Endpoint, Qos

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import shutil
-import subprocess
 import sys
 import tempfile
 from dataclasses import replace
@@ -16,22 +13,15 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from confine.isolation import Isolation, Level
+from confine.landlock import landlock_version
+from confine.namespaces import Form
+from confine.seccomp import DENIED
 from grader.errors import IsolationError
 from grader.evidence.crash.diagnosis import ended_by_limit
 from grader.evidence.recorded import Recorded
 from grader.live.sandbox import environment
-from grader.live.sandbox.confine import confines_signals, landlock_version
-from grader.live.sandbox.isolation import (
-    STUDENT_UIDS,
-    Isolation,
-    Level,
-    Room,
-    confined,
-    first_student_uid,
-)
-from grader.live.sandbox.namespaces import Form
 from grader.live.sandbox.probing import probe_isolation, require
-from grader.live.sandbox.seccomp import DENIED
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.runner import SessionRunner
 from grader.live.session.stage import stage
@@ -332,37 +322,6 @@ def test_memory_is_found_where_one_does_not_look_at_once(
     )
 
 
-def test_a_launch_files_variables_reach_no_program_with_privileges(tmp_path: Path) -> None:
-    """What gives up privileges is found and run in an environment of ours; the student's begins behind it."""
-    variables = {"LD_PRELOAD": "/ws/theirs.so", "PATH": "/ws/theirs"}
-    for form in (Form.ROOT, Form.USER):
-        with confined(
-            Isolation(
-                Level.NO_CGROUP, form, first_uid=first_student_uid() if form is Form.ROOT else None
-            ),
-            ["node", "--talk"],
-            environment=variables,
-            room=Room({"/ws": tmp_path}, {}, PYTHON),
-            slot=1,
-            cwd="/ws",
-            group=None,
-        ) as (argv, _, info):
-            assert info is not None
-            os.close(info)
-        begins = argv.index("env")
-        assert not [word for word in argv[:begins] if "theirs" in word]
-        assert argv[begins:] == [
-            "env",
-            "-i",
-            "--",
-            "LD_PRELOAD=/ws/theirs.so",
-            "PATH=/ws/theirs",
-            "node",
-            "--talk",
-        ]
-        assert "setpriv" not in argv[begins:]
-
-
 @pytest.mark.parametrize("level", LEVELS, ids=lambda level: level.value)
 @pytest.mark.parametrize("limit", BOMBS)
 def test_what_takes_too_much_is_stopped_and_named(limit: str, level: Level, tmp_path: Path) -> None:
@@ -438,60 +397,3 @@ def test_a_run_that_requires_more_than_there_is_is_refused() -> None:
     with pytest.raises(IsolationError) as caught:
         require(Isolation(Level.NONE), Level.REDUCED)
     assert "--trust-code" in caught.value.remedy
-
-
-@pytest.fixture
-def _no_bubblewrap(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let no bubblewrap be found, so that there are no namespaces."""
-    (tmp_path / "bin").mkdir()
-    for name in ("unshare", "setpriv", "prlimit", "env", "sh"):
-        found = shutil.which(name)
-        assert found is not None
-        (tmp_path / "bin" / name).symlink_to(found)
-    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives others user ids")
-@pytest.mark.skipif(landlock_version() < 1, reason="this kernel has no Landlock")
-@pytest.mark.usefixtures("_no_bubblewrap")
-def test_students_code_that_would_run_as_root_is_reported_or_refused(tmp_path: Path) -> None:
-    """Without namespaces, where other users may not run the interpreter: what to open is said, and what lacks."""
-    closed = tmp_path / "closed"
-    closed.mkdir(mode=0o700)
-    (closed / "python").symlink_to(PYTHON)
-    found = probe_isolation(closed / "python")
-    confined = confines_signals()
-    assert (found.level, found.own_uid) == (Level.REDUCED if confined else Level.NONE, False)
-    assert not confined or any("runs as root" in lack for lack in found.describe()["lacks"])
-    shut = next(p for p in reversed((closed / "python").parents) if not p.stat().st_mode & 0o001)
-    assert "Install bubblewrap" in found.remedy
-    assert f"chmod o+x {shut})" in found.remedy
-
-
-def first_uid_in(namespaces: list[str]) -> int:
-    """Return the first user id of students in new namespaces."""
-    program = (
-        "from grader.live.sandbox.isolation import first_student_uid; print(first_student_uid())"
-    )
-    paths = os.pathsep.join(path for path in sys.path if path)
-    said = subprocess.run(
-        ["unshare", *namespaces, sys.executable, "-c", program],
-        env={**os.environ, "PYTHONPATH": paths},
-        capture_output=True,
-        text=True,
-        check=True,
-        timeout=60,
-    )
-    return int(said.stdout)
-
-
-@pytest.mark.skipif(os.geteuid() != 0, reason="only root gives others user ids")
-def test_graders_in_two_networks_give_their_students_other_user_ids() -> None:
-    """By user id the kernel counts processes; where users are a container's own, it counts within it."""
-    many, few = STUDENT_UIDS
-    here, elsewhere = first_student_uid(), first_uid_in(["--net"])
-    assert first_student_uid() == here
-    if here in many:
-        assert elsewhere in many
-        assert abs(here - elsewhere) > 101
-    assert first_uid_in(["--net", "--user", "--map-root-user"]) == few[0]

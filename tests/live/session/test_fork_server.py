@@ -15,10 +15,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from confine.namespaces import Form
 from grader.bounded import limit_memory
 from grader.classroom.worker import MOST_MEMORY_BYTES
 from grader.errors import PlatformError
-from grader.live.sandbox.namespaces import Form
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.runner import sandbox_pid
 from tests.live.small_lab import below, command_of, make_lab, name_of, until
@@ -72,7 +72,7 @@ from pathlib import Path
 from grader.errors import PlatformError
 from grader.live.session.runner import sandbox_pid
 from grader.live.session.fork_server import ForkServer
-from grader.live.sandbox.namespaces import Form, enter_sandbox
+from confine.namespaces import Form, enter_sandbox
 
 form, folder = Form(sys.argv[1]), Path(sys.argv[2])
 try:

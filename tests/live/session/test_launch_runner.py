@@ -13,10 +13,11 @@ from pathlib import Path
 
 import pytest
 
+from confine.isolation import Isolation, Level
+from confine.namespaces import Form
 from grader.judging.rubrics import read_rubric
 from grader.live.process.process import RunningProcess
-from grader.live.sandbox.isolation import INTERFACES, PARAMETERS, Isolation, Level, Room
-from grader.live.sandbox.namespaces import Form
+from grader.live.sandbox.room import INTERFACES, PARAMETERS, StudentRoom
 from grader.live.session.launch_runner import LaunchRunner, _read_plan, _run_until, with_places
 from grader.live.session.plan import SessionPlan
 from grader.live.session.stage import stage
@@ -137,7 +138,7 @@ def test_what_it_writes_for_its_nodes_can_be_read_whatever_the_umask_is(
 ) -> None:
     """Where the grader is root, the student's user is another."""
     (tmp_path / "room").mkdir()
-    room, before = Room.below(tmp_path / "room", Path(sys.executable)), os.umask(0o077)
+    room, before = StudentRoom.below(tmp_path / "room", Path(sys.executable)), os.umask(0o077)
     try:
         room.make(tmp_path / "room")
         runner._sandbox.parameters = room.tools[PARAMETERS]

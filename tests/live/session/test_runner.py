@@ -22,12 +22,12 @@ pytest.importorskip("rclpy")
 ROOT = Path(__file__).parents[3]
 sys.path.append(str(ROOT))
 
+from confine.priority import MEASURED, STANDING  # noqa: E402
 from grader.files import UNFINISHED  # noqa: E402
-from grader.live.process.priority import MEASURED, STANDING  # noqa: E402
 from grader.live.sandbox.probing import probe_isolation  # noqa: E402
 from grader.live.session.runner import Progress  # noqa: E402
 from grader.recording.session import SessionRecord, read_session  # noqa: E402
-from tests.live.process.test_priority import may_raise  # noqa: E402
+from tests.confine.test_priority import may_raise  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
     FLOATS,
     TALKER,

@@ -1,9 +1,9 @@
-"""The system call filter of students' processes, as a classic BPF program for Linux on x86-64.
+"""The system call filter of confined processes, as a classic BPF program for Linux on x86-64.
 
-It denies what no ROS node needs and what has served to leave sandboxes: namespaces and mounts, tracing,
-keys, io_uring, kernel modules and clocks, socket families beyond the four that DDS uses, memory, semaphores and
-queues that are no process's, which nobody would count and which outlive everyone, choosing cores, by which a process
-could leave the one that it is held to, and what keeps others from files that both may read.
+It denies calls that ordinary programs do not need and that have served to leave sandboxes: namespaces and mounts,
+tracing, keys, io_uring, kernel modules and clocks, and socket families besides UNIX, INET, INET6 and NETLINK. It also
+denies System V memory, semaphores and queues, which belong to no process and outlive all; the choice of cores, because
+the caller may hold a process to one; and locks on files that other processes read.
 
 References
 ----------
@@ -16,6 +16,7 @@ import ctypes
 import errno
 import os
 import struct
+from collections.abc import Iterable
 
 _STEP = struct.Struct("=HBBI")
 _AUDIT_ARCH_X86_64 = 0xC000003E
@@ -37,23 +38,23 @@ _ALLOW, _KILL_PROCESS, _ERRNO = 0x7FFF0000, 0x80000000, 0x00050000
 _SOCKET, _SOCKETPAIR, _IOCTL, _CLONE, _KILL, _CLONE3 = 41, 53, 16, 56, 62, 435
 _SETPRIORITY, _PRLIMIT, _SETSCHEDULER, _FCNTL = 141, 302, 144, 72
 _OPEN, _OPENAT = 2, 257
-#: What makes a call of the first two be about the caller's own process, or about one process at all.
+#: Arguments: of `prlimit64` for the calling process, and of `setpriority` for one process.
 _OWN_PROCESS = _ONE_PROCESS = 0
 #: The process id -1, as 32 bits.
 _ALL_PROCESSES = 0xFFFFFFFF
 #: AF_UNIX, AF_INET, AF_INET6, AF_NETLINK (`getifaddrs` needs the last).
 _AF_UNIX, _AF_INET, _AF_INET6 = 1, 2, 10
 _SOCKET_FAMILIES = (_AF_UNIX, _AF_INET, _AF_INET6, 16)
-#: Of a socket's type, its kind; the rest are flags.
+#: Bits of a socket's type that hold its kind; the rest are flags.
 _SOCKET_KIND, _DATAGRAM = 0xF, 2
-#: TIOCSTI and TIOCLINUX put characters into a terminal's input; the others set attributes of a file that is open for
-#: reading, for good in the case of the last: FS_IOC_SETFLAGS, FS_IOC_FSSETXATTR, FS_IOC_ENABLE_VERITY.
+#: TIOCSTI and TIOCLINUX put characters into a terminal's input; FS_IOC_SETFLAGS, FS_IOC_FSSETXATTR and
+#: FS_IOC_ENABLE_VERITY (for good) set attributes of a file that is open for reading.
 _REQUESTS = (0x5412, 0x541C, 0x40086602, 0x401C5820, 0x40806685)
-#: F_SETLEASE holds up whoever opens the file, for 45 s each time; F_NOTIFY is of the same kind. For a lease one must
-#: own the file, as students' programs do where the grader is an ordinary user, and it need not be open for writing.
+#: F_SETLEASE holds up each process that opens the file, for 45 s each time; F_NOTIFY is of the same kind. A lease needs
+#: the owner of the file, as confined programs of an ordinary user are, and no file open for writing.
 _FILE_COMMANDS = (1024, 1026)
-#: SCHED_OTHER, also for oneself alone (SCHED_RESET_ON_FORK): Fast DDS sets it for its threads, whose ids a filter
-#: cannot tell from others'.
+#: SCHED_OTHER, also without its children (SCHED_RESET_ON_FORK): libraries such as Fast DDS set it for their own threads,
+#: and a filter cannot tell ids of these from others.
 _USUAL_SCHEDULING = (0, 0x40000000)
 #: O_TRUNC with O_RDONLY among the flags of an open: to Landlock of Linux before 6.2 that is reading.
 _CUTS, _CUTS_BY_READING = 0o1003, 0o1000
@@ -77,8 +78,8 @@ DENIED = {
 }  # fmt: skip
 
 
-#: What changes a file's rights, owner, times, attributes or length by its name, or by a descriptor for reading.
-#: Landlock does not know of it (of the length since Linux 6.2), and whose user id a file has may do it.
+#: Calls that change a file's rights, owner, times, attributes or length by its name, or by a descriptor for reading.
+#: Landlock does not restrict these (the length since Linux 6.2), and the owner of a file may use them.
 DENIED_TO_OWNERS = {
     "chmod": 90, "chown": 92, "fchmod": 91, "fchmodat": 268, "fchmodat2": 452, "fchown": 93, "fchownat": 260,
     "file_setattr": 469, "fremovexattr": 199, "fsetxattr": 190, "futimesat": 261, "lchown": 94, "lremovexattr": 198,
@@ -101,11 +102,14 @@ class FilterProgram(ctypes.Structure):
 def filter_program(*, own_spaces: bool = True, own_user: bool = True) -> bytes:
     """Return the filter as an array of `struct sock_filter`, which bubblewrap and the kernel take.
 
-    Without `own_spaces` (process ids, a network, a read-only system) a signal to all processes is denied, and of a
-    network's sockets all but datagrams: Landlock knows neither TCP's relatives nor connecting by sending. Without
-    `own_user` besides, AF_UNIX is denied, by which services are reached that trust the user id, and changing that
+    Without `own_spaces` (process ids, a network, a read-only system) a signal to all processes is denied, and all
+    sockets of a network but datagrams: Landlock knows neither TCP's relatives nor connecting by sending. Without
+    `own_user` besides, AF_UNIX is denied, because services trust the user id of a caller, and so is changing that
     user's files.
     """
+    denied = list(DENIED.values())
+    if not own_user:
+        denied += DENIED_TO_OWNERS.values()
     program = [
         step(_LOAD, _ARCHITECTURE),
         step(_JUMP_EQUAL, _AUDIT_ARCH_X86_64, 1, 0),
@@ -113,39 +117,34 @@ def filter_program(*, own_spaces: bool = True, own_user: bool = True) -> bytes:
         step(_LOAD, _NUMBER),
         *_answer_if(_JUMP_AT_LEAST, _X32_BIT, errno.ENOSYS),
     ]
-    for number in sorted([*DENIED.values(), *(() if own_user else DENIED_TO_OWNERS.values())]):
+    for number in sorted(denied):
         program += _answer_if(_JUMP_EQUAL, number, errno.EPERM)
     if not own_spaces:
-        program += _judge_argument(
-            _KILL, 0, _answer_if(_JUMP_EQUAL, _ALL_PROCESSES, errno.EPERM), _ALLOW
-        )
+        to_all = _answer_if(_JUMP_EQUAL, _ALL_PROCESSES, errno.EPERM)
+        program += _judge_argument(_KILL, 0, to_all, _ALLOW)
     if not own_user:
-        for number, flags in ((_OPEN, 1), (_OPENAT, 2)):
-            cuts = [step(_AND, _CUTS), *_answer_if(_JUMP_EQUAL, _CUTS_BY_READING, errno.EPERM)]
-            program += _judge_argument(number, flags, cuts, _ALLOW)
+        cuts = [step(_AND, _CUTS), *_answer_if(_JUMP_EQUAL, _CUTS_BY_READING, errno.EPERM)]
+        program += _judge_argument(_OPEN, 1, cuts, _ALLOW)
+        program += _judge_argument(_OPENAT, 2, cuts, _ALLOW)
     program += _of_others()
-    # Its flags lie in memory, where no filter can look; without it, libraries use `clone`.
+    # Flags of `clone3` lie in memory, out of a filter's sight; without it, libraries use `clone`.
     program += _answer_if(_JUMP_EQUAL, _CLONE3, errno.ENOSYS)
-    program += _judge_argument(
-        _CLONE, 0, _answer_if(_JUMP_ANY_BIT, _NAMESPACES, errno.EPERM), _ALLOW
-    )
-    for number, words in ((_IOCTL, _REQUESTS), (_FCNTL, _FILE_COMMANDS)):
-        refused = [one for word in words for one in _answer_if(_JUMP_EQUAL, word, errno.EPERM)]
-        program += _judge_argument(number, 1, refused, _ALLOW)
+    new_spaces = _answer_if(_JUMP_ANY_BIT, _NAMESPACES, errno.EPERM)
+    program += _judge_argument(_CLONE, 0, new_spaces, _ALLOW)
+    program += _judge_argument(_IOCTL, 1, _refuse(_REQUESTS), _ALLOW)
+    program += _judge_argument(_FCNTL, 1, _refuse(_FILE_COMMANDS), _ALLOW)
     program += _of_sockets(own_spaces=own_spaces, local=own_user)
     program.append(step(_RETURN, _ALLOW))
     return b"".join(program)
 
 
 def _of_others() -> list[bytes]:
-    """Deny changing limits and weights of others with the same user id, which may be the grader's own processes."""
+    """Deny changing limits and weights of others with the same user id, such as the caller's own processes."""
     own = [step(_JUMP_EQUAL, _OWN_PROCESS, 0, 1), step(_RETURN, _ALLOW)]
     one = [step(_JUMP_EQUAL, _ONE_PROCESS, 0, 1 + len(own)), step(_LOAD, _ARGUMENTS + 8), *own]
-    usual = [
-        one
-        for way in _USUAL_SCHEDULING
-        for one in (step(_JUMP_EQUAL, way, 0, 1), step(_RETURN, _ALLOW))
-    ]
+    usual: list[bytes] = []
+    for way in _USUAL_SCHEDULING:
+        usual += [step(_JUMP_EQUAL, way, 0, 1), step(_RETURN, _ALLOW)]
     return [
         *_judge_argument(_PRLIMIT, 0, own, _ERRNO | errno.EPERM),
         *_judge_argument(_SETPRIORITY, 0, one, _ERRNO | errno.EPERM),
@@ -154,24 +153,36 @@ def _of_others() -> list[bytes]:
 
 
 def _of_sockets(*, own_spaces: bool, local: bool) -> list[bytes]:
-    """Permit sockets of some families."""
-    kind = [
+    """Permit sockets of some families; AF_UNIX only in pairs unless `local`."""
+    families = set(_SOCKET_FAMILIES)
+    if not local:
+        families.remove(_AF_UNIX)
+    of_no_permitted = _ERRNO | errno.EAFNOSUPPORT
+    single = _permit_families(sorted(families), own_spaces=own_spaces)
+    pairs = _permit_families(_SOCKET_FAMILIES, own_spaces=own_spaces)
+    return [
+        *_judge_argument(_SOCKET, 0, single, of_no_permitted),
+        *_judge_argument(_SOCKETPAIR, 0, pairs, of_no_permitted),
+    ]
+
+
+def _permit_families(families: Iterable[int], *, own_spaces: bool) -> list[bytes]:
+    """Return tests of a socket's family; without `own_spaces`, network sockets may be datagrams only."""
+    allow = [step(_RETURN, _ALLOW)]
+    datagrams = [
         step(_LOAD, _ARGUMENTS + 8),
         step(_AND, _SOCKET_KIND),
         step(_JUMP_EQUAL, _DATAGRAM, 0, 1),
+        step(_RETURN, _ALLOW),
+        step(_RETURN, _ERRNO | errno.EACCES),
     ]
-    datagrams = [*kind, step(_RETURN, _ALLOW), step(_RETURN, _ERRNO | errno.EACCES)]
-    program = []
-    for number in (_SOCKET, _SOCKETPAIR):
-        permitted = []
-        for family in _SOCKET_FAMILIES:
-            if family == _AF_UNIX and number == _SOCKET and not local:
-                continue
-            of_network = family in (_AF_INET, _AF_INET6)
-            then = datagrams if of_network and not own_spaces else [step(_RETURN, _ALLOW)]
-            permitted += [step(_JUMP_EQUAL, family, 0, len(then)), *then]
-        program += _judge_argument(number, 0, permitted, _ERRNO | errno.EAFNOSUPPORT)
-    return program
+    tests: list[bytes] = []
+    for family in families:
+        then = allow
+        if family in (_AF_INET, _AF_INET6) and not own_spaces:
+            then = datagrams
+        tests += [step(_JUMP_EQUAL, family, 0, len(then)), *then]
+    return tests
 
 
 def open_filter() -> int:
@@ -183,8 +194,16 @@ def open_filter() -> int:
 
 
 def step(code: int, operand: int = 0, if_true: int = 0, if_false: int = 0) -> bytes:
-    """Return a step of a filter; what it jumps over is counted from the next one."""
+    """Return a step of a filter; jumps are counted from the next step."""
     return _STEP.pack(code, if_true, if_false, operand)
+
+
+def _refuse(values: Iterable[int]) -> list[bytes]:
+    """Return tests that answer EPERM for some values of an argument."""
+    tests: list[bytes] = []
+    for value in values:
+        tests += _answer_if(_JUMP_EQUAL, value, errno.EPERM)
+    return tests
 
 
 def _answer_if(jump: int, operand: int, error: int) -> list[bytes]:

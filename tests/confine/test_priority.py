@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import pytest
 
-from grader.live.process.priority import STANDING, put_standing
+from confine.priority import STANDING, put_standing
 
 pytestmark = pytest.mark.live
 
@@ -19,7 +19,7 @@ _WAITING = [sys.executable, "-c", "import sys; sys.stdin.read()"]
 # Puts itself first, and tells its own nice value and that of a child.
 _FIRST = """
 import os, subprocess, sys
-from grader.live.process.priority import put_self_first
+from confine.priority import put_self_first
 put_self_first()
 child = "import os; print(os.getpriority(os.PRIO_PROCESS, 0))"
 print(os.getpriority(os.PRIO_PROCESS, 0), subprocess.check_output([sys.executable, "-c", child], text=True).strip())
@@ -76,7 +76,7 @@ def test_a_process_that_is_gone_is_no_error() -> None:
 # Goes first for a while, and tells its nice value, and the weight of its session then and afterwards.
 _FOR_A_WHILE = """
 import os, pathlib
-from grader.live.process.priority import going_first
+from confine.priority import going_first
 weight = pathlib.Path("/proc/self/autogroup")
 def told(): return weight.read_text().split()[-1] if weight.exists() else "0"
 before = told()

@@ -1,6 +1,6 @@
-"""Starts the grader's helper processes apart from the working folder and the variables of the caller.
+"""Starts trusted helper processes apart from the working folder and the variables of the caller.
 
-The working folder may be a student's repository, and Python, the dynamic loader and DDS take code and settings from
+The working folder may hold untrusted code, and Python, the dynamic loader and libraries take code and settings from
 there. Each helper therefore starts in `/`, with an environment made from nothing, and Python with `-I`.
 """
 
@@ -43,7 +43,7 @@ def absolute_entries(variable: str, without: Iterable[Path] = ()) -> list[str]:
 
 
 def _working_folder() -> Path | None:
-    """Return the folder in which the grader was called, None if it has been removed."""
+    """Return the working folder of the caller, None if it has been removed."""
     try:
         return Path(os.path.realpath(Path.cwd()))
     except OSError:
@@ -51,7 +51,7 @@ def _working_folder() -> Path | None:
 
 
 def search_path() -> str:
-    """Return the PATH by which system programs are found: the caller's, absolute entries only."""
+    """Return the PATH of system programs: the caller's, absolute entries only."""
     entries = absolute_entries("PATH")
     if not entries:
         return _SYSTEM_PATH
@@ -59,7 +59,7 @@ def search_path() -> str:
 
 
 def find_tool(name: str) -> str | None:
-    """Return where a system program is installed, or None."""
+    """Return the path of a system program, or None."""
     return shutil.which(name, path=search_path())
 
 
@@ -140,6 +140,33 @@ def run_helper(
         pass_fds=pass_fds,
         preexec_fn=before,
     )
+
+
+def run_attached(
+    command: Sequence[str],
+    *,
+    environment: Mapping[str, str],
+    pass_fds: Sequence[int] = (),
+    before: Callable[[], object] | None = None,
+    timeout_s: float | None = None,
+) -> int:
+    """Run a command to its end with the input and the outputs of this process, and return its exit status.
+
+    The status is 128 and the number of the signal if one has ended it. Raises `OSError` if it cannot be started, and
+    `subprocess.TimeoutExpired` if it was ended for its time.
+    """
+    status = subprocess.run(
+        command,
+        check=False,
+        timeout=timeout_s,
+        env=dict(environment),
+        cwd=FOLDER,
+        pass_fds=pass_fds,
+        preexec_fn=before,
+    ).returncode
+    if status < 0:
+        return 128 - status
+    return status
 
 
 async def start_piped(

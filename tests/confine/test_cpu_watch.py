@@ -1,4 +1,4 @@
-"""What the machine keeps a process from its core is seen, and its waits for itself are not taken for that."""
+"""Delays of processes by the machine are seen, and waits of a process for its own threads are not taken for delays."""
 
 from __future__ import annotations
 
@@ -8,20 +8,19 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
-from grader.live.process.cpu_watch import _Watched
-from grader.live.process.priority import put_in_real_time
-from tests.live.small_lab import until
+from confine.priority import put_in_real_time
+from confine.watched import Watched
 
 pytestmark = pytest.mark.live
 
-_WATCH = "from grader.live.process.cpu_watch import main; main()"
+_WATCH = "from confine.cpu_watch import main; main()"
 #: Begins to compute in two threads, without the interpreter's lock, as soon as it may.
 _TWO_THREADS = """
 import hashlib, sys, threading
@@ -64,6 +63,14 @@ def program(source: str, **more: Any) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
+def until(condition: Callable[[], bool], limit_s: float) -> None:
+    """Wait until a condition holds; fails if that takes too long."""
+    end_s = time.monotonic() + limit_s
+    while not condition():
+        assert time.monotonic() < end_s
+        time.sleep(0.01)
+
+
 def say(process: subprocess.Popen[str], text: str) -> None:
     """Write a line to a program."""
     assert process.stdin is not None
@@ -76,9 +83,16 @@ def threads_of(pid: int) -> list[int]:
     return [int(task.name) for task in Path(f"/proc/{pid}/task").iterdir()]
 
 
-def follow(watch: subprocess.Popen[str], name: str, role: str, pid: int, core: int | None) -> None:
+def follow(
+    watch: subprocess.Popen[str], name: str, is_confined: bool, pid: int, core: int | None
+) -> None:
     """Have a process watched; returns once it is."""
-    say(watch, json.dumps({"name": name, "role": role, "core": core, "threads": threads_of(pid)}))
+    say(
+        watch,
+        json.dumps(
+            {"name": name, "is_confined": is_confined, "core": core, "threads": threads_of(pid)}
+        ),
+    )
     calm_s(watch, time.time_ns())
 
 
@@ -105,6 +119,23 @@ def counters(pid: int) -> tuple[float, float]:
     return sum(int(words[0]) for words in each) / 1e9, sum(int(words[1]) for words in each) / 1e9
 
 
+class Moment(NamedTuple):
+    """A time, and the CPU time and the waits of a process until then."""
+
+    t_ns: int
+    cpu_s: float
+    waited_s: float
+
+    @classmethod
+    def of(cls, pid: int) -> Moment:
+        """Return the present moment of a process."""
+        return cls(time.time_ns(), *counters(pid))
+
+    def unused_until(self, later: Moment) -> float:
+        """Return the time that the process did not use its core until a later moment, in s."""
+        return (later.t_ns - self.t_ns) / 1e9 - (later.cpu_s - self.cpu_s)
+
+
 def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
     """Two threads on one core wait for each other half of the time; only what others had is the machine's."""
     with program(_WATCH) as watch, program(_TWO_THREADS) as it, program(_TWO_THREADS) as other:
@@ -113,22 +144,22 @@ def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
         for process in (it, other):
             for thread in threads_of(process.pid):
                 os.sched_setaffinity(thread, {_CORE})
-        follow(watch, "it", "student", it.pid, _CORE)
+        follow(watch, "it", True, it.pid, _CORE)
         time.sleep(0.1)
-        start_ns, (cpu_s, waited_s) = time.time_ns(), counters(it.pid)
+        start = Moment.of(it.pid)
         time.sleep(0.4)
-        middle_ns, (cpu_alone_s, waited_alone_s) = time.time_ns(), counters(it.pid)
+        middle = Moment.of(it.pid)
         say(other, "")
         time.sleep(0.6)
-        end_ns, (cpu_end_s, _) = time.time_ns(), counters(it.pid)
+        end = Moment.of(it.pid)
         delays = seen(watch)["it"]
-    alone_s = sum(delay for at, _, delay in delays if start_ns < at < middle_ns) / 1e9
-    both_s = sum(delay for at, _, delay in delays if start_ns < at < end_ns) / 1e9
-    left_s = (end_ns - start_ns) / 1e9 - (cpu_end_s - cpu_s)
-    assert waited_alone_s - waited_s > 0.3
-    assert alone_s <= (middle_ns - start_ns) / 1e9 - (cpu_alone_s - cpu_s) + 0.1
-    assert left_s > 0.1
-    assert both_s == pytest.approx(left_s, abs=0.3 * left_s)
+    alone_s = sum(delay for at, _, delay in delays if start.t_ns < at < middle.t_ns) / 1e9
+    both_s = sum(delay for at, _, delay in delays if start.t_ns < at < end.t_ns) / 1e9
+    assert middle.waited_s - start.waited_s > 0.3
+    assert alone_s <= start.unused_until(middle) + 0.1
+    unused_s = start.unused_until(end)
+    assert unused_s > 0.1
+    assert both_s == pytest.approx(unused_s, abs=0.3 * unused_s)
 
 
 def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:
@@ -138,7 +169,7 @@ def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:
         for process in (it, other):
             os.sched_setaffinity(process.pid, {_CORE})
         say(other, "")
-        watched = _Watched("student")
+        watched = Watched(is_confined=True)
         watched.open(threads_of(it.pid))
         waited_ns = 0
         for sample in range(200):
@@ -155,7 +186,7 @@ def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:
 def test_what_is_stopped_with_all_its_sandbox_is_seen() -> None:
     """A process that does not run waits in no queue: that the watch itself did not wake up tells of it."""
     with program(_WATCH) as watch, program("input()") as it:
-        follow(watch, "it", "student", it.pid, _CORE)
+        follow(watch, "it", True, it.pid, _CORE)
         time.sleep(0.3)
         start_ns = time.time_ns()
         watch.send_signal(signal.SIGSTOP)
@@ -179,7 +210,7 @@ def test_a_runaway_does_not_go_before_all_others() -> None:
     with program(_WATCH) as watch, program(_TWO_THREADS) as it:
         say(it, "")
         until(lambda: len(threads_of(it.pid)) == 2, 30)
-        follow(watch, "it", "grader", it.pid, None)
+        follow(watch, "it", False, it.pid, None)
         put_in_real_time([it.pid])
         deadline_s = time.monotonic() + 5
         while (
@@ -187,7 +218,7 @@ def test_a_runaway_does_not_go_before_all_others() -> None:
             and time.monotonic() < deadline_s
         ):
             follow(
-                watch, "it", "grader", it.pid, None
+                watch, "it", False, it.pid, None
             )  # as a session does, for threads that came later
             time.sleep(0.05)
         assert {os.sched_getscheduler(t) & ~os.SCHED_RESET_ON_FORK for t in threads_of(it.pid)} == {

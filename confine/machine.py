@@ -1,4 +1,4 @@
-"""What the kernel says of the machine, of its memory, and of its processes and threads."""
+"""The kernel's counters of the machine, of its memory, and of its processes and threads."""
 
 from __future__ import annotations
 
@@ -9,28 +9,19 @@ from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
-from grader.recording.session import MachineSample
-
 _TICK_NS = 1_000_000_000 // os.sysconf("SC_CLK_TCK")
-#: Below this all sockets of the machine together are not worth a closer look, in pages.
+#: Memory of all sockets of the machine below which single ones are not looked at, in pages.
 _NOTABLE_PAGES = 16 * 1024
 _TABLES = ("udp", "udp6", "tcp", "tcp6")
 _READ_BYTES = 64 * 1024
-#: What is repeated waits so long at most for a machine on which processes wait for a core in less than this share.
+#: Longest wait for an idle machine, in s, and the largest share of time that its processes wait for a core.
 _MOST_WAIT_S, _CALM_SHARE = 10.0, 0.2
-#: Readings of both clocks that are tried, and how far apart they may be at best.
+#: Number of readings of both clocks, and the distance of two readings that is good enough.
 _READINGS, _AT_ONCE_NS = 5, 50_000
 
 
-def sample_machine() -> MachineSample:
-    """Read the machine's clock, and what it says of time taken and time waited."""
-    now_ns, offset_ns = read_clocks()
-    idle_ns = {core: times[3] + times[4] for core, times in _times_of_cores().items()}
-    return MachineSample(now_ns, offset_ns, stolen_ns(), waited_us(), idle_ns)
-
-
 def waited_us() -> int | None:
-    """Return the time since boot in which some process waited for a core, where the system tells (PSI)."""
+    """Return the time since boot that some process waited for a core (PSI), in µs; None if the system does not tell."""
     with suppress(OSError, ValueError, IndexError):
         return int(Path("/proc/pressure/cpu").read_text().split("total=", 1)[1].split()[0])
     return None
@@ -41,44 +32,58 @@ def wait_for_calm(
     period_s: float = 1.0,
     waited: Callable[[], int | None] = waited_us,
 ) -> bool:
-    """Wait until processes of this machine wait for its cores in little of a period; False if that lasts too long."""
+    """Wait until few processes of this machine wait for its cores; False if that takes too long."""
     end_s = time.monotonic() + most_s
-    while (before_us := waited()) is not None and time.monotonic() < end_s:
+    before_us = waited()
+    while before_us is not None and time.monotonic() < end_s:
         time.sleep(period_s)
-        if (waited() or 0) - before_us < _CALM_SHARE * period_s * 1e6:
+        after_us = waited() or 0
+        if after_us - before_us < _CALM_SHARE * period_s * 1e6:
             return True
+        before_us = waited()
     return before_us is None
 
 
 def read_clocks(
     system: Callable[[], int] = time.time_ns, monotonic: Callable[[], int] = time.monotonic_ns
 ) -> tuple[int, int]:
-    """Return the system clock's time, and by how much it is ahead of the monotonic clock, in ns.
+    """Return the system clock's time, and its lead over the monotonic clock, in ns.
 
-    Where this process loses its core between the readings, the clock must not seem to have been set.
+    If this process loses its core between two readings, the clock must not seem to have been set: the reading that
+    took least counts.
     """
     readings = []
     for _ in range(_READINGS):
-        before_ns, now_ns, after_ns = monotonic(), system(), monotonic()
-        readings.append((after_ns - before_ns, now_ns, now_ns - (before_ns + after_ns) // 2))
-        if after_ns - before_ns <= _AT_ONCE_NS:
+        before_ns = monotonic()
+        now_ns = system()
+        after_ns = monotonic()
+        took_ns = after_ns - before_ns
+        lead_ns = now_ns - (before_ns + after_ns) // 2
+        readings.append((took_ns, now_ns, lead_ns))
+        if took_ns <= _AT_ONCE_NS:
             break
-    return min(readings)[1:]
+    _, now_ns, lead_ns = min(readings)
+    return now_ns, lead_ns
+
+
+def idle_ns_of_cores() -> dict[str, int]:
+    """Return the idle time of each core since boot, in ns: waiting for a disk is idle too."""
+    return {core: times[3] + times[4] for core, times in _times_of_cores().items()}
 
 
 def idle_s() -> float:
-    """Return for how long the machine's cores had nothing to do since boot, in s of one core, on average."""
-    idle_ns = [times[3] + times[4] for times in _times_of_cores().values()]
-    return sum(idle_ns) / 1e9 / max(1, len(idle_ns))
+    """Return the idle time of the machine's cores since boot, in s of one core, on average."""
+    idle_ns = idle_ns_of_cores()
+    return sum(idle_ns.values()) / 1e9 / max(1, len(idle_ns))
 
 
 def stolen_ns() -> int:
-    """Return the time that the host of a virtual machine has taken from its cores since boot, in ns."""
+    """Return the time taken by the host of a virtual machine from its cores since boot, in ns."""
     return sum(times[7] for times in _times_of_cores().values())
 
 
 def _times_of_cores() -> dict[str, list[int]]:
-    """Return what /proc/stat says of each core (proc(5): 3 idle, 4 waiting for a disk, 7 stolen), in ns."""
+    """Return the times of each core in /proc/stat (proc(5): 3 idle, 4 waiting for a disk, 7 stolen), in ns."""
     with suppress(OSError, ValueError):
         lines = re.findall(r"^cpu(\d+) (.*)", Path("/proc/stat").read_text(), re.MULTILINE)
         return {core: [int(ticks) * _TICK_NS for ticks in times.split()] for core, times in lines}
@@ -86,9 +91,9 @@ def _times_of_cores() -> dict[str, list[int]]:
 
 
 def network_bytes(user: int | None = None) -> int:
-    """Return what lies in the sockets of this process's network, or in those of one user there, in bytes.
+    """Return the bytes queued in the sockets of this process's network, or in the sockets of one user there.
 
-    All networks of a machine share the memory for it, and no control group of version 1 counts it.
+    All networks of a machine share the memory for these bytes, and no control group of version 1 counts it.
     """
     with suppress(OSError):
         pages = re.findall(
@@ -117,7 +122,7 @@ def _queued(table: Path, user: int | None) -> int:
 
 
 def available_share() -> float:
-    """Return the share of the machine's memory that can still be had, 1 where that is not known."""
+    """Return the available share of the machine's memory, 1 if the system does not tell."""
     with suppress(OSError, ValueError, ZeroDivisionError):
         text = Path("/proc/meminfo").read_text()
         amounts = {
@@ -129,7 +134,7 @@ def available_share() -> float:
 
 
 def children_of(pid: int) -> list[int]:
-    """Return the process ids of a process's children, whichever of its threads started them."""
+    """Return the process ids of the children of all of a process's threads."""
     found: list[int] = []
     for task in tasks_of(pid):
         with suppress(OSError, ValueError):
@@ -138,7 +143,7 @@ def children_of(pid: int) -> list[int]:
 
 
 def descendants_of(pid: int) -> list[int]:
-    """Return a process id and those of all below it."""
+    """Return a process id and the ids of all descendants of the process."""
     found: list[int] = []
     queue = [pid]
     while queue and len(found) < 1000:
@@ -149,7 +154,7 @@ def descendants_of(pid: int) -> list[int]:
 
 
 def cpu_with_children_ns(pid: int) -> int:
-    """Return the CPU time of a process and of all its children that have ended and been waited for, in ns."""
+    """Return the CPU time of a process and of its ended children, in ns."""
     with suppress(OSError, ValueError, IndexError):
         words = read_bytes_of(f"/proc/{pid}/stat").rpartition(b")")[2].split()
         return sum(map(int, words[11:15])) * _TICK_NS
@@ -175,7 +180,7 @@ def processes_of_user(uid: int) -> set[int]:
 
 
 def read_bytes_of(file: str) -> bytes:
-    """Read what the system reports of a thread; as a `Path` it would take five times as long, twice a second."""
+    """Read a file of /proc; as a `Path` it would take five times as long, twice a second."""
     descriptor = os.open(file, os.O_RDONLY)
     try:
         return os.read(descriptor, _READ_BYTES)

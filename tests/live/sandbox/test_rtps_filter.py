@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from grader.live.sandbox.packet_filter import PacketFilter
+from grader.live.sandbox.rtps_filter import rtps_filter
 
 OURS, THEIRS = bytes(range(1, 13)), bytes(range(41, 53))
 WRITER = b"\0\0\1\3"
@@ -39,7 +39,7 @@ def sockets() -> Iterator[tuple[socket.socket, socket.socket]]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as ours:
         ours.bind(("127.0.0.1", 0))
         ours.settimeout(0.2)
-        guard = PacketFilter()
+        guard = rtps_filter()
         guard.protect(os.getpid(), OURS.hex())
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as theirs:
             yield ours, theirs

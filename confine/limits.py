@@ -1,4 +1,4 @@
-"""Decides which of the kernel's limits on a process can be had, and names those that are too low for grading.
+"""Sets the kernel's limits on processes as far as the hard limits permit, and names limits that are too low.
 
 A process may lower its hard limits, and only a privileged one may raise them: sudo, systemd and Docker start their
 commands below limits that no sandbox can exceed. A limit has the name of its `resource.RLIMIT_*` in lower case, such
@@ -18,17 +18,17 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 
-with suppress(ImportError):  # Windows, where nothing is graded, has no such module.
+with suppress(ImportError):  # Windows, where nothing can be confined, has no such module.
     import resource
 
 _MIB = 1024**2
 
 
-# -- limits that can be had --------------------------------------------------------------------------
+# -- attainable limits -------------------------------------------------------------------------------
 
 
 def attainable(name: str, wanted: int, pid: int = 0) -> int:
-    """Return the highest value up to `wanted` that a limit of a process can have; of this process for 0."""
+    """Return the highest attainable value up to `wanted` for a limit of a process; of this process for 0."""
     hard = resource.prlimit(pid, _number_of(name))[1]
     if _is_lower(hard, wanted):
         return hard
@@ -36,7 +36,7 @@ def attainable(name: str, wanted: int, pid: int = 0) -> int:
 
 
 def attainable_limits(wanted: Mapping[str, int]) -> dict[str, int]:
-    """Return the highest values up to the wanted ones that limits of this process's children can have."""
+    """Return the highest attainable values up to the wanted ones for limits of this process's children."""
     return {name: attainable(name, value) for name, value in wanted.items()}
 
 
@@ -52,13 +52,13 @@ def set_limit(name: str, soft: int, hard: int | None = None, pid: int = 0) -> No
 
 
 def set_soft_limit(name: str, soft: int) -> None:
-    """Limit this process in a way that it can undo."""
+    """Lower or raise a soft limit of this process, which it can undo."""
     hard = resource.getrlimit(_number_of(name))[1]
     resource.setrlimit(_number_of(name), (attainable(name, soft), hard))
 
 
 def lift(name: str) -> None:
-    """Raise a limit of this process as far as it may."""
+    """Raise a limit of this process as far as its hard limit permits."""
     hard = resource.getrlimit(_number_of(name))[1]
     resource.setrlimit(_number_of(name), (hard, hard))
 
@@ -80,11 +80,10 @@ def _number_of(name: str) -> int:
 
 @dataclass(frozen=True)
 class Need:
-    """A limit on which grading depends.
+    """A limit on which confined programs depend.
 
-    Below `least` sessions fail. `usual` is the value that students' programs get on other machines, and the highest
-    that grading makes use of. An error message has one of the `signs` if the limit was exceeded, for example
-    "Too many open files".
+    Below `least` they fail. `usual` is the value that they get on other machines, and the highest that is made use of.
+    An error message has one of the `signs` if the limit was exceeded, for example "Too many open files".
     """
 
     name: str
@@ -105,8 +104,8 @@ class Need:
 
 _NO_MEMORY = (os.strerror(errno.ENOMEM), "MemoryError", "failed to map segment from shared object")
 _NO_PROCESS = (os.strerror(errno.EAGAIN), "can't start new thread")
-#: The limits on which grading depends. The solution was recorded under all of the least values at once, one session
-#: at a time; at half of those for open files, processes and file size sessions failed.
+#: Measured with a few Python programs of a dozen threads each, in one sandbox at a time: these worked under all of the
+#: least values at once, and failed at half of those for open files, processes and file size.
 NEEDS = (
     Need("nofile", "open files", 64, 1024, "", (os.strerror(errno.EMFILE),)),
     Need("nproc", "processes and threads of a user", 64, 256, "", _NO_PROCESS),
@@ -116,21 +115,21 @@ NEEDS = (
     Need("stack", "stack of a process", _MIB, 8 * _MIB, "MiB"),
     Need("cpu", "CPU time of a process", 600, 3600, "s"),
 )
-#: A limit that is so many times the usual value is not the cause of an error.
+#: Multiple of the usual value from which a limit is not taken for the cause of an error.
 _FAR_ABOVE = 16
 
 
 @dataclass(frozen=True)
 class Shortage:
-    """A limit that is lower than it is needed; students' programs do not get the part that is `in_use`."""
+    """A limit that is too low; confined programs do not get the part that is `in_use`."""
 
     need: Need
     value: int
     in_use: int = 0
 
     @property
-    def prevents_grading(self) -> bool:
-        """Whether no session can be recorded fairly with it."""
+    def is_fatal(self) -> bool:
+        """True if programs fail under it."""
         return self.value < self.need.least + self.in_use
 
     @property
@@ -139,20 +138,20 @@ class Shortage:
         need = self.need
         words = f"the limit on {need.words} ({need.name}) is {need.amount(self.value)}"
         if self.in_use:
-            words += f", and this user's programs and the grader take {self.in_use} of them"
+            words += f", and {self.in_use} of them are in use"
         return words
 
     def __str__(self) -> str:
-        """Return what the limit is, and what it should be."""
-        if self.prevents_grading:
+        """Return the present value of the limit, and the one that it should have."""
+        if self.is_fatal:
             least = self.need.amount(self.need.least + self.in_use)
-            return f"{self.present}; grading needs {least}"
+            return f"{self.present}; at least {least} are required"
         usual = self.need.amount(self.need.usual)
-        return f"{self.present}; students' programs get {usual} on other machines"
+        return f"{self.present}; programs get {usual} on other machines"
 
     @property
     def remedy(self) -> str:
-        """Where such a limit is set, and can be raised."""
+        """Places where such a limit is set, and can be raised."""
         name = self.need.name
         places = [
             f"`{name}` in /etc/security/limits.conf",
@@ -167,9 +166,9 @@ class Shortage:
 
 
 def shortages(in_use: Mapping[str, int]) -> list[Shortage]:
-    """Return the hard limits of this process that are lower than they are usually.
+    """Return the hard limits of this process that are lower than usual.
 
-    `in_use` says how much of a limit others take, for those that count more than one process.
+    `in_use` is the part of a limit that others take, for limits that count more than one process.
     """
     found = []
     for need in NEEDS:
@@ -183,7 +182,7 @@ def shortages(in_use: Mapping[str, int]) -> list[Shortage]:
 def raise_soft_limits() -> None:
     """Raise limits of this process to the usual ones, as far as its hard limits permit.
 
-    Soft limits on memory are left: the grader itself sets them for its work on a submission.
+    Soft limits on memory stay: the caller may have set them for work of its own.
     """
     for need in NEEDS:
         if need.signs == _NO_MEMORY:
@@ -194,7 +193,7 @@ def raise_soft_limits() -> None:
 
 
 def limit_behind(problem: str) -> Shortage | None:
-    """Return the limit of this process that an error message tells of, such as "Too many open files"; else None."""
+    """Return the limit of this process behind an error message such as "Too many open files"; None if there is none."""
     if sys.platform != "linux":
         return None
     for need in NEEDS:

@@ -11,13 +11,13 @@ from pathlib import Path
 
 import pytest
 
-from grader.live.sandbox.scratch import remove_stale, remove_tree, scratch_prefix
+from confine.scratch import remove_stale, remove_tree, scratch_prefix
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
 _LEAVES_ONE = """
 import tempfile
-from grader.live.sandbox.scratch import scratch_prefix
+from confine.scratch import scratch_prefix
 print(tempfile.mkdtemp(prefix=scratch_prefix()), flush=True)
 input()
 """
@@ -61,7 +61,9 @@ def test_a_number_that_was_given_again_is_another_process(temporary: Path) -> No
     assert mine.is_dir()
 
 
-@pytest.mark.parametrize("name", ["grade-", "grade-stage-x", "grade-1-2", "other-1-99999999-1-x"])
+@pytest.mark.parametrize(
+    "name", ["confine-", "confine-stage-x", "confine-1-2", "other-1-99999999-1-x"]
+)
 def test_folders_of_others_stay(temporary: Path, name: str) -> None:
     """What is not called as our folders are is not touched."""
     (temporary / name).mkdir()

@@ -1,7 +1,7 @@
 """Makes a process the first of a new sandbox: network, mounts, IPC, host name and process ids of its own.
 
-As `unshare --net --mount --ipc --uts --pid --fork --kill-child --mount-proc` does for a program that it starts, this
-does it for a fork that goes on in the same image.
+It has the effect of `unshare --net --mount --ipc --uts --pid --fork --kill-child --mount-proc` without starting a
+program: a fork goes on in the same image.
 
 References
 ----------
@@ -30,17 +30,17 @@ _NEW_MOUNTS, _NEW_UTS, _NEW_IPC, _NEW_USER, _NEW_PIDS, _NEW_NET = (
 _NOSUID, _NODEV, _NOEXEC, _RECURSIVE, _PRIVATE = 0x2, 0x4, 0x8, 0x4000, 0x40000
 _SET_PDEATHSIG, _SET_NAME, _SET_CHILD_SUBREAPER = 1, 15, 36
 _STANDARD_DESCRIPTORS = 3
+_LIBC = ctypes.CDLL(None, use_errno=True)
 #: Looked up now: a fork of a process with threads would wait for ever, if one of these held the loader's lock then.
 _CALLS: dict[str, Callable[..., int]] = {
-    name: getattr(libc, name)
-    for libc in [ctypes.CDLL(None, use_errno=True)]
+    name: getattr(_LIBC, name)
     for name in ("mount", "prctl", "syscall", "unshare")
-    if hasattr(libc, name)
+    if hasattr(_LIBC, name)
 }
 
 
 class Form(str, Enum):
-    """How namespaces are had on this machine."""
+    """The way to namespaces on this machine: as root, in a user namespace, or none."""
 
     ROOT = "root"
     USER = "user"
@@ -50,8 +50,8 @@ class Form(str, Enum):
 def enter_own_mounts(form: Form) -> None:
     """Have this process, which may have one thread only, see a file system of its own, with an empty `/dev/shm`.
 
-    What it loads may leave files there. Without namespaces it stays where it is; it raises `OSError` where the system
-    does not permit it.
+    Libraries may leave files there when they are loaded. Without namespaces nothing changes. It raises `OSError` if the
+    system does not permit it.
     """
     if form is not Form.NONE:
         _unshare(_NEW_MOUNTS)
@@ -59,10 +59,10 @@ def enter_own_mounts(form: Form) -> None:
 
 
 def enter_sandbox(form: Form) -> None:
-    """Become the first process of a new sandbox, or stay where there are no namespaces.
+    """Become the first process of a new sandbox; without namespaces, stay in the present ones.
 
-    The calling process, which may have one thread only, is left outside: it waits for the one that goes on, ends with
-    its status, and all of the sandbox ends with it. It raises `OSError` if the system permits no such namespaces.
+    The calling process, which may have one thread only, is left outside: it waits for the process that goes on, ends
+    with its status, and all of the sandbox ends with it. It raises `OSError` if the system permits no such namespaces.
     """
     if form is Form.NONE:
         end_with_parent()
@@ -75,7 +75,7 @@ def enter_sandbox(form: Form) -> None:
         _wait_for(first, [*descriptors, there])
     os.close(held)
     end_with_parent()
-    # Who ended before that kills nobody. Its process id tells nothing here, but what it held open is closed.
+    # A parent that ended before that call kills nothing. Its process id tells nothing here, but its pipe is closed.
     if select.select([there], [], [], 0)[0]:
         os._exit(1)
     os.close(there)
@@ -83,36 +83,40 @@ def enter_sandbox(form: Form) -> None:
 
 
 def enter_own_network() -> None:
-    """Leave this process's network for a new one; only within a sandbox, where that takes no privilege."""
+    """Leave this process's network for a new one; within a sandbox that takes no privilege."""
     call("unshare", _NEW_NET)
 
 
 def _unshare(spaces: int) -> None:
-    """Leave the namespaces of some kinds for new ones, mounts among them, in a user namespace where that takes one."""
-    user, group, parent = os.geteuid(), os.getegid(), os.getppid()
-    call("unshare", spaces if user == 0 else spaces | _NEW_USER)
-    if user != 0:
+    """Leave the namespaces of some kinds for new ones, mounts among them; an ordinary user takes a user namespace too."""
+    user = os.geteuid()
+    group = os.getegid()
+    parent = os.getppid()
+    if user == 0:
+        call("unshare", spaces)
+    else:
+        call("unshare", spaces | _NEW_USER)
         Path("/proc/self/setgroups").write_text("deny")
         Path("/proc/self/uid_map").write_text(f"0 {user} 1")
         Path("/proc/self/gid_map").write_text(f"0 {group} 1")
-    end_with_parent()  # Only now, for a change of what a process may do takes this back.
+    end_with_parent()  # Only now: a change of privileges takes this back.
     if os.getppid() != parent:
         os._exit(1)
     call("mount", b"none", b"/", None, _RECURSIVE | _PRIVATE, None)
 
 
 def end_with_parent() -> None:
-    """Have this process killed when the thread ends that has started it."""
+    """Have this process killed at the end of the thread that has started it."""
     call("prctl", _SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
 
 
 def name_process(name: str) -> None:
-    """Give this process another name, for people who look at the system's list of processes."""
+    """Give this process another name in the system's list of processes."""
     call("prctl", _SET_NAME, name.encode()[:15], 0, 0, 0)
 
 
 def adopt_orphans() -> None:
-    """Become the parent of what the student's processes leave behind, so that it can be found."""
+    """Become the parent of orphaned descendants, so that these can be found."""
     call("prctl", _SET_CHILD_SUBREAPER, 1, 0, 0, 0)
 
 
@@ -138,14 +142,14 @@ def bring_loopback_up() -> None:
 
 
 def use_up_process_ids(number: int) -> None:
-    """Let our processes have other ids than the student's, which count anew in each sandbox.
+    """Use up the lowest process ids of this sandbox, so that its later processes have other ids than confined ones.
 
-    The identity that Fast DDS gives a participant is made of the process id and two random bytes.
+    Ids of a confined program count anew, in a namespace of its own, and libraries make identities from process ids.
     """
     for _ in range(number):
         thread = threading.Thread(
             target=int
-        )  # A thread has an id of the same kind, and is cheaper than a fork.
+        )  # Its id is of the same kind, and it is cheaper than a fork.
         thread.start()
         thread.join()
 
@@ -153,13 +157,14 @@ def use_up_process_ids(number: int) -> None:
 def open_descriptors(least: int) -> list[int]:
     """Return this process's open files from a number on.
 
-    To close all that there could be takes a Python that was built for older systems some 50 ms: there may be a million.
+    Closing all possible descriptors instead takes some 50 ms in a Python built for older systems: there may be a million.
     """
-    return [number for number in map(int, os.listdir("/proc/self/fd")) if number >= least]  # noqa: PTH208
+    numbers = map(int, os.listdir("/proc/self/fd"))  # noqa: PTH208
+    return [number for number in numbers if number >= least]
 
 
 def close_descriptors(descriptors: Iterable[int]) -> None:
-    """Close files, those left out that are closed already."""
+    """Close files, except those that are closed already."""
     for descriptor in descriptors:
         with suppress(OSError):
             os.close(descriptor)
@@ -169,17 +174,24 @@ def _wait_for(pid: int, descriptors: Iterable[int]) -> NoReturn:
     """Wait for a process, and end as it did."""
     status = 1
     try:
-        # Who reads a pipe of it must not wait for this process too, except for what it says.
+        # A reader of the other process's pipes must not wait for this one too.
         close_descriptors(descriptors)
-        code = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-        status = code if code >= 0 else 128 - code
+        _, ended = os.waitpid(pid, 0)
+        status = os.waitstatus_to_exitcode(ended)
+        if status < 0:
+            status = 128 - status
     finally:
         os._exit(status)
 
 
 def call(function: str, *arguments: Any) -> int:
-    """Call a function of the kernel's for which Python has none; a negative answer is raised as `OSError`."""
-    words = [ctypes.c_ulong(a) if isinstance(a, int) else a for a in arguments]
+    """Call a function of the C library that Python does not offer; raises `OSError` if its answer is negative."""
+    words = []
+    for argument in arguments:
+        if isinstance(argument, int):
+            words.append(ctypes.c_ulong(argument))
+        else:
+            words.append(argument)
     answer = _CALLS[function](*words)
     if answer < 0:
         number = ctypes.get_errno()

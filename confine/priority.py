@@ -1,10 +1,8 @@
-"""Lets what stands in a sandbox have its core when it wants it, so that other work delays little of what is measured.
+"""Priorities of processes and threads, as far as the system permits them, so that other work delays little.
 
-What is starting is other work too. What the machine does not permit is left: then delays are excused or left undecided.
-
-The grader's own processes are scheduled in real time where that is permitted; from one that uses more than a node needs
-the watch (`cpu_watch`), which goes before them, takes it. The student's are not: on an idle machine a tool with 13
-threads on its core then waited for 1.6 s of 10 s there, and for 0.5 s as an ordinary process.
+A process that *stands* has started and is measured; starting ones count as other work. Trusted processes can be
+scheduled in real time; a watch above them demotes one that uses too much. Confined processes cannot: on an idle machine
+a tool with 13 threads on its core then waited for 1.6 s of 10 s there, and for 0.5 s as an ordinary process.
 """
 
 from __future__ import annotations
@@ -16,35 +14,37 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from grader.limits import set_limit
-from grader.live.sandbox.machine import tasks_of
+from confine.limits import set_limit
+from confine.machine import tasks_of
 
-#: Each step is a quarter more of a core that several want: others still get a tenth, and what is measured most.
+#: Nice values; each step is a quarter more of a contended core: others still get a tenth, and measured processes most.
 STANDING, MEASURED = -10, -15
-#: Who asks for short turns is given them soon after waking.
+#: Length of a turn, in ns: threads with short turns get one soon after waking.
 _SLICE_NS = 100_000
 _SCHED_SETATTR = 314  # x86-64
 _SCHED_NORMAL, _RESET_ON_FORK = 0, 1
-#: Priorities in real time: of the grader's own processes, and of what watches all of them.
+#: Priorities in real time: of trusted processes, and of the watch above them.
 RECORDING, WATCHING = 1, 2
-#: So long one may compute in real time without a pause before the kernel ends it; it is demoted before that.
+#: Time that a process may compute in real time without a pause before the kernel ends it; the watch demotes it earlier.
 _RUNAWAY_US = 3_000_000
 
 
 def put_self_first() -> None:
-    """Let this process go before others, and those that it starts not."""
+    """Let this process go before others, but not the processes that it starts."""
     _put_first(0, _RESET_ON_FORK)
     _weigh_session(os.getpid())
 
 
 @contextmanager
 def going_first() -> Iterator[None]:
-    """Let this process and what it starts go before others for a while: beside eight busy ones it began in 3 s.
+    """Let this process and its children go before others for a while: beside eight busy ones it began in 3 s.
 
-    The first process of a sandbox passes none of it on, and what shares a terminal's session with this one has it too.
+    Processes in the same session of a terminal go before others too.
     """
     weight = Path("/proc/self/autogroup")
-    before = weight.read_text(encoding="utf-8").split()[-1:] if weight.exists() else []
+    before: list[str] = []
+    if weight.exists():
+        before = weight.read_text(encoding="utf-8").split()[-1:]
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, 0, STANDING)
     _weigh_session(os.getpid())
@@ -57,7 +57,7 @@ def going_first() -> Iterator[None]:
 
 
 def put_standing(pids: Iterable[int], nice: int = STANDING) -> None:
-    """Let all threads of some processes, and those to come, go before all others."""
+    """Let all present and future threads of some processes go before all others."""
     for pid in pids:
         _weigh_session(pid, nice)
         for task in tasks_of(pid):
@@ -65,7 +65,7 @@ def put_standing(pids: Iterable[int], nice: int = STANDING) -> None:
 
 
 def _weigh_session(pid: int, nice: int = STANDING) -> None:
-    """Give the session (setsid) of a process its weight, where the system weighs sessions and not processes.
+    """Give the session (setsid) of a process its weight, if the system weighs sessions instead of processes.
 
     With autogroups, the nice value of a process counts within its session only (sched(7)).
     """
@@ -77,7 +77,7 @@ def _put_first(tid: int, flags: int = 0, nice: int = STANDING) -> None:
     """Give a thread short turns, and a nice value if that is permitted.
 
     For ordinary processes the run time is the length of a turn, since Linux 6.12; before that it is ignored
-    (sched_setattr(2), whose `struct sched_attr` is in its first form here).
+    (sched_setattr(2); this is the first form of `struct sched_attr`).
     """
     with suppress(OSError):
         for value in (nice, os.getpriority(os.PRIO_PROCESS, tid)):
@@ -89,7 +89,7 @@ def _put_first(tid: int, flags: int = 0, nice: int = STANDING) -> None:
 
 
 def put_in_real_time(pids: Iterable[int], priority: int = RECORDING) -> None:
-    """Let all threads of some of the grader's own processes, and those to come, go before all ordinary ones."""
+    """Let all present and future threads of some trusted processes go before all ordinary ones."""
     for pid in pids:
         with suppress(OSError, ValueError):
             set_limit("rttime", _RUNAWAY_US, pid=pid)
@@ -98,7 +98,7 @@ def put_in_real_time(pids: Iterable[int], priority: int = RECORDING) -> None:
 
 
 def demote(tids: Iterable[int]) -> None:
-    """Let threads that were scheduled in real time be ordinary ones that stand."""
+    """Schedule threads in real time as ordinary ones that stand."""
     for tid in tids:
         with suppress(OSError):
             if os.sched_getscheduler(tid) & ~os.SCHED_RESET_ON_FORK == os.SCHED_RR:

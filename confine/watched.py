@@ -1,0 +1,156 @@
+"""CPU times and delays of one watched process, by the kernel's counters of its threads.
+
+References
+----------
+`schedstat` in proc(5): CPU time and waiting time of a thread, in ns; clock_getcpuclockid(3).
+"""
+
+from __future__ import annotations
+
+import os
+import time
+from collections import deque
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+
+#: Largest number of delays of one process; beyond it, neighbours are joined.
+_MOST_DELAYS = 1000
+#: Length of the history of a process, in samples.
+_HISTORY = 200
+#: Time after a delay that it may still affect, in ns: two and a half intervals of a program at 100 Hz.
+_AFTER_NS = 25_000_000
+#: A delay: its start, the length of its span, and the delay itself, in ns.
+Delay = list[int]
+
+
+@dataclass
+class Watched:
+    """A watched process: counters of its threads, and its delays."""
+
+    is_confined: bool
+    core: int | None = None
+    name: str = ""
+    #: Set as soon as a demotion is reported.
+    is_reported: bool = False
+    #: Thread id -> descriptor of its counters; the threads that ran last are at the end.
+    files: dict[int, int] = field(default_factory=dict)
+    #: Thread id -> its last counters: CPU time and waiting time, in ns.
+    counters: dict[int, tuple[int, int]] = field(default_factory=dict)
+    #: Thread id -> the text of its last counters.
+    texts: dict[int, bytes] = field(default_factory=dict)
+    #: CPU time of all threads, in ns.
+    cpu_ns: int = 0
+    #: CPU clocks of the process and of others among its threads.
+    clocks: list[int] = field(default_factory=list)
+    #: Excess of these clocks over `cpu_ns`, when all threads had been read.
+    excess_ns: int = 0
+    #: Samples: time and CPU time until then, in ns.
+    history: deque[tuple[int, int]] = field(
+        default_factory=lambda: deque([(0, 0)], maxlen=_HISTORY)
+    )
+    delays: list[Delay] = field(default_factory=list)
+
+    def open(self, threads: Iterable[int]) -> None:
+        """Watch some threads more."""
+        for thread in threads:
+            if thread not in self.files:
+                with suppress(OSError):
+                    self.files[thread] = os.open(f"/proc/{thread}/schedstat", os.O_RDONLY)
+                    clock = ~thread << 3 | 2  # as clock_getcpuclockid(3) has it
+                    time.clock_gettime_ns(clock)
+                    self.clocks.append(
+                        clock
+                    )  # without an error, it is the first thread of a process
+
+    def read(self, now_ns: int) -> tuple[int, int]:
+        """Take the CPU time since the last sample, and return the waiting time of all threads and the longest one.
+
+        Few of a program's many threads run within a sample: as soon as the CPU time of the threads read so far equals
+        that of the clocks, no other thread has run or ended a wait.
+        """
+        clocks_ns = self._read_clocks()
+        together_ns = 0
+        longest_ns = 0
+        for thread in reversed(list(self.files)):
+            if clocks_ns and clocks_ns - self.cpu_ns == self.excess_ns:
+                break
+            waited_ns = self._read_thread(thread)
+            together_ns += waited_ns
+            longest_ns = max(longest_ns, waited_ns)
+        else:
+            self.excess_ns = clocks_ns - self.cpu_ns
+        self.history.append((now_ns, self.cpu_ns))
+        return together_ns, longest_ns
+
+    def _read_clocks(self) -> int:
+        """Return the sum of all clocks in ns, 0 as soon as one of them has ended."""
+        with suppress(OSError):
+            return sum(map(time.clock_gettime_ns, self.clocks))
+        return 0
+
+    def _read_thread(self, thread: int) -> int:
+        """Take the CPU time of a thread since it was last read, and return its waiting time since then, in ns."""
+        try:
+            text = os.pread(self.files[thread], 100, 0)
+            if text == self.texts.get(thread):
+                return 0
+            cpu_ns, waited_ns, *_ = map(int, text.split())
+        except (OSError, ValueError):  # The thread has ended.
+            os.close(self.files.pop(thread))
+            return 0
+        cpu_before_ns, waited_before_ns = self.counters.get(thread, (0, 0))
+        self.counters[thread] = cpu_ns, waited_ns
+        self.texts[thread] = text
+        self.files[thread] = self.files.pop(thread)
+        self.cpu_ns += cpu_ns - cpu_before_ns
+        return waited_ns - waited_before_ns
+
+    def used_since(self, t_ns: int) -> int:
+        """Return the CPU time since a time, as far as the history goes back."""
+        later_ns, later_cpu_ns = self.history[-1]
+        for known_ns, cpu_ns in reversed(self.history):
+            if known_ns <= t_ns:
+                share = (t_ns - known_ns) / max(1, later_ns - known_ns)
+                return self.cpu_ns - cpu_ns - round(share * (later_cpu_ns - cpu_ns))
+            later_ns, later_cpu_ns = known_ns, cpu_ns
+        return self.cpu_ns - later_cpu_ns
+
+    def noted_since(self, t_ns: int) -> int:
+        """Return the sum of the noted delays since a time, in ns."""
+        total_ns = 0
+        for start_ns, length_ns, delay_ns in reversed(self.delays):
+            left_ns = start_ns + length_ns - t_ns
+            if left_ns <= 0:
+                break
+            total_ns += min(delay_ns, left_ns)
+        return total_ns
+
+    def calm_ns(self, since_ns: int, now_ns: int) -> int:
+        """Return the time between delays since a time, without the times after these that they may affect."""
+        calm_ns = 0
+        calm_since_ns = since_ns
+        for start_ns, length_ns, _ in [*self.delays, [now_ns, 0, 0]]:
+            end_ns = start_ns + length_ns
+            if end_ns > since_ns:
+                calm_ns += max(0, start_ns - calm_since_ns - _AFTER_NS)
+                calm_since_ns = end_ns
+        return calm_ns
+
+    def note(self, start_ns: int, end_ns: int, delay_ns: int) -> None:
+        """Note a delay within a span of time."""
+        length_ns = end_ns - start_ns
+        self.delays.append([start_ns, length_ns, min(delay_ns, length_ns)])
+        if len(self.delays) > _MOST_DELAYS:
+            self.delays = _joined(self.delays)
+
+
+def _joined(delays: list[Delay]) -> list[Delay]:
+    """Return delays with neighbours joined in pairs; an odd last one stays."""
+    joined = []
+    for first, second in zip(delays[::2], delays[1::2], strict=False):
+        length_ns = second[0] + second[1] - first[0]
+        joined.append([first[0], length_ns, first[2] + second[2]])
+    if len(delays) % 2:
+        joined.append(delays[-1])
+    return joined

@@ -1,0 +1,23 @@
+"""Samples of the machine: the offset of the clocks, and the idle time of each core."""
+
+from __future__ import annotations
+
+import os
+
+from grader.live.process.machine_sample import sample_machine
+
+
+def test_a_sample_holds_the_offset_of_its_time() -> None:
+    """The system clock less its offset is the time of the other clock."""
+    first, second = sample_machine(), sample_machine()
+    assert second.t_ns - second.clock_offset_ns > first.t_ns - first.clock_offset_ns >= 0
+
+
+def test_a_sample_tells_of_each_core_for_how_long_it_was_idle() -> None:
+    """The times go on with the clock, and no core was idle for longer than the time between two samples."""
+    first, second = sample_machine(), sample_machine()
+    assert {str(core) for core in os.sched_getaffinity(0)} <= set(first.idle_ns)
+    passed_ns = second.t_ns - first.t_ns + 20_000_000
+    assert all(
+        0 <= second.idle_ns[core] - idle_ns <= passed_ns for core, idle_ns in first.idle_ns.items()
+    )
