@@ -15,8 +15,9 @@ import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
 from grader.checks.base import Context
-from grader.checks.registry import REGISTRY
+from grader.checks.registry import check_named
 from grader.evidence.recorded import Recorded
+from grader.lab.lab_code import OwnParameters, is_own
 from grader.recording.bag import BagWriter
 from grader.recording.definitions import SEPARATOR, MessageDefinition
 from grader.recording.session import (
@@ -317,8 +318,9 @@ def judged(
     others: Mapping[str, Recorded] | None = None,
     reference_nodes: Iterable[str] = (),
 ) -> Finding:
-    """Let a check of the registry judge a session."""
-    entry = REGISTRY[check]
+    """Let a check judge a session: one of the registry, or one of Lab 09-01's own, "file.py:function"."""
+    entry = check_named(check)
+    model = OwnParameters if is_own(check) else entry.parameters
     recorded = session.recorded() if isinstance(session, Session) else session
     sessions = {recorded.record.session: recorded} if recorded is not None else {}
     context = Context(
@@ -329,7 +331,7 @@ def judged(
         reference_nodes=frozenset(reference_nodes),
         lab_folder=ROOT,
     )
-    return entry.judge(context, entry.parameters.model_validate(dict(parameters)))
+    return entry.judge(context, model.model_validate(dict(parameters)))
 
 
 def evenly(rate_hz: float, duration_s: float, start_s: float = 1.0) -> list[float]:

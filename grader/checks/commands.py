@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from typing import Any
 
+from grader.checks.own import traits_of
+from grader.checks.registry import own_check
 from grader.lab.rubric import CheckSpec, Rubric, StepSpec
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Outcome
@@ -29,10 +31,7 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(
         ("topic_rate", "topic_jitter", "topics_carry_traffic"), ("ros2 topic hz {topic}",)
     ),
-    "message_values": ("ros2 topic echo --once {topic}",),
-    **dict.fromkeys(
-        ("sinusoids", "field_range", "field_matches", "reaches", "topic_equals_oracle"), _ECHO
-    ),
+    **dict.fromkeys(("field_range", "field_matches", "reaches", "topic_equals_oracle"), _ECHO),
     **dict.fromkeys(("silent_until", "stops_publishing"), _ECHO),
     **dict.fromkeys(
         ("requested_qos", "offered_qos", "qos_profiles"), ("ros2 topic info -v {topic}",)
@@ -73,12 +72,20 @@ def commands_of(
         return ()
     scope = _Scope(spec, rubric, submission, used, finding.reason)
     lines: dict[str, None] = {}
-    for template in _COMMANDS.get(spec.check, ()):
+    for template in _templates(spec, rubric):
         for line in scope.filled(template):
             lines.setdefault(line)
             if len(lines) == _MOST:
                 return tuple(lines)
     return tuple(lines)
+
+
+def _templates(spec: CheckSpec, rubric: Rubric) -> tuple[str, ...]:
+    """Return the templates of a check, which a lab's own check states itself."""
+    own = own_check(spec.check, rubric.folder)
+    if own is None:
+        return _COMMANDS.get(spec.check, ())
+    return traits_of(*own).commands
 
 
 class _Scope:

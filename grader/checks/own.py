@@ -11,23 +11,23 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from grader.checks import base
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import numbers_of
 from grader.evidence.oracle import describe_failure, load_oracle
-from grader.evidence.recorded import Recorded
-from grader.lab.lab_code import API_VERSION, OwnParameters
+from grader.evidence.recorded import NumericStream, Recorded
+from grader.lab.lab_code import API_VERSION
 from grader.recording.bag import Stream
 from grader.recording.session import Endpoint, ProcessRun
 from grader.result import Finding, Location, Outcome
@@ -70,6 +70,35 @@ class Messages:
     def numbers(self, path: str) -> list[NDArray[np.float64] | None]:
         """Return the numbers in a field of each message: one, those of an array, of a point, a time in s; or None."""
         return [numbers_of(value) for value in self.field(path)]
+
+
+@dataclass(frozen=True)
+class Series:
+    """Numbers in a field of a topic's messages, in the order in which the messages were sent.
+
+    Attributes
+    ----------
+    sent_s, received_s : float64[n]
+        Times at which each message was published and received, in s since the session's start.
+    sequence : int64[n]
+        Publication sequence numbers; the first message of a publisher has 1.
+    values : float64[n, m]
+        The m numbers of each message.
+    """
+
+    sent_s: NDArray[np.float64]
+    received_s: NDArray[np.float64]
+    sequence: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    def only(self, rows: NDArray[np.bool_]) -> Series:
+        """Return the messages that a bool[n] selects."""
+        return Series(
+            self.sent_s[rows], self.received_s[rows], self.sequence[rows], self.values[rows]
+        )
 
 
 @dataclass(frozen=True)
@@ -171,6 +200,36 @@ class Context(Submission):
         )
         return Messages(stream.topic, stream.topic_type, sent, received, stream.sequence, stream)
 
+    def rows(self, topic: str, field: str) -> tuple[NDArray[np.float64] | None, ...]:
+        """Return the numbers in a field of each message, in the order of `messages`.
+
+        In messages of a type without this field, the first field that holds an array of numbers
+        stands in, because the type is for another check to judge. None for a message without numbers.
+        """
+        return self._session.rows(topic, field)
+
+    def series(self, topic: str, field: str, *, finite: bool = True) -> Series | None:
+        """Return the messages with as many numbers in a field as most have; None if none has any.
+
+        Parameters
+        ----------
+        topic, field
+            As for `rows`.
+        finite
+            Whether messages with NaN or an infinite number are left out.
+        """
+        stream = self._session.numeric(topic, field, finite=finite)
+        return self._series(stream) if stream is not None else None
+
+    def _series(self, stream: NumericStream) -> Series:
+        seconds = self._session.seconds
+        return Series(
+            seconds(stream.source_ns),
+            seconds(stream.received_ns),
+            stream.sequence,
+            stream.values,
+        )
+
     def window(self, label: str) -> tuple[float, float] | None:
         """Return begin and end of an `observe` step in s; None where it was not reached."""
         span, since = self._session.window(label), self._session.since_start_s
@@ -229,15 +288,77 @@ class Context(Submission):
             else 0.0
         )
 
-    def location(self, topic: str | None = None, window: str | None = None) -> Location:
-        """Point at a topic, within a window, as where the proof of a finding lies."""
-        return self._inner.location(
-            topic, self._session.window(window) if window is not None else None
-        )
+    def location(
+        self,
+        topic: str | None = None,
+        window: str | None = None,
+        *,
+        span_s: tuple[float, float] | None = None,
+    ) -> Location:
+        """Point at the place in the recording where the proof of a finding lies.
+
+        Parameters
+        ----------
+        topic
+            A topic or service; the whole session without one.
+        window
+            Label of an `observe` step.
+        span_s
+            Begin and end in s since the session's start, instead of a window.
+        """
+        span = self._session.window(window) if window is not None else None
+        where = self._inner.location(topic, span)
+        if span_s is None:
+            return where
+        return replace(where, start_s=span_s[0], end_s=span_s[1])
 
 
 #: Outcomes of a finding that are without credit.
-_WITHOUT = (Outcome.FAILED, Outcome.INCONCLUSIVE)
+_WITHOUT = (Outcome.FAILED, Outcome.INCONCLUSIVE, Outcome.NOT_REACHED)
+
+
+@dataclass(frozen=True)
+class Traits:
+    """Properties of a check that `check` states."""
+
+    commands: tuple[str, ...] = ()
+
+
+_Function = TypeVar("_Function", bound=Callable[..., Finding])
+#: Attribute of a function that holds its traits.
+_TRAITS = "__check_traits__"
+
+
+def check(*, commands: tuple[str, ...] = ()) -> Callable[[_Function], _Function]:
+    """Return a decorator that states properties of a check; a check without it has none of them.
+
+    Parameters
+    ----------
+    commands
+        Commands by which students see the fault themselves while their program runs. `{topic}`
+        stands for the parameter of this name, and `{step}` for a command that does the same as the
+        step with the label in this parameter.
+
+    Examples
+    --------
+    >>> @check(commands=("ros2 topic echo {topic}",))
+    ... def rises(context: Context, p: Parameters) -> Finding: ...
+    """
+
+    def state(function: _Function) -> _Function:
+        setattr(function, _TRAITS, Traits(commands))
+        return function
+
+    return state
+
+
+def traits_of(lab_folder: Path, check: str) -> Traits:
+    """Return the traits of a lab's own check; none if its file cannot be loaded."""
+    with suppress(Exception, SystemExit, _TooLong), _bounded():
+        found = getattr(load_own(lab_folder, check), _TRAITS, Traits())
+        if isinstance(found, Traits):
+            return found
+    return Traits()
 
 
 class _TooLong(BaseException):
@@ -267,7 +388,7 @@ def load_own(lab_folder: Path, check: str) -> Callable[..., Any]:
     return function
 
 
-def built(function: Callable[..., Any], p: OwnParameters) -> list[Any]:
+def built(function: Callable[..., Any], p: BaseModel) -> list[Any]:
     """Return the parameters of a lab's own check, of the class that its second argument names; none if it has none.
 
     Raises ValueError if the class refuses them.
@@ -280,7 +401,8 @@ def built(function: Callable[..., Any], p: OwnParameters) -> list[Any]:
         for w in wanted
     ]
     try:
-        return [TypeAdapter(kind).validate_python(p.model_dump()) for kind in kinds]
+        given = p.model_dump(exclude_none=True, by_alias=True)
+        return [TypeAdapter(kind).validate_python(given) for kind in kinds]
     except ValidationError as error:
         wrong = (
             ": ".join([*map(str, e["loc"]), e["msg"].removeprefix("Value error, ")])

@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 from typing import Any, get_type_hints
 
 from pydantic import BaseModel
 
+from grader import yaml_text
 from grader.checks import (
     action,
     answers,
@@ -46,7 +48,8 @@ from grader.checks.preconditions import (
     unseen,
     wanted_by,
 )
-from grader.lab.lab_code import is_own
+from grader.lab.kept_lab import lab_folder
+from grader.lab.lab_code import is_own, model_at
 from grader.lab.references import Parameters
 from grader.result import Finding, Outcome
 
@@ -123,8 +126,6 @@ _CHECKS = (
     Check(publisher.topic_published, by_endpoints=True, seeks=("publisher",)),
     Check(publisher.topic_rate, by_clock=True),
     Check(publisher.topic_jitter, by_clock=True),
-    Check(publisher.message_values),
-    Check(publisher.sinusoids),
     Check(publisher.offered_qos, by_endpoints=True),
     # A node that listens.
     Check(subscriber.topics_subscribed, by_endpoints=True, seeks=("subscription",)),
@@ -177,12 +178,54 @@ _CHECKS = (
 )
 
 
+#: Checks that earlier versions of the grader had built in, beside the rubric of the shipped lab: a mapping of their
+#: names to "file.py:function". Recorded rubrics name them so.
+_FORMER_CHECKS = "former_checks.yaml"
+
+
+@cache
+def _former_checks() -> dict[str, str]:
+    file = lab_folder() / _FORMER_CHECKS
+    return dict(yaml_text.load(file.read_text(encoding="utf-8"))) if file.is_file() else {}
+
+
+@cache
+def former_models() -> dict[str, type[Parameters]]:
+    """Return the parameters of the checks that earlier versions of the grader had built in, by their names."""
+    return {name: model_at(lab_folder(), check) for name, check in _former_checks().items()}
+
+
+def own_check(name: str, folder: Path) -> tuple[Path, str] | None:
+    """Return the folder of a lab's own check and its "file.py:function"; None for a built-in check.
+
+    Parameters
+    ----------
+    name
+        Name in a rubric. The name of a former built-in check leads to the shipped lab.
+    folder
+        Folder of the files that the rubric names.
+    """
+    if is_own(name):
+        return folder, name
+    if name in _former_checks() and name not in REGISTRY:
+        return lab_folder(), _former_checks()[name]
+    return None
+
+
 def check_named(name: str) -> Check:
     """Return a check by its name in a rubric, which may be one of the lab's own."""
-    if not is_own(name):
+    if name in REGISTRY:
         return REGISTRY[name]
     # What its author did not think of must not cost points: it never counts where the clock was set.
-    return Check(partial(find_own, name), by_clock=True, of_author=True)
+    return Check(partial(_find_own, name), by_clock=True, of_author=True)
+
+
+def _find_own(name: str, context: Context, p: Any) -> Finding:
+    """Call a lab's own check, with the files of its lab."""
+    own = own_check(name, context.lab_folder)
+    assert own is not None
+    folder, check = own
+    return find_own(check, replace(context, lab_folder=folder), p)
 
 
 #: By the names under which a rubric knows them, which are those of their functions.

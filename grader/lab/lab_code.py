@@ -11,12 +11,20 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import reduce
 from operator import or_
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, ValidationInfo, create_model
+from pydantic import ConfigDict, Field, ValidationInfo, create_model
 
 from grader.lab import references
-from grader.lab.references import Definition, Parameters, Reference, Scope, definition_at
+from grader.lab.references import (
+    Definition,
+    Parameters,
+    Reference,
+    Scope,
+    definition_at,
+    definition_in,
+)
 
 #: Version of what a lab's own checks are given (`grader.own_checks`).
 API_VERSION = 1
@@ -42,6 +50,11 @@ _KNOWN: dict[str, Any] = {
     **{name: getattr(references, name) for name in LAB_TYPES},
 }
 _NO_BASES = ("BaseModel", "object", "Parameters")
+#: Arguments of pydantic's `Field` that limit and describe a value.
+_OF_FIELD = (
+    *("gt", "ge", "lt", "le", "min_length", "max_length", "pattern"),
+    *("description", "examples"),
+)
 
 
 class _Open(Parameters):
@@ -53,7 +66,8 @@ class _Open(Parameters):
 def model_of(found: Definition) -> type[Parameters]:
     """Return the model of a class in a lab's file, as far as its annotations say it.
 
-    A field without a value is required. What bases from elsewhere add, and limits of values, is not known here.
+    A field without a value is required. Limits and descriptions count if they are literals in a call of pydantic's
+    `Field`. Fields of bases from elsewhere are not known here.
     """
     assert isinstance(found.node, ast.ClassDef)
     names = [
@@ -65,8 +79,14 @@ def model_of(found: Definition) -> type[Parameters]:
     typed: dict[str, Any] = {}
     for node in found.node.body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            typed[node.target.id] = (_type_of(node.annotation, found), _value(node.value))
-    return create_model(found.node.name, __base__=tuple(bases) or (Parameters,), **typed)
+            kind = _type_of(node.annotation, found)
+            typed[node.target.id] = (kind, _value(node.value, limited=kind is not Any))
+    return create_model(
+        found.node.name,
+        __base__=tuple(bases) or (Parameters,),
+        __doc__=ast.get_docstring(found.node),
+        **typed,
+    )
 
 
 def _model_named(name: str, found: Definition) -> type[Parameters] | None:
@@ -80,11 +100,41 @@ def _model_named(name: str, found: Definition) -> type[Parameters] | None:
     )
 
 
-def _value(node: ast.expr | None) -> Any:
-    """Return the value of a field: `...` where it has none, None where only the file itself can tell."""
+def _value(node: ast.expr | None, *, limited: bool = False) -> Any:
+    """Return the default of a field: `...` if it is required, None if it is no literal.
+
+    Parameters
+    ----------
+    limited
+        Whether the limits of a `Field` count; a value of an unknown type cannot be compared with them.
+    """
+    if node is None:
+        return ...
+    if isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] == "Field":
+        return _field(node, limited=limited)
+    return _literal(node)
+
+
+def _literal(node: ast.expr) -> Any:
+    """Return the value of an expression; None if it is no literal."""
     with suppress(ValueError):
-        return ... if node is None else ast.literal_eval(node)
+        return ast.literal_eval(node)
     return None
+
+
+def _field(node: ast.Call, *, limited: bool) -> Any:
+    """Return the field that a call `Field(...)` describes, as far as its arguments are literals."""
+    given = {keyword.arg: keyword.value for keyword in node.keywords}
+    default: Any = ...
+    if node.args:
+        default = _literal(node.args[0])
+    elif "default" in given:
+        default = _literal(given["default"])
+    elif "default_factory" in given:
+        default = None
+    names = _OF_FIELD if limited else ("description",)
+    known = {name: _literal(given[name]) for name in names if name in given}
+    return Field(default, **known)
 
 
 def _type_of(node: ast.expr, found: Definition) -> Any:
@@ -158,6 +208,18 @@ def own_parameters(scope: Scope, check: str, value: Any) -> OwnParameters:
     assert model is not None
     plain = model.model_validate({} if value is None else value, context=scope)
     return OwnParameters(**plain.model_dump(exclude_none=True, by_alias=True))
+
+
+def model_at(folder: Path, check: str) -> type[Parameters]:
+    """Return the model of the parameters of a lab's own check, "file.py:function" in a folder.
+
+    Raises ValueError if there is no such check.
+    """
+    found = definition_in(folder, check)
+    _, given = _signature(found)
+    model = _model_named(given, found) if given else Parameters
+    assert model is not None
+    return model
 
 
 def _signature(found: Definition) -> tuple[str, str]:
