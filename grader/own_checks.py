@@ -45,13 +45,17 @@ Within a version of `API_VERSION` nothing that stands here is removed or changes
 
 from grader.checks.base import Part as Part
 from grader.checks.base import apart as apart
+from grader.checks.base import cpu_delay_doubt as cpu_delay_doubt
 from grader.checks.base import failed as failed
 from grader.checks.base import graded as graded
 from grader.checks.base import inconclusive as inconclusive
 from grader.checks.base import not_reached as not_reached
 from grader.checks.base import of_parts as of_parts
 from grader.checks.base import passed as passed
+from grader.checks.base import ramp as ramp
+from grader.checks.base import unclear as unclear
 from grader.checks.base import unexplained as unexplained
+from grader.checks.own import Call as Call
 from grader.checks.own import Context as Context
 from grader.checks.own import Line as Line
 from grader.checks.own import Messages as Messages
@@ -61,6 +65,7 @@ from grader.checks.own import Step as Step
 from grader.checks.own import Submission as Submission
 from grader.checks.own import check as check
 from grader.lab.lab_code import API_VERSION as API_VERSION
+from grader.lab.patterns import search as search
 from grader.lab.references import AnyStep as AnyStep
 from grader.lab.references import Artifact as Artifact
 from grader.lab.references import CallLabel as CallLabel
@@ -84,6 +89,7 @@ from grader.lab.references import StampField as StampField
 from grader.lab.references import TextField as TextField
 from grader.lab.references import Topic as Topic
 from grader.lab.references import Window as Window
+from grader.lab.references import fields_of_type as fields_of_type
 from grader.result import Finding as Finding
 from grader.result import Location as Location
 from grader.result import Outcome as Outcome

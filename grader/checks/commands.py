@@ -32,18 +32,15 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
         ("topic_rate", "topic_jitter", "topics_carry_traffic"), ("ros2 topic hz {topic}",)
     ),
     **dict.fromkeys(("field_range", "field_matches", "reaches", "topic_equals_oracle"), _ECHO),
-    **dict.fromkeys(("silent_until", "stops_publishing"), _ECHO),
+    "silent_until": _ECHO,
     **dict.fromkeys(
         ("requested_qos", "offered_qos", "qos_profiles"), ("ros2 topic info -v {topic}",)
     ),
     "topics_subscribed": ("ros2 node info {node}",),
     **dict.fromkeys(("reported_series", "reported_statistics"), _REPLAY),
-    **dict.fromkeys(
-        ("survives", "call_answered", "parameters_declared", "calls_in_time", "call_value"), _STEP
-    ),
+    **dict.fromkeys(("survives", "call_answered", "parameters_declared", "call_value"), _STEP),
     **dict.fromkeys(("parameter_rejected", "launch_loads"), _STEP),
     "service_offered": ("ros2 service list -t",),
-    "call_gated": ("{set_step}", "{refused_step}"),
     "action_server": ("ros2 action info -t {action}", "{step}"),
     "parameter_effect": ("{set_step}",),
     "lifecycle": ("ros2 lifecycle nodes",),

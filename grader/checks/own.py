@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from grader.checks import base
+from grader.checks import base, service
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import numbers_of
 from grader.evidence.oracle import describe_failure, load_oracle
@@ -141,6 +141,27 @@ class Step:
     result: Mapping[str, Any]
 
 
+@dataclass(frozen=True)
+class Call:
+    """A call of a service by the grader; times in s since the session's start.
+
+    Attributes
+    ----------
+    response : mapping or None
+        Fields of the response; None without an answer.
+    latency_s : float
+        Time from the request to the answer, or to the end of waiting for it.
+    delay_s : float
+        Longest time for which the machine kept one of the involved processes from a core.
+    """
+
+    started_s: float
+    ended_s: float
+    response: Mapping[str, Any] | None
+    latency_s: float
+    delay_s: float
+
+
 class Submission:
     """The files that a student handed in."""
 
@@ -163,6 +184,13 @@ class Submission:
     def finding(self, check: str) -> Finding | None:
         """Return what a check before this one found."""
         return self._inner.findings.get(check)
+
+    def charged(self, check: str | None) -> bool:
+        """Tell whether an earlier check has taken points; False for None.
+
+        One mistake is charged once: what an earlier check has charged costs nothing more.
+        """
+        return self._inner.charged(check)
 
 
 class Context(Submission):
@@ -250,6 +278,38 @@ class Context(Submission):
         began_s, ended_s = (self._session.since_start_s(t) for t in (run.started_ns, run.ended_ns))
         return Step(run.kind, run.outcome, began_s, ended_s, run.parameters, run.result)
 
+    def calls(self, step: str) -> tuple[Call, ...]:
+        """Return the calls of a `call` step, in their order; none if it was not reached."""
+        run = self._session.step(step)
+        since = self._session.since_start_s
+        calls = []
+        for made in run.result.get("calls", []) if run is not None else []:
+            span = Span(int(made["started_ns"]), int(made["ended_ns"]))
+            delay_s = service.asking_delay_s(self._inner, span, made)
+            started_s, ended_s = since(span.start_ns), since(span.end_ns)
+            calls.append(Call(started_s, ended_s, made["response"], span.duration_s, delay_s))
+        return tuple(calls)
+
+    def unanswered(self, step: str, expected: str, reason: str = "") -> Finding:
+        """State that the call of a step had no answer; only the first such call of a session costs points.
+
+        Parameters
+        ----------
+        reason
+            Reason for the lost points; by default, how long the grader waited for the answer.
+        """
+        run = self._session.step(step)
+        return service.silence(self._inner, run, expected, reason or service.problem_of(run))
+
+    def silent_before(self, step: str) -> bool:
+        """Tell whether an earlier call had no answer, so that `unanswered` takes no points any more.
+
+        False if the call went to another name than the service of the student has.
+        """
+        run = self._session.step(step)
+        misnamed = service.not_asked(self._inner, run, "service")
+        return not misnamed and service.earlier_silence(self._inner, run, "") is not None
+
     def process(self, name: str) -> Run | None:
         """Return the last process of a name, which is the artifact's where the rubric gives no other."""
         run = self._session.process(name)
@@ -287,6 +347,18 @@ class Context(Submission):
             if run is not None and span is not None
             else 0.0
         )
+
+    def longest_delay_s(self, start_s: float, end_s: float) -> float:
+        """Return the longest time in a span for which the machine kept one of the session's processes from a core.
+
+        Parameters
+        ----------
+        start_s, end_s
+            Begin and end of the span in s since the session's start.
+        """
+        zero_ns = self._session.record.started_ns
+        span = Span(zero_ns + round(start_s * 1e9), zero_ns + round(end_s * 1e9))
+        return self._session.longest_delay_s(span)
 
     def location(
         self,

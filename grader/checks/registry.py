@@ -136,9 +136,7 @@ _CHECKS = (
     # A node that serves.
     Check(service.service_offered, by_endpoints=True, seeks=("service",)),
     Check(service.call_answered),
-    Check(service.call_gated),
     Check(service.parameters_declared, by_endpoints=True),
-    Check(service.calls_in_time, by_clock=True),
     # A node that serves an action.
     Check(action.action_server, by_endpoints=True, by_clock=True, seeks=("action",)),
     Check(answers.call_value),
@@ -168,7 +166,6 @@ _CHECKS = (
     # When something is published, and when nothing is.
     Check(latency.message_latency, by_clock=True),
     Check(silence.silent_until, by_clock=True),
-    Check(silence.stops_publishing, by_clock=True),
     # What is written.
     Check(documentation.readme),
     Check(documentation.code_explained),

@@ -44,6 +44,8 @@ LAB_TYPES = (
     ),
     *("Pattern", "Patterns", "Share"),
 )
+#: Functions in `grader.lab.references` by which it may mark a type within `Annotated`.
+LAB_MARKERS = ("fields_of_type",)
 _KNOWN: dict[str, Any] = {
     **{"float": float, "int": int, "bool": bool, "str": str, "Literal": Literal},
     **{"list": list, "tuple": tuple, "dict": dict, "Sequence": Sequence, "Mapping": Mapping},
@@ -70,11 +72,7 @@ def model_of(found: Definition) -> type[Parameters]:
     `Field`. Fields of bases from elsewhere are not known here.
     """
     assert isinstance(found.node, ast.ClassDef)
-    names = [
-        name
-        for base in found.node.bases
-        if (name := ast.unparse(base).rpartition(".")[2]) not in _NO_BASES
-    ]
+    names = [name for base in found.node.bases if (name := _last_name(base)) not in _NO_BASES]
     bases = [_model_named(name, found) or _Open for name in names]
     typed: dict[str, Any] = {}
     for node in found.node.body:
@@ -110,7 +108,7 @@ def _value(node: ast.expr | None, *, limited: bool = False) -> Any:
     """
     if node is None:
         return ...
-    if isinstance(node, ast.Call) and ast.unparse(node.func).rpartition(".")[2] == "Field":
+    if isinstance(node, ast.Call) and _last_name(node.func) == "Field":
         return _field(node, limited=limited)
     return _literal(node)
 
@@ -146,24 +144,52 @@ def _type_of(node: ast.expr, found: Definition) -> Any:
 
 
 def _annotated(node: ast.expr, found: Definition) -> Any:
+    """Return the type of a part of an annotation; Any if it is not known. Raises as `_type_of` catches."""
     if isinstance(node, ast.Constant):
-        text = node.value if isinstance(node.value, str) else ""
-        return _annotated(ast.parse(text, mode="eval").body, found) if text else type(node.value)
+        text = node.value
+        if isinstance(text, str) and text:
+            return _annotated(ast.parse(text, mode="eval").body, found)
+        return type(text)
     if isinstance(node, (ast.Name, ast.Attribute)):
-        name = node.id if isinstance(node, ast.Name) else node.attr
+        name = _last_name(node)
         return _KNOWN.get(name) or _model_named(name, found) or Any
     if isinstance(node, ast.BinOp):
         either = [_annotated(side, found) for side in (node.left, node.right)]
         return Any if Any in either else reduce(or_, either)
-    if not isinstance(node, ast.Subscript) or (kind := _annotated(node.value, found)) is Any:
-        return Any
+    if isinstance(node, ast.Subscript):
+        return _subscripted(node, found)
+    return Any
+
+
+def _subscripted(node: ast.Subscript, found: Definition) -> Any:
+    """Return a type with its arguments, such as `tuple[float, ...]`."""
     inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-    # Those of a Literal, and the dots of a tuple, stand for themselves.
-    of = (
-        ast.literal_eval(n) if kind is Literal or ast.unparse(n) == "..." else _annotated(n, found)
-        for n in inner
-    )
+    if _last_name(node.value) == "Annotated":
+        return _marked(inner, found)
+    kind = _annotated(node.value, found)
+    if kind is Any:
+        return Any
+    of = []
+    for each in inner:
+        # Values of a Literal and the dots of a tuple are no types.
+        is_value = kind is Literal or ast.unparse(each) == "..."
+        of.append(ast.literal_eval(each) if is_value else _annotated(each, found))
     return kind[tuple(of)]
+
+
+def _marked(inner: Sequence[ast.expr], found: Definition) -> Any:
+    """Return a type with its markers, such as `Annotated[str, fields_of_type("_Response", "step")]`."""
+    kind = _annotated(inner[0], found)
+    for marker in inner[1:]:
+        if isinstance(marker, ast.Call) and _last_name(marker.func) in LAB_MARKERS:
+            make = getattr(references, _last_name(marker.func))
+            kind = Annotated[kind, make(*map(ast.literal_eval, marker.args))]
+    return kind
+
+
+def _last_name(node: ast.expr) -> str:
+    """Return the name of an expression without its module, such as `Field` of `pydantic.Field`."""
+    return ast.unparse(node).rpartition(".")[2]
 
 
 def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> None:

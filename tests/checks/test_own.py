@@ -549,7 +549,7 @@ def test_a_rubric_of_earlier_names_a_check_that_was_built_in(tmp_path: Path) -> 
     """It finds the check in the lab that ships with the grader, and judges the same."""
     former = yaml.safe_load((lab_folder() / "former_checks.yaml").read_text(encoding="utf-8"))
     values = "{topic: /commands, field: data, length: 1}"
-    results = []
+    results: list[CheckResult] = []
     for name in ("message_values", former["message_values"]):
         text = RUBRIC.replace("{topic: /commands, window: window, least: 5}", values)
         rubric = tmp_path / "rubric.yaml"
