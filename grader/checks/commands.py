@@ -21,9 +21,8 @@ _MOST = 4
 
 #: Parameters that name a file of the submission.
 _FILES = ("artifact", "launch")
-#: Commands that show messages, that do the same as a step, and that replay the grader's messages from the report.
+#: Commands that show messages, and that do the same as a step.
 _ECHO, _STEP = ("ros2 topic echo {topic}",), ("{step}",)
-_REPLAY = ("ros2 bag play recordings/{session} --topics {streams}",)
 #: Kind of a check -> commands that show its fault while the program runs. `{name}` is a parameter, a name within one,
 #: or a command that does the same as the step that a parameter names.
 _COMMANDS: Mapping[str, tuple[str, ...]] = {
@@ -37,7 +36,6 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
         ("requested_qos", "offered_qos", "qos_profiles"), ("ros2 topic info -v {topic}",)
     ),
     "topics_subscribed": ("ros2 node info {node}",),
-    **dict.fromkeys(("reported_series", "reported_statistics"), _REPLAY),
     **dict.fromkeys(("survives", "call_answered", "parameters_declared", "call_value"), _STEP),
     **dict.fromkeys(("parameter_rejected", "launch_loads"), _STEP),
     "service_offered": ("ros2 service list -t",),

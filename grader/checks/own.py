@@ -10,9 +10,9 @@ import inspect
 import signal
 import sys
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 from types import FrameType
@@ -22,11 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from grader.checks import base, service
+from grader.checks import base, service, subscriber
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import numbers_of
+from grader.evidence.flakiness import flaky_end
 from grader.evidence.oracle import describe_failure, load_oracle
 from grader.evidence.recorded import NumericStream, Recorded
+from grader.evidence.text.printed import PrintedVector, Report, printed_vector, reports
 from grader.lab.lab_code import API_VERSION
 from grader.recording.bag import Stream
 from grader.recording.session import Endpoint, ProcessRun
@@ -122,11 +124,47 @@ class Run:
     role: str
     artifact: str | None
     started_s: float
+    interrupted_s: float | None
     exited_s: float | None
     exit_status: int | None
     ended_by: str
     limit: str | None
     lines: tuple[Line, ...]
+    _recorded: ProcessRun = field(repr=False)
+
+    @property
+    def output_dropped(self) -> bool:
+        """Whether it printed more than was kept."""
+        return bool(self._recorded.output_dropped_bytes)
+
+    @property
+    def went_on(self) -> bool:
+        """Whether it ran until it was interrupted or killed."""
+        run = self._recorded
+        if run.exited_ns is None:
+            return True
+        return run.interrupted_ns is not None or run.ended_by == "kill"
+
+    def flaky_end(self) -> str:
+        """Describe an accident at Ctrl-C that correct programs meet too; empty if there was none."""
+        return flaky_end(self._recorded)
+
+    def printed_vector(
+        self, labels: Sequence[str], unless: str | None = None
+    ) -> PrintedVector | None:
+        """Return the last vector that was printed behind a label, as in `Mean: [0.1 0.2]`; None without one.
+
+        In the output after Ctrl-C, tables and lines such as `mean = 0.1` count too.
+
+        Parameters
+        ----------
+        labels
+            Words for the label in the order in which they are tried, in any case.
+        unless
+            Pattern in front of the numbers that tells that they are of something else.
+        """
+        run = self._recorded
+        return printed_vector(run.output, labels, run.interrupted_ns, unless)
 
 
 @dataclass(frozen=True)
@@ -315,24 +353,34 @@ class Context(Submission):
         run = self._session.process(name)
         return self._run(run) if run is not None else None
 
+    def runs(self, artifact: str | None = None) -> tuple[Run, ...]:
+        """Return the processes that ran an artifact under its own name, by their start; without one, all processes."""
+        found: Sequence[ProcessRun] = self._session.record.processes
+        if artifact is not None:
+            found = self._session.processes_of(artifact)
+        return tuple(map(self._run, found))
+
     def _run(self, run: ProcessRun) -> Run:
         since = self._session.since_start_s
-        ended_s = since(run.exited_ns) if run.exited_ns is not None else None
-        lines = tuple(
-            Line(since(line.t_ns), line.stream, line.text) for line in self._session.lines_of(run)
-        )
-        started_s = since(run.started_ns)
+        lines = []
+        for line in self._session.lines_of(run):
+            lines.append(Line(since(line.t_ns), line.stream, line.text))
         return Run(
-            run.name,
-            run.role,
-            run.artifact,
-            started_s,
-            ended_s,
-            run.exit_status,
-            run.ended_by,
-            run.limit,
-            lines,
+            name=run.name,
+            role=run.role,
+            artifact=run.artifact,
+            started_s=since(run.started_ns),
+            interrupted_s=self._since_or_none(run.interrupted_ns),
+            exited_s=self._since_or_none(run.exited_ns),
+            exit_status=run.exit_status,
+            ended_by=run.ended_by,
+            limit=run.limit,
+            lines=tuple(lines),
+            _recorded=run,
         )
+
+    def _since_or_none(self, t_ns: int | None) -> float | None:
+        return self._session.since_start_s(t_ns) if t_ns is not None else None
 
     def delay_s(self, process: str, window: str) -> float:
         """Return for how long within a step the machine kept a process from a core: 0 on an idle one."""
@@ -356,9 +404,69 @@ class Context(Submission):
         start_s, end_s
             Begin and end of the span in s since the session's start.
         """
+        return self._session.longest_delay_s(self._span_of(start_s, end_s))
+
+    def machine_delay_s(self, run: Run, start_s: float, end_s: float) -> float:
+        """Return the time within a span for which the machine may have kept a process from a core, in s."""
+        return self._session.machine_delay_s(run._recorded, self._span_of(start_s, end_s))
+
+    def stalled_s(self, start_s: float, end_s: float) -> float:
+        """Return the time within a span in which the grader itself stalled and read no output, in s."""
+        return self._session.stalled_s(self._span_of(start_s, end_s))
+
+    def lost_share(self, run: Run, topics: Iterable[str], sent_s: NDArray[np.float64]) -> float:
+        """Return the greatest share of messages that a process may have lost because the machine delayed it.
+
+        A process loses no message while the queues of its subscriptions have room.
+
+        Parameters
+        ----------
+        topics
+            Topics of its subscriptions.
+        sent_s
+            float64[n]: Times of the messages.
+        """
+        times_ns = self._session.record.started_ns + np.rint(sent_s * 1e9).astype(np.int64)
+        return subscriber.lost_share(self._inner, [run._recorded], topics, times_ns)
+
+    def _span_of(self, start_s: float, end_s: float) -> Span:
         zero_ns = self._session.record.started_ns
-        span = Span(zero_ns + round(start_s * 1e9), zero_ns + round(end_s * 1e9))
-        return self._session.longest_delay_s(span)
+        return Span(zero_ns + round(start_s * 1e9), zero_ns + round(end_s * 1e9))
+
+    def oracle(self, reference: str) -> Callable[..., Any]:
+        """Return an oracle, "file.py:function", as other checks call it: with streams, parameters and seed."""
+        return self._inner.oracle(reference)
+
+    def streams(self, roles: Mapping[str, str], field: str) -> dict[str, NumericStream]:
+        """Return the streams of an oracle by their roles; a topic without finite numbers is left out.
+
+        Parameters
+        ----------
+        roles
+            Topics by the names that the oracle has for them.
+        """
+        return self._session.streams(roles, field)
+
+    def since_start_s(self, t_ns: int) -> float:
+        """Convert a time of an oracle's streams or of a report to s since the session's start."""
+        return self._session.since_start_s(t_ns)
+
+    def reports(self, artifact: str, patterns: Sequence[str]) -> list[Report]:
+        """Return the numbers that a program reported until it was interrupted, by the first pattern that finds any.
+
+        A pattern is looked for in each line of the output, or else of the node's log on /rosout. The
+        number is in its last group.
+        """
+        return list(reports(self._session, artifact, patterns))
+
+    def output_location(self, artifact: str) -> Location:
+        """Point at the output of an artifact's process."""
+        return self._inner.output_of(artifact)
+
+    def in_session(self, name: str) -> Context | None:
+        """Return another session of the submission; None if it was not recorded."""
+        other = self._inner.sessions.get(name)
+        return Context(replace(self._inner, recorded=other)) if other is not None else None
 
     def location(
         self,

@@ -130,8 +130,6 @@ _CHECKS = (
     # A node that listens.
     Check(subscriber.topics_subscribed, by_endpoints=True, seeks=("subscription",)),
     Check(subscriber.requested_qos, by_endpoints=True),
-    Check(subscriber.reported_series, by_clock=True),
-    Check(subscriber.reported_statistics, by_clock=True),
     Check(subscriber.survives, by_endpoints=True, by_clock=True),
     # A node that serves.
     Check(service.service_offered, by_endpoints=True, seeks=("service",)),

@@ -42,7 +42,7 @@ LAB_TYPES = (
         "StampField",
         "TextField",
     ),
-    *("Pattern", "Patterns", "Share"),
+    *("Pattern", "Patterns", "Share", "CheckId", "Loadable"),
 )
 #: Functions in `grader.lab.references` by which it may mark a type within `Annotated`.
 LAB_MARKERS = ("fields_of_type",)
