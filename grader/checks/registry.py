@@ -61,13 +61,12 @@ class Check:
     find: Callable[[Context, Any], Finding]
     #: Whether it can be passed without all messages of its topics.
     by_endpoints: bool = False
-    #: Whether what it finds wrong may be so since the system's clock was set at some time in the session, or in
-    #: the window of the check.
+    #: Whether a system clock that was set, in the session or in the window of the check, can cause a loss.
     by_clock: bool = False
-    #: True for a lab's own check, whose author cannot know what is missing here: all that it takes from a program
-    #: that needs it stays open.
+    #: True for a lab's own check, because its author cannot know the libraries of the grading computer: lost
+    #: points of a program that needs a missing one stay open.
     of_author: bool = False
-    #: Kinds of the endpoints or nodes that its parameters name, where nothing but the graph shows them.
+    #: Kinds of the endpoints or nodes that its parameters name and that only the graph shows.
     seeks: tuple[str, ...] = ()
 
     @property
@@ -77,9 +76,11 @@ class Check:
         return model
 
     def names_sought(self, p: BaseModel) -> Iterator[tuple[str, str, str]]:
-        """Return kind, name and type of what has to be in the graph, as far as it has a type."""
+        """Yield kind, name and type of the endpoints that have to be in the graph, if they have a type."""
         for kind in self.seeks:
-            key = "topic" if kind in ("publisher", "subscription") else kind
+            key = kind
+            if kind in ("publisher", "subscription"):
+                key = "topic"
             for each in wanted_by(p):
                 if each.keys() >= {key, "type"}:
                     yield kind, each[key], each["type"]
@@ -87,9 +88,9 @@ class Check:
     def judge(self, context: Context, p: BaseModel) -> Finding:
         """Judge one session or submission.
 
-        The file of its artifact must be there. What was found is then asked, in this order: whether the program says
-        why it shows nothing; whether it needs what is missing where it is graded; whether it made what nobody saw; and
-        whether the clock was set in the check's window, or where something is lost, in its session.
+        The file of its artifact must be there. The finding is then examined in this order: the program may
+        explain it; it may need something that is missing on the grading computer; it may have made an endpoint
+        that the graph never showed; the clock may have been set in the window, or for a loss, in the session.
         """
         artifact = getattr(p, "artifact", None)
         if (missing := missing_artifact(context, artifact)) is not None:
@@ -107,13 +108,15 @@ class Check:
         return replace(finding, where=finding.where or proof(context, p))
 
     def _if_assessable(self, context: Context, p: BaseModel, finding: Finding) -> Finding:
-        """Return a finding, or that it is open, since a program needs what is missing where it was graded."""
+        """Return a finding, or an undecided one if a program needs something that is missing here."""
         if self.of_author and finding.outcome in LOST:
             return no_program_assessable_here(context, p, finding.expected) or finding
         of_endpoints = self.by_endpoints and getattr(p, "artifact", None) is not None
         shows_nothing = finding.unexplained or of_endpoints
-        of = artifact_of(context, p) if shows_nothing else None
-        if of is None or finding.outcome is not Outcome.FAILED:
+        if not shows_nothing or finding.outcome is not Outcome.FAILED:
+            return finding
+        of = artifact_of(context, p)
+        if of is None:
             return finding
         return not_assessable_here(context, of, finding.expected) or finding
 
@@ -181,7 +184,9 @@ _FORMER_CHECKS = "former_checks.yaml"
 @cache
 def _former_checks() -> dict[str, str]:
     file = lab_folder() / _FORMER_CHECKS
-    return dict(yaml_text.load(file.read_text(encoding="utf-8"))) if file.is_file() else {}
+    if not file.is_file():
+        return {}
+    return dict(yaml_text.load(file.read_text(encoding="utf-8")))
 
 
 @cache
@@ -211,7 +216,7 @@ def check_named(name: str) -> Check:
     """Return a check by its name in a rubric, which may be one of the lab's own."""
     if name in REGISTRY:
         return REGISTRY[name]
-    # What its author did not think of must not cost points: it never counts where the clock was set.
+    # Its author may not have thought of a clock that was set, which must not cost points.
     return Check(partial(_find_own, name), by_clock=True, of_author=True)
 
 

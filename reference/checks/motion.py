@@ -83,8 +83,8 @@ def message_values(context: Context, p: MessageValues) -> Finding:
         reason = f"A value of {farthest:.2f} is beyond ±{p.reach:g}."
         return failed(expected, f"{measured}, up to {farthest:.2f}", reason, where=(where,))
     reasons = _wrong_rows(p, rows)
-    unsafe = context.finding(p.unsafe_by) if p.unsafe_by else None
-    if unsafe is not None and unsafe.outcome is Outcome.FAILED:
+    unsafe = _unsafe(context, p)
+    if unsafe is not None:
         reason = " ".join([*reasons, unsafe.reason])
         measured = unsafe.measured or measured
         return failed(expected, measured, reason, hint=unsafe.hint, where=unsafe.where)
@@ -93,6 +93,16 @@ def message_values(context: Context, p: MessageValues) -> Finding:
         # One bad message is as clear as many, so it costs a level.
         share = min(share, 1 - 1 / _LEVELS)
     return graded(share, expected, measured, " ".join(reasons), levels=_LEVELS)
+
+
+def _unsafe(context: Context, p: MessageValues) -> Finding | None:
+    """Return the finding that the values are not safe; None if they are."""
+    if p.unsafe_by is None:
+        return None
+    finding = context.finding(p.unsafe_by)
+    if finding is None or finding.outcome is not Outcome.FAILED:
+        return None
+    return finding
 
 
 def _expected_values(p: MessageValues) -> str:
