@@ -181,8 +181,11 @@ def _marked(inner: Sequence[ast.expr], found: Definition) -> Any:
     """Return a type with its markers, such as `Annotated[str, fields_of_type("_Response", "step")]`."""
     kind = _annotated(inner[0], found)
     for marker in inner[1:]:
-        if isinstance(marker, ast.Call) and _last_name(marker.func) in LAB_MARKERS:
-            make = getattr(references, _last_name(marker.func))
+        if not isinstance(marker, ast.Call):
+            continue
+        name = _last_name(marker.func)
+        if name in LAB_MARKERS:
+            make = getattr(references, name)
             kind = Annotated[kind, make(*map(ast.literal_eval, marker.args))]
     return kind
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar
 
 from pydantic import (
@@ -525,7 +526,9 @@ def own_models(rubric: Rubric) -> dict[str, type[Parameters]]:
     return {name: model_at(rubric.folder, name) for name in names}
 
 
-def json_schema(kinds: Kinds, own: Mapping[str, type[Parameters]] | None = None) -> dict[str, Any]:
+def json_schema(
+    kinds: Kinds, own: Mapping[str, type[Parameters]] = MappingProxyType({})
+) -> dict[str, Any]:
     """Return the JSON Schema of rubrics, by which editors complete and check them while they are written.
 
     Parameters
@@ -533,7 +536,6 @@ def json_schema(kinds: Kinds, own: Mapping[str, type[Parameters]] | None = None)
     own
         Parameters of a lab's own checks, by "file.py:function"; see `own_models`.
     """
-    own = own or {}
     listed: list[type[BaseModel]] = [
         RubricFile,
         *STEPS.values(),

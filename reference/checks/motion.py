@@ -64,7 +64,7 @@ class _Row:
         if numbers is None:
             return cls(0, False, 0.0)
         is_finite = bool(np.isfinite(numbers).all())
-        size = float(np.abs(numbers).max()) if is_finite and len(numbers) else 0.0
+        size = float(np.abs(numbers).max(initial=0.0)) if is_finite else 0.0
         return cls(len(numbers), is_finite, size)
 
 
@@ -100,9 +100,9 @@ def _unsafe(context: Context, p: MessageValues) -> Finding | None:
     if p.unsafe_by is None:
         return None
     finding = context.finding(p.unsafe_by)
-    if finding is None or finding.outcome is not Outcome.FAILED:
+    if finding is None:
         return None
-    return finding
+    return finding if finding.outcome is Outcome.FAILED else None
 
 
 def _expected_values(p: MessageValues) -> str:
@@ -272,7 +272,7 @@ def sinusoids(context: Context, p: Sinusoids) -> Finding:
     """
     expected = _expected_sinusoids(p)
     series = context.series(p.topic, p.field, finite=False)
-    if series is None or len(series.values) < _FEWEST:
+    if series is None or len(series) < _FEWEST:
         reason = "Too few messages with numbers arrived to see a motion."
         return not_reached(reason, expected=expected)
     fits = {component.index: _fits(series, component, p) for component in p.components}
@@ -403,7 +403,9 @@ def _element_of(series: Series, c: Component, p: Sinusoids) -> int | None:
     """Return the other element that moves as a component should."""
     for index in range(min(p.others_still, series.values.shape[1])):
         values = series.values[:, index]
-        if index == c.index or not np.isfinite(values).all():
+        if index == c.index:
+            continue
+        if not np.isfinite(values).all():
             continue
         if float(np.ptp(values)) <= c.amplitude:
             continue

@@ -254,7 +254,9 @@ _REPLAY = ("ros2 bag play recordings/{session} --topics {streams}",)
 def reported_series(context: Context, p: ReportedSeries) -> Finding:
     """Judge each span by the median of its reports, less the cost of messages without a report."""
     finding = _right_values(context, p)
-    if p.share is None or finding.outcome not in (Outcome.PASSED, Outcome.PARTIAL):
+    if p.share is None:
+        return finding
+    if finding.outcome not in (Outcome.PASSED, Outcome.PARTIAL):
         return finding
     count = _report_share(context, p, p.share)
     if count.share >= 1.0:
@@ -409,9 +411,9 @@ def _last_run(context: Context, artifact: str) -> Run | None:
 def _went_on(context: Context, artifact: str) -> Run | None:
     """Return the artifact's last process, unless it ended by itself and so waited for nothing."""
     run = _last_run(context, artifact)
-    if run is None or not run.went_on:
+    if run is None:
         return None
-    return run
+    return run if run.went_on else None
 
 
 def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
@@ -479,11 +481,13 @@ def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     if printed is None:
         return _nothing_printed(p, run, expected)
     finding = _judge_vector(context, p, streams, printed)
-    if finding.outcome is Outcome.PASSED and p.shorter is not None:
-        reason = _silent_when_shorter(context, p, p.shorter)
-        share = p.shorter.credit if reason else 1.0
-        return graded(share, finding.expected, finding.measured, reason, notes=finding.notes)
-    return finding
+    if p.shorter is None:
+        return finding
+    if finding.outcome is not Outcome.PASSED:
+        return finding
+    reason = _silent_when_shorter(context, p, p.shorter)
+    share = p.shorter.credit if reason else 1.0
+    return graded(share, finding.expected, finding.measured, reason, notes=finding.notes)
 
 
 def _printed(p: ReportedStatistics, run: Run) -> PrintedVector | None:
@@ -619,7 +623,9 @@ def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Short
     other = context.in_session(shorter.session)
     for run in other.runs() if other is not None else ():
         count = _reports_in(run, p.report_pattern)
-        if not shorter.least <= count <= shorter.most or not _was_interrupted(run):
+        if not shorter.least <= count <= shorter.most:
+            continue
+        if not _was_interrupted(run):
             continue
         unprinted = _printed(p, run) is None
         if unprinted and not any("KeyboardInterrupt" in line.text for line in run.lines):
@@ -641,7 +647,9 @@ def _reports_in(run: Run, patterns: Sequence[str]) -> int:
 
 def _was_interrupted(run: Run) -> bool:
     """Tell whether a student's process ended by Ctrl-C as it should, with all of its output kept."""
-    if run.role != "student" or run.ended_by != "interrupt" or run.output_dropped:
+    if (run.role, run.ended_by) != ("student", "interrupt"):
+        return False
+    if run.output_dropped:
         return False
     return not run.flaky_end()
 
@@ -655,7 +663,9 @@ def _agreement(
 ) -> float:
     """Return the share of elements that lie within the oracle's bounds."""
     right = p.answer(context, streams, other).get(p.key)
-    if right is None or len(printed.values) != len(right["value"]):
+    if right is None:
+        return 0.0
+    if len(printed.values) != len(right["value"]):
         return 0.0
     elements = zip(printed.values, right["value"], right["low"], right["high"], strict=True)
     right_ones = 0
@@ -711,9 +721,11 @@ def _report_share(context: Context, p: ReportedSeries, of: ReportShare) -> _Repo
 def _output_kept_until_s(context: Context, p: ReportedSeries) -> float | None:
     """Return the time of the last kept line of a node that printed more; None if all was kept."""
     run = _last_run(context, p.artifact)
-    if run is None or not run.output_dropped or not run.lines:
+    if run is None:
         return None
-    return run.lines[-1].t_s
+    if not run.output_dropped:
+        return None
+    return max((line.t_s for line in run.lines), default=None)
 
 
 #: Number of median intervals without a message after which a new value comes.

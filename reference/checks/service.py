@@ -189,7 +189,9 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
 
 def _disallowed(context: Context, p: CallGated) -> Answer:
     """Return another answer to the call that must stay possible; None if it is right or charged."""
-    if p.allowed_step is None or context.charged(p.allowed_charged_by):
+    if p.allowed_step is None:
+        return None
+    if context.charged(p.allowed_charged_by):
         return None
     if not _was_sent(context.step(p.allowed_step)):
         return None
