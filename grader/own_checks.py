@@ -43,40 +43,59 @@ Within a version of `API_VERSION` nothing that stands here is removed or changes
 `API_VERSION = 1` is refused by a grader of another version.
 """
 
-# Each name is given on under its own; ruff would take an import for each.
-# ruff: noqa: I001
-from grader.checks.base import failed as failed, graded as graded, inconclusive as inconclusive
-from grader.checks.base import passed as passed, unexplained as unexplained
-from grader.checks.own import Context as Context, Line as Line, Messages as Messages
-from grader.checks.own import Run as Run, Step as Step, Submission as Submission
+from grader.checks.base import Part as Part
+from grader.checks.base import apart as apart
+from grader.checks.base import cpu_delay_doubt as cpu_delay_doubt
+from grader.checks.base import failed as failed
+from grader.checks.base import graded as graded
+from grader.checks.base import inconclusive as inconclusive
+from grader.checks.base import not_reached as not_reached
+from grader.checks.base import of_parts as of_parts
+from grader.checks.base import passed as passed
+from grader.checks.base import quantise as quantise
+from grader.checks.base import ramp as ramp
+from grader.checks.base import unclear as unclear
+from grader.checks.base import unexplained as unexplained
+from grader.checks.own import check as check
+from grader.checks.own_context import Call as Call
+from grader.checks.own_context import Context as Context
+from grader.checks.own_context import Line as Line
+from grader.checks.own_context import Messages as Messages
+from grader.checks.own_context import Run as Run
+from grader.checks.own_context import Series as Series
+from grader.checks.own_context import Step as Step
+from grader.checks.own_context import Submission as Submission
+from grader.evidence.recorded import NumericStream as NumericStream
+from grader.evidence.text.printed import PrintedVector as PrintedVector
+from grader.evidence.text.printed import Report as Report
 from grader.lab.lab_code import API_VERSION as API_VERSION
-from grader.lab.references import AnyStep as AnyStep, Artifact as Artifact, CallLabel as CallLabel
-from grader.lab.references import (
-    EarlierCheckId as EarlierCheckId,
-    ExitLabel as ExitLabel,
-    FieldPath as FieldPath,
-)
-from grader.lab.references import (
-    GetLabel as GetLabel,
-    GivenName as GivenName,
-    MessageType as MessageType,
-)
-from grader.lab.references import (
-    Pattern as Pattern,
-    Patterns as Patterns,
-    PlanLabel as PlanLabel,
-    Process as Process,
-)
-from grader.lab.references import (
-    ReferenceNode as ReferenceNode,
-    RosName as RosName,
-    ServiceType as ServiceType,
-)
-from grader.lab.references import SessionId as SessionId, SetLabel as SetLabel, Share as Share
-from grader.lab.references import (
-    StampField as StampField,
-    TextField as TextField,
-    Topic as Topic,
-    Window as Window,
-)
-from grader.result import Finding as Finding, Location as Location
+from grader.lab.patterns import search as search
+from grader.lab.references import AnyStep as AnyStep
+from grader.lab.references import Artifact as Artifact
+from grader.lab.references import CallLabel as CallLabel
+from grader.lab.references import CheckId as CheckId
+from grader.lab.references import EarlierCheckId as EarlierCheckId
+from grader.lab.references import ExitLabel as ExitLabel
+from grader.lab.references import FieldPath as FieldPath
+from grader.lab.references import GetLabel as GetLabel
+from grader.lab.references import GivenName as GivenName
+from grader.lab.references import Loadable as Loadable
+from grader.lab.references import MessageType as MessageType
+from grader.lab.references import Pattern as Pattern
+from grader.lab.references import Patterns as Patterns
+from grader.lab.references import PlanLabel as PlanLabel
+from grader.lab.references import Process as Process
+from grader.lab.references import ReferenceNode as ReferenceNode
+from grader.lab.references import RosName as RosName
+from grader.lab.references import ServiceType as ServiceType
+from grader.lab.references import SessionId as SessionId
+from grader.lab.references import SetLabel as SetLabel
+from grader.lab.references import Share as Share
+from grader.lab.references import StampField as StampField
+from grader.lab.references import TextField as TextField
+from grader.lab.references import Topic as Topic
+from grader.lab.references import Window as Window
+from grader.lab.references import fields_of_type as fields_of_type
+from grader.result import Finding as Finding
+from grader.result import Location as Location
+from grader.result import Outcome as Outcome

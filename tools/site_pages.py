@@ -24,9 +24,15 @@ from rich.console import Console
 
 from grader.checks.registry import REGISTRY
 from grader.commands import COMMANDS
-from grader.commands.listing import Entry, Parameter, entries_of, parameters_in
-from grader.judging.rubrics import rubric_kinds
-from grader.lab.rubric import json_schema
+from grader.commands.listing import (
+    Entry,
+    Parameter,
+    entries_of,
+    entries_of_checks,
+    parameters_in,
+)
+from grader.judging.rubrics import read_rubric, rubric_kinds
+from grader.lab.rubric import json_schema, own_models
 from grader.lab.steps import STEPS
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -164,6 +170,13 @@ def overview() -> str:
     return "\n".join(["| check | |", "|---|---|", *rows])
 
 
+def own_checks(rubric: str, folder: str) -> str:
+    """Return a section for each of a lab's own checks whose file is in a folder beside the rubric."""
+    models = own_models(read_rubric(ROOT / rubric))
+    inside = {name: model for name, model in models.items() if name.startswith(f"{folder}/")}
+    return _sections(entries_of_checks(inside), 3)
+
+
 def _heading(module: str) -> str:
     """Return what the checks of a module are of: how its docstring begins, without that they are checks."""
     said = re.split(r"[.:,]", importlib.import_module(module).__doc__ or module)[0]
@@ -232,6 +245,7 @@ def _name_of(node: ast.stmt) -> str:
 GENERATED: Mapping[str, Callable[..., str]] = {
     "overview": overview,
     "checks": grouped_checks,
+    "own_checks": own_checks,
     "steps": described_steps,
     "figures": lambda: _sections(entries_of("figures")),
     "part": part,

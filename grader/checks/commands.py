@@ -10,6 +10,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from typing import Any
 
+from grader.checks.own import traits_of
+from grader.checks.registry import own_check
 from grader.lab.rubric import CheckSpec, Rubric, StepSpec
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Outcome
@@ -19,9 +21,8 @@ _MOST = 4
 
 #: Parameters that name a file of the submission.
 _FILES = ("artifact", "launch")
-#: Commands that show messages, that do the same as a step, and that replay the grader's messages from the report.
+#: Commands that show messages, and that do the same as a step.
 _ECHO, _STEP = ("ros2 topic echo {topic}",), ("{step}",)
-_REPLAY = ("ros2 bag play recordings/{session} --topics {streams}",)
 #: Kind of a check -> commands that show its fault while the program runs. `{name}` is a parameter, a name within one,
 #: or a command that does the same as the step that a parameter names.
 _COMMANDS: Mapping[str, tuple[str, ...]] = {
@@ -29,22 +30,15 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(
         ("topic_rate", "topic_jitter", "topics_carry_traffic"), ("ros2 topic hz {topic}",)
     ),
-    "message_values": ("ros2 topic echo --once {topic}",),
-    **dict.fromkeys(
-        ("sinusoids", "field_range", "field_matches", "reaches", "topic_equals_oracle"), _ECHO
-    ),
-    **dict.fromkeys(("silent_until", "stops_publishing"), _ECHO),
+    **dict.fromkeys(("field_range", "field_matches", "reaches", "topic_equals_oracle"), _ECHO),
+    "silent_until": _ECHO,
     **dict.fromkeys(
         ("requested_qos", "offered_qos", "qos_profiles"), ("ros2 topic info -v {topic}",)
     ),
     "topics_subscribed": ("ros2 node info {node}",),
-    **dict.fromkeys(("reported_series", "reported_statistics"), _REPLAY),
-    **dict.fromkeys(
-        ("survives", "call_answered", "parameters_declared", "calls_in_time", "call_value"), _STEP
-    ),
+    **dict.fromkeys(("survives", "call_answered", "parameters_declared", "call_value"), _STEP),
     **dict.fromkeys(("parameter_rejected", "launch_loads"), _STEP),
     "service_offered": ("ros2 service list -t",),
-    "call_gated": ("{set_step}", "{refused_step}"),
     "action_server": ("ros2 action info -t {action}", "{step}"),
     "parameter_effect": ("{set_step}",),
     "lifecycle": ("ros2 lifecycle nodes",),
@@ -73,12 +67,20 @@ def commands_of(
         return ()
     scope = _Scope(spec, rubric, submission, used, finding.reason)
     lines: dict[str, None] = {}
-    for template in _COMMANDS.get(spec.check, ()):
+    for template in _templates(spec, rubric):
         for line in scope.filled(template):
             lines.setdefault(line)
             if len(lines) == _MOST:
                 return tuple(lines)
     return tuple(lines)
+
+
+def _templates(spec: CheckSpec, rubric: Rubric) -> tuple[str, ...]:
+    """Return the templates of a check, which a lab's own check states itself."""
+    own = own_check(spec.check, rubric.folder)
+    if own is None:
+        return _COMMANDS.get(spec.check, ())
+    return traits_of(*own).commands
 
 
 class _Scope:

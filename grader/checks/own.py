@@ -1,8 +1,4 @@
-"""A lab's own checks: what they are given, how they are called, and what becomes of their mistakes.
-
-What stands here of public names is given to code that others have written (`grader.own_checks`): it stays as it is
-within a version of `API_VERSION`, whatever becomes of what lies behind it.
-"""
+"""Calls a lab's own checks within bounds of time, and turns their faults into errors without lost points."""
 
 from __future__ import annotations
 
@@ -11,233 +7,74 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from grader.checks import base
-from grader.evidence.cpu_delay import Span
-from grader.evidence.fields import numbers_of
+from grader.checks.own_context import Context, Submission
 from grader.evidence.oracle import describe_failure, load_oracle
-from grader.evidence.recorded import Recorded
-from grader.lab.lab_code import API_VERSION, OwnParameters
-from grader.recording.bag import Stream
-from grader.recording.session import Endpoint, ProcessRun
+from grader.lab.lab_code import API_VERSION
 from grader.result import Finding, Location, Outcome
 
-#: What one call of a lab's own check may compute and how long it may take, and how soon it is ended again if it goes
-#: on; judging all of a submission has 30 s and 100 s.
+#: CPU time and time of one call of a check, and the interval after which a check that goes on is ended again, in s.
+#: Judging a whole submission has 30 s and 100 s.
 _MOST_CPU_S, _MOST_S, _AGAIN_S = 10.0, 30.0, 1.0
-#: What is kept of a text that a lab's own check gives: it may quote what a student's program wrote.
+#: Greatest number of characters of a text from a check, which may quote a student's program.
 _MOST_TEXT = 1000
 
 
-@dataclass(frozen=True)
-class Messages:
-    """Messages of one topic, in the order in which they were received; all times in s since the session's start.
+#: Outcomes without credit.
+_WITHOUT = (Outcome.FAILED, Outcome.INCONCLUSIVE, Outcome.NOT_REACHED)
 
-    Attributes
+
+@dataclass(frozen=True)
+class Traits:
+    """Properties of a check that `check` states."""
+
+    commands: tuple[str, ...] = ()
+
+
+_Function = TypeVar("_Function", bound=Callable[..., Finding])
+#: Attribute of a function that holds its traits.
+_TRAITS = "__check_traits__"
+
+
+def check(*, commands: tuple[str, ...] = ()) -> Callable[[_Function], _Function]:
+    """Return a decorator that states properties of a check; a check without it has none of them.
+
+    Parameters
     ----------
-    topic, type : str
-        As the student named them; the type is empty where nothing was published.
-    sent_s, received_s : float64[n]
-        When each was published, by its publisher's middleware, and when the grader received it.
-    sequence : int64[n]
-        Publication sequence numbers.
+    commands
+        Commands by which students see the fault themselves while their program runs. `{topic}`
+        stands for the parameter of this name, and `{step}` for a command that does the same as the
+        step with the label in this parameter.
+
+    Examples
+    --------
+    >>> @check(commands=("ros2 topic echo {topic}",))
+    ... def rises(context: Context, p: Parameters) -> Finding: ...
     """
 
-    topic: str
-    type: str
-    sent_s: NDArray[np.float64]
-    received_s: NDArray[np.float64]
-    sequence: NDArray[np.int64]
-    _stream: Stream
+    def state(function: _Function) -> _Function:
+        setattr(function, _TRAITS, Traits(commands))
+        return function
 
-    def __len__(self) -> int:
-        return len(self._stream)
-
-    def field(self, path: str) -> list[Any]:
-        """Return a field of each message by its path ("pose.position.x", "data[0]"); None where it has none such."""
-        return self._stream.field(path)
-
-    def numbers(self, path: str) -> list[NDArray[np.float64] | None]:
-        """Return the numbers in a field of each message: one, those of an array, of a point, a time in s; or None."""
-        return [numbers_of(value) for value in self.field(path)]
+    return state
 
 
-@dataclass(frozen=True)
-class Line:
-    """A line that a process wrote, when (s since the session's start), and to "stdout" or "stderr"."""
-
-    t_s: float
-    stream: str
-    text: str
-
-
-@dataclass(frozen=True)
-class Run:
-    """A process of the session; times in s since its start, None for what has not happened.
-
-    `role` is "student" or "reference"; `ended_by` "itself", "interrupt", "terminate", "kill" or "limit"; `limit` the
-    limit that it hit, if any.
-    """
-
-    name: str
-    role: str
-    artifact: str | None
-    started_s: float
-    exited_s: float | None
-    exit_status: int | None
-    ended_by: str
-    limit: str | None
-    lines: tuple[Line, ...]
-
-
-@dataclass(frozen=True)
-class Step:
-    """A step as it went: "done", "timeout", "cancelled" or "failed", with its parameters and what it found."""
-
-    kind: str
-    outcome: str
-    started_s: float
-    ended_s: float
-    parameters: Mapping[str, Any]
-    result: Mapping[str, Any]
-
-
-class Submission:
-    """The files that a student handed in."""
-
-    def __init__(self, inner: base.Context) -> None:
-        self._inner = inner
-
-    @property
-    def paths(self) -> tuple[str, ...]:
-        """Paths of all files."""
-        return tuple(file.path for file in self._inner.submission.files)
-
-    def text(self, path: str) -> str | None:
-        """Return the contents of a file; None where it is none, is no text, or is too large to be kept."""
-        return self._inner.submission.texts.get(path)
-
-    def path_of(self, artifact: str) -> str | None:
-        """Return where the file of an artifact lies; None where it was not handed in."""
-        return self._inner.path_of(artifact)
-
-    def finding(self, check: str) -> Finding | None:
-        """Return what a check before this one found."""
-        return self._inner.findings.get(check)
-
-
-class Context(Submission):
-    """What a check of a recording may look at; names of topics are the rubric's, also where a student has others."""
-
-    @property
-    def _session(self) -> Recorded:
-        return self._inner.session
-
-    @property
-    def seed(self) -> int:
-        """The seed of the session's stimuli."""
-        return self._session.record.seed
-
-    @property
-    def duration_s(self) -> float:
-        """How long the session took."""
-        return self._session.since_start_s(self._session.record.ended_ns)
-
-    @property
-    def nodes(self) -> tuple[str, ...]:
-        """Fully qualified names of all nodes that were ever in the graph."""
-        return self._session.nodes
-
-    def messages(self, topic: str, window: str | None = None) -> Messages:
-        """Return the messages on a topic, or those received within the `observe` step of a label: none if it failed."""
-        stream, span = self._session.stream(topic), self._span(window)
-        if span is not None:
-            stream = stream.only(
-                (stream.received_ns >= span.start_ns) & (stream.received_ns <= span.end_ns)
-            )
-        sent, received = (
-            self._session.seconds(stream.source_ns),
-            self._session.seconds(stream.received_ns),
-        )
-        return Messages(stream.topic, stream.topic_type, sent, received, stream.sequence, stream)
-
-    def window(self, label: str) -> tuple[float, float] | None:
-        """Return begin and end of an `observe` step in s; None where it was not reached."""
-        span, since = self._session.window(label), self._session.since_start_s
-        return None if span is None else (since(span.start_ns), since(span.end_ns))
-
-    def _span(self, window: str | None) -> Span | None:
-        return None if window is None else self._session.window(window) or Span(0, 0)
-
-    def endpoints(self, topic: str, kind: str = "publisher") -> tuple[Endpoint, ...]:
-        """Return the student's "publisher"s or "subscription"s on a topic: node, type, qos."""
-        return self._session.endpoints_on(topic, kind, self._inner.reference_nodes)
-
-    def step(self, label: str) -> Step | None:
-        """Return the step of a label; None where it was not reached."""
-        run = self._session.step(label)
-        if run is None:
-            return None
-        began_s, ended_s = (self._session.since_start_s(t) for t in (run.started_ns, run.ended_ns))
-        return Step(run.kind, run.outcome, began_s, ended_s, run.parameters, run.result)
-
-    def process(self, name: str) -> Run | None:
-        """Return the last process of a name, which is the artifact's where the rubric gives no other."""
-        run = self._session.process(name)
-        return self._run(run) if run is not None else None
-
-    def _run(self, run: ProcessRun) -> Run:
-        since = self._session.since_start_s
-        ended_s = since(run.exited_ns) if run.exited_ns is not None else None
-        lines = tuple(
-            Line(since(line.t_ns), line.stream, line.text) for line in self._session.lines_of(run)
-        )
-        started_s = since(run.started_ns)
-        return Run(
-            run.name,
-            run.role,
-            run.artifact,
-            started_s,
-            ended_s,
-            run.exit_status,
-            run.ended_by,
-            run.limit,
-            lines,
-        )
-
-    def delay_s(self, process: str, window: str) -> float:
-        """Return for how long within a step the machine kept a process from a core: 0 on an idle one."""
-        run, step, span = (
-            self._session.process(process),
-            self._session.step(window),
-            self._session.window(window),
-        )
-        span = Span(step.started_ns, step.ended_ns) if span is None and step is not None else span
-        return (
-            self._session.machine_delay_s(run, span)
-            if run is not None and span is not None
-            else 0.0
-        )
-
-    def location(self, topic: str | None = None, window: str | None = None) -> Location:
-        """Point at a topic, within a window, as where the proof of a finding lies."""
-        return self._inner.location(
-            topic, self._session.window(window) if window is not None else None
-        )
-
-
-#: Outcomes of a finding that are without credit.
-_WITHOUT = (Outcome.FAILED, Outcome.INCONCLUSIVE)
+def traits_of(lab_folder: Path, check: str) -> Traits:
+    """Return the traits of a lab's own check; none if its file cannot be loaded."""
+    with suppress(Exception, SystemExit, _TooLong), _bounded():
+        found = getattr(load_own(lab_folder, check), _TRAITS, Traits())
+        if isinstance(found, Traits):
+            return found
+    return Traits()
 
 
 class _TooLong(BaseException):
@@ -245,11 +82,11 @@ class _TooLong(BaseException):
 
 
 def find_own(check: str, context: base.Context, p: Any) -> Finding:
-    """Call a lab's own check, "file.py:function"; what goes wrong in it is an error, which costs no points."""
+    """Call a lab's own check, "file.py:function"; a fault in it is an error, which costs no points."""
     try:
         with _bounded():
             function = load_own(context.lab_folder, check)
-            seen = Context(context) if context.recorded is not None else Submission(context)
+            seen = Submission(context) if context.recorded is None else Context(context)
             return _checked(function(seen, *built(function, p)))
     except (Exception, SystemExit, _TooLong) as problem:
         reason = f"The lab's own check failed: {describe_failure(problem, check)}"
@@ -267,79 +104,97 @@ def load_own(lab_folder: Path, check: str) -> Callable[..., Any]:
     return function
 
 
-def built(function: Callable[..., Any], p: OwnParameters) -> list[Any]:
+def built(function: Callable[..., Any], p: BaseModel) -> list[Any]:
     """Return the parameters of a lab's own check, of the class that its second argument names; none if it has none.
 
     Raises ValueError if the class refuses them.
     """
+    given = p.model_dump(exclude_none=True, by_alias=True)
     wanted = list(inspect.signature(function).parameters.values())[1:]
-    # It is a text where the file imports annotations from the future; the class stands in the same file.
-    beside = vars(sys.modules[function.__module__])
-    kinds = [
-        beside[w.annotation.strip("'\"")] if isinstance(w.annotation, str) else w.annotation
-        for w in wanted
-    ]
     try:
-        return [TypeAdapter(kind).validate_python(p.model_dump()) for kind in kinds]
+        return [
+            TypeAdapter(_class_of(each.annotation, function)).validate_python(given)
+            for each in wanted
+        ]
     except ValidationError as error:
-        wrong = (
-            ": ".join([*map(str, e["loc"]), e["msg"].removeprefix("Value error, ")])
-            for e in error.errors()
-        )
-        raise ValueError("; ".join(wrong)) from error
+        raise ValueError("; ".join(map(_mistake, error.errors()))) from error
+
+
+def _class_of(annotation: Any, function: Callable[..., Any]) -> Any:
+    """Return the class of an annotation, which is a text if the file imports annotations from the future."""
+    if not isinstance(annotation, str):
+        return annotation
+    return vars(sys.modules[function.__module__])[annotation.strip("'\"")]
+
+
+def _mistake(error: Mapping[str, Any]) -> str:
+    """Return an error of pydantic as text, such as `limits: low: Input should be a valid number`."""
+    words = error["msg"].removeprefix("Value error, ")
+    return ": ".join([*map(str, error["loc"]), words])
 
 
 def _checked(finding: Any) -> Finding:
-    """Return a finding as its makers give it: credit that fits its outcome, plain numbers, and texts that can be shown.
+    """Return a finding with plain numbers and short texts, as a result can hold them.
 
-    Whoever makes one by hand could give more points than there are, or what no result can be written of.
+    Raises TypeError if it is no finding, and ValueError if its credit does not fit its outcome.
     """
-    if not isinstance(finding, Finding) or not all(
-        isinstance(location, Location) for location in finding.where
-    ):
-        raise TypeError(
-            "a Finding is expected, as passed() and failed() give it, and where they lie by location()"
-        )
-    credit = finding.credit
-    fits = {Outcome.PASSED: credit == 1, Outcome.PARTIAL: 0 < credit < 1}
-    if not isinstance(credit, Decimal) or not fits.get(
-        finding.outcome, credit == 0 and finding.outcome in _WITHOUT
-    ):
+    if not isinstance(finding, Finding):
+        raise TypeError("a Finding is expected, as passed() and failed() give it")
+    if not all(isinstance(location, Location) for location in finding.where):
+        raise TypeError("a Finding is expected, with locations as location() gives them")
+    if not _credit_fits(finding):
         raise ValueError(
             "its credit does not fit its outcome; use passed(), failed(), graded() or inconclusive()"
         )
-    texts: dict[str, Any] = {
-        name: str(getattr(finding, name))[:_MOST_TEXT]
-        for name in ("expected", "measured", "reason", "hint")
-    }
+    settled = finding.settled
     return Finding(
         finding.outcome,
-        credit,
-        **texts,
+        finding.credit,
+        expected=_short(finding.expected),
+        measured=_short(finding.measured),
+        reason=_short(finding.reason),
+        hint=_short(finding.hint),
         where=tuple(map(_plain, finding.where)),
-        notes=tuple(str(note)[:_MOST_TEXT] for note in finding.notes),
+        notes=tuple(map(_short, finding.notes)),
         retry=bool(finding.retry),
-        settled=_checked(finding.settled) if finding.settled is not None else None,
+        settled=None if settled is None else _checked(settled),
         unexplained=bool(finding.unexplained),
     )
 
 
+def _short(text: Any) -> str:
+    return str(text)[:_MOST_TEXT]
+
+
+def _credit_fits(finding: Finding) -> bool:
+    """Tell whether the credit of a finding fits its outcome."""
+    credit = finding.credit
+    if not isinstance(credit, Decimal):
+        return False
+    if finding.outcome is Outcome.PASSED:
+        return credit == 1
+    if finding.outcome is Outcome.PARTIAL:
+        return 0 < credit < 1
+    return credit == 0 and finding.outcome in _WITHOUT
+
+
 def _plain(location: Location) -> Location:
-    """Return a location without numbers of numpy's, of which no JSON is made."""
-    kinds = {"line": int, "start_s": float, "end_s": float}
-    given = {name: getattr(location, name) for name in kinds}
-    return replace(
-        location, **{name: kinds[name](value) for name, value in given.items() if value is not None}
-    )
+    """Return a location with Python's numbers instead of numpy's, for JSON."""
+    plain: dict[str, Any] = {}
+    for name, kind in (("line", int), ("start_s", float), ("end_s", float)):
+        value = getattr(location, name)
+        if value is not None:
+            plain[name] = kind(value)
+    return replace(location, **plain)
 
 
 @contextmanager
 def _bounded() -> Iterator[None]:
-    """Raise `_TooLong` within the block when it has computed, or waited, for too long; not on Windows."""
+    """Raise `_TooLong` within the block after too much computing or waiting; not on Windows."""
     if not hasattr(signal, "setitimer"):
         yield
         return
-    # Nothing could end it in another thread, where nothing is judged but nobody's submission, to be prepared.
+    # No timer could end a check in another thread; only an empty submission is judged there, as a preparation.
     if threading.current_thread() is not threading.main_thread():
         raise _TooLong("it is called in a main thread only")
     computing = _timer(

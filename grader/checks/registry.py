@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
+from pathlib import Path
 from typing import Any, get_type_hints
 
 from pydantic import BaseModel
 
+from grader import yaml_text
 from grader.checks import (
     action,
     answers,
@@ -46,7 +48,8 @@ from grader.checks.preconditions import (
     unseen,
     wanted_by,
 )
-from grader.lab.lab_code import is_own
+from grader.lab.kept_lab import lab_folder
+from grader.lab.lab_code import is_own, model_at
 from grader.lab.references import Parameters
 from grader.result import Finding, Outcome
 
@@ -58,13 +61,12 @@ class Check:
     find: Callable[[Context, Any], Finding]
     #: Whether it can be passed without all messages of its topics.
     by_endpoints: bool = False
-    #: Whether what it finds wrong may be so since the system's clock was set at some time in the session, or in
-    #: the window of the check.
+    #: Whether a system clock that was set, in the session or in the window of the check, can cause a loss.
     by_clock: bool = False
-    #: True for a lab's own check, whose author cannot know what is missing here: all that it takes from a program
-    #: that needs it stays open.
+    #: True for a lab's own check, because its author cannot know the libraries of the grading computer: lost
+    #: points of a program that needs a missing one stay open.
     of_author: bool = False
-    #: Kinds of the endpoints or nodes that its parameters name, where nothing but the graph shows them.
+    #: Kinds of the endpoints or nodes that its parameters name and that only the graph shows.
     seeks: tuple[str, ...] = ()
 
     @property
@@ -74,9 +76,11 @@ class Check:
         return model
 
     def names_sought(self, p: BaseModel) -> Iterator[tuple[str, str, str]]:
-        """Return kind, name and type of what has to be in the graph, as far as it has a type."""
+        """Yield kind, name and type of the endpoints that have to be in the graph, if they have a type."""
         for kind in self.seeks:
-            key = "topic" if kind in ("publisher", "subscription") else kind
+            key = kind
+            if kind in ("publisher", "subscription"):
+                key = "topic"
             for each in wanted_by(p):
                 if each.keys() >= {key, "type"}:
                     yield kind, each[key], each["type"]
@@ -84,9 +88,9 @@ class Check:
     def judge(self, context: Context, p: BaseModel) -> Finding:
         """Judge one session or submission.
 
-        The file of its artifact must be there. What was found is then asked, in this order: whether the program says
-        why it shows nothing; whether it needs what is missing where it is graded; whether it made what nobody saw; and
-        whether the clock was set in the check's window, or where something is lost, in its session.
+        The file of its artifact must be there. The finding is then examined in this order: the program may
+        explain it; it may need something that is missing on the grading computer; it may have made an endpoint
+        that the graph never showed; the clock may have been set in the window, or for a loss, in the session.
         """
         artifact = getattr(p, "artifact", None)
         if (missing := missing_artifact(context, artifact)) is not None:
@@ -104,13 +108,15 @@ class Check:
         return replace(finding, where=finding.where or proof(context, p))
 
     def _if_assessable(self, context: Context, p: BaseModel, finding: Finding) -> Finding:
-        """Return a finding, or that it is open, since a program needs what is missing where it was graded."""
+        """Return a finding, or an undecided one if a program needs something that is missing here."""
         if self.of_author and finding.outcome in LOST:
             return no_program_assessable_here(context, p, finding.expected) or finding
         of_endpoints = self.by_endpoints and getattr(p, "artifact", None) is not None
         shows_nothing = finding.unexplained or of_endpoints
-        of = artifact_of(context, p) if shows_nothing else None
-        if of is None or finding.outcome is not Outcome.FAILED:
+        if not shows_nothing or finding.outcome is not Outcome.FAILED:
+            return finding
+        of = artifact_of(context, p)
+        if of is None:
             return finding
         return not_assessable_here(context, of, finding.expected) or finding
 
@@ -123,21 +129,15 @@ _CHECKS = (
     Check(publisher.topic_published, by_endpoints=True, seeks=("publisher",)),
     Check(publisher.topic_rate, by_clock=True),
     Check(publisher.topic_jitter, by_clock=True),
-    Check(publisher.message_values),
-    Check(publisher.sinusoids),
     Check(publisher.offered_qos, by_endpoints=True),
     # A node that listens.
     Check(subscriber.topics_subscribed, by_endpoints=True, seeks=("subscription",)),
     Check(subscriber.requested_qos, by_endpoints=True),
-    Check(subscriber.reported_series, by_clock=True),
-    Check(subscriber.reported_statistics, by_clock=True),
     Check(subscriber.survives, by_endpoints=True, by_clock=True),
     # A node that serves.
     Check(service.service_offered, by_endpoints=True, seeks=("service",)),
     Check(service.call_answered),
-    Check(service.call_gated),
     Check(service.parameters_declared, by_endpoints=True),
-    Check(service.calls_in_time, by_clock=True),
     # A node that serves an action.
     Check(action.action_server, by_endpoints=True, by_clock=True, seeks=("action",)),
     Check(answers.call_value),
@@ -167,7 +167,6 @@ _CHECKS = (
     # When something is published, and when nothing is.
     Check(latency.message_latency, by_clock=True),
     Check(silence.silent_until, by_clock=True),
-    Check(silence.stops_publishing, by_clock=True),
     # What is written.
     Check(documentation.readme),
     Check(documentation.code_explained),
@@ -177,12 +176,56 @@ _CHECKS = (
 )
 
 
+#: Checks that earlier versions of the grader had built in, beside the rubric of the shipped lab: a mapping of their
+#: names to "file.py:function". Recorded rubrics name them so.
+_FORMER_CHECKS = "former_checks.yaml"
+
+
+@cache
+def _former_checks() -> dict[str, str]:
+    file = lab_folder() / _FORMER_CHECKS
+    if not file.is_file():
+        return {}
+    return dict(yaml_text.load(file.read_text(encoding="utf-8")))
+
+
+@cache
+def former_models() -> dict[str, type[Parameters]]:
+    """Return the parameters of the checks that earlier versions of the grader had built in, by their names."""
+    return {name: model_at(lab_folder(), check) for name, check in _former_checks().items()}
+
+
+def own_check(name: str, folder: Path) -> tuple[Path, str] | None:
+    """Return the folder of a lab's own check and its "file.py:function"; None for a built-in check.
+
+    Parameters
+    ----------
+    name
+        Name in a rubric. The name of a former built-in check leads to the shipped lab.
+    folder
+        Folder of the files that the rubric names.
+    """
+    if is_own(name):
+        return folder, name
+    if name in _former_checks() and name not in REGISTRY:
+        return lab_folder(), _former_checks()[name]
+    return None
+
+
 def check_named(name: str) -> Check:
     """Return a check by its name in a rubric, which may be one of the lab's own."""
-    if not is_own(name):
+    if name in REGISTRY:
         return REGISTRY[name]
-    # What its author did not think of must not cost points: it never counts where the clock was set.
-    return Check(partial(find_own, name), by_clock=True, of_author=True)
+    # Its author may not have thought of a clock that was set, which must not cost points.
+    return Check(partial(_find_own, name), by_clock=True, of_author=True)
+
+
+def _find_own(name: str, context: Context, p: Any) -> Finding:
+    """Call a lab's own check, with the files of its lab."""
+    own = own_check(name, context.lab_folder)
+    assert own is not None
+    folder, check = own
+    return find_own(check, replace(context, lab_folder=folder), p)
 
 
 #: By the names under which a rubric knows them, which are those of their functions.

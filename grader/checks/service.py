@@ -14,13 +14,11 @@ from pydantic import Field
 from grader.checks.base import (
     Context,
     Part,
-    apart,
     failed,
     graded,
     not_reached,
     of_parts,
     passed,
-    unclear,
     unexplained,
 )
 from grader.checks.endpoints import OfEndpoint, claim_of, claimed_at
@@ -29,7 +27,7 @@ from grader.lab import references as ref
 from grader.lab.patterns import search, without
 from grader.lab.references import Parameters, Pattern, Share
 from grader.recording.session import ServiceEndpoint, StepRun
-from grader.result import Finding, Location, Outcome
+from grader.result import Finding, Location
 
 #: Response to a call, by the names of its fields; None if none came.
 Answer = Mapping[str, Any] | None
@@ -396,183 +394,6 @@ def _contradicts(p: CallAnswered, answer: Mapping[str, Any]) -> bool:
     return p.message is None or not search(p.message, rest)
 
 
-class CallGated(Parameters):
-    """A parameter decides over the answer, and may be changed while the node runs."""
-
-    set_step: ref.SetLabel = Field(description="The step that sets the parameter.")
-    refused_step: ref.CallLabel
-    recovered_step: ref.CallLabel
-    from_start_step: ref.CallLabel = Field(
-        description="The call to a node that had the parameter from its start."
-    )
-    allowed_step: ref.CallLabel | None = Field(
-        None, description="A call that must be answered as ever while the parameter is off."
-    )
-    enables: ref.EarlierCheckId | None = Field(
-        None,
-        description="Check of the answer in the normal case; if that one fails, this is not tested.",
-    )
-    allowed_charged_by: ref.EarlierCheckId | None = Field(
-        None,
-        description="Where this check took points, another answer to the allowed call takes none.",
-    )
-    refused: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "refused_step")]
-    recovered: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "recovered_step")]
-    message_field: Annotated[str, ref.fields_of_type("_Response", "refused_step")] = "message"
-    allowed: Annotated[Mapping[str, Any], ref.fields_of_type("_Response", "allowed_step")] = Field(
-        default_factory=dict
-    )
-    refusal: Pattern | None = Field(
-        None, description="A message that refuses, whatever the other fields say."
-    )
-    half_credit: Share = Field(
-        0.5, description="Credit of one half, such as refusing without recovering."
-    )
-    from_start_credit: Share = Field(
-        0.5, description="Credit of refusing only what was given from the start."
-    )
-    disallowed_credit: Share = Field(
-        0.5, description="Credit where what must stay possible is refused too."
-    )
-
-
-@dataclass(frozen=True)
-class _Gate:
-    """Answers of a node while its parameter is off, on again, and off from the start."""
-
-    off: Answer
-    on: Answer
-    off_from_start: Answer
-    where: tuple[Location, ...]
-    expected: str
-
-    @property
-    def measured(self) -> str:
-        """Return the three answers in words."""
-        answers = f"off: {shown(self.off)}; on again: {shown(self.on)}"
-        return f"{answers}; off from the start: {shown(self.off_from_start)}"
-
-    def graded(self, share: float, reason: str, hint: str = "") -> Finding:
-        """State a share of credit with its reason."""
-        return graded(share, self.expected, self.measured, reason, hint=hint, where=self.where)
-
-
-def call_gated(context: Context, p: CallGated) -> Finding:
-    """Judge the refusal while the parameter is off, and the recovery after it.
-
-    Recovery alone earns nothing. A refusal only from the start earns a part.
-    """
-    gate = _gate(context, p)
-    refuses = _fits(gate.off, p.refused)
-    if _cannot_be_enabled(context, p):
-        if _fits(gate.off, p.recovered) and _fits(gate.on, p.refused):
-            return gate.graded(p.half_credit, _REVERSED, "Invert the condition.")
-        if not refuses or not _fits(gate.on, p.recovered):
-            reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
-            return not_reached(reason, expected=gate.expected)
-    if gate.off is None:
-        return _no_refusal(context, p, gate)
-    if refuses:
-        return _judge_refusal(context, p, gate)
-    return _judge_without_refusal(context, p, gate)
-
-
-def _gate(context: Context, p: CallGated) -> _Gate:
-    """Collect the answers of the three calls."""
-    refused = context.session.step(p.refused_step)
-    recovered = context.session.step(p.recovered_step)
-    from_start = context.session.step(p.from_start_step)
-    wanted = f"{shown(p.refused)} while the parameter is off"
-    return _Gate(
-        off=answer_of(refused),
-        on=answer_of(recovered),
-        off_from_start=answer_of(from_start),
-        where=tuple(call_location(context, step) for step in (refused, recovered, from_start)),
-        expected=f"{wanted}, and after such a refusal {shown(p.recovered)} when it is on again",
-    )
-
-
-def _cannot_be_enabled(context: Context, p: CallGated) -> bool:
-    """Tell whether the check of the normal answer failed."""
-    finding = context.findings.get(p.enables) if p.enables is not None else None
-    if finding is None:
-        return False
-    return finding.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
-
-
-def _no_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
-    """State that no answer came while the parameter was off."""
-    step = context.session.step(p.refused_step)
-    is_first = earlier_silence(context, step, gate.expected) is None
-    if is_first or not_asked(context, step, "service"):
-        problem = "No answer came while the parameter was false."
-        return silence(context, step, gate.expected, problem)
-    share = p.half_credit * _fits(gate.off_from_start, p.refused)
-    reason = "Not tested, because the node had already stopped answering."
-    return gate.graded(share, reason, THEN_THESE)
-
-
-def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
-    """Judge the effects of a refusal on the allowed call and on the call after it."""
-    disallowed = _disallowed(context, p)
-    if disallowed is not None:
-        reason = f"{_DISALLOWS} {shown(disallowed)}."
-        return gate.graded(p.disallowed_credit, reason, _DISALLOWS_HINT)
-    if _fits(gate.on, p.recovered):
-        return gate.graded(1.0, "")
-    reason = "It refuses, but does not recover when the parameter is true again."
-    return gate.graded(p.half_credit, reason)
-
-
-def _disallowed(context: Context, p: CallGated) -> Answer:
-    """Return another answer to the call that must stay possible; None if it is right or charged."""
-    step = context.session.step(p.allowed_step) if p.allowed_step is not None else None
-    if not _was_sent(step) or context.charged(p.allowed_charged_by):
-        return None
-    answer = answer_of(step)
-    return None if _fits(answer, p.allowed) else answer
-
-
-def _judge_without_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
-    """Judge a node that enables while the parameter is off."""
-    words = str(gate.off.get(p.message_field, "")) if gate.off is not None else ""
-    recovers = _fits(gate.on, p.recovered)
-    if recovers and p.refusal is not None and search(p.refusal, words):
-        hint = "Set the success field to False too, not only the message."
-        return gate.graded(p.half_credit, _ONLY_MESSAGE, hint)
-    unset = _not_set(context.session.step(p.set_step))
-    if _fits(gate.off_from_start, p.refused):
-        if unset:
-            return gate.graded(p.half_credit, f"{_AT_START} {unset}", _SET_HINT)
-        reason = f"{_AT_START} a change while it runs has no effect."
-        return gate.graded(p.from_start_credit, reason)
-    if unset:
-        return gate.graded(0.0, f"It still enables the robot, because {unset}", _SET_HINT)
-    return gate.graded(0.0, "It enables although the parameter is false.")
-
-
-def _not_set(step: StepRun | None) -> str:
-    """Say that the parameter could not be set while the node ran, and quote the node's answer."""
-    if step is None or step.outcome == "done":
-        return ""
-    refused = step.result.get("refused", {})
-    why = "; ".join(str(problem).rstrip(".") for problem in refused.values())
-    answer = f": {why}" if why else ""
-    return f"the parameter could not be set while it ran{answer}."
-
-
-_AT_START = "It refuses only when the parameter is false from the start;"
-_ONLY_MESSAGE = (
-    "Its message refuses, but the other fields report success, and client programs read those."
-)
-_DISALLOWS = "While the parameter is false it refuses what must always be possible too:"
-_DISALLOWS_HINT = (
-    "Let the parameter decide over enabling alone; to disable must always be possible."
-)
-_REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
-_SET_HINT = "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
-
-
 class WantedParameter(Parameters):
     """A parameter with its type and default."""
 
@@ -626,81 +447,6 @@ def _judge_parameter(
     is_so = f"{got['value']!r} ({got['type']})"
     reason = f"{wanted.name} is {is_so}, not {wanted.value!r} ({wanted.type})."
     return Part(p.other_value_credit, reason=reason)
-
-
-class CallsInTime(Parameters):
-    """Calls back to back are each answered in time."""
-
-    step: ref.CallLabel
-    within_s: float = Field(gt=0)
-    enough: int = Field(
-        10,
-        description="If all answers were in time, this many calls are enough where there was no time for more.",
-    )
-
-
-def calls_in_time(context: Context, p: CallsInTime) -> Finding:
-    """Judge the share of calls answered in time."""
-    step = context.session.step(p.step)
-    wanted = int(step.parameters.get("repeat", 1)) if step is not None else 1
-    expected = f"{wanted} calls, each answered within {p.within_s:g} s"
-    if step is None or _silent(step):
-        return silence(context, step, expected, problem_of(step))
-    calls = _calls(step)
-    latencies_s = [_latency_s(call) for call in calls if call["response"] is not None]
-    quick = sum(latency_s <= p.within_s for latency_s in latencies_s)
-    measured = _shown_calls(quick, len(calls), latencies_s, p.within_s)
-    notes = []
-    if len(calls) < wanted:
-        few = f"There was time for {len(calls)} of {wanted} calls."
-        if quick == len(calls) < p.enough:
-            return unclear(expected, measured, f"{few} Those were answered in time.")
-        notes.append(few)
-    delays_s = [_call_delay_s(context, call) for call in calls]
-    share = quick / len(calls)
-    busy = "Not your fault: the grading computer was too busy to time the calls"
-    return graded(
-        share,
-        expected,
-        measured,
-        _late_calls(quick, len(calls), latencies_s, p.within_s),
-        where=(call_location(context, step),),
-        notes=notes,
-        best=max(share, _undelayed_share(calls, delays_s, p.within_s)),
-        doubt=f"{busy} (up to {max(delays_s):.2f} s).",
-    )
-
-
-def _shown_calls(quick: int, count: int, latencies_s: Sequence[float], within_s: float) -> str:
-    measured = f"{quick} of {count} calls made in time"
-    if latencies_s:
-        slowest_ms = apart(max(latencies_s) * 1e3, within_s * 1e3, places=1)
-        measured += f", slowest {slowest_ms} ms"
-    return measured
-
-
-def _late_calls(quick: int, count: int, latencies_s: Sequence[float], within_s: float) -> str:
-    """Say how many calls were late, and how long the quickest took if all were."""
-    reason = f"{count - quick} of {count} calls took longer than {within_s:g} s, or got no answer."
-    if latencies_s and not quick:
-        reason += f" The quickest took {apart(min(latencies_s), within_s, places=2)} s."
-    return reason
-
-
-def _call_delay_s(context: Context, call: Mapping[str, Any]) -> float:
-    """Return the machine delay within a call, including the calling process, in seconds."""
-    span = Span(int(call["started_ns"]), int(call["ended_ns"]))
-    return asking_delay_s(context, span, call)
-
-
-def _undelayed_share(
-    calls: Sequence[Mapping[str, Any]], delays_s: Sequence[float], within_s: float
-) -> float:
-    """Return the share of calls that may have been in time without the machine delay."""
-    quick = 0
-    for call, delay_s in zip(calls, delays_s, strict=True):
-        quick += _latency_s(call) - delay_s <= within_s
-    return quick / len(calls)
 
 
 def asking_delay_s(context: Context, span: Span, asked: Mapping[str, Any]) -> float:

@@ -7,16 +7,12 @@ from typing import ClassVar
 from pydantic import Field
 
 from grader.checks.base import (
-    CREDIT_LEVELS,
     Context,
-    apart,
     cpu_delay_doubt,
     failed,
     graded,
     not_reached,
     passed,
-    quantise,
-    ramp,
     unexplained,
 )
 from grader.checks.fields import Between, NumbersOf, moment
@@ -131,57 +127,3 @@ def _never_began(
     doubt = cpu_delay_doubt(delay_s, span.duration_s)
     finding = graded(0.0, expected, "nothing afterwards", reason, best=best, doubt=doubt)
     return unexplained(finding)
-
-
-class StopsPublishing(Parameters):
-    """A topic falls silent after a step, and stays so."""
-
-    topic: ref.Topic
-    step: ref.AnyStep = Field(description="Label of the step that ends it.")
-    within_s: float = Field(gt=0, description="Time after the step in which it may still publish.")
-    none_from_s: float | None = Field(
-        None, gt=0, description="Later messages leave no credit; else none are allowed."
-    )
-    until: ref.AnyStep | None = Field(
-        None, description="Label of the step before which it counts; else the end."
-    )
-
-
-def stops_publishing(context: Context, p: StopsPublishing) -> Finding:
-    """Judge the last message after the step."""
-    expected = f"nothing on {p.topic} later than {p.within_s:g} s after '{p.step}'"
-    step = context.session.step(p.step)
-    if step is None:
-        reason = f"Not tested, because the step '{p.step}' was not reached."
-        return not_reached(reason, expected=expected)
-    times = context.session.stream(p.topic).source_ns
-    if not (times <= step.ended_ns).any():
-        reason = f"Not tested, because nothing was published before '{p.step}'."
-        return not_reached(reason, expected=expected)
-    times = times[times <= _until_ns(context, p)]
-    last_ns = int(times.max(initial=step.ended_ns))
-    after = Span(step.ended_ns, last_ns)
-    late_s = max(0.0, after.duration_s)
-    delay_s = context.session.longest_delay_s(after)
-    count = int((times > step.ended_ns + round(p.within_s * 1e9)).sum())
-    shown = apart(late_s, p.within_s, places=2)
-    return graded(
-        _share(p, late_s),
-        expected,
-        f"last message {shown} s after the step",
-        f"{count} messages came later, the last one {shown} s after the step.",
-        where=(context.location(p.topic, after),),
-        best=_share(p, late_s - delay_s),
-        doubt=cpu_delay_doubt(delay_s, late_s),
-    )
-
-
-def _until_ns(context: Context, p: StopsPublishing) -> int:
-    """Return the end of the time that counts."""
-    until = context.session.step(p.until) if p.until is not None else None
-    return until.started_ns if until is not None else context.session.record.ended_ns
-
-
-def _share(p: StopsPublishing, late_s: float) -> float:
-    """Return the credit of a last message so long after the step."""
-    return quantise(ramp(late_s, p.within_s, p.none_from_s or p.within_s), CREDIT_LEVELS)

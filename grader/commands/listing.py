@@ -88,15 +88,34 @@ def entries_of(command: str) -> list[Entry]:
     from grader.judging.rubrics import rubric_kinds
     from grader.lab.steps import STEPS
 
-    kinds, found = rubric_kinds(), []
-    check = {"id": "talker.right", "title": "It is right", "points": 5, "session": "talking"}
-    # In an example, what stands beside the name, behind a key, and the parameters, behind `with`; or these alone.
-    listed: Mapping[str, tuple[Mapping[str, type[Parameters]], Mapping[str, Any], str]] = {
-        "checks": (kinds.checks, check, "check"),
-        "steps": (STEPS, {}, ""),
-        "figures": (kinds.figures, {"title": "What was published", "session": "talking"}, "kind"),
-    }
-    models, around, key = listed[command]
+    kinds = rubric_kinds()
+    if command == "checks":
+        return entries_of_checks(kinds.checks)
+    if command == "steps":
+        return _entries(STEPS, {}, "")
+    around = {"title": "What was published", "session": "talking"}
+    return _entries(kinds.figures, around, "kind")
+
+
+def entries_of_checks(models: Mapping[str, type[Parameters]]) -> list[Entry]:
+    """Describe checks by the models of their parameters."""
+    around = {"id": "talker.right", "title": "It is right", "points": 5, "session": "talking"}
+    return _entries(models, around, "check")
+
+
+def _entries(
+    models: Mapping[str, type[Parameters]], around: Mapping[str, Any], key: str
+) -> list[Entry]:
+    """Describe models.
+
+    Parameters
+    ----------
+    around
+        Other keys in an example.
+    key
+        Key of the name in an example, whose parameters are behind `with`; empty if the name is the key of its parameters.
+    """
+    found = []
     for name, model in models.items():
         schema = model.model_json_schema()
         values = {**_example_of(schema, schema), **model.example}

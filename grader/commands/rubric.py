@@ -13,7 +13,7 @@ from grader.commands.arguments import parser_of, rubric_path
 def run(arguments: Sequence[str], console: Console) -> int:
     """Check a rubric; returns the exit status."""
     from grader.judging.rubrics import read_rubric, rubric_kinds
-    from grader.lab.rubric import json_schema
+    from grader.lab.rubric import json_schema, own_models
 
     words = "Check a rubric, or print the JSON Schema by which editors check one."
     parser = parser_of("grade rubric", words)
@@ -24,12 +24,16 @@ def run(arguments: Sequence[str], console: Console) -> int:
         metavar="LAB",
         help="its folder or rubric; by default that of the lab which travels with the grader",
     )
-    parser.add_argument("--schema", action="store_true", help="print the JSON Schema of rubrics")
+    parser.add_argument(
+        "--schema",
+        action="store_true",
+        help="print the JSON Schema of rubrics, with the lab's own checks",
+    )
     chosen = parser.parse_args(arguments)
-    if chosen.schema:
-        print(json.dumps(json_schema(rubric_kinds()), indent=1))
-        return 0
     rubric = read_rubric(chosen.rubric)
+    if chosen.schema:
+        print(json.dumps(json_schema(rubric_kinds(), own_models(rubric)), indent=1))
+        return 0
     checks, sessions = len(list(rubric.checks())), len(rubric.sessions)
     console.print(
         f"The rubric is in order. Points: {rubric.lab.points}, checks: {checks}, sessions: {sessions}."

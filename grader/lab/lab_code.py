@@ -11,12 +11,20 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from functools import reduce
 from operator import or_
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, ValidationInfo, create_model
+from pydantic import ConfigDict, Field, ValidationInfo, create_model
 
 from grader.lab import references
-from grader.lab.references import Definition, Parameters, Reference, Scope, definition_at
+from grader.lab.references import (
+    Definition,
+    Parameters,
+    Reference,
+    Scope,
+    definition_at,
+    definition_in,
+)
 
 #: Version of what a lab's own checks are given (`grader.own_checks`).
 API_VERSION = 1
@@ -34,14 +42,21 @@ LAB_TYPES = (
         "StampField",
         "TextField",
     ),
-    *("Pattern", "Patterns", "Share"),
+    *("Pattern", "Patterns", "Share", "CheckId", "Loadable"),
 )
+#: Functions in `grader.lab.references` by which it may mark a type within `Annotated`.
+LAB_MARKERS = ("fields_of_type",)
 _KNOWN: dict[str, Any] = {
     **{"float": float, "int": int, "bool": bool, "str": str, "Literal": Literal},
     **{"list": list, "tuple": tuple, "dict": dict, "Sequence": Sequence, "Mapping": Mapping},
     **{name: getattr(references, name) for name in LAB_TYPES},
 }
 _NO_BASES = ("BaseModel", "object", "Parameters")
+#: Arguments of pydantic's `Field` that limit and describe a value.
+_OF_FIELD = (
+    *("gt", "ge", "lt", "le", "min_length", "max_length", "pattern"),
+    *("description", "examples"),
+)
 
 
 class _Open(Parameters):
@@ -53,20 +68,23 @@ class _Open(Parameters):
 def model_of(found: Definition) -> type[Parameters]:
     """Return the model of a class in a lab's file, as far as its annotations say it.
 
-    A field without a value is required. What bases from elsewhere add, and limits of values, is not known here.
+    A field without a value is required. Limits and descriptions count if they are literals in a call of pydantic's
+    `Field`. Fields of bases from elsewhere are not known here.
     """
     assert isinstance(found.node, ast.ClassDef)
-    names = [
-        name
-        for base in found.node.bases
-        if (name := ast.unparse(base).rpartition(".")[2]) not in _NO_BASES
-    ]
+    names = [name for base in found.node.bases if (name := _last_name(base)) not in _NO_BASES]
     bases = [_model_named(name, found) or _Open for name in names]
     typed: dict[str, Any] = {}
     for node in found.node.body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
-            typed[node.target.id] = (_type_of(node.annotation, found), _value(node.value))
-    return create_model(found.node.name, __base__=tuple(bases) or (Parameters,), **typed)
+            kind = _type_of(node.annotation, found)
+            typed[node.target.id] = (kind, _value(node.value, limited=kind is not Any))
+    return create_model(
+        found.node.name,
+        __base__=tuple(bases) or (Parameters,),
+        __doc__=ast.get_docstring(found.node),
+        **typed,
+    )
 
 
 def _model_named(name: str, found: Definition) -> type[Parameters] | None:
@@ -80,11 +98,41 @@ def _model_named(name: str, found: Definition) -> type[Parameters] | None:
     )
 
 
-def _value(node: ast.expr | None) -> Any:
-    """Return the value of a field: `...` where it has none, None where only the file itself can tell."""
+def _value(node: ast.expr | None, *, limited: bool = False) -> Any:
+    """Return the default of a field: `...` if it is required, None if it is no literal.
+
+    Parameters
+    ----------
+    limited
+        Whether the limits of a `Field` count; a value of an unknown type cannot be compared with them.
+    """
+    if node is None:
+        return ...
+    if isinstance(node, ast.Call) and _last_name(node.func) == "Field":
+        return _field(node, limited=limited)
+    return _literal(node)
+
+
+def _literal(node: ast.expr) -> Any:
+    """Return the value of an expression; None if it is no literal."""
     with suppress(ValueError):
-        return ... if node is None else ast.literal_eval(node)
+        return ast.literal_eval(node)
     return None
+
+
+def _field(node: ast.Call, *, limited: bool) -> Any:
+    """Return the field that a call `Field(...)` describes, as far as its arguments are literals."""
+    given = {keyword.arg: keyword.value for keyword in node.keywords}
+    default: Any = ...
+    if node.args:
+        default = _literal(node.args[0])
+    elif "default" in given:
+        default = _literal(given["default"])
+    elif "default_factory" in given:
+        default = None
+    names = _OF_FIELD if limited else ("description",)
+    known = {name: _literal(given[name]) for name in names if name in given}
+    return Field(default, **known)
 
 
 def _type_of(node: ast.expr, found: Definition) -> Any:
@@ -96,24 +144,55 @@ def _type_of(node: ast.expr, found: Definition) -> Any:
 
 
 def _annotated(node: ast.expr, found: Definition) -> Any:
+    """Return the type of a part of an annotation; Any if it is not known. Raises as `_type_of` catches."""
     if isinstance(node, ast.Constant):
-        text = node.value if isinstance(node.value, str) else ""
-        return _annotated(ast.parse(text, mode="eval").body, found) if text else type(node.value)
+        text = node.value
+        if isinstance(text, str) and text:
+            return _annotated(ast.parse(text, mode="eval").body, found)
+        return type(text)
     if isinstance(node, (ast.Name, ast.Attribute)):
-        name = node.id if isinstance(node, ast.Name) else node.attr
+        name = _last_name(node)
         return _KNOWN.get(name) or _model_named(name, found) or Any
     if isinstance(node, ast.BinOp):
         either = [_annotated(side, found) for side in (node.left, node.right)]
         return Any if Any in either else reduce(or_, either)
-    if not isinstance(node, ast.Subscript) or (kind := _annotated(node.value, found)) is Any:
-        return Any
+    if isinstance(node, ast.Subscript):
+        return _subscripted(node, found)
+    return Any
+
+
+def _subscripted(node: ast.Subscript, found: Definition) -> Any:
+    """Return a type with its arguments, such as `tuple[float, ...]`."""
     inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-    # Those of a Literal, and the dots of a tuple, stand for themselves.
-    of = (
-        ast.literal_eval(n) if kind is Literal or ast.unparse(n) == "..." else _annotated(n, found)
-        for n in inner
-    )
+    if _last_name(node.value) == "Annotated":
+        return _marked(inner, found)
+    kind = _annotated(node.value, found)
+    if kind is Any:
+        return Any
+    of = []
+    for each in inner:
+        # Values of a Literal and the dots of a tuple are no types.
+        is_value = kind is Literal or ast.unparse(each) == "..."
+        of.append(ast.literal_eval(each) if is_value else _annotated(each, found))
     return kind[tuple(of)]
+
+
+def _marked(inner: Sequence[ast.expr], found: Definition) -> Any:
+    """Return a type with its markers, such as `Annotated[str, fields_of_type("_Response", "step")]`."""
+    kind = _annotated(inner[0], found)
+    for marker in inner[1:]:
+        if not isinstance(marker, ast.Call):
+            continue
+        name = _last_name(marker.func)
+        if name in LAB_MARKERS:
+            make = getattr(references, name)
+            kind = Annotated[kind, make(*map(ast.literal_eval, marker.args))]
+    return kind
+
+
+def _last_name(node: ast.expr) -> str:
+    """Return the name of an expression without its module, such as `Field` of `pydantic.Field`."""
+    return ast.unparse(node).rpartition(".")[2]
 
 
 def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> None:
@@ -158,6 +237,18 @@ def own_parameters(scope: Scope, check: str, value: Any) -> OwnParameters:
     assert model is not None
     plain = model.model_validate({} if value is None else value, context=scope)
     return OwnParameters(**plain.model_dump(exclude_none=True, by_alias=True))
+
+
+def model_at(folder: Path, check: str) -> type[Parameters]:
+    """Return the model of the parameters of a lab's own check, "file.py:function" in a folder.
+
+    Raises ValueError if there is no such check.
+    """
+    found = definition_in(folder, check)
+    _, given = _signature(found)
+    model = _model_named(given, found) if given else Parameters
+    assert model is not None
+    return model
 
 
 def _signature(found: Definition) -> tuple[str, str]:

@@ -100,6 +100,8 @@ class Kinds:
 
     checks: Mapping[str, type[Parameters]]
     figures: Mapping[str, type[Parameters]]
+    #: Returns the same of checks that were built in once, which recorded rubrics name.
+    former: Callable[[], Mapping[str, type[Parameters]]] = dict
 
 
 @dataclass
@@ -624,16 +626,22 @@ class Definition:
 
 def definition_at(scope: Scope, value: str) -> Definition:
     """Look up "file.py:name"; the file is not run, for it may do anything. Raises ValueError if there is none."""
-    file, _, name = value.partition(":")
+    file = value.partition(":")[0]
     one_of(file, "Python file", _beside(scope, file), " beside the rubric")
+    return definition_in(scope.folder, value)
+
+
+def definition_in(folder: Path, value: str) -> Definition:
+    """Look up "file.py:name" in a folder, where the file is; raises ValueError if it has no such name."""
+    file, _, name = value.partition(":")
     try:
-        found = _definitions((scope.folder / file).read_bytes())
+        found = _definitions((folder / file).read_bytes())
     except (SyntaxError, ValueError) as problem:
         raise ValueError(f"{file} is not valid Python: {problem}") from problem
     return Definition(found[one_of(name, "function or class", found, f" in {file}")], found)
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
     return {
         node.name: node

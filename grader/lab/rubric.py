@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from decimal import Decimal
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, ClassVar
 
 from pydantic import (
@@ -31,7 +32,7 @@ from pydantic import (
 from pydantic.json_schema import models_json_schema
 
 from grader.lab.file_patterns import mistake_in
-from grader.lab.lab_code import is_own, own_parameters, require_own
+from grader.lab.lab_code import is_own, model_at, own_parameters, require_own
 from grader.lab.policy import Policy
 from grader.lab.references import (
     CheckId,
@@ -245,7 +246,7 @@ class _OfKind(Parameters):
     def _is_known(cls, value: str, info: ValidationInfo) -> str:
         if info.context is not None and cls.is_own(value):
             require_own(info.context, value)
-        elif info.context is not None:
+        elif info.context is not None and cls.model_named(value, info.context.kinds) is None:
             one_of(value, cls.key, getattr(info.context.kinds, cls.models))
         return value
 
@@ -253,6 +254,12 @@ class _OfKind(Parameters):
     def is_own(cls, kind: str) -> bool:
         """Whether a kind is one of the lab's own, of a file beside the rubric."""
         return False
+
+    @classmethod
+    def model_named(cls, kind: str, kinds: Kinds) -> type[Parameters] | None:
+        """Return the model of the parameters of a kind; None if there is no such kind."""
+        models: Mapping[str, type[Parameters]] = getattr(kinds, cls.models)
+        return models.get(kind)
 
     @field_validator("parameters", mode="before", check_fields=False)
     @classmethod
@@ -265,7 +272,8 @@ class _OfKind(Parameters):
         info.context.session = info.data.get("session")
         if cls.is_own(kind):
             return own_parameters(info.context, kind, value)
-        model: type[Parameters] = getattr(info.context.kinds, cls.models)[kind]
+        model = cls.model_named(kind, info.context.kinds)
+        assert model is not None
         if model.of_session and info.data.get("session", "") is None:
             raise ValueError(f"{kind} looks at a recording; say which by the key session")
         return model.model_validate({} if value is None else value, context=info.context)
@@ -318,6 +326,11 @@ class CheckSpec(_OfKind):
     def is_own(cls, kind: str) -> bool:
         """Whether it is a check of the lab's own."""
         return is_own(kind)
+
+    @classmethod
+    def model_named(cls, kind: str, kinds: Kinds) -> type[Parameters] | None:
+        """Return the model of the parameters of a built-in check, or of one that was built in once."""
+        return super().model_named(kind, kinds) or kinds.former().get(kind)
 
     @field_validator("id")
     @classmethod
@@ -507,12 +520,27 @@ def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
     raise mistakes.error(_REMEDY)
 
 
-def json_schema(kinds: Kinds) -> dict[str, Any]:
-    """Return the JSON Schema of rubrics, by which editors complete and check them while they are written."""
+def own_models(rubric: Rubric) -> dict[str, type[Parameters]]:
+    """Return the parameters of the lab's own checks that a rubric uses, by "file.py:function"."""
+    names = {spec.check: None for spec in rubric.checks() if is_own(spec.check)}
+    return {name: model_at(rubric.folder, name) for name in names}
+
+
+def json_schema(
+    kinds: Kinds, own: Mapping[str, type[Parameters]] = MappingProxyType({})
+) -> dict[str, Any]:
+    """Return the JSON Schema of rubrics, by which editors complete and check them while they are written.
+
+    Parameters
+    ----------
+    own
+        Parameters of a lab's own checks, by "file.py:function"; see `own_models`.
+    """
     listed: list[type[BaseModel]] = [
         RubricFile,
         *STEPS.values(),
         *kinds.checks.values(),
+        *own.values(),
         *kinds.figures.values(),
     ]
     refs, schema = models_json_schema([(model, "validation") for model in listed])
@@ -530,17 +558,18 @@ def json_schema(kinds: Kinds) -> dict[str, Any]:
         "additionalProperties": False,
         "oneOf": [{"required": [kind]} for kind in STEPS],
     }
-    for spec, models in ((CheckSpec, kinds.checks), (FigureSpec, kinds.figures)):
+    for spec, models, more in ((CheckSpec, kinds.checks, own), (FigureSpec, kinds.figures, {})):
         part = defs[spec.__name__]
         known: dict[str, Any] = {"enum": list(models)}
-        own = {"type": "string", "pattern": _OWN_PATTERN}
-        part["properties"][spec.key] |= {"anyOf": [known, own]} if spec is CheckSpec else known
+        if spec is CheckSpec:
+            known = {"anyOf": [known, {"type": "string", "pattern": _OWN_PATTERN}]}
+        part["properties"][spec.key] |= known
         part["allOf"] = [
             {
                 "if": {"properties": {spec.key: {"const": name}}},
                 "then": {"properties": {"with": ref(model)}},
             }
-            for name, model in models.items()
+            for name, model in {**models, **more}.items()
         ]
     person = ref(kinds.checks[BY_PERSON])["$ref"].rpartition("/")[2]
     graded = {

@@ -81,7 +81,9 @@ CHECKS: dict[str, list[dict[str, Any]]] = {
         {"topic": "/x", "message_on": "/in"},
         {"topic": "/x", "condition": {**X, "low": 1.0}},
     ],
-    "stops_publishing": [{"topic": "/x", "step": "go", "within_s": 0.1}],
+    "reference/checks/silence.py:stops_publishing": [
+        {"topic": "/x", "step": "go", "within_s": 0.1}
+    ],
 }
 VALUES = st.one_of(
     st.floats(), st.sampled_from([0.0, 1.0, 1e308, -1e308, float("inf"), float("nan")])

@@ -6,25 +6,28 @@ import json
 import pickle
 import shutil
 import threading
+from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from grader import own_checks
 from grader.checks import own
+from grader.checks.registry import REGISTRY, former_models
 from grader.cli import main
 from grader.errors import RubricError
 from grader.judging.judge import Recordings, judge
 from grader.judging.judgement import prepare
 from grader.judging.rubrics import read_rubric, recorded_rubric, rubric_files
 from grader.lab import references
-from grader.lab.kept_lab import KEPT, named_files
+from grader.lab.kept_lab import KEPT, lab_folder, named_files
 from grader.lab.lab_code import LAB_TYPES
 from grader.recording.submission import write_submission
 from grader.result import CheckResult, Outcome, to_json
 from grader.result_folder import RECORDINGS
-from tests.synthetic import FLOATS, Session, evenly, submission
+from tests.synthetic import FLOATS, ROOT, Session, evenly, submission
 
 TOPIC = "/commands"
 RUBRIC = """\
@@ -457,3 +460,111 @@ def test_what_it_passes_is_passed_though_something_is_missing(tmp_path: Path) ->
     rubric = read_rubric(lab(tmp_path, SILENT))
     (found,) = judge(Recordings(record, {"experiment": made.recorded()}), rubric).checks
     assert found.outcome is Outcome.PASSED
+
+
+# -- limits, commands, series ----------------------------------------------------------------------
+
+LIMITED = """\
+from pydantic import BaseModel, Field
+
+from grader.own_checks import Part, check, not_reached, of_parts
+
+
+class Limited(BaseModel):
+    \"\"\"Values rise, and begin low.\"\"\"
+
+    topic: Topic
+    path: FieldPath = "data"
+    least: int = Field(gt=0, description="Number of values that rise.")
+    most: float | None = Field(None, ge=0)
+
+
+@check(commands=("ros2 topic echo {topic}",))
+def limited(context: Context, p: Limited) -> Finding:
+    series = context.series(p.topic, p.path)
+    if series is None:
+        return not_reached("Nothing to compare.")
+    values = series.only(series.sequence > 1).values[:, 0]
+    rising = sum(b > a for a, b in zip(values, values[1:]))
+    span_s = (series.sent_s[0], series.sent_s[-1])
+    parts = [Part(rising / p.least, f"{rising} rising"), Part(float(len(context.rows(p.topic, p.path)) > 2))]
+    return of_parts("rising values", parts, where=[context.location(p.topic, span_s=span_s)])
+"""
+
+
+def limited(folder: Path, **given: object) -> Path:
+    """Write a lab whose check has limits for its parameters and states a command."""
+    values = json.dumps({"topic": TOPIC, "least": 16, **given})
+    text = RUBRIC.replace("{topic: /commands, window: window, least: 5}", values)
+    return lab(folder, LIMITED, text.replace("mine.py:rises", "mine.py:limited"))
+
+
+def test_series_and_parts_lead_to_a_finding(tmp_path: Path) -> None:
+    """Eight rising values of 16 earn half of a part; the proof is the span of the series."""
+    found = judged(limited(tmp_path), session(tmp_path))
+    assert (found.outcome, found.earned) == (Outcome.PARTIAL, Decimal("2.3"))
+    assert "8 rising" in found.measured
+    assert found.commands == ("ros2 topic echo /commands",)
+    (where,) = found.where
+    assert (where.topic, where.start_s, where.end_s) == (TOPIC, 1.0, 1.9)
+
+
+def test_a_check_may_find_that_it_was_not_reached(tmp_path: Path) -> None:
+    """Without a message there is nothing to judge."""
+    empty = Session(tmp_path).process("it").window(0.5, 5.0)
+    assert judged(limited(tmp_path), empty).outcome is Outcome.NOT_REACHED
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"least": 0}, "least"),
+        ({"most": -1}, "most"),
+        ({"least": "many"}, "a whole number is expected"),
+        ({"lowest": 1}, "unknown key"),
+    ],
+)
+def test_limits_hold_before_anything_is_executed(
+    tmp_path: Path, given: dict[str, object], words: str
+) -> None:
+    """A value outside the limits of a field is a mistake of the rubric, with its line."""
+    with pytest.raises(RubricError) as caught:
+        read_rubric(limited(tmp_path, **given))
+    assert any(words in mistake for mistake in caught.value.mistakes)
+
+
+def test_the_schema_of_a_lab_describes_its_own_checks(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """An editor gets descriptions and limits of their parameters."""
+    assert main(["rubric", str(limited(tmp_path)), "--schema"]) == 0
+    model = json.loads(capsys.readouterr().out)["$defs"]["Limited"]
+    assert model["description"] == "Values rise, and begin low."
+    assert model["properties"]["least"]["exclusiveMinimum"] == 0
+    assert model["properties"]["least"]["description"] == "Number of values that rise."
+    assert model["required"] == ["topic", "least"]
+
+
+def test_a_rubric_of_earlier_names_a_check_that_was_built_in(tmp_path: Path) -> None:
+    """It finds the check in the lab that ships with the grader, and judges the same."""
+    former = yaml.safe_load((lab_folder() / "former_checks.yaml").read_text(encoding="utf-8"))
+    values = "{topic: /commands, field: data, length: 1}"
+    results: list[CheckResult] = []
+    for name in ("message_values", former["message_values"]):
+        text = RUBRIC.replace("{topic: /commands, window: window, least: 5}", values)
+        rubric = tmp_path / "rubric.yaml"
+        rubric.write_text(text.replace("checks/mine.py:rises", name), encoding="utf-8")
+        shutil.rmtree(tmp_path / "reference", ignore_errors=True)
+        if name != "message_values":
+            shutil.copytree(ROOT / "reference", tmp_path / "reference")
+        results.append(judged(rubric, session(tmp_path / f"{len(results)}")))
+    built_in, own_now = results
+    assert built_in.outcome is Outcome.PASSED
+    assert built_in == own_now
+
+
+def test_every_former_check_is_there() -> None:
+    """Each leads to a function with parameters, and none is built in."""
+    former = yaml.safe_load((lab_folder() / "former_checks.yaml").read_text(encoding="utf-8"))
+    assert former.keys() == former_models().keys()
+    assert former.keys().isdisjoint(REGISTRY)

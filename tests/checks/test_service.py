@@ -1,4 +1,4 @@
-"""Checks of a node that serves: answers, refusals, parameters and quickness, by the grader's own calls."""
+"""Checks of a node that serves: answers and parameters, by the grader's own calls."""
 
 from __future__ import annotations
 
@@ -19,14 +19,6 @@ ANSWERED = {
     "response": {"success": True},
     "message": "(?i)enabl",
 }
-GATED = {
-    "set_step": "off",
-    "refused_step": "refuse",
-    "recovered_step": "recover",
-    "from_start_step": "from_start",
-    "refused": {"success": False},
-    "recovered": {"success": True},
-}
 DECLARED = {
     "step": "defaults",
     "parameters": [
@@ -34,7 +26,6 @@ DECLARED = {
         {"name": "safe", "type": "bool", "value": True},
     ],
 }
-IN_TIME = {"step": "many", "within_s": 1.0}
 
 
 def call(response: dict[str, Any] | None, latency_s: float = 0.002) -> dict[str, Any]:
@@ -267,102 +258,6 @@ def test_a_call_that_was_never_made_fails(tmp_path: Path) -> None:
     assert "could not be made" in finding.reason
 
 
-# -- the gate --------------------------------------------------------------------------------------
-
-
-def gated(
-    folder: Path, refuse: bool, recover: bool, from_start: bool, outcome: str = "done"
-) -> Finding:
-    """Judge a node that answers three calls with these."""
-    session = Session(folder).step("set_parameters", "off", outcome)
-    for label, success in (("refuse", refuse), ("recover", recover), ("from_start", from_start)):
-        called(session, label, call(answer(success)))
-    return judged("call_gated", GATED, session)
-
-
-@pytest.mark.parametrize(
-    ("answers", "credit", "words"),
-    [
-        ((False, True, False), "1", ""),
-        ((False, False, False), "0.5", "does not recover"),
-        ((True, True, False), "0.5", "only when the parameter is false from the start"),
-        ((True, True, True), "0", "although the parameter is false"),
-    ],
-)
-def test_refusal_and_recovery_are_half_each(
-    tmp_path: Path, answers: tuple[bool, bool, bool], credit: str, words: str
-) -> None:
-    """Refusing, recovering, and reading the parameter only once are told apart."""
-    finding = gated(tmp_path, *answers)
-    assert finding.credit == Decimal(credit)
-    assert words in finding.reason
-
-
-@pytest.mark.parametrize(("success", "credit"), [(True, "1"), (False, "0.17")])
-def test_what_must_always_be_possible_is_not_refused(
-    tmp_path: Path, success: bool, credit: str
-) -> None:
-    """A robot that cannot be disabled while safety is off endangers as one that can be enabled then."""
-    session = Session(tmp_path).step("set_parameters", "off", "done")
-    for label, answered in (
-        ("refuse", False),
-        ("disable", success),
-        ("recover", True),
-        ("from_start", False),
-    ):
-        called(session, label, call(answer(answered)), data=label != "disable")
-    gate = {
-        **GATED,
-        "allowed_step": "disable",
-        "allowed": {"success": True},
-        "disallowed_credit": 0.17,
-    }
-    assert judged("call_gated", gate, session).credit == Decimal(credit)
-
-
-def test_a_refusal_in_words_alone_earns_half(tmp_path: Path) -> None:
-    """A message that refuses beside success=True is half a refusal, one that enables is none."""
-    for name, said, credit in (("a", "Cannot enable: unsafe", "0.5"), ("b", "Robot enabled", "0")):
-        session = called(Session(tmp_path, name), "refuse", call(answer(True, said)))
-        called(session, "recover", call(answer(True)))
-        assert judged("call_gated", {**GATED, "refusal": "(?i)cannot"}, session).credit == Decimal(
-            credit
-        )
-
-
-def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
-    """What follows the parameter in reverse earns half; where enabling fails otherwise, a refusal says nothing.
-
-    Unless the node enables later: then what failed is charged there, and not here again.
-    """
-    lost = {"first": Finding(Outcome.FAILED, Decimal(0), "", "")}
-    gate = {**GATED, "enables": "first"}
-    for name, off, on, credit in (
-        ("a", True, False, "0.5"),
-        ("b", False, False, "0"),
-        ("c", False, True, "1"),
-    ):
-        session = called(
-            called(Session(tmp_path, name), "refuse", call(answer(off))),
-            "recover",
-            call(answer(on)),
-        )
-        finding = judged("call_gated", gate, session, findings=lost)
-        assert finding.credit == Decimal(credit)
-        assert (finding.outcome is Outcome.NOT_REACHED) == (credit == "0")
-
-
-def test_a_parameter_that_cannot_be_set_is_reported(tmp_path: Path) -> None:
-    """If the parameter could not be set, the reason says so."""
-    assert "could not be set while it ran" in gated(tmp_path, True, True, True, "failed").reason
-
-
-def test_no_answer_while_off_is_reported(tmp_path: Path) -> None:
-    """A node that falls silent while the parameter is false is told so."""
-    finding = judged("call_gated", GATED, called(Session(tmp_path), "refuse", call(None)))
-    assert finding.reason == "No answer came while the parameter was false."
-
-
 # -- parameters ------------------------------------------------------------------------------------
 
 
@@ -409,71 +304,6 @@ def test_parameters_that_cannot_be_read_fail(tmp_path: Path) -> None:
     assert "no such node" in finding.reason
 
 
-# -- quickness -------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("latencies", "credit"),
-    [([0.002] * 10, "1"), ([1.0] * 10, "1"), ([0.002] * 9 + [1.2], "0.9"), ([2.0] * 10, "0")],
-)
-def test_calls_are_credited_by_the_share_in_time(
-    tmp_path: Path, latencies: list[float], credit: str
-) -> None:
-    """A call answered within the limit counts, one above it does not."""
-    calls = [call(answer(True), latency_s) for latency_s in latencies]
-    finding = judged("calls_in_time", IN_TIME, called(Session(tmp_path), "many", *calls))
-    assert finding.credit == Decimal(credit)
-
-
-def test_calls_that_the_machine_may_have_delayed_are_undecided(tmp_path: Path) -> None:
-    """A slow call is not charged where the server had no core for so long, and is where it slept."""
-    calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.2]]
-    held_up = called(Session(tmp_path / "a").process(), "many", *calls).delayed("it", 3.0, 4.0)
-    assert judged("calls_in_time", IN_TIME, held_up).outcome is Outcome.INCONCLUSIVE
-    slept = called(Session(tmp_path / "b").process(), "many", *calls).delayed("it", 0.3, 4.0)
-    assert judged("calls_in_time", IN_TIME, slept).credit == Decimal("0.9")
-
-
-def test_quick_calls_for_which_there_was_no_time_are_undecided(tmp_path: Path) -> None:
-    """Where fewer calls were made than asked for, but all in time, nothing is lost."""
-    session = called(Session(tmp_path), "many", *[call(answer(True))] * 5, wanted=50)
-    assert judged("calls_in_time", IN_TIME, session).outcome is Outcome.INCONCLUSIVE
-
-
-def test_enough_quick_calls_will_do_where_there_was_no_time_for_more(tmp_path: Path) -> None:
-    """Calls that take long but are in time are not held against the node when others had no time."""
-    calls = [call(answer(True), 0.9)] * 12
-    finding = judged("calls_in_time", IN_TIME, called(Session(tmp_path), "many", *calls, wanted=50))
-    assert finding.outcome is Outcome.PASSED
-    assert "12 of 50 calls" in finding.notes[0]
-
-
-def test_slow_calls_are_lost_even_if_not_all_were_made(tmp_path: Path) -> None:
-    """Calls that took too long leave nothing undecided."""
-    session = called(Session(tmp_path), "many", *[call(answer(True), 1.5)] * 5, wanted=50)
-    finding = judged("calls_in_time", IN_TIME, session)
-    assert finding.outcome is Outcome.FAILED
-    assert "The quickest took 1.50 s" in finding.reason
-
-
-def test_no_calls_after_a_silent_one_are_not_reached(tmp_path: Path) -> None:
-    """Silence was charged with the call before."""
-    session = called(called(Session(tmp_path), "enable", call(None)), "many", call(None))
-    assert judged("calls_in_time", IN_TIME, session).outcome is Outcome.NOT_REACHED
-    assert judged("calls_in_time", IN_TIME, Session(tmp_path)).outcome is Outcome.FAILED
-
-
-def test_a_call_that_the_grader_itself_delayed_is_undecided(tmp_path: Path) -> None:
-    """Who makes the calls, and times them, may be delayed too, or stall."""
-    calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.4]]
-    late = called(Session(tmp_path / "a").process("director", role="grader"), "many", *calls)
-    late.delayed("director", 2.0, 4.0)
-    assert judged("calls_in_time", IN_TIME, late).outcome is Outcome.INCONCLUSIVE
-    calls[-1]["held_up_ns"] = 1_300_000_000
-    stopped = called(Session(tmp_path / "b").process(), "many", *calls)
-    assert judged("calls_in_time", IN_TIME, stopped).outcome is Outcome.INCONCLUSIVE
-
-
 # -- a node that ended before it was asked ---------------------------------------------------------
 
 QUIET: dict[str, Any] = {
@@ -509,15 +339,12 @@ def test_a_node_that_ended_without_an_error_is_told_to_spin(tmp_path: Path, chec
 
 
 def test_what_could_not_be_asked_of_a_node_that_ended_is_not_charged_again(tmp_path: Path) -> None:
-    """The parameters of a node that had ended, and its later calls, are not tested, and say why."""
+    """The parameters of a node that had ended are not tested, and the reason says so."""
     session = Session(tmp_path).process("it", **QUIET)
     session.step(
         "get_parameters", "defaults", "cancelled", problem="the student's process had ended"
     )
-    session.step("call", "enable", "cancelled").step("call", "many", "cancelled")
-    recorded = session.recorded()
-    declared = judged("parameters_declared", DECLARED, recorded)
-    later = judged("calls_in_time", IN_TIME, recorded)
-    assert (declared.outcome, later.outcome) == (Outcome.NOT_REACHED, Outcome.NOT_REACHED)
+    session.step("call", "enable", "cancelled")
+    declared = judged("parameters_declared", DECLARED, session)
+    assert declared.outcome is Outcome.NOT_REACHED
     assert "had ended before it could be asked" in declared.reason
-    assert 'the call "enable" got no answer' in later.reason

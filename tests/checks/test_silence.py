@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
@@ -78,54 +76,6 @@ def test_what_never_came_can_prove_nothing(tmp_path: Path) -> None:
     assert (
         judged("silent_until", parameters, spoken(tmp_path / "loud", 4.0)).outcome is Outcome.FAILED
     )
-
-
-STOPS: dict[str, Any] = {"topic": "/out", "step": "go", "within_s": 0.5, "none_from_s": 1.5}
-
-
-@pytest.mark.parametrize(
-    ("times", "credit"),
-    [
-        ((1.5,), "1"),
-        ((1.5, 2.49), "1"),
-        ((1.5, 3.0), "0.5"),
-        ((1.5, 2.6, 3.6), "0"),
-        ((1.5, 20.0), "0"),
-    ],
-)
-def test_the_last_message_after_the_step_counts(
-    tmp_path: Path, times: Sequence[float], credit: str
-) -> None:
-    """The step ends at 2 s; half a second is allowed, and after one and a half there is no credit."""
-    assert judged("stops_publishing", STOPS, spoken(tmp_path, *times)).credit == Decimal(credit)
-
-
-def test_who_never_published_has_nothing_to_stop(tmp_path: Path) -> None:
-    """That is charged elsewhere."""
-    assert (
-        judged("stops_publishing", STOPS, spoken(tmp_path / "a", 2.2)).outcome
-        is Outcome.NOT_REACHED
-    )
-    unknown = {**STOPS, "step": "stop"}
-    assert (
-        judged("stops_publishing", unknown, spoken(tmp_path / "b", 1.5)).outcome
-        is Outcome.NOT_REACHED
-    )
-
-
-def test_it_counts_until_a_step(tmp_path: Path) -> None:
-    """What it may publish after another step is its own affair."""
-    session = spoken(tmp_path, 1.5, 20.0).step("publish", "again")
-    session.record.steps[-1].started_ns += 10_000_000_000
-    assert (
-        judged("stops_publishing", {**STOPS, "until": "again"}, session).outcome is Outcome.PASSED
-    )
-
-
-def test_a_message_that_the_machine_made_late_is_in_doubt(tmp_path: Path) -> None:
-    """0.3 s late, with a delay of as much."""
-    session = spoken(tmp_path, 1.5, 2.8).disturbed("it", (2.2, 0.4))
-    assert judged("stops_publishing", STOPS, session).outcome is Outcome.INCONCLUSIVE
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 import textwrap
 from collections.abc import Iterable
@@ -13,8 +14,9 @@ import yaml
 from grader import own_checks
 from grader.cli import main
 from grader.judging.judge import Recordings, judge
-from grader.judging.rubrics import read_rubric
+from grader.judging.rubrics import read_rubric, rubric_kinds
 from grader.lab.kept_lab import lab_folder
+from grader.lab.rubric import json_schema
 from grader.live.interfaces.build import lacking_toolchain
 from grader.result import CheckResult
 from tests.synthetic import Session, evenly, submission
@@ -121,7 +123,8 @@ def test_a_new_lab_is_in_order(new: Path, capsys: pytest.CaptureFixture[str]) ->
         "solution",
         "fixtures",
     }
-    assert (new / "rubric.schema.json").read_bytes() == (ROOT / "rubric.schema.json").read_bytes()
+    schema = json.loads((new / "rubric.schema.json").read_text(encoding="utf-8"))
+    assert schema == json_schema(rubric_kinds())
     status, output, _ = run(capsys, "check", new)
     assert (status, "are in order. Points: 10, checks: 2." in output) == (0, True)
     assert "`grade lab try` does it" in output

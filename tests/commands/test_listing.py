@@ -68,15 +68,15 @@ def test_the_example_of_a_rate_fits_the_new_lab(
 
 def test_programs_get_json(capsys: pytest.CaptureFixture[str]) -> None:
     """All that is printed, with types in words, defaults, what is nested, and the example."""
-    assert main(["checks", "--json", "sinusoids"]) == 0
+    assert main(["checks", "--json", "topics_subscribed"]) == 0
     (found,) = json.loads(capsys.readouterr().out)
-    components = next(p for p in found["parameters"] if p["name"] == "components")
-    assert (components["type"], components["required"]) == ("list (mapping each)", True)
+    topics = next(p for p in found["parameters"] if p["name"] == "topics")
+    assert (topics["type"], topics["required"]) == ("list (mapping each)", True)
     assert {
-        key: next(p for p in components["parameters"] if p["name"] == "amplitude")[key]
+        key: next(p for p in topics["parameters"] if p["name"] == "type")[key]
         for key in ("name", "type", "required")
-    } == {"name": "amplitude", "type": "number", "required": True}
-    assert yaml.safe_load(found["example"])[0]["check"] == "sinusoids"
+    } == {"name": "type", "type": "text", "required": True}
+    assert yaml.safe_load(found["example"])[0]["check"] == "topics_subscribed"
 
 
 def test_people_get_text(capsys: pytest.CaptureFixture[str]) -> None:

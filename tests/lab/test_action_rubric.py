@@ -100,9 +100,9 @@ def test_fields_of_the_feedbacks_topic_are_looked_up(tmp_path: Path, lab: str) -
         ("feedback.sequence", ""),
         ("feedback.sequenc", "did you mean 'sequence'?"),
     ):
-        values = f"with: {{topic: /fibonacci/_action/feedback, field: {field}, length: 1}}\n"
+        values = f"with: {{topic: /fibonacci/_action/feedback, field: {field}, low: 1}}\n"
         (tmp_path / "lab.yaml").write_text(
-            f"{head}        check: message_values\n        {values}", encoding="utf-8"
+            f"{head}        check: field_range\n        {values}", encoding="utf-8"
         )
         found: list[str] = []
         try:

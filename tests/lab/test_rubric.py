@@ -345,11 +345,11 @@ criteria:
       - id: values
         points: 2
         session: alone
-        check: message_values
+        check: field_range
         with:
           topic: /chat
           field: data
-          length: 7
+          low: 7
       - id: qos
         points: 2
         session: alone
@@ -499,13 +499,13 @@ MISTYPED: list[tuple[str, str, str]] = [
         "no field 'sucess'; did you mean 'success'?",
     ),
     (
-        "field: data\n          length",
-        "field: dta\n          length",
+        "field: data\n          low",
+        "field: dta\n          low",
         "no field 'dta'; did you mean 'data'?",
     ),
     (
-        "field: data\n          length",
-        "field: layout.dim[0].label\n          length",
+        "field: data\n          low",
+        "field: layout.dim[0].label\n          low",
         "is a string; it must hold numbers",
     ),
     (
@@ -560,7 +560,7 @@ MISTYPED: list[tuple[str, str, str]] = [
     ("full_within: 2%", "full_within: 2", "a share from 0 to 1 is expected"),
     ("rate_hz: 10\n", "rate_hz: '10'\n", "a number is expected"),
     ("rate_hz: 10\n", "rate_hz: true\n", "a number is expected"),
-    ("length: 7", "length: 7.5", "a whole number is expected"),
+    ("reliability: reliable}", "reliability: reliable, depth: 7.5}", "a whole number is expected"),
     (
         "reliability: reliable",
         "reliability: relable",
@@ -598,13 +598,13 @@ MISTYPED: list[tuple[str, str, str]] = [
         "only a reference takes it",
     ),
     (
-        "field: data\n          length",
-        "field: data[0][1]\n          length",
+        "field: data\n          low",
+        "field: data[0][1]\n          low",
         "a float64 has no elements, so that [1]",
     ),
     (
-        "field: data\n          length",
-        "field: data[x]\n          length",
+        "field: data\n          low",
+        "field: data[x]\n          low",
         "'data[x]' is no path of a field such as",
     ),
     ("interfaces: interfaces", "interfaces: interface", "no folder 'interface' beside the rubric"),
@@ -796,7 +796,7 @@ def test_fields_are_known_where_ros_is_not_installed(
     """Where one only regrades, a mistyped field or type of a message of ROS itself is reported all the same."""
     monkeypatch.setattr("sys.prefix", str(tmp_path / "nowhere"))
     monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
-    text = LAB.replace("field: data\n          length", "field: dta\n          length", 1).replace(
+    text = LAB.replace("field: data\n          low", "field: dta\n          low", 1).replace(
         "msg/String", "msg/Strng"
     )
     (lab_folder_of(tmp_path) / "lab.yaml").write_text(text, encoding="utf-8")

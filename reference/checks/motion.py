@@ -1,0 +1,551 @@
+"""Checks of a lab in which joints follow sinusoids: the motion, and the values of its messages."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field
+
+from grader.own_checks import (
+    Context,
+    EarlierCheckId,
+    FieldPath,
+    Finding,
+    Location,
+    Outcome,
+    Part,
+    Series,
+    Share,
+    Topic,
+    apart,
+    check,
+    failed,
+    graded,
+    not_reached,
+    of_parts,
+    unexplained,
+)
+
+Floats = NDArray[np.float64]
+
+
+class MessageValues(BaseModel):
+    """Every message holds a number of finite values in a field."""
+
+    topic: Topic
+    field: FieldPath
+    length: int
+    reach: float | None = Field(None, gt=0, description="No value may lie farther from 0.")
+    unsafe_by: EarlierCheckId | None = Field(
+        None,
+        description="Check of what the values do; where it failed, they are not safe, and worth nothing.",
+    )
+
+
+#: Credit levels of a share of messages.
+_LEVELS = 10
+
+
+@dataclass(frozen=True)
+class _Row:
+    """Numbers in the field of one message."""
+
+    length: int
+    is_finite: bool
+    #: Largest distance from 0; 0 if it holds no number or one that is not finite.
+    size: float
+
+    @classmethod
+    def of(cls, numbers: Floats | None) -> _Row:
+        """Measure the numbers of a message."""
+        if numbers is None:
+            return cls(0, False, 0.0)
+        is_finite = bool(np.isfinite(numbers).all())
+        size = float(np.abs(numbers).max(initial=0.0)) if is_finite else 0.0
+        return cls(len(numbers), is_finite, size)
+
+
+@check(commands=("ros2 topic echo --once {topic}",))
+def message_values(context: Context, p: MessageValues) -> Finding:
+    """Judge the length and finiteness of a field; credit in parts."""
+    expected = _expected_values(p)
+    rows = [_Row.of(numbers) for numbers in context.rows(p.topic, p.field)]
+    if not rows:
+        return unexplained(failed(expected, "no messages", "No message arrived."))
+    good = sum(row.is_finite and row.length == p.length for row in rows)
+    measured = f"{good} of {len(rows)} messages hold {p.length} finite numbers"
+    farthest = max(row.size for row in rows)
+    if p.reach is not None and farthest > p.reach:
+        where = _first_beyond(context, p, rows, p.reach)
+        reason = f"A value of {farthest:.2f} is beyond ±{p.reach:g}."
+        return failed(expected, f"{measured}, up to {farthest:.2f}", reason, where=(where,))
+    reasons = _wrong_rows(p, rows)
+    unsafe = _unsafe(context, p)
+    if unsafe is not None:
+        reason = " ".join([*reasons, unsafe.reason])
+        measured = unsafe.measured or measured
+        return failed(expected, measured, reason, hint=unsafe.hint, where=unsafe.where)
+    share = good / len(rows)
+    if good < len(rows):
+        # One bad message is as clear as many, so it costs a level.
+        share = min(share, 1 - 1 / _LEVELS)
+    return graded(share, expected, measured, " ".join(reasons), levels=_LEVELS)
+
+
+def _unsafe(context: Context, p: MessageValues) -> Finding | None:
+    """Return the finding that the values are not safe; None if they are."""
+    if p.unsafe_by is None:
+        return None
+    finding = context.finding(p.unsafe_by)
+    if finding is None:
+        return None
+    return finding if finding.outcome is Outcome.FAILED else None
+
+
+def _expected_values(p: MessageValues) -> str:
+    expected = f"{p.length} finite numbers in '{p.field}' of every message"
+    if p.reach is not None:
+        expected += f", none beyond ±{p.reach:g}"
+    return expected
+
+
+def _wrong_rows(p: MessageValues, rows: Sequence[_Row]) -> list[str]:
+    """Say how many messages hold another number of values, and how many hold values that are not finite."""
+    reasons = []
+    lengths = [row.length for row in rows]
+    others = len(rows) - lengths.count(p.length)
+    if others:
+        usual = max(set(lengths), key=lengths.count)
+        reasons.append(
+            f"{others} of {len(rows)} messages do not hold {p.length} numbers (most hold {usual})."
+        )
+    not_finite = sum(not row.is_finite for row in rows)
+    if not_finite:
+        reasons.append(f"{not_finite} messages hold numbers that are not finite.")
+    return reasons
+
+
+def _first_beyond(
+    context: Context, p: MessageValues, rows: Sequence[_Row], reach: float
+) -> Location:
+    """Point at the first message with a value beyond the reach."""
+    first = next(n for n, row in enumerate(rows) if row.size > reach)
+    sent_s = float(context.messages(p.topic).sent_s[first])
+    return context.location(p.topic, span_s=(sent_s, sent_s))
+
+
+#: Numbers of frequencies in the first grid and in each finer one; the last grid resolves 5e-7 of the whole range.
+_GRIDS = (200, 21, 21, 21, 21)
+#: Greatest number of samples in a fit. More samples cost memory and hardly change the result.
+_MOST_SAMPLES = 10_000
+#: Largest value in a fit; larger ones count as this value, so that squares stay finite.
+_LARGEST = 1e9
+
+
+@dataclass(frozen=True)
+class Sinusoid:
+    """The sinusoid nearest to a series."""
+
+    #: In the unit of the series; `residual` is the root mean square of the rest.
+    amplitude: float
+    frequency_hz: float
+    offset: float
+    residual: float
+    #: In rad, at time 0: between -π and π, and 0 for a sine that begins there.
+    phase: float = 0.0
+
+
+def fit_sinusoid(times_s: Floats, values: Floats, lowest_hz: float, highest_hz: float) -> Sinusoid:
+    """Fit ``offset + a·sin(2πft) + b·cos(2πft)`` with f between the two bounds.
+
+    The frequency is searched on a grid, then on finer grids around the best point.
+
+    References
+    ----------
+    IEEE Std 1057 describes the sine-wave fit of known and unknown frequency by linear least squares.
+    """
+    every = max(1, -(-len(values) // _MOST_SAMPLES))
+    times_s = times_s[::every]
+    values = np.clip(values[::every], -_LARGEST, _LARGEST)
+    best = Sinusoid(0.0, lowest_hz, 0.0, float("inf"))
+    low, high = lowest_hz, highest_hz
+    for points in _GRIDS:
+        grid = np.linspace(low, high, points)
+        best, place = _best_on(grid, times_s, values)
+        low = float(grid[max(place - 1, 0)])
+        high = float(grid[min(place + 1, len(grid) - 1)])
+    return best
+
+
+def _best_on(grid: Floats, times_s: Floats, values: Floats) -> tuple[Sinusoid, int]:
+    """Return the best fit of all frequencies of a grid, and its place in the grid."""
+    fits, residuals = _fit_each(times_s, values, grid)
+    place = int(np.argmin(residuals))
+    offset, sine, cosine = fits[place]
+    best = Sinusoid(
+        amplitude=float(np.hypot(sine, cosine)),
+        frequency_hz=float(grid[place]),
+        offset=float(offset),
+        residual=float(residuals[place]),
+        phase=float(np.arctan2(cosine, sine)),
+    )
+    return best, place
+
+
+def _fit_each(times_s: Floats, values: Floats, frequencies_hz: Floats) -> tuple[Floats, Floats]:
+    """Fit offset, sine and cosine at each frequency; returns the (n, 3) coefficients and n residuals."""
+    phases = 2 * np.pi * np.outer(frequencies_hz, times_s)
+    design = np.ones((len(phases), 3, len(times_s)))
+    np.sin(phases, out=design[:, 1])
+    np.cos(phases, out=design[:, 2])
+    normal = design @ design.transpose(0, 2, 1) + 1e-12 * len(values) * np.eye(3)
+    coefficients = np.linalg.solve(normal, (design @ values)[:, :, np.newaxis])[:, :, 0]
+    # The array of the phases is used again, because it is large.
+    fitted = np.einsum("fk,fkt->ft", coefficients, design, out=phases)
+    left = np.subtract(values, fitted, out=phases)
+    return coefficients, np.sqrt(np.mean(np.square(left, out=left), axis=1))
+
+
+class Component(BaseModel):
+    """One element of the message that follows amplitude·sin(2π·frequency·t)."""
+
+    index: int = Field(ge=0)
+    amplitude: float = Field(gt=0)
+    frequency_hz: float = Field(gt=0)
+
+
+class Slip(BaseModel):
+    """A known mistake, by the factors that it puts on amplitude and frequency."""
+
+    amplitude: float = Field(1.0, gt=0)
+    frequency: float = Field(1.0, gt=0)
+    meaning: str
+
+
+class Sinusoids(BaseModel):
+    """Elements of a message follow sinusoids, the others stay at zero."""
+
+    topic: Topic
+    field: FieldPath
+    components: tuple[Component, ...] = Field(min_length=1)
+    tick_s: float = Field(gt=0, description="Time step per message with which the node computes.")
+    others_still: int = Field(
+        0, description="The elements up to this one that have no component stay at 0."
+    )
+    reach: float | None = Field(
+        None, gt=0, description="No element may go farther from 0: nothing is earned then."
+    )
+    starts_within: float | None = Field(
+        None, gt=0, description="So near 0 each element begins; one that jumps there earns nothing."
+    )
+    tolerance: Share = 0.05
+    phase_tolerance: Share = Field(
+        0.125, description="Share of a period by which a sinusoid may begin elsewhere."
+    )
+    slips: tuple[Slip, ...] = ()
+    phase_credit: Share = Field(
+        2 / 3, description="Credit of one that begins at another place of its period."
+    )
+
+
+#: Fits of an element by the clock and by counting messages, for each index.
+_Fits = Mapping[int, Sequence[Sinusoid]]
+
+
+@dataclass(frozen=True)
+class _Danger:
+    """Values that send a joint where it must not go, or that are no target at all."""
+
+    reason: str
+    #: Place of the first such message; None if it concerns all messages.
+    message: int | None = None
+
+
+@check(commands=("ros2 topic echo {topic}",))
+def sinusoids(context: Context, p: Sinusoids) -> Finding:
+    """Judge amplitude and frequency, both by the clock and by counting messages.
+
+    Another check charges a wrong rate. Dangerous values earn nothing.
+    """
+    expected = _expected_sinusoids(p)
+    series = context.series(p.topic, p.field, finite=False)
+    if series is None or len(series) < _FEWEST:
+        reason = "Too few messages with numbers arrived to see a motion."
+        return not_reached(reason, expected=expected)
+    fits = {component.index: _fits(series, component, p) for component in p.components}
+    parts = [_judge_component(series, each, p, fits[each.index]) for each in p.components]
+    unrecognised = []
+    for component, part in zip(p.components, parts, strict=True):
+        if part.share < _RECOGNISED:
+            unrecognised.append(component)
+    parts.append(_judge_others(series.values, p))
+    danger = _danger(series, p, fits)
+    place = danger.message if danger is not None else None
+    location = _location_of(context, p, series, place)
+    reason = danger.reason if danger is not None else _swapped(series, p, unrecognised)
+    if not reason:
+        return of_parts(expected, parts, where=(location,))
+    measured = "; ".join(part.text for part in parts if part.text)
+    reasons = [part.reason for part in parts if part.reason]
+    return failed(expected, measured, " ".join([reason, *reasons]), where=(location,))
+
+
+def _expected_sinusoids(p: Sinusoids) -> str:
+    wanted = []
+    for component in p.components:
+        sine = f"{component.amplitude:g}·sin(2π·{component.frequency_hz:g}·t)"
+        wanted.append(f"{sine} in [{component.index}]")
+    return f"{', '.join(wanted)}, the others 0"
+
+
+def _judge_others(values: Floats, p: Sinusoids) -> Part:
+    """Judge whether the elements without a component stay at 0."""
+    moving = ", ".join(map(str, _others_that_move(values, p)))
+    if moving:
+        return Part(0.0, "", f"Element {moving} should stay at 0, but does not.")
+    return Part(1.0)
+
+
+def _swapped(series: Series, p: Sinusoids, components: Sequence[Component]) -> str:
+    """Say which motions are in another element than they should be."""
+    sentences = []
+    for component in components:
+        other = _element_of(series, component, p)
+        if other is not None:
+            sentences.append(f"The motion of element {component.index} is in element {other}.")
+    return " ".join(sentences)
+
+
+def _location_of(
+    context: Context, p: Sinusoids, series: Series, message: int | None
+) -> Location:
+    """Point at one message of a series, or at all of them if none is named."""
+    first = 0 if message is None else message
+    last = -1 if message is None else message
+    span_s = (float(series.sent_s[first]), float(series.sent_s[last]))
+    return context.location(p.topic, span_s=span_s)
+
+
+#: Least credit of a recognised motion; one with less may be in another element.
+_RECOGNISED = 0.5
+#: Number of first messages that, with the steps after them, show the beginning of a motion.
+_FIRST_MESSAGES = 10
+
+
+def _danger(series: Series, p: Sinusoids, fits: _Fits) -> _Danger | None:
+    """Return the first danger in a series: wrong elements, no numbers, values too far, or a jump."""
+    elements = series.values.shape[1]
+    if elements != (p.others_still or elements):
+        return _Danger(f"There are {elements} elements for {p.others_still} joints.")
+    finite = np.isfinite(series.values)
+    no_numbers = np.flatnonzero(finite.mean(axis=0) < _RECOGNISED)
+    if len(no_numbers):
+        return _Danger(f"Element {', '.join(map(str, no_numbers))} is not a number.")
+    sizes: Floats = np.where(finite, np.abs(series.values), 0.0)
+    if p.reach is not None and sizes.max() > p.reach:
+        element = int(sizes.max(axis=0).argmax())
+        first = int(np.argmax(sizes.max(axis=1) > p.reach))
+        reason = f"Element {element} goes as far as {sizes.max():.2f}, beyond ±{p.reach:g}."
+        return _Danger(reason, first)
+    return _jump(series, sizes, p, fits)
+
+
+def _jump(series: Series, sizes: Floats, p: Sinusoids, fits: _Fits) -> _Danger | None:
+    """Return the jump of an element with the first message, if there is one.
+
+    Parameters
+    ----------
+    sizes
+        float64[n, elements]: Distance of each value from 0.
+    """
+    if p.starts_within is None:
+        return None
+    if series.sequence[0] <= _FIRST_MESSAGES:
+        begins = dict(enumerate(_nearest_begin(series, sizes)))
+    else:
+        begins = _begins(p, fits)
+    element = max(begins, key=lambda n: begins[n], default=0)
+    if begins.get(element, 0.0) <= p.starts_within:
+        return None
+    return _Danger(f"Element {element} jumps to {begins[element]:.2f} with the first message.", 0)
+
+
+def _nearest_begin(series: Series, sizes: Floats) -> Floats:
+    """Return the least distance from 0 at which each element can have begun.
+
+    It follows from the first recorded message, and from the largest step per message after it.
+    """
+    few = slice(_FIRST_MESSAGES)
+    numbers = np.maximum(1, np.diff(series.sequence[few]))
+    steps = np.abs(np.diff(sizes[few], axis=0)) / numbers[:, None]
+    nearest: Floats = sizes[0] - (series.sequence[0] - 1) * steps.max(axis=0, initial=0.0)
+    return nearest
+
+
+def _begins(p: Sinusoids, fits: _Fits) -> dict[int, float]:
+    """Return the distance from 0 at which each rightly moving element began, by its later motion."""
+    begins = {}
+    for component in p.components:
+        fit = _earliest(fits[component.index], component, p)
+        if fit is not None:
+            begins[component.index] = fit.amplitude * abs(np.sin(fit.phase))
+    return begins
+
+
+#: Number of messages that shows a motion.
+_FEWEST = 20
+
+
+def _element_of(series: Series, c: Component, p: Sinusoids) -> int | None:
+    """Return the other element that moves as a component should."""
+    for index in range(min(p.others_still, series.values.shape[1])):
+        values = series.values[:, index]
+        if index == c.index:
+            continue
+        if not np.isfinite(values).all():
+            continue
+        if float(np.ptp(values)) <= c.amplitude:
+            continue
+        moved = c.model_copy(update={"index": index})
+        if _earliest(_fits(series, moved, p), moved, p) is not None:
+            return index
+    return None
+
+
+def _others_that_move(values: Floats, p: Sinusoids) -> list[int]:
+    used = {component.index for component in p.components}
+    smallest = min(component.amplitude for component in p.components)
+    # Another part charges values that are no numbers.
+    sizes = np.where(np.isfinite(values), np.abs(values), 0.0).max(axis=0)
+    moving = []
+    for index in range(min(p.others_still, values.shape[1])):
+        if index not in used and float(sizes[index]) > p.tolerance * smallest:
+            moving.append(index)
+    return moving
+
+
+def _judge_component(
+    series: Series, c: Component, p: Sinusoids, fits: Sequence[Sinusoid]
+) -> Part:
+    if c.index >= series.values.shape[1]:
+        return Part(0.0, f"no element {c.index}", f"Messages have no element {c.index}.")
+    column = series.values[:, c.index]
+    values = column[np.isfinite(column)]
+    if len(values) < _FEWEST:
+        return Part(0.0, f"[{c.index}] is not a number", f"Element {c.index} is not a number.")
+    best = min(fits, key=lambda fit: _badness(fit, c))
+    amplitude = _distinguished(best.amplitude, c.amplitude, p)
+    frequency = _distinguished(best.frequency_hz, c.frequency_hz, p)
+    text = f"[{c.index}] {amplitude} at {frequency} Hz"
+    early = _earliest(fits, c, p)
+    if early is not None:
+        return _judge_phase(early, c, p, text)
+    if float(np.ptp(values)) < p.tolerance * c.amplitude:
+        return Part(0.0, f"[{c.index}] does not move", f"Element {c.index} does not move.")
+    got = f"Element {c.index} has amplitude {amplitude} and frequency {frequency} Hz"
+    return _wrong_motion(best, c, p, text, got)
+
+
+def _distinguished(got: float, wanted: float, p: Sinusoids) -> str:
+    """Return a number with as many places as show on which side of the tolerance it is."""
+    limits = (wanted * (1 - p.tolerance), wanted * (1 + p.tolerance))
+    return apart(got, *limits, places=3)
+
+
+def _judge_phase(fit: Sinusoid, c: Component, p: Sinusoids, text: str) -> Part:
+    """Judge where in its period a motion of the right amplitude and frequency begins."""
+    if abs(fit.phase) <= 2 * np.pi * p.phase_tolerance:
+        return Part(1.0, text)
+    degrees = np.degrees(fit.phase)
+    begins = f"begins {degrees:.0f}° into its sine instead of at 0° (180° inverts the sign)"
+    reason = f"Element {c.index} has the right amplitude and frequency, but {begins}."
+    return Part(p.phase_credit, text, reason)
+
+
+def _wrong_motion(fit: Sinusoid, c: Component, p: Sinusoids, text: str, got: str) -> Part:
+    """Judge a motion that is not the wanted one: half for its frequency, half for its amplitude."""
+    is_clean = fit.residual < 0.2 * c.amplitude
+    is_centred = abs(fit.offset) <= p.tolerance * c.amplitude
+    amplitude_ratio, frequency_ratio = _ratios(fit, c)
+    amplitude_right = is_clean and abs(amplitude_ratio - 1) <= p.tolerance
+    frequency_right = is_clean and abs(frequency_ratio - 1) <= p.tolerance
+    reason = got
+    if not is_centred:
+        reason += f" about {fit.offset:.3f} instead of 0"
+    reason += f" (wanted {c.amplitude:g} and {c.frequency_hz:g} Hz)"
+    if not is_clean:
+        reason += ", and is no clean sine"
+    halves = int(frequency_right) + int(amplitude_right and is_centred)
+    return Part(0.5 * halves, text, f"{reason}. {_slip_of(fit, c, p)}".strip())
+
+
+def _slip_of(fit: Sinusoid, c: Component, p: Sinusoids) -> str:
+    """Return the meaning of the known mistake that explains a motion; empty if none does."""
+    factors = np.array(_ratios(fit, c))
+    for slip in p.slips:
+        if np.allclose(factors, (slip.amplitude, slip.frequency), rtol=0.05):
+            return slip.meaning
+    return ""
+
+
+def _ratios(fit: Sinusoid, c: Component) -> tuple[float, float]:
+    return fit.amplitude / c.amplitude, fit.frequency_hz / c.frequency_hz
+
+
+#: Searched frequencies, as multiples of the wanted one.
+_SLOWEST, _FASTEST = 0.1, 20
+
+
+def _earliest(fits: Sequence[Sinusoid], c: Component, p: Sinusoids) -> Sinusoid | None:
+    """Return the right fit that begins nearest to the start of its sine; None if no fit is right."""
+    right = [fit for fit in fits if _badness(fit, c) <= p.tolerance]
+    return min(right, key=lambda fit: abs(fit.phase), default=None)
+
+
+def _fits(series: Series, c: Component, p: Sinusoids) -> list[Sinusoid]:
+    """Return the fits of an element from the first message on: by the clock and by counting.
+
+    If neither is right, the median period of the messages is counted too. It corrects a wrong
+    clock, but does not show messages that the machine delayed.
+    """
+    if c.index >= series.values.shape[1]:
+        return []
+    finite = np.isfinite(series.values[:, c.index])
+    if finite.sum() < _FEWEST:
+        return []
+    series = series.only(finite)
+    values = series.values[:, c.index]
+    bounds = (_SLOWEST * c.frequency_hz, _FASTEST * c.frequency_hz)
+    by_count: Floats = (series.sequence - 1) * np.float64(p.tick_s)
+    fits = [
+        fit_sinusoid(_since_first_s(series), values, *bounds),
+        fit_sinusoid(by_count, values, *bounds),
+    ]
+    if _earliest(fits, c, p) is None:
+        steps = np.maximum(np.diff(series.sequence), 1)
+        usual_s = float(np.median(np.diff(series.sent_s) / steps))
+        by_period: Floats = (series.sequence - 1) * np.float64(usual_s)
+        fits.append(fit_sinusoid(by_period, values, *bounds))
+    return fits
+
+
+def _since_first_s(series: Series) -> Floats:
+    """Return the time of each message since the node's first, which may not have been recorded."""
+    times_s: Floats = series.sent_s - series.sent_s[0]
+    written = int(series.sequence[-1] - series.sequence[0])
+    missed_s = 0.0
+    if written > 0:
+        missed_s = (int(series.sequence[0]) - 1) * float(times_s[-1]) / written
+    shifted: Floats = times_s + max(0.0, missed_s)
+    return shifted
+
+
+def _badness(fit: Sinusoid, c: Component) -> float:
+    """Return the largest relative deviation of a fit from a component."""
+    amplitude_ratio, frequency_ratio = _ratios(fit, c)
+    offset = abs(fit.offset) / c.amplitude
+    residual = fit.residual / c.amplitude
+    return max(abs(amplitude_ratio - 1), abs(frequency_ratio - 1), offset, residual)

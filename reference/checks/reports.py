@@ -1,0 +1,813 @@
+"""Checks of numbers that a node prints: a report on each message, and statistics at its end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, Field
+
+from grader.own_checks import (
+    Artifact,
+    CheckId,
+    Context,
+    EarlierCheckId,
+    FieldPath,
+    Finding,
+    Loadable,
+    NumericStream,
+    Outcome,
+    Pattern,
+    Patterns,
+    PrintedVector,
+    Report,
+    Run,
+    SessionId,
+    Share,
+    Topic,
+    apart,
+    check,
+    cpu_delay_doubt,
+    failed,
+    graded,
+    passed,
+    quantise,
+    search,
+    unclear,
+    unexplained,
+)
+
+Integers = NDArray[np.int64]
+
+
+#: Credit levels of a measured share.
+_LEVELS = 10
+
+
+class Streams(BaseModel):
+    """Base of checks that compare an artifact's reports with an oracle over recorded topics."""
+
+    artifact: Artifact
+    streams: Mapping[str, Topic] = Field(description="Role that the oracle knows -> topic.")
+    field: FieldPath
+    oracle: Loadable = Field(description="file.py:function beside the rubric.")
+    parameters: Mapping[str, Any] = Field(
+        default_factory=dict, description="Passed on to the oracle."
+    )
+
+    def answer(
+        self,
+        context: Context,
+        streams: Mapping[str, NumericStream],
+        other: Mapping[str, Any] | None = None,
+    ) -> Any:
+        """Return the oracle's answer over some streams, with the check's parameters and others."""
+        parameters = {**self.parameters, **(other or {})}
+        return context.oracle(self.oracle)(streams, parameters, context.seed)
+
+    def recorded(self, context: Context) -> dict[str, NumericStream] | None:
+        """Return the streams by role, or None if one of them was not recorded."""
+        streams = context.streams(self.streams, self.field)
+        return streams if len(streams) == len(self.streams) else None
+
+    def longest(self, context: Context) -> Integers:
+        """Return the source timestamps of the recorded stream with the most messages."""
+        streams = context.streams(self.streams, self.field).values()
+        return max((stream.source_ns for stream in streams), key=len)
+
+
+_NO_STIMULUS = "Commands and states were not recorded, so there is nothing to compare with."
+
+
+class Alternative(BaseModel):
+    """A known way to get other numbers, and how much credit it leaves."""
+
+    parameters: Mapping[str, Any]
+    meaning: str
+    credit: float = Field(0.0, ge=0, le=1)
+    charged_by: tuple[EarlierCheckId, ...] = Field(
+        (), description="Where one of these checks took points, none are lost here."
+    )
+
+    def left(self, context: Context) -> float:
+        """Return the credit that it leaves: all if another check has charged it."""
+        return 1.0 if self._is_charged(context) else self.credit
+
+    def explains(self, context: Context, finding: Finding, least: float = 0.0) -> Finding:
+        """State the credit of numbers that match this mistake, and name it.
+
+        A note names it only if no other check has charged it. The share of right numbers is the
+        least credit.
+        """
+        meant = f"Your numbers match {self.meaning}."
+        notes = finding.notes
+        if self.credit >= 1 and not self._is_charged(context):
+            notes = (*notes, meant)
+        return graded(
+            max(self.left(context), least),
+            finding.expected,
+            finding.measured,
+            f"{finding.reason} {meant}".strip(),
+            where=finding.where,
+            notes=notes,
+        )
+
+    def _is_charged(self, context: Context) -> bool:
+        return any(map(context.charged, self.charged_by))
+
+
+class ReportShare(BaseModel):
+    """Share of messages with a report, among those that an oracle counts as reportable."""
+
+    oracle: Loadable = Field(description="file.py:function beside the rubric.")
+    full_from: Share = 0.9
+    costs: Share = Field(
+        0.25, description="Share of the credit that a node loses which reports for next to none."
+    )
+
+
+class ReportedSeries(Streams):
+    """Numbers that a node reports agree with an oracle's value on each span of time, and come for each message."""
+
+    pattern: Patterns
+    share: ReportShare | None = None
+    tolerance: float = Field(
+        gt=0, description="Absolute; 1 % of the value, and what rounding makes, are allowed too."
+    )
+    settle_s: float = Field(0.05, description="Reports this close to a span's ends do not count.")
+    alternatives: tuple[Alternative, ...] = ()
+    end_charged_by: CheckId | None = Field(
+        None,
+        description="Check that charges a node that ends early; then only half of the spans must be reached.",
+    )
+
+
+@dataclass(frozen=True)
+class _Plateau:
+    """A span of the oracle with its value, and the node's reports within it."""
+
+    start_ns: int
+    end_ns: int
+    right: float
+    reports: tuple[Report, ...]
+
+    @property
+    def value(self) -> float | None:
+        """The median of the reports; None without any."""
+        if not self.reports:
+            return None
+        return float(np.median([report.value for report in self.reports]))
+
+    def is_right(self, p: ReportedSeries) -> bool:
+        """Tell whether the value is right, up to the rounding of the printed numbers."""
+        if self.value is None:
+            return False
+        roundings = [report.rounding for report in self.reports if report.rounding]
+        rounding = min(roundings, default=0.0)
+        slack = max(p.tolerance, 0.01 * abs(self.right), rounding * 1.01)
+        return abs(self.value - self.right) <= slack
+
+    def has_value_of(self, earlier: Sequence[_Plateau], p: ReportedSeries) -> bool:
+        """Tell whether the value would be right on one of some earlier plateaus."""
+        return any(replace(self, right=each.right).is_right(p) for each in earlier)
+
+
+def _plateaus(
+    context: Context,
+    p: ReportedSeries,
+    heard: Sequence[Report],
+    other: Mapping[str, Any] | None = None,
+) -> list[_Plateau]:
+    """Return the oracle's spans with the reports in each; none if the stimulus was not recorded."""
+    streams = p.recorded(context)
+    if streams is None:
+        return []
+    settle_ns = int(p.settle_s * 1e9)
+    found = []
+    for each in p.answer(context, streams, other):
+        start_ns = each["start_ns"] + settle_ns
+        end_ns = each["end_ns"] - settle_ns
+        inside = tuple(report for report in heard if start_ns <= report.t_ns <= end_ns)
+        found.append(_Plateau(start_ns, end_ns, float(each["value"]), inside))
+    return found
+
+
+@dataclass(frozen=True)
+class _Series:
+    """All plateaus of the oracle, in order of time, and whether the reports on each are right."""
+
+    plateaus: Sequence[_Plateau]
+    fits: Sequence[bool]
+
+    @property
+    def count(self) -> int:
+        """Number of plateaus."""
+        return len(self.plateaus)
+
+    @property
+    def right(self) -> int:
+        """Number of plateaus with right reports."""
+        return sum(self.fits)
+
+    @property
+    def reached(self) -> int:
+        """Number of plateaus up to the last one with a report."""
+        numbers = [number for number, each in enumerate(self.plateaus, 1) if each.reports]
+        return max(numbers, default=0)
+
+    @property
+    def unreported(self) -> int:
+        """Number of plateaus without a report before the last right one."""
+        last_right = max((number for number, fit in enumerate(self.fits, 1) if fit), default=0)
+        return sum(not plateau.reports for plateau in self.plateaus[:last_right])
+
+    def behind(self, p: ReportedSeries) -> list[_Plateau]:
+        """Return the wrong plateaus that have the value of an earlier one."""
+        found = []
+        for number, plateau in enumerate(self.plateaus):
+            if not self.fits[number] and plateau.has_value_of(self.plateaus[:number], p):
+                found.append(plateau)
+        return found
+
+
+@dataclass(frozen=True)
+class _ReportCount:
+    """Share of messages with a report, and the words about it."""
+
+    share: float
+    #: Greatest share as far as the machine delays tell.
+    best: float
+    measured: str
+    reason: str
+    doubt: str
+
+
+_REPLAY = ("ros2 bag play recordings/{session} --topics {streams}",)
+
+
+@check(commands=_REPLAY)
+def reported_series(context: Context, p: ReportedSeries) -> Finding:
+    """Judge each span by the median of its reports, less the cost of messages without a report."""
+    finding = _right_values(context, p)
+    if p.share is None:
+        return finding
+    if finding.outcome not in (Outcome.PASSED, Outcome.PARTIAL):
+        return finding
+    count = _report_share(context, p, p.share)
+    if count.share >= 1.0:
+        return finding
+    return graded(
+        _credit_left(finding, p.share, count.share),
+        finding.expected,
+        f"{finding.measured}; {count.measured}",
+        f"{finding.reason} {count.reason}".strip(),
+        where=finding.where,
+        notes=finding.notes,
+        best=_credit_left(finding, p.share, count.best),
+        doubt=count.doubt,
+    )
+
+
+def _credit_left(finding: Finding, p: ReportShare, share: float) -> float:
+    """Return the credit of a finding, less the cost of messages without a report."""
+    unreported = 1 - quantise(min(1.0, share))
+    return float(finding.credit) * (1 - p.costs * unreported)
+
+
+def _right_values(context: Context, p: ReportedSeries) -> Finding:
+    """Judge the share of plateaus with right reports."""
+    heard = context.reports(p.artifact, p.pattern)
+    plateaus = _plateaus(context, p, heard)
+    count = len(plateaus)
+    expected = f"the right value in each of {count} phases of constant commands and states, ± {p.tolerance:g} or 1%"
+    if not plateaus:
+        return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
+    if not heard:
+        return _no_report(context, p, expected)
+    series = _Series(plateaus, [plateau.is_right(p) for plateau in plateaus])
+    where = (context.output_location(p.artifact), context.location(next(iter(p.streams.values()))))
+    measured = f"right in {series.right} of {count} phases ({len(heard)} reports)"
+    if series.right == count:
+        return passed(expected, measured, where=where)
+    example = _wrong(context, plateaus[series.fits.index(False)])
+    wrong = failed(expected, measured, example, where=where)
+    mistake = _mistake(context, p, heard, count)
+    if mistake is not None:
+        return mistake.explains(context, wrong, series.right / count)
+    return _judge_plateaus(context, p, series, wrong)
+
+
+def _no_report(context: Context, p: ReportedSeries, expected: str) -> Finding:
+    """State that the node printed no report."""
+    run = _last_run(context, p.artifact)
+    printed = [line.text for line in run.lines] if run is not None else []
+    others = ""
+    if printed:
+        others = f"; it printed {len(printed)} others, the last of which is {printed[-1][:100]!r}"
+    reason = f"The node printed no tracking error in the requested form, neither to its output nor to its log{others}."
+    return unexplained(failed(expected, "no report", reason))
+
+
+def _mistake(
+    context: Context, p: ReportedSeries, heard: Sequence[Report], count: int
+) -> Alternative | None:
+    """Return the first known mistake that matches all reports, of at least half of the plateaus."""
+    for other in p.alternatives:
+        plateaus = _plateaus(context, p, heard, other.parameters)
+        alike = [plateau.is_right(p) for plateau in plateaus if plateau.reports]
+        if all(alike) and 2 * len(alike) >= count:
+            return other
+    return None
+
+
+def _judge_plateaus(
+    context: Context, p: ReportedSeries, series: _Series, wrong: Finding
+) -> Finding:
+    """Grade the share of right plateaus, with the texts of a finding about the wrong ones.
+
+    The share of reports charges the plateaus without a report before the last right one.
+    """
+    unreported = series.unreported
+    notes = []
+    if p.end_charged_by is not None and _ended_early(context, p, series):
+        phase = f"phase {series.reached + 1} of {series.count}"
+        notes.append(f"The node ended in {phase}, which costs points in {p.end_charged_by}.")
+        unreported += min(series.count - series.reached, series.count // 2)
+    judged = max(series.right, series.count - unreported)
+    silent = series.plateaus[series.reached :]
+    kept, doubt = _kept_behind(context, p, [*series.behind(p), *silent])
+    return graded(
+        series.right / judged,
+        wrong.expected,
+        wrong.measured,
+        wrong.reason,
+        where=wrong.where,
+        notes=notes,
+        best=min(1.0, (series.right + kept) / judged),
+        doubt=doubt,
+    )
+
+
+def _ended_early(context: Context, p: ReportedSeries, series: _Series) -> bool:
+    """Tell whether the node ended by itself before the last plateau."""
+    return series.reached < series.count and _went_on(context, p.artifact) is None
+
+
+#: Longest stall of the grader, in seconds, without a report that is read on the next plateau.
+_READ_LATE_S = 0.3
+
+
+def _kept_behind(
+    context: Context, p: ReportedSeries, behind: Sequence[_Plateau]
+) -> tuple[float, str]:
+    """Return the number of plateaus that the machine may have spoiled, and a doubt about them.
+
+    It may have spoiled each given plateau if the node had no core for half of it, and any plateau
+    if the grader stalled and read the printed reports too late.
+    """
+    run = _went_on(context, p.artifact)
+    if run is None:
+        return 0.0, ""
+    times = [stream.source_ns for stream in context.streams(p.streams, p.field).values()]
+    start_s = context.since_start_s(min(int(each[0]) for each in times))
+    end_s = context.since_start_s(max(int(each[-1]) for each in times))
+    doubt = cpu_delay_doubt(context.machine_delay_s(run, start_s, end_s), end_s - start_s)
+    stalled = context.stalled_s(start_s, end_s) > _READ_LATE_S
+    if stalled and run.limit is None and not run.output_dropped:
+        return float("inf"), doubt
+    spoiled = sum(_may_be_spoiled(context, run, plateau) for plateau in behind)
+    return float(spoiled), doubt
+
+
+def _may_be_spoiled(context: Context, run: Run, plateau: _Plateau) -> bool:
+    """Tell whether a process had no core for half of a plateau."""
+    start_s = context.since_start_s(plateau.start_ns)
+    end_s = context.since_start_s(plateau.end_ns)
+    return context.machine_delay_s(run, start_s, end_s) >= (end_s - start_s) / 2
+
+
+def _wrong(context: Context, plateau: _Plateau) -> str:
+    """Compare the reported value of a plateau with the right one."""
+    begin_s = context.since_start_s(plateau.start_ns)
+    value = plateau.value
+    if value is None:
+        return f"From {begin_s:.1f} s on there is no report during a whole phase of constant commands and states."
+    shown = apart(value, plateau.right, places=4)
+    wanted = apart(plateau.right, value, places=4)
+    return f"At {begin_s:.1f} s it reports {shown}; right is {wanted}."
+
+
+def _last_run(context: Context, artifact: str) -> Run | None:
+    """Return the last process of an artifact; None if there is none."""
+    runs = context.runs(artifact)
+    return runs[-1] if runs else None
+
+
+def _went_on(context: Context, artifact: str) -> Run | None:
+    """Return the artifact's last process, unless it ended by itself and so waited for nothing."""
+    run = _last_run(context, artifact)
+    if run is None:
+        return None
+    return run if run.went_on else None
+
+
+def _lost_to_machine(context: Context, p: Streams) -> tuple[float, str]:
+    """Return the share of messages that a node may have lost to machine delays, and a doubt.
+
+    It loses nothing while its queue has room, or after its end.
+    """
+    run = _went_on(context, p.artifact)
+    if run is None:
+        return 0.0, ""
+    times_ns = p.longest(context)
+    sent_s = np.array([context.since_start_s(t_ns) for t_ns in times_ns.tolist()])
+    start_s, end_s = float(sent_s[0]), float(sent_s[-1])
+    delay_s = context.machine_delay_s(run, start_s, end_s)
+    lost = context.lost_share(run, p.streams.values(), sent_s)
+    return lost, cpu_delay_doubt(delay_s, max(end_s - start_s, 1e-9))
+
+
+class Shorter(BaseModel):
+    """Another session with fewer messages, which must lead to printed numbers too."""
+
+    session: SessionId
+    least: int = Field(description="Messages from which there must be numbers.")
+    most: int = Field(description="With so many messages it would be no shorter run.")
+    credit: float = Field(
+        0.5, ge=0, le=1, description="Credit of a node that prints nothing there."
+    )
+
+
+class ReportedStatistics(Streams):
+    """A vector printed behind a label agrees with an oracle's bounds."""
+
+    label: str
+    synonyms: tuple[str, ...] = Field(
+        (), description="Other words for the label, tried in this order after it."
+    )
+    unless: Pattern | None = Field(
+        None, description="Found before the numbers, it tells that they are of another."
+    )
+    key: str = Field(description="Key in the oracle's answer.")
+    length: int
+    tolerance: float = Field(
+        0.001, description="Absolute; 1 % of the value, and what rounding makes, are allowed too."
+    )
+    alternatives: tuple[Alternative, ...] = ()
+    report_pattern: Patterns = Field(
+        (), description="The node's report on each message, to see whether it lost any."
+    )
+    shorter: Shorter | None = None
+    full_from: Share = Field(
+        0.5,
+        description="Share of the messages from which numbers over those alone that the node reports earn all.",
+    )
+
+
+@check(commands=_REPLAY)
+def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
+    """Judge a printed vector, element by element; known mistakes are named."""
+    expected = f"{p.length} numbers behind '{p.label}:' at Ctrl-C, agreeing with the recording"
+    streams = p.recorded(context)
+    if streams is None:
+        return unclear(expected, "no stimulus recorded", _NO_STIMULUS)
+    run = _last_run(context, p.artifact)
+    printed = _printed(p, run) if run is not None else None
+    if printed is None:
+        return _nothing_printed(p, run, expected)
+    finding = _judge_vector(context, p, streams, printed)
+    if p.shorter is None:
+        return finding
+    if finding.outcome is not Outcome.PASSED:
+        return finding
+    reason = _silent_when_shorter(context, p, p.shorter)
+    share = p.shorter.credit if reason else 1.0
+    return graded(share, finding.expected, finding.measured, reason, notes=finding.notes)
+
+
+def _printed(p: ReportedStatistics, run: Run) -> PrintedVector | None:
+    return run.printed_vector((p.label, *p.synonyms), p.unless)
+
+
+def _nothing_printed(p: ReportedStatistics, run: Run | None, expected: str) -> Finding:
+    """State that no vector was printed."""
+    flaky = run.flaky_end() if run is not None else ""
+    if flaky:
+        return unclear(expected, "nothing", flaky)
+    reason = f"Nothing of the form '{p.label}: [...]' was printed after Ctrl-C."
+    hint = (
+        f"Catch KeyboardInterrupt around rclpy.spin(node), and print '{p.label}: [...]' after it."
+    )
+    return unexplained(failed(expected, "nothing", reason, hint=hint))
+
+
+#: Share of messages lost to the machine from which the printed numbers may be of the others.
+_LOST_SHARE = 0.03
+
+
+@dataclass(frozen=True)
+class _Vector:
+    """A printed vector beside the right one, with the words about both."""
+
+    printed: PrintedVector
+    #: Share of its elements that are right.
+    share: float
+    right_text: str
+    expected: str
+    measured: str
+    notes: tuple[str, ...]
+
+    def graded(self, share: float, reason: str, best: float, doubt: str) -> Finding:
+        """State a share of credit."""
+        return graded(
+            share, self.expected, self.measured, reason, notes=self.notes, best=best, doubt=doubt
+        )
+
+
+def _judge_vector(
+    context: Context,
+    p: ReportedStatistics,
+    streams: Mapping[str, NumericStream],
+    printed: PrintedVector,
+) -> Finding:
+    """Judge the elements of a printed vector over all messages, or over the reported ones."""
+    vector = _vector(context, p, streams, printed)
+    if vector.share >= 1:
+        return passed(vector.expected, vector.measured, notes=vector.notes)
+    if len(printed.values) != p.length:
+        reason = f"{len(printed.values)} numbers are printed, not one for each of {p.length}. Expected: {vector.right_text}."
+        return failed(vector.expected, vector.measured, reason)
+    heard, comparable = _heard_of_some(context, p, streams)
+    fits = bool(heard) and _agreement(context, p, streams, {"reports": heard}, printed) >= 1
+    of_all = len(heard) / comparable / p.full_from
+    # After a loss, a right history reaches back further and may look like one that is too long.
+    if fits and of_all >= 1:
+        note = f"{p.label}: judged over the {len(heard)} messages that the node reported; it lost the others."
+        return passed(vector.expected, vector.measured, notes=[*vector.notes, note])
+    for other in p.alternatives:
+        if _agreement(context, p, streams, other.parameters, printed) >= 1:
+            return other.explains(
+                context, passed(vector.expected, vector.measured, notes=vector.notes)
+            )
+    if fits:
+        return _of_reported_only(context, p, vector, len(heard), of_all)
+    lost, doubt = _lost_to_machine(context, p)
+    best = 1.0 if heard and lost >= _LOST_SHARE else vector.share
+    return vector.graded(vector.share, f"Expected: {vector.right_text}.", best, doubt)
+
+
+def _vector(
+    context: Context,
+    p: ReportedStatistics,
+    streams: Mapping[str, NumericStream],
+    printed: PrintedVector,
+) -> _Vector:
+    """Compare a printed vector with the oracle's."""
+    share = _agreement(context, p, streams, {}, printed)
+    right = p.answer(context, streams)[p.key]["value"]
+    measured, right_text = _shown_vectors(printed.values[: p.length], right, share < 1)
+    expected = f"{right_text} from the recording, behind '{p.label}:' at Ctrl-C"
+    notes: tuple[str, ...] = ()
+    if printed.form != "vector":
+        form = f"{p.label} is printed in another form"
+        notes = (f"{form}; the lab asks for a line '{p.label}: [...]'.",)
+    return _Vector(printed, share, right_text, expected, measured, notes)
+
+
+def _shown_vectors(
+    printed: Sequence[float], right: Sequence[float], loses_points: bool
+) -> tuple[str, str]:
+    """Return two vectors with four decimal places each.
+
+    If points are lost and the texts are equal, as many places are added as make them differ.
+    """
+    if loses_points:
+        for places in range(4, 10):
+            pair = (_shown_vector(printed, places), _shown_vector(right, places))
+            if pair[0] != pair[1]:
+                return pair
+    return _shown_vector(printed, 4), _shown_vector(right, 4)
+
+
+def _shown_vector(values: Iterable[float], places: int) -> str:
+    return f"[{' '.join(f'{value:.{places}f}' for value in values)}]"
+
+
+def _of_reported_only(
+    context: Context, p: ReportedStatistics, vector: _Vector, heard: int, of_all: float
+) -> Finding:
+    """Grade numbers that are right over the reported messages alone, by the share of these."""
+    lost, doubt = _lost_to_machine(context, p)
+    reason = f"Your numbers match only the {heard} messages that the node reported; it missed the others."
+    return graded(
+        of_all,
+        vector.expected,
+        vector.measured,
+        reason,
+        best=of_all + lost / p.full_from,
+        doubt=doubt,
+        levels=_LEVELS,
+    )
+
+
+def _silent_when_shorter(context: Context, p: ReportedStatistics, shorter: Shorter) -> str:
+    """Say that the node printed no numbers after a run with fewer messages.
+
+    Empty if it printed them, or if the run does not tell.
+    """
+    other = context.in_session(shorter.session)
+    for run in other.runs() if other is not None else ():
+        count = _reports_in(run, p.report_pattern)
+        if not shorter.least <= count <= shorter.most:
+            continue
+        if not _was_interrupted(run):
+            continue
+        unprinted = _printed(p, run) is None
+        if unprinted and not any("KeyboardInterrupt" in line.text for line in run.lines):
+            return (
+                f"In the session '{shorter.session}' it was stopped after {count} reports, and printed no "
+                f"'{p.label}: [...]'; {shorter.least} are enough."
+            )
+    return ""
+
+
+def _reports_in(run: Run, patterns: Sequence[str]) -> int:
+    """Count the lines of a process with a report, by the first pattern that finds any."""
+    for pattern in patterns:
+        count = sum(search(pattern, line.text[:2000]) is not None for line in run.lines)
+        if count:
+            return count
+    return 0
+
+
+def _was_interrupted(run: Run) -> bool:
+    """Tell whether a student's process ended by Ctrl-C as it should, with all of its output kept."""
+    if (run.role, run.ended_by) != ("student", "interrupt"):
+        return False
+    if run.output_dropped:
+        return False
+    return not run.flaky_end()
+
+
+def _agreement(
+    context: Context,
+    p: ReportedStatistics,
+    streams: Mapping[str, NumericStream],
+    other: Mapping[str, Any],
+    printed: PrintedVector,
+) -> float:
+    """Return the share of elements that lie within the oracle's bounds."""
+    right = p.answer(context, streams, other).get(p.key)
+    if right is None:
+        return 0.0
+    if len(printed.values) != len(right["value"]):
+        return 0.0
+    elements = zip(printed.values, right["value"], right["low"], right["high"], strict=True)
+    right_ones = 0
+    for printed_value, value, low, high in elements:
+        slack = max(p.tolerance, 0.01 * abs(value), 1.01 * printed.rounding)
+        right_ones += bool(low - slack <= printed_value <= high + slack)
+    return right_ones / len(printed.values)
+
+
+def _heard_of_some(
+    context: Context, p: ReportedStatistics, streams: Mapping[str, NumericStream]
+) -> tuple[list[tuple[int, float]], int]:
+    """Return time and value of the node's reports, and the number of comparable messages.
+
+    No report is returned if there is one for nearly every message.
+    """
+    begun_ns = max(int(stream.source_ns[0]) for stream in streams.values())
+    counts = [int((stream.source_ns >= begun_ns).sum()) for stream in streams.values()]
+    comparable = max(counts)
+    heard = context.reports(p.artifact, p.report_pattern) if p.report_pattern else []
+    heard = _without_repeats(context, p, heard)
+    if len(heard) >= 0.99 * comparable:
+        return [], comparable
+    return [(report.t_ns, report.value) for report in heard], comparable
+
+
+def _report_share(context: Context, p: ReportedSeries, of: ReportShare) -> _ReportCount:
+    """Count the messages with a report, as far as the output was kept."""
+    streams = p.recorded(context) or {}
+    kept = ""
+    last_s = _output_kept_until_s(context, p)
+    if last_s is not None:
+        kept = ", as far as its output is kept: it printed more"
+        for role, stream in streams.items():
+            received = [context.since_start_s(t_ns) <= last_s for t_ns in stream.received_ns.tolist()]
+            streams[role] = stream.only(np.array(received))
+    count_messages = context.oracle(of.oracle)
+    possible = int(count_messages(streams, dict(p.parameters), context.seed))
+    lines = context.reports(p.artifact, p.pattern)
+    heard = len(_without_repeats(context, p, lines))
+    repeats = f", and {len(lines) - heard} that repeat one" if heard < len(lines) else ""
+    lost, doubt = _lost_to_machine(context, p)
+    share = heard / max(1, possible) / of.full_from
+    return _ReportCount(
+        share,
+        share + lost / of.full_from,
+        f"{heard} reports{repeats} for {possible} messages{kept}",
+        f"Only {heard} of {possible} messages led to a report.",
+        doubt,
+    )
+
+
+def _output_kept_until_s(context: Context, p: ReportedSeries) -> float | None:
+    """Return the time of the last kept line of a node that printed more; None if all was kept."""
+    run = _last_run(context, p.artifact)
+    if run is None:
+        return None
+    if not run.output_dropped:
+        return None
+    return max((line.t_s for line in run.lines), default=None)
+
+
+#: Number of median intervals without a message after which a new value comes.
+_SILENT_INTERVALS = 5
+#: Relative difference up to which two values are the same.
+_ALIKE = 0.01
+
+
+def _without_repeats(context: Context, p: Streams, heard: Sequence[Report]) -> list[Report]:
+    """Return the reports without lines that repeat the line before.
+
+    A late node reports on several messages at once, but on no more than came until then. If there
+    are more reports than that, and the stalls of the grader do not explain it, reports that follow
+    one another faster than messages count once.
+    """
+    sent = _sent_ns(context, p)
+    if len(sent) < 2:
+        return list(heard)
+    steps = np.diff(sent)
+    interval_ns = float(np.median(steps))
+    starts = sent[np.concatenate(([True], steps > _SILENT_INTERVALS * interval_ns))]
+    runs = _runs_of_one_value([report for report in heard if report.t_ns >= _begun_ns(context, p)])
+    surplus = sum(_surplus(run, sent, starts) for run in runs)
+    start_s, end_s = (context.since_start_s(int(t_ns)) for t_ns in (sent[0], sent[-1]))
+    stalled_s = context.stalled_s(start_s, end_s)
+    if surplus <= stalled_s * 1e9 / interval_ns:
+        return list(heard)
+    kept = []
+    for run in runs:
+        kept.append(run[0])
+        for before, report in pairwise(run):
+            if report.t_ns - before.t_ns > interval_ns / 2:
+                kept.append(report)
+    return kept
+
+
+def _begun_ns(context: Context, p: Streams) -> int:
+    """Return when the last of the streams began."""
+    streams = context.streams(p.streams, p.field).values()
+    return max((int(stream.source_ns[0]) for stream in streams), default=0)
+
+
+def _sent_ns(context: Context, p: Streams) -> Integers:
+    """Return the times of the most frequent stream, from the beginning of the last one on."""
+    begun_ns = _begun_ns(context, p)
+    sent: Integers = np.array([], dtype=np.int64)
+    for stream in context.streams(p.streams, p.field).values():
+        times_ns = stream.source_ns[stream.source_ns >= begun_ns]
+        if len(times_ns) > len(sent):
+            sent = times_ns
+    return sent
+
+
+def _runs_of_one_value(heard: Iterable[Report]) -> list[list[Report]]:
+    """Sort reports by time, and split them where the value changes."""
+    runs: list[list[Report]] = []
+    for report in sorted(heard, key=lambda report: report.t_ns):
+        if runs and _is_alike(report, runs[-1][-1]):
+            runs[-1].append(report)
+        else:
+            runs.append([report])
+    return runs
+
+
+def _is_alike(report: Report, before: Report) -> bool:
+    return math.isclose(report.value, before.value, rel_tol=_ALIKE, abs_tol=1e-8)
+
+
+def _surplus(run: Sequence[Report], sent: Integers, starts: Integers) -> int:
+    """Return how many more reports of one value came than messages, at most at any time.
+
+    Parameters
+    ----------
+    sent
+        int64[n]: Times of the messages, in ns.
+    starts
+        int64[m]: Times of the first messages after each silence, in ns.
+    """
+    start = int(np.searchsorted(starts, run[0].t_ns, side="right")) - 1
+    first = int(np.searchsorted(sent, starts[max(0, start)]))
+    surplus = 0
+    for count, report in enumerate(run, 1):
+        came = int(np.searchsorted(sent, report.t_ns, side="right"))
+        surplus = max(surplus, count - (came - first))
+    return surplus

@@ -1,0 +1,315 @@
+"""Checks of a service whose answers depend on a parameter, and of the time that its answers take."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import BaseModel, Field
+
+from grader.own_checks import (
+    Call,
+    CallLabel,
+    Context,
+    EarlierCheckId,
+    Finding,
+    Location,
+    Outcome,
+    Pattern,
+    SetLabel,
+    Share,
+    Step,
+    apart,
+    check,
+    fields_of_type,
+    graded,
+    not_reached,
+    search,
+    unclear,
+)
+
+#: Response to a call, by the names of its fields; None if none came.
+Answer = Mapping[str, Any] | None
+
+
+class CallGated(BaseModel):
+    """A parameter decides over the answer, and may be changed while the node runs."""
+
+    set_step: SetLabel = Field(description="The step that sets the parameter.")
+    refused_step: CallLabel
+    recovered_step: CallLabel
+    from_start_step: CallLabel = Field(
+        description="The call to a node that had the parameter from its start."
+    )
+    allowed_step: CallLabel | None = Field(
+        None, description="A call that must be answered as ever while the parameter is off."
+    )
+    enables: EarlierCheckId | None = Field(
+        None,
+        description="Check of the answer in the normal case; if that one fails, this is not tested.",
+    )
+    allowed_charged_by: EarlierCheckId | None = Field(
+        None,
+        description="Where this check took points, another answer to the allowed call takes none.",
+    )
+    refused: Annotated[Mapping[str, Any], fields_of_type("_Response", "refused_step")]
+    recovered: Annotated[Mapping[str, Any], fields_of_type("_Response", "recovered_step")]
+    message_field: Annotated[str, fields_of_type("_Response", "refused_step")] = "message"
+    allowed: Annotated[Mapping[str, Any], fields_of_type("_Response", "allowed_step")] = Field(
+        default_factory=dict
+    )
+    refusal: Pattern | None = Field(
+        None, description="A message that refuses, whatever the other fields say."
+    )
+    half_credit: Share = Field(
+        0.5, description="Credit of one half, such as refusing without recovering."
+    )
+    from_start_credit: Share = Field(
+        0.5, description="Credit of refusing only what was given from the start."
+    )
+    disallowed_credit: Share = Field(
+        0.5, description="Credit where what must stay possible is refused too."
+    )
+
+
+@dataclass(frozen=True)
+class _Gate:
+    """Answers of a node while its parameter is off, on again, and off from the start."""
+
+    off: Answer
+    on: Answer
+    off_from_start: Answer
+    where: tuple[Location, ...]
+    expected: str
+
+    @property
+    def measured(self) -> str:
+        """Return the three answers in words."""
+        answers = f"off: {_shown(self.off)}; on again: {_shown(self.on)}"
+        return f"{answers}; off from the start: {_shown(self.off_from_start)}"
+
+    def graded(self, share: float, reason: str, hint: str = "") -> Finding:
+        """State a share of credit with its reason."""
+        return graded(share, self.expected, self.measured, reason, hint=hint, where=self.where)
+
+
+@check(commands=("{set_step}", "{refused_step}"))
+def call_gated(context: Context, p: CallGated) -> Finding:
+    """Judge the refusal while the parameter is off, and the recovery after it.
+
+    Recovery alone earns nothing. A refusal only from the start earns a part.
+    """
+    gate = _gate(context, p)
+    refuses = _fits(gate.off, p.refused)
+    if _cannot_be_enabled(context, p):
+        if _fits(gate.off, p.recovered) and _fits(gate.on, p.refused):
+            return gate.graded(p.half_credit, _REVERSED, "Invert the condition.")
+        if not refuses or not _fits(gate.on, p.recovered):
+            reason = "Not tested: the robot cannot be enabled at all, so a refusal proves nothing."
+            return not_reached(reason, expected=gate.expected)
+    if gate.off is None:
+        return _no_refusal(context, p, gate)
+    if refuses:
+        return _judge_refusal(context, p, gate)
+    return _judge_without_refusal(context, p, gate)
+
+
+def _gate(context: Context, p: CallGated) -> _Gate:
+    """Collect the answers of the three calls."""
+    steps = (p.refused_step, p.recovered_step, p.from_start_step)
+    off, on, off_from_start = (_answer_to(context, step) for step in steps)
+    wanted = f"{_shown(p.refused)} while the parameter is off"
+    return _Gate(
+        off=off,
+        on=on,
+        off_from_start=off_from_start,
+        where=tuple(_calls_at(context, step) for step in steps),
+        expected=f"{wanted}, and after such a refusal {_shown(p.recovered)} when it is on again",
+    )
+
+
+def _answer_to(context: Context, step: str) -> Answer:
+    """Return the response to the first call of a step; None without one."""
+    calls = context.calls(step)
+    return calls[0].response if calls else None
+
+
+def _calls_at(context: Context, label: str) -> Location:
+    """Point at the calls of a step."""
+    step = context.step(label)
+    if step is None:
+        return context.location()
+    service = step.result.get("service") or step.parameters.get("service")
+    return context.location(service, span_s=(step.started_s, step.ended_s))
+
+
+def _shown(response: Answer) -> str:
+    """Return the fields of an answer, such as `success=True, message='on'`."""
+    if response is None:
+        return "no answer"
+    return ", ".join(f"{name}={value!r}" for name, value in response.items())
+
+
+def _fits(answer: Answer, wanted: Mapping[str, Any]) -> bool:
+    if answer is None:
+        return False
+    return all(answer.get(name) == value for name, value in wanted.items())
+
+
+def _cannot_be_enabled(context: Context, p: CallGated) -> bool:
+    """Tell whether the check of the normal answer failed."""
+    finding = context.finding(p.enables) if p.enables is not None else None
+    if finding is None:
+        return False
+    return finding.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
+
+
+def _no_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
+    """State that no answer came while the parameter was off."""
+    if not context.silent_before(p.refused_step):
+        problem = "No answer came while the parameter was false."
+        return context.unanswered(p.refused_step, gate.expected, problem)
+    share = p.half_credit * _fits(gate.off_from_start, p.refused)
+    reason = "Not tested, because the node had already stopped answering."
+    return gate.graded(share, reason, "Fix that, and these points can be earned too.")
+
+
+def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
+    """Judge the effects of a refusal on the allowed call and on the call after it."""
+    disallowed = _disallowed(context, p)
+    if disallowed is not None:
+        reason = f"{_DISALLOWS} {_shown(disallowed)}."
+        return gate.graded(p.disallowed_credit, reason, _DISALLOWS_HINT)
+    if _fits(gate.on, p.recovered):
+        return gate.graded(1.0, "")
+    reason = "It refuses, but does not recover when the parameter is true again."
+    return gate.graded(p.half_credit, reason)
+
+
+def _disallowed(context: Context, p: CallGated) -> Answer:
+    """Return another answer to the call that must stay possible; None if it is right or charged."""
+    if p.allowed_step is None:
+        return None
+    if context.charged(p.allowed_charged_by):
+        return None
+    if not _was_sent(context.step(p.allowed_step)):
+        return None
+    answer = _answer_to(context, p.allowed_step)
+    return None if _fits(answer, p.allowed) else answer
+
+
+def _was_sent(step: Step | None) -> bool:
+    """Tell whether a call was made with the rubric's request.
+
+    The student's type may lack some fields of it.
+    """
+    if step is None:
+        return False
+    wanted = step.parameters.get("request")
+    return bool(step.result.get("request", wanted) == wanted)
+
+
+def _judge_without_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
+    """Judge a node that enables while the parameter is off."""
+    words = str(gate.off.get(p.message_field, "")) if gate.off is not None else ""
+    recovers = _fits(gate.on, p.recovered)
+    if recovers and p.refusal is not None and search(p.refusal, words):
+        hint = "Set the success field to False too, not only the message."
+        return gate.graded(p.half_credit, _ONLY_MESSAGE, hint)
+    unset = _not_set(context.step(p.set_step))
+    if _fits(gate.off_from_start, p.refused):
+        if unset:
+            return gate.graded(p.half_credit, f"{_AT_START} {unset}", _SET_HINT)
+        reason = f"{_AT_START} a change while it runs has no effect."
+        return gate.graded(p.from_start_credit, reason)
+    if unset:
+        return gate.graded(0.0, f"It still enables the robot, because {unset}", _SET_HINT)
+    return gate.graded(0.0, "It enables although the parameter is false.")
+
+
+def _not_set(step: Step | None) -> str:
+    """Say that the parameter could not be set while the node ran, and quote the node's answer."""
+    if step is None or step.outcome == "done":
+        return ""
+    refused = step.result.get("refused", {})
+    why = "; ".join(str(problem).rstrip(".") for problem in refused.values())
+    answer = f": {why}" if why else ""
+    return f"the parameter could not be set while it ran{answer}."
+
+
+_AT_START = "It refuses only when the parameter is false from the start;"
+_ONLY_MESSAGE = (
+    "Its message refuses, but the other fields report success, and client programs read those."
+)
+_DISALLOWS = "While the parameter is false it refuses what must always be possible too:"
+_DISALLOWS_HINT = (
+    "Let the parameter decide over enabling alone; to disable must always be possible."
+)
+_REVERSED = "It follows the parameter, but inverted: it enables while it is false and refuses while it is true."
+_SET_HINT = "Declare the parameter with a default of the type that the lab gives it, not read-only; others can then set it."
+
+
+class CallsInTime(BaseModel):
+    """Calls back to back are each answered in time."""
+
+    step: CallLabel
+    within_s: float = Field(gt=0)
+    enough: int = Field(
+        10,
+        description="If all answers were in time, this many calls are enough where there was no time for more.",
+    )
+
+
+@check(commands=("{step}",))
+def calls_in_time(context: Context, p: CallsInTime) -> Finding:
+    """Judge the share of calls answered in time."""
+    step = context.step(p.step)
+    wanted = int(step.parameters.get("repeat", 1)) if step is not None else 1
+    expected = f"{wanted} calls, each answered within {p.within_s:g} s"
+    calls = context.calls(p.step)
+    latencies_s = [call.latency_s for call in calls if call.response is not None]
+    if not latencies_s:
+        return context.unanswered(p.step, expected)
+    quick = sum(latency_s <= p.within_s for latency_s in latencies_s)
+    measured = _shown_calls(quick, len(calls), latencies_s, p.within_s)
+    notes = []
+    if len(calls) < wanted:
+        few = f"There was time for {len(calls)} of {wanted} calls."
+        if quick == len(calls) < p.enough:
+            return unclear(expected, measured, f"{few} Those were answered in time.")
+        notes.append(few)
+    share = quick / len(calls)
+    busy = "Not your fault: the grading computer was too busy to time the calls"
+    return graded(
+        share,
+        expected,
+        measured,
+        _late_calls(quick, len(calls), latencies_s, p.within_s),
+        where=(_calls_at(context, p.step),),
+        notes=notes,
+        best=max(share, _undelayed_share(calls, p.within_s)),
+        doubt=f"{busy} (up to {max(call.delay_s for call in calls):.2f} s).",
+    )
+
+
+def _shown_calls(quick: int, count: int, latencies_s: Sequence[float], within_s: float) -> str:
+    measured = f"{quick} of {count} calls made in time"
+    if latencies_s:
+        slowest_ms = apart(max(latencies_s) * 1e3, within_s * 1e3, places=1)
+        measured += f", slowest {slowest_ms} ms"
+    return measured
+
+
+def _late_calls(quick: int, count: int, latencies_s: Sequence[float], within_s: float) -> str:
+    """Say how many calls were late, and how long the quickest took if all were."""
+    reason = f"{count - quick} of {count} calls took longer than {within_s:g} s, or got no answer."
+    if latencies_s and not quick:
+        reason += f" The quickest took {apart(min(latencies_s), within_s, places=2)} s."
+    return reason
+
+
+def _undelayed_share(calls: Sequence[Call], within_s: float) -> float:
+    """Return the share of calls that may have been in time without the machine delay."""
+    quick = sum(call.latency_s - call.delay_s <= within_s for call in calls)
+    return quick / len(calls)

@@ -1,0 +1,223 @@
+"""Refusals and quickness of a service, as Lab 09-01 checks them, by the grader's own calls."""
+
+from __future__ import annotations
+
+from decimal import Decimal
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from grader.result import Finding, Outcome
+from tests.synthetic import Session, at, judged
+
+CALL_GATED = "reference/checks/service.py:call_gated"
+CALLS_IN_TIME = "reference/checks/service.py:calls_in_time"
+NAME = "/robot/enable"
+GATED = {
+    "set_step": "off",
+    "refused_step": "refuse",
+    "recovered_step": "recover",
+    "from_start_step": "from_start",
+    "refused": {"success": False},
+    "recovered": {"success": True},
+}
+IN_TIME = {"step": "many", "within_s": 1.0}
+
+
+def call(response: dict[str, Any] | None, latency_s: float = 0.002) -> dict[str, Any]:
+    """Give one call as a step keeps it."""
+    return {"started_ns": at(1.0), "ended_ns": at(1.0 + latency_s), "response": response}
+
+
+def answer(success: bool, message: str = "Robot enabled") -> dict[str, Any]:
+    """Give a response."""
+    return {"success": success, "message": message}
+
+
+def called(
+    session: Session,
+    label: str,
+    *calls: dict[str, Any],
+    wanted: int | None = None,
+    data: bool = True,
+    **result: Any,
+) -> Session:
+    """Add a step that called the service."""
+    parameters = {"service": NAME, "request": {"data": data}, "repeat": wanted or len(calls)}
+    outcome = "done" if all(c["response"] is not None for c in calls) else "timeout"
+    return session.step(
+        "call", label, outcome, calls=list(calls), service=NAME, parameters=parameters, **result
+    )
+
+
+# -- the gate --------------------------------------------------------------------------------------
+
+
+def gated(
+    folder: Path, refuse: bool, recover: bool, from_start: bool, outcome: str = "done"
+) -> Finding:
+    """Judge a node that answers three calls with these."""
+    session = Session(folder).step("set_parameters", "off", outcome)
+    for label, success in (("refuse", refuse), ("recover", recover), ("from_start", from_start)):
+        called(session, label, call(answer(success)))
+    return judged(CALL_GATED, GATED, session)
+
+
+@pytest.mark.parametrize(
+    ("answers", "credit", "words"),
+    [
+        ((False, True, False), "1", ""),
+        ((False, False, False), "0.5", "does not recover"),
+        ((True, True, False), "0.5", "only when the parameter is false from the start"),
+        ((True, True, True), "0", "although the parameter is false"),
+    ],
+)
+def test_refusal_and_recovery_are_half_each(
+    tmp_path: Path, answers: tuple[bool, bool, bool], credit: str, words: str
+) -> None:
+    """Refusing, recovering, and reading the parameter only once are told apart."""
+    finding = gated(tmp_path, *answers)
+    assert finding.credit == Decimal(credit)
+    assert words in finding.reason
+
+
+@pytest.mark.parametrize(("success", "credit"), [(True, "1"), (False, "0.17")])
+def test_what_must_always_be_possible_is_not_refused(
+    tmp_path: Path, success: bool, credit: str
+) -> None:
+    """A robot that cannot be disabled while safety is off endangers as one that can be enabled then."""
+    session = Session(tmp_path).step("set_parameters", "off", "done")
+    for label, answered in (
+        ("refuse", False),
+        ("disable", success),
+        ("recover", True),
+        ("from_start", False),
+    ):
+        called(session, label, call(answer(answered)), data=label != "disable")
+    gate = {
+        **GATED,
+        "allowed_step": "disable",
+        "allowed": {"success": True},
+        "disallowed_credit": 0.17,
+    }
+    assert judged(CALL_GATED, gate, session).credit == Decimal(credit)
+
+
+def test_a_refusal_in_words_alone_earns_half(tmp_path: Path) -> None:
+    """A message that refuses beside success=True is half a refusal, one that enables is none."""
+    for name, said, credit in (("a", "Cannot enable: unsafe", "0.5"), ("b", "Robot enabled", "0")):
+        session = called(Session(tmp_path, name), "refuse", call(answer(True, said)))
+        called(session, "recover", call(answer(True)))
+        assert judged(CALL_GATED, {**GATED, "refusal": "(?i)cannot"}, session).credit == Decimal(
+            credit
+        )
+
+
+def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
+    """What follows the parameter in reverse earns half; where enabling fails otherwise, a refusal says nothing.
+
+    Unless the node enables later: then what failed is charged there, and not here again.
+    """
+    lost = {"first": Finding(Outcome.FAILED, Decimal(0), "", "")}
+    gate = {**GATED, "enables": "first"}
+    for name, off, on, credit in (
+        ("a", True, False, "0.5"),
+        ("b", False, False, "0"),
+        ("c", False, True, "1"),
+    ):
+        session = called(
+            called(Session(tmp_path, name), "refuse", call(answer(off))),
+            "recover",
+            call(answer(on)),
+        )
+        finding = judged(CALL_GATED, gate, session, findings=lost)
+        assert finding.credit == Decimal(credit)
+        assert (finding.outcome is Outcome.NOT_REACHED) == (credit == "0")
+
+
+def test_a_parameter_that_cannot_be_set_is_reported(tmp_path: Path) -> None:
+    """If the parameter could not be set, the reason says so."""
+    assert "could not be set while it ran" in gated(tmp_path, True, True, True, "failed").reason
+
+
+def test_no_answer_while_off_is_reported(tmp_path: Path) -> None:
+    """A node that falls silent while the parameter is false is told so."""
+    finding = judged(CALL_GATED, GATED, called(Session(tmp_path), "refuse", call(None)))
+    assert finding.reason == "No answer came while the parameter was false."
+
+
+# -- quickness -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("latencies", "credit"),
+    [([0.002] * 10, "1"), ([1.0] * 10, "1"), ([0.002] * 9 + [1.2], "0.9"), ([2.0] * 10, "0")],
+)
+def test_calls_are_credited_by_the_share_in_time(
+    tmp_path: Path, latencies: list[float], credit: str
+) -> None:
+    """A call answered within the limit counts, one above it does not."""
+    calls = [call(answer(True), latency_s) for latency_s in latencies]
+    finding = judged(CALLS_IN_TIME, IN_TIME, called(Session(tmp_path), "many", *calls))
+    assert finding.credit == Decimal(credit)
+
+
+def test_calls_that_the_machine_may_have_delayed_are_undecided(tmp_path: Path) -> None:
+    """A slow call is not charged where the server had no core for so long, and is where it slept."""
+    calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.2]]
+    held_up = called(Session(tmp_path / "a").process(), "many", *calls).delayed("it", 3.0, 4.0)
+    assert judged(CALLS_IN_TIME, IN_TIME, held_up).outcome is Outcome.INCONCLUSIVE
+    slept = called(Session(tmp_path / "b").process(), "many", *calls).delayed("it", 0.3, 4.0)
+    assert judged(CALLS_IN_TIME, IN_TIME, slept).credit == Decimal("0.9")
+
+
+def test_quick_calls_for_which_there_was_no_time_are_undecided(tmp_path: Path) -> None:
+    """Where fewer calls were made than asked for, but all in time, nothing is lost."""
+    session = called(Session(tmp_path), "many", *[call(answer(True))] * 5, wanted=50)
+    assert judged(CALLS_IN_TIME, IN_TIME, session).outcome is Outcome.INCONCLUSIVE
+
+
+def test_enough_quick_calls_will_do_where_there_was_no_time_for_more(tmp_path: Path) -> None:
+    """Calls that take long but are in time are not held against the node when others had no time."""
+    calls = [call(answer(True), 0.9)] * 12
+    finding = judged(CALLS_IN_TIME, IN_TIME, called(Session(tmp_path), "many", *calls, wanted=50))
+    assert finding.outcome is Outcome.PASSED
+    assert "12 of 50 calls" in finding.notes[0]
+
+
+def test_slow_calls_are_lost_even_if_not_all_were_made(tmp_path: Path) -> None:
+    """Calls that took too long leave nothing undecided."""
+    session = called(Session(tmp_path), "many", *[call(answer(True), 1.5)] * 5, wanted=50)
+    finding = judged(CALLS_IN_TIME, IN_TIME, session)
+    assert finding.outcome is Outcome.FAILED
+    assert "The quickest took 1.50 s" in finding.reason
+
+
+def test_no_calls_after_a_silent_one_are_not_reached(tmp_path: Path) -> None:
+    """Silence was charged with the call before."""
+    session = called(called(Session(tmp_path), "enable", call(None)), "many", call(None))
+    assert judged(CALLS_IN_TIME, IN_TIME, session).outcome is Outcome.NOT_REACHED
+    assert judged(CALLS_IN_TIME, IN_TIME, Session(tmp_path)).outcome is Outcome.FAILED
+
+
+def test_a_call_that_the_grader_itself_delayed_is_undecided(tmp_path: Path) -> None:
+    """Who makes the calls, and times them, may be delayed too, or stall."""
+    calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.4]]
+    late = called(Session(tmp_path / "a").process("director", role="grader"), "many", *calls)
+    late.delayed("director", 2.0, 4.0)
+    assert judged(CALLS_IN_TIME, IN_TIME, late).outcome is Outcome.INCONCLUSIVE
+    calls[-1]["held_up_ns"] = 1_300_000_000
+    stopped = called(Session(tmp_path / "b").process(), "many", *calls)
+    assert judged(CALLS_IN_TIME, IN_TIME, stopped).outcome is Outcome.INCONCLUSIVE
+
+
+def test_a_later_call_to_a_node_that_ended_is_not_charged_again(tmp_path: Path) -> None:
+    """The reason names the first call without an answer."""
+    session = Session(tmp_path).process(
+        "it", interrupted_ns=None, ended_by="itself", exit_status=0, exited_ns=at(0.9)
+    )
+    session.step("call", "enable", "cancelled").step("call", "many", "cancelled")
+    later = judged(CALLS_IN_TIME, IN_TIME, session)
+    assert later.outcome is Outcome.NOT_REACHED
+    assert 'the call "enable" got no answer' in later.reason
