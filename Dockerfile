@@ -10,6 +10,7 @@ RUN apt-get update \
 WORKDIR /opt/grader
 COPY pyproject.toml constraints.txt README.md rubric.yaml rubric.schema.json ./
 COPY grader grader
+COPY launch_plan launch_plan
 COPY reference reference
 # Apart from the interpreter's folder, of which students' code may read all.
 COPY labs /opt/grade-labs

@@ -37,6 +37,7 @@ OTHERS |= {"--scheduler-file", "--plain", "--network"}
 #: Folders of the repository; what is set as code and lies in one has to be there.
 FOLDERS = (
     "grader",
+    "launch_plan",
     "reference",
     "fixtures",
     "submissions",
@@ -140,6 +141,7 @@ def test_every_room_of_the_house_is_in_the_layout() -> None:
         if path.suffix == ".py" or path.is_dir()
     }
     rooms |= {f"live/{path.parent.name}/" for path in grader.glob("live/*/__init__.py")}
+    rooms |= {f"{path.parent.name}/" for path in ROOT.glob("*/__init__.py")} - {"grader/"}
     assert {name for name in rooms if not name.startswith("__")} - said == set()
 
 

@@ -12,7 +12,8 @@ from grader.errors import RubricError, described, without_temporary_names
 from grader.files import atomic_replacement, replace_file
 from grader.live.sandbox.scratch import scratch_prefix
 
-PACKAGE = Path(__file__).resolve().parents[1] / "grader"
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = (ROOT / "grader", ROOT / "launch_plan")
 #: Calls that make a temporary folder, and beginnings of names that are known.
 MAKERS = {"tempfile.TemporaryDirectory", "tempfile.mkdtemp", "tempfile.mkstemp"}
 KNOWN = ("scratch_prefix()", "TEMPORARY", "'grade-doctor-'", "f'{prefix}intake-'", "'.new-'")
@@ -83,7 +84,7 @@ def test_a_result_that_cannot_be_written_is_called_by_its_own_name(tmp_path: Pat
 def test_all_temporary_folders_have_names_that_are_known() -> None:
     """A folder whose name begins otherwise would show in messages."""
     bare = []
-    for file in PACKAGE.rglob("*.py"):
+    for file in (path for package in PACKAGES for path in package.rglob("*.py")):
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and ast.unparse(node.func) in MAKERS:
                 given = {key.arg: ast.unparse(key.value) for key in node.keywords}

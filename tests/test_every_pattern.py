@@ -59,9 +59,8 @@ class _Names(dict[str, Any]):
 
 def uses() -> Iterator[Use]:
     """Find all regular expressions in the source."""
-    texts = {
-        path: path.read_text(encoding="utf-8") for path in sorted((ROOT / "grader").rglob("*.py"))
-    }
+    paths = [path for part in ("grader", "launch_plan") for path in (ROOT / part).rglob("*.py")]
+    texts = {path: path.read_text(encoding="utf-8") for path in sorted(paths)}
     everything = "\n".join(texts.values())
     for path, text in texts.items():
         tree = ast.parse(text)

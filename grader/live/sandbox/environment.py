@@ -23,13 +23,14 @@ import grader
 from grader.errors import PlatformError
 from grader.live.sandbox.enough import require_limits
 from grader.live.sandbox.helpers import absolute_entries, python, run_helper
+from launch_plan.exchange import PACKAGE
 
 #: What of ours stands in a student's sandbox: the tap and the settings of discovery.
 INSIDE_FOLDER = Path(__file__).parents[1] / "student_tap/inside"
 #: Python of the grader itself: not resolved, since a virtual environment is known by its link.
 OWN_INTERPRETER = Path(sys.executable)
 #: What evaluates launch files there.
-LAUNCHING_FOLDER = Path(__file__).parents[1] / "launch"
+LAUNCHING_FOLDER = PACKAGE
 
 #: The first import from a cold disk takes seconds.
 _IMPORT_S = 60.0

@@ -17,7 +17,7 @@ from grader.live.sandbox.helpers import (
     python,
     run_helper,
 )
-from tests.live.launch.evaluations import ORIGINAL, needs_the_original
+from tests.launch_plan.evaluations import ORIGINAL, needs_the_original
 
 pytestmark = pytest.mark.live
 
