@@ -1,7 +1,6 @@
-"""The plan of a launch file: what would start, with which command line, and when.
+"""The plan of a launch file: the processes that would start, with their command lines and moments.
 
-A plan is data: the live half runs it, the recording keeps it, the report shows it. What an evaluation says besides, by
-which the stand-in is compared with the original, is for nobody else and is left out here.
+A plan is data, to be run, kept or shown. Unknown keys of an evaluator's answer are left out.
 """
 
 from __future__ import annotations
@@ -29,29 +28,34 @@ from pydantic.dataclasses import dataclass
 
 from launch_plan.format import NO_JSON, PARAMETERS_PLACEHOLDER, PROCESS_LIMIT, SCHEMA
 
-#: More than these no evaluation gives: what it runs may write a plan of its own instead.
+#: Largest plan of an evaluation. A launch file may write a larger answer by itself.
 _MOST_FILES, _DEEPEST = 2000, 60
+#: Largest line number, and largest time in seconds.
 _LARGEST = 10**9
-#: A node's full name has 255 characters at most, so that it cannot consist of more names.
+#: Most names in the full name of a node, because that has at most 255 characters.
 _MOST_NAMES = 128
-#: Linux takes no longer path, and no longer name of a file, in bytes.
+#: Longest path and longest name of a file on Linux, in bytes.
 _LONGEST_NAME, _LONGEST_FILE_NAME = 4096, 255
-_NO_MOMENT = "what it waits for is no moment"
+_NO_MOMENT = "a start must wait for a time in seconds or for an event of a process"
+
+
+#: Name of a package or of an executable.
+_PLAIN_NAME = re.compile(r"[\w+-][\w.+-]{0,199}")
 
 
 class MalformedPlanError(ValueError):
-    """Data that is said to be a plan is none."""
+    """Raised for data that is not a plan."""
 
 
 def _as_text(value: Any) -> Any:
-    """Write a number or a truth value as text, and leave to the check what has parts."""
+    """Write a number or a truth value as text; lists and mappings are left for the type check to refuse."""
     return value if isinstance(value, (Mapping, list, tuple)) else str(value)
 
 
 def _require_folder(path: str) -> str:
-    """Refuse steps upwards: an evaluation resolves them; what still has one was written to lead elsewhere."""
+    """Refuse a relative path and steps upwards, because an evaluation resolves both."""
     if not path.startswith("/") or ".." in PurePosixPath(path).parts:
-        raise ValueError("a working folder is none that a plan can name")
+        raise ValueError("a working folder must be an absolute path without steps upwards")
     return path
 
 
@@ -72,7 +76,7 @@ def _is_file_name(name: str) -> bool:
 
 
 def _require_moment(when: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Refuse a moment that no process can wait for: a time without end, or something else than a name."""
+    """Refuse an infinite time, and an event of something other than a process."""
     names = [value for key, value in when.items() if key.endswith("_of")]
     if not all(isinstance(name, str) for name in names):
         raise ValueError(_NO_MOMENT)
@@ -85,15 +89,17 @@ def _require_moment(when: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def _with_doubles(value: Any) -> Any:
-    """A parameter's value, in which the numbers that JSON has not are written `{"!!float": "inf"}`."""
-    if isinstance(value, Mapping):
-        if set(value) == {NO_JSON} and value[NO_JSON] in ("inf", "-inf", "nan"):
-            return float(value[NO_JSON])
-        return {name: _with_doubles(item) for name, item in value.items()}
-    return [_with_doubles(item) for item in value] if isinstance(value, list) else value
+    """Return the value of a parameter with numbers instead of e.g. `{"!!float": "inf"}`."""
+    if isinstance(value, list):
+        return [_with_doubles(item) for item in value]
+    if not isinstance(value, Mapping):
+        return value
+    if set(value) == {NO_JSON} and value[NO_JSON] in ("inf", "-inf", "nan"):
+        return float(value[NO_JSON])
+    return {name: _with_doubles(item) for name, item in value.items()}
 
 
-# Nothing is converted from one type to another but what launch files are free to give as any scalar.
+# Types are not converted, except scalars to text where a launch file may give any scalar.
 _Text = Annotated[str, BeforeValidator(_as_text)]
 _Word = Annotated[str, Field(pattern=r"^[^\x00]*$")]
 _Path = Annotated[_Word, Field(max_length=_LONGEST_NAME)]
@@ -110,18 +116,18 @@ _Remappings = tuple[tuple[_Text, _Text], ...]
 
 @dataclass(frozen=True)
 class Problem:
-    """Why a launch file cannot be launched, or not be assessed."""
+    """The reason for which a launch file cannot be launched, or not be assessed."""
 
     #: A slug, such as `unknown_executable`.
     kind: str
-    #: What is wrong, and how to fix it.
     message: str
     #: Path relative to the submission.
     file: str | None = None
     #: Line of `file`, counted from 1.
     line: _Line | None = None
+    #: Instruction for the author, e.g. "Correct the import."
     remedy: str = ""
-    #: The module that is missing, for a launch file that is not assessable.
+    #: The module missing here, for a launch file that is not assessable.
     module: str = ""
 
 
@@ -146,18 +152,20 @@ class Parameter:
     type: str | None = None
     file: str | None = None
     content: _Value = None
-    #: It is given on the command line, where it is for any node of the process.
+    #: True for a parameter on the command line, which any node of the process gets.
     wildcard: _Flag = False
 
     def sections(self) -> list[tuple[str, dict[str, Any]]]:
-        """What a file sets: for each pattern of nodes the values by name."""
-        listed = _sections(self.content, "") if isinstance(self.content, Mapping) else []
+        """Return the sections of a file: a pattern of nodes, e.g. `/arm/*`, and the values by name."""
+        if not isinstance(self.content, Mapping):
+            return []
+        listed = _sections(self.content, "")
         return [(pattern, _flat(values, "")) for pattern, values in listed]
 
 
 @dataclass(frozen=True)
 class Component:
-    """A node that is loaded into a container."""
+    """A node to be loaded into a container."""
 
     plugin: str | None = None
     name: str | None = None
@@ -165,7 +173,7 @@ class Component:
 
 @dataclass(frozen=True)
 class Process:
-    """One process that would be started."""
+    """One process of a plan."""
 
     #: Name with a running number, as `ros2 launch` shows it.
     id: _Path
@@ -176,11 +184,11 @@ class Process:
     executable: str | None = None
     name: _Path | None = None
     namespace: _Path | None = None
-    #: The command line is all three in this order. `{parameters}` in `argv` stands for a folder of the runner's
-    #: choice that holds `parameter_files`.
+    #: Words before `path` in the command line; `argv` follows `path`. The text `{parameters}` in `argv` stands for a
+    #: folder with `parameter_files`, chosen by the runner.
     prefix: tuple[_Word, ...] = ()
     argv: tuple[_Word, ...] = ()
-    #: What differs from the environment of the launch.
+    #: Variables that differ from the environment of the launch.
     env: _Environment = field(default_factory=dict)
     cwd: Annotated[_Path, AfterValidator(_require_folder)] | None = None
     parameters: tuple[Parameter, ...] = ()
@@ -189,44 +197,50 @@ class Process:
     respawn: _Flag = False
     respawn_delay_s: _Seconds = 0.0
     shell: _Flag = False
-    #: None: at once. Else what it waits for: `after_s`, `on_start_of`, `on_exit_of`, `on_shutdown`, ...
+    #: Moment of the start: None for at once, or e.g. `{"after_s": 2.0}`, `{"on_exit_of": "arm-1"}`,
+    #: `{"on_start_of": "arm-1"}`, `{"on_shutdown": True}`.
     when: _Moment | None = None
-    #: On what condition it was started.
+    #: Condition for the start, e.g. "IfCondition('true') holds".
     condition_note: str = ""
-    #: Text by file name. Another file of these is meant where a text holds `{parameters}/` and its name.
+    #: Text by file name. A text refers to another of these files as e.g. `{parameters}/arm_1.yaml`.
     parameter_files: _Files = field(default_factory=dict)
     components: tuple[Component, ...] = ()
     autostart: _Flag = False
-    #: Why it cannot be started here, through no fault of the launch file's.
+    #: Reason for which the process cannot start here, through no fault of the launch file.
     absent: str = ""
     file: str | None = None
     line: _Line | None = None
 
     @property
     def full_name(self) -> str | None:
-        """The node's name with its namespace, or None if the launch file does not name it."""
+        """The node's name with its namespace, e.g. `/arm/talker`; None if the launch file does not name the node."""
         if self.called is None:
             return None
-        return f"{(self._ruled('__ns') or self.namespace or '').rstrip('/')}/{self.called}"
+        namespace = self._ruled("__ns") or self.namespace or ""
+        return f"{namespace.rstrip('/')}/{self.called}"
 
     @property
     def _words(self) -> list[str]:
         words = [self.path, *self.argv]
-        return " ".join(words).split() if self.shell else words
+        if self.shell:
+            return " ".join(words).split()
+        return words
 
     @property
     def runs(self) -> str:
-        """Name of the executable or script that runs, behind `ros2 run` or a Python interpreter too."""
+        """Name of the executable or script; that behind `ros2 run` or a Python interpreter, if there is one."""
         own = self.executable or PurePosixPath(self.path).name
-        if self.kind != "executable":
-            return own
         words = self._words
-        program, rest = PurePosixPath(words[0]).name if words else "", words[1:]
-        if program == "ros2" and (run := ros2_run(rest)) is not None:
-            return run[1]
+        if self.kind != "executable" or not words:
+            return own
+        program = PurePosixPath(words[0]).name
+        if program == "ros2":
+            run = ros2_run(words[1:])
+            return own if run is None else run[1]
         if re.fullmatch(r"python3?(\.\d+)?", program):
-            scripts = [word for word in rest if word.endswith(".py")]
-            return PurePosixPath(scripts[0]).name if scripts else own
+            for word in words[1:]:
+                if word.endswith(".py"):
+                    return PurePosixPath(word).name
         return own
 
     @property
@@ -235,44 +249,57 @@ class Process:
         return self._ruled("__node", "__name") or self.name
 
     def _ruled(self, *sources: str) -> str | None:
-        """What the first rule for a name on the command line makes of it, where all later ones are ignored."""
-        rules = (word.partition(":=") for word in self._words)
-        return next(
-            (target for source, is_rule, target in rules if is_rule and source in sources), None
-        )
+        """Return the target of the first rule for a name, e.g. of `__node:=arm`; later rules have no effect."""
+        for word in self._words:
+            source, is_rule, target = word.partition(":=")
+            if is_rule and source in sources:
+                return target
+        return None
 
     def command(self, parameters_folder: str) -> list[str]:
-        """The command line, with the parameter files in a folder."""
+        """Return the command line, with the parameter files in a folder."""
         words = [*self.prefix, self.path, *self.argv]
         return [word.replace(PARAMETERS_PLACEHOLDER, parameters_folder) for word in words]
 
     def effective_parameters(self, node: str | None = None) -> dict[str, Any]:
-        """Value by name as the node would get them; the last one given counts.
+        """Return value by name as the node would get them; the last one given counts.
 
-        As `rcl` does it: values are kept by the pattern that they are for, each pattern where it first appears,
-        and those that match the node's name are applied in this order. Parameters given in the launch file are
-        for the full name if it names the node and its namespace, else for any node. `node` is the full name where a
-        launch file leaves that to the node's code.
+        `rcl` keeps the values by pattern, each pattern at its first appearance, and applies the patterns that match the
+        node's name in this order. Parameters of the launch file are for the full name if the file gives the node a name
+        and a namespace, else for any node. `node` is the full name if the code of the node chooses the name.
         """
         full_name = self.full_name or node or "/"
-        named = self.name is not None and self.namespace is not None
+        effective: dict[str, Any] = {}
+        for pattern, values in self._values_by_pattern(full_name).items():
+            if _matches(pattern, full_name):
+                effective.update(values)
+        return effective
+
+    def _values_by_pattern(self, full_name: str) -> dict[str, dict[str, Any]]:
+        """Return the values in the order of the first appearance of their patterns."""
         by_pattern: dict[str, dict[str, Any]] = {}
-        for flag, word in pairwise(self._words if not self.parameters else ()):
-            name, is_rule, value = word.partition(":=")
-            if is_rule and flag in ("-p", "--param"):
-                by_pattern.setdefault("**", {})[name] = value
+        if not self.parameters:
+            on_command_line = self._values_on_command_line()
+            if on_command_line:
+                by_pattern["**"] = on_command_line
+        named = self.name is not None and self.namespace is not None
         for parameter in self.parameters:
             if parameter.name is not None:
                 pattern = full_name if named and not parameter.wildcard else "/**"
-                by_pattern.setdefault(pattern.strip("/"), {})[parameter.name] = parameter.value
-            for section, values in parameter.sections() if parameter.name is None else ():
-                by_pattern.setdefault(section.strip("/"), {}).update(values)
-        return {
-            name: value
-            for pattern, values in by_pattern.items()
-            if _matches(pattern, full_name)
-            for name, value in values.items()
-        }
+                values = by_pattern.setdefault(pattern.strip("/"), {})
+                values[parameter.name] = parameter.value
+                continue
+            for section, of_section in parameter.sections():
+                by_pattern.setdefault(section.strip("/"), {}).update(of_section)
+        return by_pattern
+
+    def _values_on_command_line(self) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        for flag, word in pairwise(self._words):
+            name, is_rule, value = word.partition(":=")
+            if is_rule and flag in ("-p", "--param"):
+                values[name] = value
+        return values
 
 
 def _sections(content: Mapping[str, Any], above: str) -> list[tuple[str, Mapping[str, Any]]]:
@@ -286,23 +313,24 @@ def _sections(content: Mapping[str, Any], above: str) -> list[tuple[str, Mapping
 
 
 def _matches(section: str, full_name: str) -> bool:
-    """Whether a full name fits a pattern of names, `*` and `**`; in steps as many as both have parts, multiplied."""
-    wanted, given = section.strip("/").split("/"), full_name.strip("/").split("/")
+    """Return whether a full name fits a pattern of names with `*` and `**`.
+
+    The number of steps is the product of the numbers of parts.
+    """
+    wanted = section.strip("/").split("/")
+    given = full_name.strip("/").split("/")
     if max(len(wanted), len(given)) > _MOST_NAMES:
         return False
-    # Whether the pattern's parts up to here may stand for the first none, one, two ... of the names.
+    # Item n tells whether the parts of the pattern so far fit the first n names.
     fits = [True] + [False] * len(given)
     for part in wanted:
         if part == "**":
             fits = list(accumulate(fits, or_))
-        else:
-            fits = [
-                False,
-                *(
-                    before and part in ("*", name)
-                    for before, name in zip(fits, given, strict=False)
-                ),
-            ]
+            continue
+        before = fits
+        fits = [False]
+        for name, fitted in zip(given, before, strict=False):
+            fits.append(fitted and part in ("*", name))
     return fits[-1]
 
 
@@ -317,21 +345,28 @@ def _flat(content: Mapping[str, Any], above: str) -> dict[str, Any]:
 
 
 def ros2_run(words: Sequence[str]) -> tuple[str, str, list[str]] | None:
-    """Return package, executable and arguments of what follows `ros2` if it is `run` with a plain name for both."""
+    """Return package, executable and arguments of the words behind `ros2`, e.g. of `run demo talker --fast`.
+
+    The result is None for any other command than `run`, and for names that are not plain.
+    """
     rest = list(words)
     if rest[:1] != ["run"]:
         return None
     rest = rest[1:]
     while rest and rest[0].startswith("--prefix"):
-        rest = rest[1 if "=" in rest[0] else 2 :]
-    if len(rest) < 2 or not all(re.fullmatch(r"[\w+-][\w.+-]{0,199}", word) for word in rest[:2]):
+        taken = 1 if "=" in rest[0] else 2
+        rest = rest[taken:]
+    if len(rest) < 2:
         return None
-    return rest[0], rest[1], rest[2:]
+    package, executable = rest[:2]
+    if not _PLAIN_NAME.fullmatch(package) or not _PLAIN_NAME.fullmatch(executable):
+        return None
+    return package, executable, rest[2:]
 
 
 @dataclass(frozen=True)
 class Include:
-    """Another launch file that is included; `by` and `line` say where."""
+    """An included launch file; the inclusion is in the file `by`, at `line`."""
 
     file: str
     arguments: _Texts = field(default_factory=dict)
@@ -342,7 +377,7 @@ class Include:
 
 @dataclass(frozen=True)
 class Note:
-    """A warning, or something that the launch file says."""
+    """A warning of the evaluation, or a message of the launch file."""
 
     message: str
     when: Mapping[str, Any] | None = None
@@ -352,12 +387,12 @@ class Note:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a launch file would do."""
+    """The effects of a launch file."""
 
-    #: `ok`; `error`: it cannot be launched; `not_assessable`: it cannot be evaluated here, through no fault of
-    #: its own.
+    #: `ok`, `error` if the file cannot be launched, or `not_assessable` if it cannot be evaluated here, through no fault
+    #: of its own.
     outcome: Literal["ok", "error", "not_assessable"]
-    #: Why, unless `ok`.
+    #: The reason, unless `ok`.
     problem: Problem | None = None
     arguments: tuple[Argument, ...] = ()
     #: The launch configurations at the end.
@@ -367,7 +402,7 @@ class Plan:
     logs: tuple[Note, ...] = ()
     warnings: tuple[Note, ...] = ()
     loaded_components: tuple[Mapping[str, Any], ...] = ()
-    #: What a condition kept back, or what is not evaluated: `what`, `why`, `file`, `line`.
+    #: Actions whose condition does not hold, or that are not evaluated: `what`, `why`, `file`, `line`.
     not_started: tuple[Mapping[str, Any], ...] = ()
     parameter_files: _Files = field(default_factory=dict)
 
@@ -375,7 +410,7 @@ class Plan:
     def from_plain(cls, plain: Any) -> Plan:
         """Read a plan from plain data, or raise `MalformedPlanError`.
 
-        The data may come from a process that ran a student's code, so nothing is trusted.
+        Nothing in the data is trusted, because the launch file may have written it.
         """
         if not _is_shallow(plain):
             raise MalformedPlanError("this is not a launch plan: it is too large")
@@ -386,9 +421,8 @@ class Plan:
         except ValidationError as problem:
             first = problem.errors(include_url=False, include_context=False)[0]
             place = ".".join(str(part) for part in first["loc"])
-            raise MalformedPlanError(
-                f"this is not a launch plan: {place:.80}: {first['msg']}"
-            ) from problem
+            message = f"this is not a launch plan: {place:.80}: {first['msg']}"
+            raise MalformedPlanError(message) from problem
 
     @model_validator(mode="after")
     def _few_files(self) -> Plan:
@@ -398,7 +432,7 @@ class Plan:
         return self
 
     def to_plain(self) -> dict[str, Any]:
-        """The plan as plain data, ready for JSON."""
+        """Return the plan as plain data, ready for JSON."""
         return {"schema": SCHEMA, **_plain(self)}
 
 
@@ -406,29 +440,36 @@ _READER = TypeAdapter(Plan)
 
 
 def _is_shallow(plain: Any) -> bool:
-    """Whether data is no deeper than any plan."""
+    """Return whether data is no deeper than any plan."""
     level = [plain]
     for _ in range(_DEEPEST):
-        parts = (
-            v.values() if isinstance(v, Mapping) else v
-            for v in level
-            if isinstance(v, (Mapping, list, tuple))
-        )
-        level = [inner for part in parts for inner in part]
+        inner: list[Any] = []
+        for value in level:
+            if isinstance(value, Mapping):
+                inner.extend(value.values())
+            elif isinstance(value, (list, tuple)):
+                inner.extend(value)
+        level = inner
     return not level
 
 
 def _plain(value: Any) -> Any:
+    if isinstance(value, Parameter):
+        return _plain_parameter(value)
     if is_dataclass(value):
-        plain = {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
-        if isinstance(value, Parameter):
-            kept = ("file", "content") if value.name is None else ("name", "value", "type")
-            return {
-                name: plain[name] for name in (*kept, *(("wildcard",) if value.wildcard else ()))
-            }
-        return plain
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
     if isinstance(value, Mapping):
         return {str(name): _plain(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):
         return [_plain(item) for item in value]
-    return {NO_JSON: str(value)} if isinstance(value, float) and not math.isfinite(value) else value
+    if isinstance(value, float) and not math.isfinite(value):
+        return {NO_JSON: str(value)}
+    return value
+
+
+def _plain_parameter(parameter: Parameter) -> dict[str, Any]:
+    """Return the fields of a value or those of a file."""
+    names = ["file", "content"] if parameter.name is None else ["name", "value", "type"]
+    if parameter.wildcard:
+        names.append("wildcard")
+    return {name: _plain(getattr(parameter, name)) for name in names}
