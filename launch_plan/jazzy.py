@@ -1,4 +1,4 @@
-"""What ROS 2 Jazzy has, and the machine of the grader has not: names of modules, keywords and packages."""
+"""Names of ROS 2 Jazzy that this machine may lack: modules of `launch`, keywords and packages."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ _RELEASED = re.compile("|".join(_words("packages")["released"]))
 
 
 def is_released(package: str) -> bool:
-    """Whether a package of this name can be had on a ROS machine."""
+    """Return whether a package of this name can be installed with ROS, e.g. `nav2_bringup`."""
     return _RELEASED.fullmatch(package) is not None
 
 
 def homes_of(name: str) -> list[str]:
-    """Modules of `launch` and `launch_ros` that hold a name."""
+    """Return the modules of `launch` and `launch_ros` that define a name, e.g. of `Node`."""
     return sorted(module for module, names in NAMES.items() if name in names)

@@ -1,7 +1,7 @@
-"""Evaluates a launch file with the real `launch`, on a machine that has it, into the plan of the stand-in.
+"""Evaluation with the real `launch`, for a machine with ROS.
 
-Entities are visited as a launch service visits them, but an action that would start a process, wait, or talk with
-a running node, does what the executor makes of it: the same as that of the stand-in.
+Entities are visited as by a launch service. Actions that would start a process, wait, or call a running node are
+replaced by methods of the executor, as in the stand-in.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from launch_plan.inside.processes import text_of
 
 
 def evaluate(file: str, arguments: dict[str, Any], root: str) -> dict[str, Any]:
-    """Evaluate a launch file as `ros2 launch FILE name:=value` would; see `Executor.evaluate`."""
+    """Evaluate a launch file as `ros2 launch FILE name:=value` would, and return the plan, ready for JSON."""
     from launch import LaunchContext
 
     executor = Executor(root)
@@ -31,7 +31,7 @@ def _set(target: Any, name: str, value: Any) -> None:
 
 
 def _remember_lines(root: str) -> None:
-    """Let every action, and every node for a container, keep the line of the submission that constructs it."""
+    """Let each action, and each node for a container, keep the line of the submission that constructs the object."""
     from launch import Action
     from launch_ros.descriptions import ComposableNode
 
@@ -52,12 +52,12 @@ def _with_line(construct: Any, root: str) -> Any:
 
 
 def _replace(executor: Executor) -> None:
-    """Let actions do what the executor makes of them, and executables be found with what it says of them."""
+    """Let actions call the executor, and let executables be found by `find_executable`."""
     from launch import Action, actions
     from launch_ros import actions as ros_actions
     from launch_ros.substitutions import ExecutableInPackage
 
-    for kind, execute in {
+    replaced = {
         actions.LogInfo: executor.log,
         actions.TimerAction: executor.wait,
         actions.ExecuteLocal: executor.start,
@@ -66,27 +66,43 @@ def _replace(executor: Executor) -> None:
         ros_actions.ROSTimer: executor.wait,
         ros_actions.LifecycleNode: executor.start_lifecycle,
         ros_actions.SetUseSimTime: executor.follow_sim_time,
-    }.items():
-        _set(kind, "execute", lambda action, context, execute=execute: execute(action, context))
-    _set(Action, "visit", lambda action, context: executor.visit_action(action, context))
-    declare, include = (
-        actions.DeclareLaunchArgument.execute,
-        actions.IncludeLaunchDescription.execute,
-    )
-
-    def note_argument(action: Any, context: Any) -> Any:
-        executor.declare(action, context)
-        return declare(action, context)
-
-    def note_include(action: Any, context: Any) -> Any:
-        entities = include(action, context)
-        executor.enter(action, context)
-        return entities
+    }
+    for kind, execute in replaced.items():
+        _set(kind, "execute", _as_method(execute))
+    _set(Action, "visit", _as_method(executor.visit_action))
+    _note_before(actions.DeclareLaunchArgument, executor.declare)
+    _note_after(actions.IncludeLaunchDescription, executor.enter)
 
     def found(substitution: Any, context: Any) -> str:
         package = text_of(substitution.package, context)
         return find_executable(text_of(substitution.executable, context), package, executor.root)
 
-    _set(actions.DeclareLaunchArgument, "execute", note_argument)
-    _set(actions.IncludeLaunchDescription, "execute", note_include)
     _set(ExecutableInPackage, "perform", found)
+
+
+def _as_method(function: Any) -> Any:
+    """Return a function that a class binds to its objects; a bound method would not be bound again."""
+    return lambda action, context: function(action, context)
+
+
+def _note_before(kind: Any, note: Any) -> None:
+    """Call a function of the executor before an action is executed."""
+    execute = kind.execute
+
+    def noted(action: Any, context: Any) -> Any:
+        note(action, context)
+        return execute(action, context)
+
+    _set(kind, "execute", noted)
+
+
+def _note_after(kind: Any, note: Any) -> None:
+    """Call a function of the executor after an action is executed."""
+    execute = kind.execute
+
+    def noted(action: Any, context: Any) -> Any:
+        entities = execute(action, context)
+        note(action, context)
+        return entities
+
+    _set(kind, "execute", noted)

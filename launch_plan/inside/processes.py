@@ -1,4 +1,4 @@
-"""What a process of a launch file is given: its command line, its surroundings, and the parameters of a node."""
+"""Processes of a launch file as entries of a plan: command line, environment, and parameters of a node."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from launch_plan.format import PARAMETERS_PLACEHOLDER
 from launch_plan.inside import parameter_text
 from launch_plan.inside.installed import ELSEWHERE
 from launch_plan.inside.problems import SUBSTITUTION_AS_TEXT, relative
@@ -17,7 +18,7 @@ _ROS_TYPES = {bool: "bool", int: "integer", float: "double", str: "string", byte
 
 
 def private(action: Any, owner: str, name: str, default: Any = None) -> Any:
-    """What an action was given and does not show: in the stand-in a field, in the original a private attribute."""
+    """Return an argument of an action without a public property: a field in the stand-in, else a private attribute."""
     given: dict[str, Any] | None = getattr(action, "given", None)
     if given is not None and name in given:
         return given[name]
@@ -25,35 +26,30 @@ def private(action: Any, owner: str, name: str, default: Any = None) -> Any:
 
 
 def text_of(subs: Any, context: Any) -> str:
-    """A list of substitutions, or what can become one, resolved."""
+    """Return a substitution, a text, or a list of both, resolved."""
     from launch.utilities import normalize_to_list_of_substitutions, perform_substitutions
 
     return str(perform_substitutions(context, normalize_to_list_of_substitutions(subs)))
 
 
 class Describer:
-    """Describes the processes of a plan, and warns of what would not go as it is meant."""
+    """Describer of processes, with warnings about effects that the author cannot have wanted."""
 
     def __init__(self, executor: Any) -> None:
-        self._plan, self._warn, self._files = executor, executor.warn, executor.files
+        self._plan = executor
+        self._warn = executor.warn
+        self._files = executor.files
 
     def process(self, action: Any, context: Any) -> dict[str, Any]:
-        """The entry of a process, which its action has prepared."""
-        description, details = action.process_description, action.process_details
+        """Return the entry of a process; its action is prepared."""
+        description = action.process_description
+        details = action.process_details
         words = [str(word) for word in details["cmd"]]
-        before, after = (
-            self._plan.initial_environment,
-            {str(k): str(v) for k, v in (details["env"] or {}).items()},
-        )
-        replaces = description.env is not None
         prefixed = len(words) - len(description.cmd)
-        path, argv = words[prefixed], words[prefixed + 1 :]
-        self._warn_of_objects([*words, *after.values()], action)
-        if not action.shell:
-            found = shutil.which(path, path=context.environment.get("PATH"))
-            if found is None and not path.startswith(f"{ELSEWHERE}/"):
-                self._warn(f"the program '{path}' is not found, so it cannot start", action)
-            path = found or path
+        environment = {str(name): str(value) for name, value in (details["env"] or {}).items()}
+        self._warn_of_objects([*words, *environment.values()], action)
+        path = words[prefixed] if action.shell else self._program(words[prefixed], action, context)
+        argv = words[prefixed + 1 :]
         return {
             "id": str(details["name"]),
             "kind": "executable",
@@ -64,13 +60,7 @@ class Describer:
             "prefix": words[:prefixed],
             "path": path,
             "argv": argv,
-            "env": {
-                name: value
-                for name, value in after.items()
-                if replaces or before.get(name) != value
-            },
-            "env_unset": [] if replaces else sorted(set(before) - set(after)),
-            "env_replaces": replaces,
+            **self._environment(environment, replaces=description.env is not None),
             "cwd": None if details["cwd"] is None else os.path.abspath(details["cwd"]),  # noqa: PTH100
             "parameters": [],
             "remappings": [],
@@ -86,8 +76,26 @@ class Describer:
             **self._node(action, [path, *argv], context),
         }
 
+    def _program(self, program: str, action: Any, context: Any) -> str:
+        """Return the path of a program; a program that is not found keeps its name."""
+        found = shutil.which(program, path=context.environment.get("PATH"))
+        if found is not None:
+            return found
+        if not program.startswith(f"{ELSEWHERE}/"):
+            self._warn(f"the program '{program}' is not found, so it cannot start", action)
+        return program
+
+    def _environment(self, environment: dict[str, str], *, replaces: bool) -> dict[str, Any]:
+        """Return the variables that differ from those of the launch; all of them if they replace those."""
+        before = self._plan.initial_environment
+        if replaces:
+            return {"env": environment, "env_unset": [], "env_replaces": True}
+        changed = {n: value for n, value in environment.items() if before.get(n) != value}
+        unset = sorted(set(before) - set(environment))
+        return {"env": changed, "env_unset": unset, "env_replaces": False}
+
     def _number(self, action: Any, name: str, default: float) -> float:
-        """A number that is not looked at before the process ended."""
+        """Return a number that `launch` reads only after the exit of the process."""
         value = private(action, "ExecuteLocal", name)
         if value is None or isinstance(value, (int, float)):
             return value or default
@@ -96,7 +104,7 @@ class Describer:
         return default
 
     def _seconds(self, action: Any, name: str, context: Any) -> float:
-        """A time that is not resolved before the launch ends."""
+        """Return a time that `launch` resolves only at its shutdown."""
         try:
             return float(text_of(getattr(action, name), context))
         except Exception as error:
@@ -104,52 +112,61 @@ class Describer:
             return 5.0
 
     def _output(self, action: Any, context: Any) -> Any:
-        """Where the output goes, which `launch` itself checks; where it would log is no matter here."""
+        """Return the destination of the output; `launch` refuses unknown ones."""
         from launch.logging import get_output_loggers
 
-        chosen = (
-            action.output if isinstance(action.output, dict) else text_of(action.output, context)
-        )
+        chosen = action.output
+        if not isinstance(chosen, dict):
+            chosen = text_of(chosen, context)
         try:
             get_output_loggers(action.process_details["name"], chosen)
         except OSError:
+            # The folder for logs is of no importance here.
             return chosen
         if isinstance(chosen, str):
             return chosen
-        return {
-            stream: [words] if isinstance(words, str) else sorted(words)
-            for stream, words in chosen.items()
-        }
+        return {stream: _sorted_words(words) for stream, words in chosen.items()}
 
     def _node(self, action: Any, words: list[str], context: Any) -> dict[str, Any]:
-        """What a node has besides: its names, and the parameters and rules that stand on its command line."""
-        from launch_ros.actions import ComposableNodeContainer, LifecycleNode, Node
+        """Return the part of an entry that only nodes have: names, parameters and rules of the command line."""
+        from launch_ros.actions import Node
 
         if not isinstance(action, Node):
             return {}
-        kinds = {LifecycleNode: "lifecycle_node", ComposableNodeContainer: "container"}
-        namespace, _, name = action.node_name.rpartition("/")
-        known = action.expanded_node_namespace != Node.UNSPECIFIED_NODE_NAMESPACE
-        named = name != Node.UNSPECIFIED_NODE_NAME
+        _, _, name = action.node_name.rpartition("/")
         package = None if action.node_package is None else text_of(action.node_package, context)
         node: dict[str, Any] = {
-            "kind": next((kind for cls, kind in kinds.items() if isinstance(action, cls)), "node"),
+            "kind": _kind_of(action),
             "package": package,
             "executable": text_of(action.node_executable, context),
-            "name": name if named else None,
-            "namespace": action.expanded_node_namespace if known else None,
+            "name": _unless(Node.UNSPECIFIED_NODE_NAME, name),
+            "namespace": _unless(Node.UNSPECIFIED_NODE_NAMESPACE, action.expanded_node_namespace),
             "parameters": self._parameters(words, name, action),
             "remappings": [list(rule) for rule in action.expanded_remapping_rules or []],
-            "parameter_files": {
-                n: t for n, t in self._files.texts.items() if f"{{parameters}}/{n}" in words
-            },
+            "parameter_files": self._files_named(words),
         }
-        if words[0].startswith(f"{ELSEWHERE}/lib/{package}/") and not os.access(words[0], os.X_OK):
+        elsewhere = f"{ELSEWHERE}/lib/{package}/"
+        if words[0].startswith(elsewhere) and not os.access(words[0], os.X_OK):
             node["absent"] = f"the package '{package}' is not installed where this is evaluated"
-        before = [(p["name"], p["namespace"]) for p in self._plan.found["processes"]]
-        if known and named and (node["name"], node["namespace"]) in before:
-            self._warn(f"two nodes have the name '{namespace.rstrip('/')}/{name}'", action)
+        self._warn_of_equal_names(node, action)
         return node
+
+    def _files_named(self, words: list[str]) -> dict[str, str]:
+        """Return the plan's files whose paths are words of a command line."""
+        files: dict[str, str] = {}
+        for name, text in self._files.texts.items():
+            if f"{PARAMETERS_PLACEHOLDER}/{name}" in words:
+                files[name] = text
+        return files
+
+    def _warn_of_equal_names(self, node: dict[str, Any], action: Any) -> None:
+        if node["name"] is None or node["namespace"] is None:
+            return
+        full_name = (node["name"], node["namespace"])
+        before = [(p["name"], p["namespace"]) for p in self._plan.found["processes"]]
+        if full_name in before:
+            namespace, _, name = action.node_name.rpartition("/")
+            self._warn(f"two nodes have the name '{namespace.rstrip('/')}/{name}'", action)
 
     def _parameters(self, words: list[str], label: str, action: Any) -> list[dict[str, Any]]:
         found: list[dict[str, Any]] = []
@@ -157,15 +174,14 @@ class Describer:
         for flag, word in pairwise(ros_words):
             name, is_rule, value = word.partition(":=")
             if flag in ("-p", "--param") and is_rule:
-                # What is on the command line is for any node of the process, as `/**` in a file is.
+                # A parameter on the command line is for any node of the process, as one under `/**` in a file.
                 found.append({**_parameter(name, _read_or_text(value)), "wildcard": True})
             elif flag == "--params-file":
                 found += self._file_of_parameters(word, label, action)
         return found
 
     def _file_of_parameters(self, path: str, label: str, action: Any) -> list[dict[str, Any]]:
-        """A file as one entry, or an entry for each value if `launch_ros` has written it."""
-        of_node = path in self._files.of_nodes or Path(path).name.startswith("launch_params_")
+        """Return one entry for a file, or an entry for each value if `launch_ros` has written the file."""
         try:
             text = self._files.text_of(path)
             content = parameter_text.read(text)
@@ -177,27 +193,34 @@ class Describer:
             return [{"file": path, "content": None}]
         self._files.labels[path] = label.strip("<>")
         self._warn_of_lost_texts(text, content, action)
-        own = isinstance(content, Mapping) and set(content) <= {"/**", action.node_name}
-        values = _only_section(content) if of_node and own else None
+        values = self._own_values(path, content, action)
         if values is None:
             return [{"file": path, "content": content}]
         return [_parameter(name, value) for name, value in values.items()]
 
+    def _own_values(self, path: str, content: Any, action: Any) -> dict[str, Any] | None:
+        """Return the values of a file that `launch_ros` has written for one node; None for another file."""
+        of_node = path in self._files.of_nodes or Path(path).name.startswith("launch_params_")
+        if not of_node or not isinstance(content, Mapping):
+            return None
+        if not set(content) <= {"/**", action.node_name}:
+            return None
+        return _only_section(content)
+
     def _warn_of_lost_texts(self, text: str, content: Any, action: Any) -> None:
-        """Warn of texts that PyYAML wrote without quotes, and that the node reads as something else."""
+        """Warn of texts written by PyYAML without quotes and read by the node as values of another type."""
         import yaml
 
-        if "!!python/" in text:
-            kind = (
-                text.partition("!!python/")[2].split()[0].partition(":")[2].removesuffix(".scalar")
-            )
+        _, tagged, behind = text.partition("!!python/")
+        if tagged:
+            kind = behind.split()[0].partition(":")[2].removesuffix(".scalar")
             message = f"the value of a parameter is a {kind}, which a node cannot read, so it will not start"
             self._warn(f"{message}; write float(...)", action)
             return
-        written, read = _only_section(yaml.safe_load(text)) or {}, _only_section(content) or {}
-        self._warn_of_objects(
-            [value for value in written.values() if isinstance(value, str)], action
-        )
+        written = _only_section(yaml.safe_load(text)) or {}
+        read = _only_section(content) or {}
+        texts = [value for value in written.values() if isinstance(value, str)]
+        self._warn_of_objects(texts, action)
         for name, given in written.items():
             for item, became in zip(_listed(given), _listed(read.get(name)), strict=False):
                 if isinstance(item, str) and not isinstance(became, str):
@@ -205,28 +228,31 @@ class Describer:
                     self._warn(f"{message}, which reads it as {ros_type(became)}", action)
 
     def component(self, node: Any, context: Any) -> dict[str, Any]:
-        """The entry of a node that is loaded into a container."""
+        """Return the entry of a node to be loaded into a container."""
         from launch_ros.utilities import make_namespace_absolute, prefix_namespace
 
         def text(subs: Any) -> str | None:
             return None if subs is None else text_of(subs, context)
 
-        base = context.launch_configurations.get("ros_namespace")
-        rules = [list(rule) for rule in context.launch_configurations.get("ros_remaps") or []]
+        shared = context.launch_configurations
+        rules = [list(rule) for rule in shared.get("ros_remaps") or []]
+        for source, target in node.remappings or []:
+            rules.append([text(source), text(target)])
+        namespace = prefix_namespace(shared.get("ros_namespace"), text(node.node_namespace))
         file, line = getattr(node, "source_line", None) or (None, None)
         return {
             "package": text(node.package),
             "plugin": text(node.node_plugin),
             "name": text(node.node_name),
-            "namespace": make_namespace_absolute(prefix_namespace(base, text(node.node_namespace))),
+            "namespace": make_namespace_absolute(namespace),
             "parameters": self._parameters_of_component(node, context),
-            "remappings": [*rules, *([text(a), text(b)] for a, b in node.remappings or [])],
+            "remappings": rules,
             "file": None if file is None else relative(file, self._plan.root),
             "line": line,
         }
 
     def _parameters_of_component(self, node: Any, context: Any) -> list[dict[str, Any]]:
-        """What `launch` sends to the container: it reads files itself."""
+        """Return the parameters that `launch` sends to the container, those of files included."""
         import yaml
         from launch_ros.descriptions import Parameter
         from launch_ros.utilities import evaluate_parameters
@@ -241,17 +267,35 @@ class Describer:
             elif isinstance(item, Parameter):
                 found.append(_parameter(*item.evaluate(context)))
             else:
-                found.append(
-                    {"file": str(item), "content": yaml.safe_load(self._files.text_of(str(item)))}
-                )
+                content = yaml.safe_load(self._files.text_of(str(item)))
+                found.append({"file": str(item), "content": content})
         return found
 
     def _warn_of_objects(self, texts: Iterable[str], source: Any) -> None:
-        if any(SUBSTITUTION_AS_TEXT.search(text) for text in texts):
-            message = "str() or an f-string made text of a substitution before it has a value"
-            self._warn(
-                f"{message}; write a list instead: ['text', LaunchConfiguration(...)]", source
-            )
+        if not any(SUBSTITUTION_AS_TEXT.search(text) for text in texts):
+            return
+        message = "str() or an f-string made text of a substitution before it has a value"
+        remedy = "write a list instead: ['text', LaunchConfiguration(...)]"
+        self._warn(f"{message}; {remedy}", source)
+
+
+def _kind_of(node: Any) -> str:
+    from launch_ros.actions import ComposableNodeContainer, LifecycleNode
+
+    if isinstance(node, LifecycleNode):
+        return "lifecycle_node"
+    if isinstance(node, ComposableNodeContainer):
+        return "container"
+    return "node"
+
+
+def _unless(placeholder: str, name: str) -> str | None:
+    """Return a name, or None for the placeholder of an unspecified one."""
+    return None if name == placeholder else name
+
+
+def _sorted_words(words: Any) -> list[str]:
+    return [words] if isinstance(words, str) else sorted(words)
 
 
 def _listed(value: Any) -> list[Any]:
@@ -259,20 +303,18 @@ def _listed(value: Any) -> list[Any]:
 
 
 def _only_section(content: Any) -> dict[str, Any] | None:
-    """The values of a file that `launch_ros` writes: one pattern, and under it names with their values."""
-    section = (
-        next(iter(content.values())) if isinstance(content, Mapping) and len(content) == 1 else None
-    )
-    values = (
-        section.get("ros__parameters")
-        if isinstance(section, Mapping) and len(section) == 1
-        else None
-    )
+    """Return the values of a file of the form that `launch_ros` writes: one pattern with `ros__parameters`."""
+    if not isinstance(content, Mapping) or len(content) != 1:
+        return None
+    (section,) = content.values()
+    if not isinstance(section, Mapping) or len(section) != 1:
+        return None
+    values = section.get("ros__parameters")
     return dict(values) if isinstance(values, Mapping) else None
 
 
 def _read_or_text(text: str) -> Any:
-    """What a node makes of a value behind `-p name:=`: quotes, and with them text, may be lost."""
+    """Return the value that a node reads from the text behind `-p name:=`, e.g. 5 from `5`."""
     import yaml
 
     try:
@@ -282,9 +324,11 @@ def _read_or_text(text: str) -> Any:
 
 
 def ros_type(value: Any) -> str:
-    """The ROS type that a parameter of a value has."""
+    """Return the ROS type of a parameter's value, e.g. `double_array` for `[1.5]`."""
+    if isinstance(value, (list, tuple)) and not value:
+        return "not_set"
     if isinstance(value, (list, tuple)):
-        return f"{_ROS_TYPES.get(type(value[0]), 'string')}_array" if value else "not_set"
+        return f"{_ROS_TYPES.get(type(value[0]), 'string')}_array"
     return _ROS_TYPES.get(type(value), type(value).__name__)
 
 
