@@ -1,7 +1,7 @@
-"""What went wrong in a launch file, where, and how to fix it, in words for the one who wrote it.
+"""Problems of a launch file: message, place and remedy, in words for the author.
 
-What the stand-in refuses says its kind and its remedy where it is refused. Only what Python and the original
-`launch` raise is told by its type and its message, here.
+Exceptions of the stand-in carry their kind and their remedy. Those of Python and of the real `launch` are recognised
+here, by type and by message.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ SUBSTITUTION_AS_TEXT = re.compile(
     r"<launch(_ros)?\.(substitutions|parameter_descriptions)[\w.]* object at 0x"
 )
 
-#: Programs that come with ROS or a simulator, and are not where this is evaluated.
+#: Programs of ROS or a simulator, which may be missing here.
 _ROS_PROGRAMS = (
     "xacro",
     "ros2",
@@ -37,35 +37,36 @@ _ROS_PROGRAMS = (
     "gzclient",
     "check_urdf",
 )
+#: Kinds that are no fault of the launch file.
 _NOT_HERE = ("unsupported", "missing_module", "missing_package", "missing_program")
 
+#: Kind, message and remedy.
 Described = tuple[str, str, str]
 
 
 class LimitExceededError(RuntimeError):
-    """The launch description goes on without end."""
+    """Raised for a launch description without end."""
 
-    launch_kind, launch_remedy = "endless", "Let the description come to an end."
+    launch_kind = "endless"
+    launch_remedy = "Let the description come to an end."
 
 
 class UnsupportedByStandin(ImportError):
-    """The launch file uses something real that is not evaluated: not the student's fault."""
+    """Raised for a part of ROS that the stand-in does not evaluate, through no fault of the launch file."""
 
-    launch_kind, launch_remedy = (
-        "unsupported",
-        "No change is needed: the grader cannot evaluate this part.",
-    )
+    launch_kind = "unsupported"
+    launch_remedy = "No change is needed: the grader cannot evaluate this part."
 
 
 def mistake(raised: type[BaseException], message: str, kind: str, remedy: str) -> Any:
-    """An exception that knows what kind of problem it is, and how that is fixed."""
+    """Return an exception that carries the kind of its problem and the remedy."""
     error = raised(message)
     error.__dict__.update(launch_kind=kind, launch_remedy=remedy)
     return error
 
 
 def blame(error: BaseException, source: Any) -> None:
-    """Note on an exception which object of the launch file it came from; the innermost one stays."""
+    """Note on an exception the object of the launch file that raised it; the first note stays."""
     line = getattr(source, "source_line", None)
     if line is not None and not hasattr(error, "launch_source"):
         error.__dict__.update(launch_source=line, launch_object=type(source).__name__)
@@ -73,7 +74,7 @@ def blame(error: BaseException, source: Any) -> None:
 
 @contextmanager
 def blaming(source: Any) -> Iterator[None]:
-    """Note on an exception which object of the launch file it came from."""
+    """Note on an exception in this block the object of the launch file that raised it."""
     try:
         yield
     except Exception as error:
@@ -82,23 +83,25 @@ def blaming(source: Any) -> Iterator[None]:
 
 
 def shown(value: Any) -> str:
-    """A value for a message: what was written, where that can be told, and its type."""
+    """Return a value with its type for a message, e.g. "5 is of type 'int'"."""
     if value is None:
         return "None is given"
-    plain = isinstance(
-        value, (str, int, float, list, tuple, dict, set)
-    ) and " object at 0x" not in repr(value)
-    return f"{repr(value)[:120] if plain else 'what is given'} is of type '{type(value).__name__}'"
+    written = "what is given"
+    if isinstance(value, (str, int, float, list, tuple, dict, set)):
+        text = repr(value)
+        if " object at 0x" not in text:
+            written = text[:120]
+    return f"{written} is of type '{type(value).__name__}'"
 
 
 def near(name: str, known: Iterable[Any]) -> str:
-    """A question after what was meant, or nothing."""
+    """Return a question for the likeliest name, e.g. "Did you mean 'package'? ", or an empty text."""
     found = difflib.get_close_matches(name, [str(each) for each in known], n=1, cutoff=0.6)
     return f"Did you mean '{found[0]}'? " if found else ""
 
 
 def no_action(given: Any, position: int, parent: Any) -> Any:
-    """The error about something in a list of actions that is none."""
+    """Return the error for an item of a list of actions that is not an action."""
     remedies = {
         type(None): "Take None out: a function that makes an action must return it.",
         tuple: "Take the comma away that stands behind the action, or write *(...) for several.",
@@ -116,9 +119,11 @@ def no_action(given: Any, position: int, parent: Any) -> Any:
 
 
 def relative(path: str, root: str) -> str:
-    """A path as seen from the submission."""
+    """Return a path relative to the submission, if it is in there."""
+    if not root:
+        return path
     try:
-        return str(Path(path).absolute().relative_to(Path(root).absolute())) if root else path
+        return str(Path(path).absolute().relative_to(Path(root).absolute()))
     except ValueError:
         return path
 
@@ -126,15 +131,19 @@ def relative(path: str, root: str) -> str:
 def problem_of(
     error: BaseException, root: str, file: str, configurations: Mapping[str, Any]
 ) -> tuple[str, dict[str, Any]]:
-    """The outcome (`error` or `not_assessable`) and the problem of an exception that the evaluation raised."""
+    """Return the outcome, `error` or `not_assessable`, and the problem of an exception of the evaluation."""
+    # The real `launch` tries all formats, and raises this error with the cause of each.
     while type(error).__name__ == "InvalidLaunchFileError" and error.__cause__ is not None:
-        error = error.__cause__  # the original tries all formats, and says what came of each
+        error = error.__cause__
+    where: str = file
+    line: int | None = None
     try:
         kind, message, remedy = _describe(error, root, configurations)
         where, line = _location(error, root, file)
     except Exception as second:
         message = f"{type(error).__name__} (which could not be described: {type(second).__name__})"
-        kind, remedy, where, line = "exception", "Correct the launch file.", file, None
+        kind = "exception"
+        remedy = "Correct the launch file."
     if SUBSTITUTION_AS_TEXT.search(message):
         remedy = "Use a list instead of str() or an f-string: ['text', LaunchConfiguration(...)]."
     problem = {
@@ -144,24 +153,22 @@ def problem_of(
         "line": line,
         "remedy": _in_markup(remedy, where),
     }
-    if kind in _NOT_HERE:
-        problem["module"] = getattr(error, "name", None) or ""
-    return ("not_assessable" if kind in _NOT_HERE else "error"), problem
+    if kind not in _NOT_HERE:
+        return "error", problem
+    problem["module"] = getattr(error, "name", None) or ""
+    return "not_assessable", problem
 
 
 def _in_markup(remedy: str, file: str) -> str:
-    """The remedy as the language of the file writes it."""
+    """Return a remedy in the language of the file, e.g. with `<arg name="rate" default="..."/>` for XML."""
     if not file.endswith((".xml", ".yaml", ".yml")):
         return remedy
-    remedy = re.sub(
-        r"(inside the expression: )\[.*\]", r"\1$(eval '\\'$(var name)\\' == \\'x\\'')", remedy
-    )
-    form = (
-        r'<arg name="\1" default="..."/>'
-        if file.endswith(".xml")
-        else r"- arg: {name: \1, default: ...}"
-    )
-    return re.sub(r"DeclareLaunchArgument\('([^']*)', \.\.\.\)", form, remedy)
+    eval_form = r"\1$(eval '\\'$(var name)\\' == \\'x\\'')"
+    remedy = re.sub(r"(inside the expression: )\[.*\]", eval_form, remedy)
+    argument_form = r"- arg: {name: \1, default: ...}"
+    if file.endswith(".xml"):
+        argument_form = r'<arg name="\1" default="..."/>'
+    return re.sub(r"DeclareLaunchArgument\('([^']*)', \.\.\.\)", argument_form, remedy)
 
 
 def _inside(path: str, root: str) -> bool:
@@ -169,7 +176,7 @@ def _inside(path: str, root: str) -> bool:
 
 
 def _location(error: BaseException, root: str, file: str) -> tuple[str, int | None]:
-    """File and line: where the syntax breaks, else the innermost line of the submission, else what was noted."""
+    """Return file and line of a syntax error, of the innermost frame in the submission, or of the noted object."""
     if isinstance(error, SyntaxError) and error.filename and _inside(error.filename, root):
         return error.filename, error.lineno
     noted = getattr(error, "launch_source", None)
@@ -184,14 +191,15 @@ def _location(error: BaseException, root: str, file: str) -> tuple[str, int | No
 
 
 def _describe(error: BaseException, root: str, configurations: Mapping[str, Any]) -> Described:
-    message = str(error.args[0]) if isinstance(error, KeyError) and error.args else str(error)
     kind = getattr(error, "launch_kind", None)
+    message = _message(error)
     if kind is not None:
         return kind, message, error.launch_remedy  # type: ignore[attr-defined]
     for kinds, describe in _BY_TYPE:
-        found = describe(error, root) if isinstance(error, kinds) else None
-        if found is not None:
-            return found
+        if isinstance(error, kinds):
+            found = describe(error, root)
+            if found is not None:
+                return found
     for pattern, kind, remedy in _BY_MESSAGE:
         match = re.search(pattern, message)
         if match is not None:
@@ -200,6 +208,13 @@ def _describe(error: BaseException, root: str, configurations: Mapping[str, Any]
     name = type(error).__name__
     remedy = "Correct the line: it raises this exception while the file is read."
     return "exception", f"{name}: {message}" if message else name, remedy
+
+
+def _message(error: BaseException) -> str:
+    """Return the message of an exception; that of a KeyError without quotes."""
+    if isinstance(error, KeyError) and error.args:
+        return str(error.args[0])
+    return str(error)
 
 
 # -- by the type of the exception -------------------------------------------------------------
@@ -218,7 +233,8 @@ def _import(error: Any, root: str) -> Described | None:
         return _unknown_name(match[1], match[2])
     module = error.name or ""
     top = module.split(".")[0]
-    message, remedy = f"there is no module '{module}'", "Correct the import."
+    message = f"there is no module '{module}'"
+    remedy = "Correct the import."
     if top in _PACKAGES and top in sys.modules:
         parent, _, last = module.rpartition(".")
         return "unknown_import", message, near(last, SUBMODULES.get(parent, ())) + remedy
@@ -227,38 +243,40 @@ def _import(error: Any, root: str) -> Described | None:
         return "unknown_import", message, f"Did you mean '{close[0]}'? {remedy}"
     if not isinstance(error, ModuleNotFoundError):
         return None
+    return _missing_module(module, root)
+
+
+def _missing_module(module: str, root: str) -> Described:
+    """Describe the import of a module that is in the submission or nowhere."""
+    top = module.split(".")[0]
     lying = module_out_of_reach(top, root) if top else None
     if lying is not None:
         message = f"the launch file imports '{module}', but '{lying}' is nowhere where Python looks for modules"
         remedy = "Put it into the Python package of a ROS package, and import it as package.module."
         return "unknown_import", message, remedy
     message = f"the launch file imports '{module}', which is not installed where it is evaluated"
-    return (
-        "missing_module",
-        message,
-        "No change is needed if the module is installed where you launch.",
-    )
+    remedy = "No change is needed if the module is installed where you launch."
+    return "missing_module", message, remedy
 
 
 def _attribute(error: Any, _: str) -> Described | None:
-    match = re.search(
-        r"module '((?:launch|launch_ros)[\w.]*)' has no attribute '(\w+)'", str(error)
-    )
+    pattern = r"module '((?:launch|launch_ros)[\w.]*)' has no attribute '(\w+)'"
+    match = re.search(pattern, str(error))
     return _unknown_name(match[2], match[1]) if match else None
 
 
 def _unknown_name(name: str, module: str) -> Described:
-    homes = [home for home in homes_of(name) if home != module]
-    similar = near(name, NAMES.get(module, ()))
+    message = f"'{module}' has no '{name}'"
     if name in LATER.get(module, ()):
-        message = f"'{module}' has no '{name}' in ROS 2 Jazzy: it came with a later release"
+        message += " in ROS 2 Jazzy: it came with a later release"
         return "unknown_import", message, "Do without it."
-    remedy = similar.strip() or "Look up the name in the documentation of ROS 2 Jazzy."
-    return (
-        "unknown_import",
-        f"'{module}' has no '{name}'",
-        f"Import it from '{homes[0]}'." if homes else remedy,
-    )
+    homes = [home for home in homes_of(name) if home != module]
+    remedy = near(name, NAMES.get(module, ())).strip()
+    if homes:
+        remedy = f"Import it from '{homes[0]}'."
+    if not remedy:
+        remedy = "Look up the name in the documentation of ROS 2 Jazzy."
+    return "unknown_import", message, remedy
 
 
 def _name(error: Any, _: str) -> Described:
@@ -278,13 +296,12 @@ def _package(error: Any, _: str) -> Described | None:
     if is_released(name):
         error.name = name
         message = f"the launch file needs the package '{name}', which is not installed where it is evaluated"
-        return (
-            "missing_package",
-            message,
-            "No change is needed if the package is installed where you launch.",
-        )
+        remedy = "No change is needed if the package is installed where you launch."
+        return "missing_package", message, remedy
     own, there = own_packages()
-    listed = ", ".join(own[:8]) + (" …" if len(own) > 8 else "") if own else "no package"
+    listed = ", ".join(own[:8]) or "no package"
+    if len(own) > 8:
+        listed += " …"
     remedy = f"{near(name, own or there)}Write the name as in package.xml and setup.py."
     return "unknown_package", f"package '{name}' not found; the submission has: {listed}", remedy
 
@@ -295,42 +312,41 @@ def _file(error: Any, root: str) -> Described | None:
         message = f"'{relative(path, root)}' is a folder, and a file is wanted here"
         return "file_not_found", message, "Give the path of a file."
     launched = path.endswith((".launch.py", "launch.xml"))
-    included = launched or getattr(error, "launch_object", "") == "IncludeLaunchDescription"
-    what, kind = (
-        ("the included launch file", "include_not_found")
-        if included
-        else ("the file", "file_not_found")
-    )
-    missing = missing_data_file(path, root)
-    if missing is not None:
-        message = f"{what} '{missing[0]}' is in the package, but {missing[1]} does not install it "
-        message += "into the share folder, where this launch file looks for it"
-        return kind, message, f"Add to {missing[1]}: {missing[2]}, and build again."
+    what = "the file"
+    kind = "file_not_found"
     remedy = "Correct the path, or hand the file in."
-    if included:
+    if launched or getattr(error, "launch_object", "") == "IncludeLaunchDescription":
+        what = "the included launch file"
+        kind = "include_not_found"
         remedy = "Correct the path, and install the file in setup.py under data_files."
-    return kind, f"{what} '{relative(path, root)}' does not exist", remedy
+    missing = missing_data_file(path, root)
+    if missing is None:
+        return kind, f"{what} '{relative(path, root)}' does not exist", remedy
+    source, build, line = missing
+    message = f"{what} '{source}' is in the package, but {build} does not install it "
+    message += "into the share folder, where this launch file looks for it"
+    return kind, message, f"Add to {build}: {line}, and build again."
 
 
 def missing_program(program: str | None) -> Described | None:
-    """What to say of a program that comes with ROS, and is not here; None of any other."""
+    """Return the problem of a missing program of ROS; None for any other program."""
     if program not in _ROS_PROGRAMS:
         return None
     message = f"the launch file runs '{program}', which is not installed where it is evaluated"
-    return (
-        "missing_program",
-        message,
-        "No change is needed if the program is installed where you launch.",
-    )
+    remedy = "No change is needed if the program is installed where you launch."
+    return "missing_program", message, remedy
+
+
+def _exits(_error: Any, _: str) -> Described:
+    return "exits", "the launch file ends the whole program", "Remove the call of exit()."
 
 
 def _not_found(error: Any, _: str) -> Described | None:
-    match = re.search(
-        r"No such file or directory: '([^']*)'|executable '([^']*)' not found on the PATH",
-        str(error),
-    )
-    error.__dict__["name"] = (match[1] or match[2]) if match else None
-    return missing_program(error.__dict__["name"])
+    pattern = r"No such file or directory: '([^']*)'|executable '([^']*)' not found on the PATH"
+    match = re.search(pattern, str(error))
+    program = (match[1] or match[2]) if match else None
+    error.__dict__["name"] = program
+    return missing_program(program)
 
 
 _BY_TYPE: list[tuple[Any, Callable[[Any, str], Described | None]]] = [
@@ -340,18 +356,11 @@ _BY_TYPE: list[tuple[Any, Callable[[Any, str], Described | None]]] = [
     (NameError, _name),
     (KeyError, _package),
     ((FileNotFoundError, IsADirectoryError), _file),
-    (
-        SystemExit,
-        lambda *_: (
-            "exits",
-            "the launch file ends the whole program",
-            "Remove the call of exit().",
-        ),
-    ),
+    (SystemExit, _exits),
     (Exception, _not_found),
 ]
 
-# -- by the message of Python, and of the original ---------------------------------------------
+# -- by the message of Python, and of the real launch --------------------------------------------
 
 _TOO_EARLY = (
     "It has a value only while launching. Where a text is wanted, give a list: ['text', LaunchConfiguration(...)]; "
@@ -360,14 +369,14 @@ _TOO_EARLY = (
 
 
 def keyword_remedy(name: str, known: Iterable[str]) -> str:
-    """What to write instead of a keyword that is not known."""
+    """Return the instruction for an unknown keyword, with the present name of a renamed one."""
     if name in RENAMED:
         return f"Write '{RENAMED[name]}=' instead of '{name}='."
     return near(name, known) + "Use the keywords of ROS 2 Jazzy."
 
 
 def configuration_remedy(name: str, known: Iterable[str]) -> str:
-    """What to do about a launch configuration that is not there."""
+    """Return the instruction for a missing launch configuration."""
     return f"{near(name, known)}Declare it first: DeclareLaunchArgument('{name}', ...)."
 
 
@@ -411,7 +420,7 @@ _BY_MESSAGE: list[tuple[str, str, _Remedy]] = [
         "not_a_list",
         "Make it a list, even of one item.",
     ),
-    # What the original says.
+    # Messages of the real launch.
     (
         r"^launch configuration '([^']*)' does not exist",
         "undefined_configuration",
