@@ -1,9 +1,8 @@
-"""The ground on which the stand-in rests: entities, substitutions, conditions, and the fields they are made of.
+"""Base classes of the stand-in: entities, substitutions, conditions, and their fields.
 
-A class of the stand-in is a row: its fields, each with its default and the attribute that XML and YAML give it, and
-what it performs. One constructor takes the arguments of all of them, as strictly as the original does; one parser
-reads all of them. Every object remembers the line that builds it: a substitution is resolved long after that
-line, so without this the student would be shown a place in the grader.
+A class of the stand-in lists its fields, each with the default and the attribute in XML and YAML, and defines its effect.
+One constructor binds the arguments of all classes, as strictly as the real `launch`, and one parser reads all of them.
+Each object keeps the line that constructed it, because a substitution is resolved much later.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ _declared_lines: list[SourceLine] = []
 
 @contextmanager
 def written_at(file: str, line: int) -> Iterator[None]:
-    """Attribute whatever is constructed inside to a line of an XML or YAML launch file."""
+    """Attribute the objects constructed in this block to a line of an XML or YAML launch file."""
     _declared_lines.append((file, line))
     try:
         yield
@@ -45,19 +44,19 @@ def written_at(file: str, line: int) -> Iterator[None]:
 
 
 def calling_line() -> SourceLine | None:
-    """The innermost line outside the evaluation from which the current call comes."""
+    """Return file and line of the innermost frame outside the evaluator."""
     if _declared_lines:
         return _declared_lines[-1]
     frame = sys._getframe(1)
     while frame is not None:
         name = frame.f_code.co_filename
-        if not name.startswith(f"{EVALUATOR}/") and not name.startswith("<"):
+        if not name.startswith((f"{EVALUATOR}/", "<")):
             return name, frame.f_lineno
         frame = frame.f_back  # type: ignore[assignment]
     return None
 
 
-#: Actions and substitutions by the names under which XML and YAML launch files know them.
+#: Actions and substitutions by their names in XML and YAML launch files.
 exposed_actions: dict[str, Any] = {}
 exposed_substitutions: dict[str, Any] = {}
 
@@ -73,27 +72,27 @@ def expose_substitution(name: str) -> Callable[[_T], _T]:
 
 
 class Field:
-    """An argument of a class, which is read by its name once it is given.
+    """An argument of a class, and the attribute of its objects.
 
     Parameters
     ----------
     default
-        What it is if it is not given; `REQUIRED` if it must be.
+        The value of a missing argument; `REQUIRED` for an argument that must be given.
     positional : bool
-        It may be given without its keyword.
+        True if the argument may be given without its keyword.
     attribute : str
-        Its name in XML and YAML; empty if it cannot stand there.
+        The name in XML and YAML; empty if the argument has none.
     kind : type
-        The type that it has; `read_as` is the one as which XML and YAML read it, if that is another, and
-        `can_be_str` says whether a text may stand there where `kind` is another type.
+        The type of the value. XML and YAML read it as `read_as`, if given; `can_be_str` permits a text in place of
+        another type.
     types, remedy
-        What may be given, and what to do if something else is; empty if anything may.
+        Accepted types, and the instruction for any other value; empty if all types are accepted.
     read : callable
-        The value that an attribute of XML or YAML stands for, with the parser's help.
+        Function of an XML or YAML attribute and the parser; returns the value.
     normal : callable
-        The form in which the value is used, if it is not that of the class.
+        Function that brings the value into its normal form, instead of `normalized` of the class.
     nested : callable
-        The value that elements inside of the one of XML or YAML stand for, with the parser's help.
+        Function of an XML or YAML element and the parser; returns the value given by the elements inside.
     """
 
     def __init__(
@@ -111,11 +110,17 @@ class Field:
         normal: Callable[[Any], Any] | None = None,
         nested: Callable[[Any, Any], Any] | None = None,
     ) -> None:
-        self.read_as, self.can_be_str = kind if read_as is None else read_as, can_be_str
-        self.read, self.nested = type(self).reading if read is None else read, nested
+        self.default = default
+        self.positional = positional
+        self.attribute = attribute
+        self.kind = kind
+        self.types = types
+        self.remedy = remedy
+        self.read_as = kind if read_as is None else read_as
+        self.can_be_str = can_be_str
+        self.read = type(self).reading if read is None else read
         self.normal = type(self).normalized if normal is None else normal
-        self.default, self.positional = default, positional
-        self.attribute, self.kind, self.types, self.remedy = attribute, kind, types, remedy
+        self.nested = nested
         self.name = ""
 
     def __set_name__(self, owner: type, name: str) -> None:
@@ -125,30 +130,32 @@ class Field:
         if made is None:
             return self
         if self.name not in made.given:
-            raise AttributeError(
-                f"'{type(made).__name__}' has no '{self.name}': its base class was not initialised"
-            )
+            title = type(made).__name__
+            message = f"'{title}' has no '{self.name}': its base class was not initialised"
+            raise AttributeError(message)
         return made.given[self.name]
 
     def checked(self, value: Any, made: Any) -> Any:
-        """The value as it is kept."""
+        """Return the value in its normal form."""
         if self.types:
             ensure_argument_type(value, self.types, self.name, type(made).__name__, self.remedy)
-        return None if value is None and self.default is None else self.normal(value)
+        if value is None and self.default is None:
+            return None
+        return self.normal(value)
 
     @staticmethod
     def normalized(value: Any) -> Any:
-        """The value in the form in which it is used where nothing else is said."""
+        """Return the normal form of a value."""
         return value
 
     @staticmethod
     def reading(value: Any, parser: Any) -> Any:
-        """How it is read where nothing else is said."""
+        """Return the value of an attribute of XML or YAML."""
         return parser.escape_characters(value) if isinstance(value, str) else value
 
 
 class Text(Field):
-    """A text that may hold substitutions."""
+    """A text, perhaps with substitutions."""
 
     @staticmethod
     def normalized(value: Any) -> Any:
@@ -160,7 +167,7 @@ class Text(Field):
 
 
 class Typed(Field):
-    """A value of a type, or a text with substitutions that becomes one."""
+    """A value of a type, or a text with substitutions to be read as that type."""
 
     def checked(self, value: Any, made: Any) -> Any:
         from .utilities.type_utils import normalize_typed_substitution
@@ -182,7 +189,7 @@ class Texts(Field):
 
 
 class Pairs(Field):
-    """Texts by texts."""
+    """A mapping of texts to texts, kept as pairs."""
 
     @staticmethod
     def normalized(value: Any) -> Any:
@@ -191,7 +198,7 @@ class Pairs(Field):
 
 
 def fields_of(cls: Any) -> dict[str, Field]:
-    """The fields of a class by their names, those of its bases first; what a class sets anew is none any more."""
+    """Return the fields of a class by name, those of its bases first; another attribute of the name removes a field."""
     found: dict[str, Field] | None = vars(cls).get("_fields")
     if found is not None:
         return found
@@ -206,7 +213,7 @@ def fields_of(cls: Any) -> dict[str, Field]:
 
 
 class Located:
-    """Something that a launch file constructs out of its fields, with the line that does so."""
+    """An object of a launch file, with its fields and the line that constructs it."""
 
     source_line: SourceLine | None = None
     given: dict[str, Any]
@@ -218,99 +225,116 @@ class Located:
         return self
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
+        fields = fields_of(type(self))
         for name, value in _bound(type(self), args, kwargs).items():
-            self.given[name] = fields_of(type(self))[name].checked(value, self)
+            self.given[name] = fields[name].checked(value, self)
         self.made()
 
     def made(self) -> None:
-        """Do what is to be done once all fields are known."""
+        """Finish the construction, with all fields known."""
 
     def describe(self) -> str:
-        """Text for people."""
+        """Return a text for people."""
         return f"{type(self).__name__}()"
 
     def described(self, field: str) -> str:
         return " + ".join(sub.describe() for sub in self.given[field])
 
     def text(self, field: str, context: Any) -> str:
-        """A field, resolved."""
+        """Return a field, resolved."""
         return perform_substitutions(context, self.given[field])
 
 
 def _bound(cls: type, args: tuple[Any, ...], kwargs: dict[str, Any]) -> dict[str, Any]:
-    """Values by field, complete, as a call binds them."""
-    fields, name = fields_of(cls), cls.__name__
+    """Return all values by field, as a call of the class binds them."""
+    fields = fields_of(cls)
     positional = [title for title, field in fields.items() if field.positional]
     if len(args) > len(positional):
         takes = f"{len(positional)} of them" if positional else "none of them"
-        message = f"{name}() is given {len(args)} values without a keyword, and takes {takes} so"
+        message = (
+            f"{cls.__name__}() is given {len(args)} values without a keyword, and takes {takes} so"
+        )
         raise mistake(TypeError, message, "positional_argument", "Write keywords: name=value.")
     given = dict(zip(positional, args, strict=False))
     twice = sorted(set(given) & set(kwargs))
     if twice:
-        message = f"{name}() got multiple values for argument '{twice[0]}'"
+        message = f"{cls.__name__}() got multiple values for argument '{twice[0]}'"
         raise mistake(TypeError, message, "positional_argument", "Give it once.")
     given |= kwargs
-    unknown = [title for title in kwargs if title not in fields]
-    missing = [
-        title for title, field in fields.items() if field.default is REQUIRED and title not in given
-    ]
-    meant = [title for title in unknown if RENAMED.get(title) in missing]
-    if missing and not meant:
-        by_keyword = not fields[missing[0]].positional
-        what, kind = (
-            ("keyword-only", "missing_keyword")
-            if by_keyword
-            else ("positional", "missing_argument")
-        )
-        message = f"{name}() is missing the required {what} argument '{missing[0]}'"
-        remedy = "Give what is missing by its keyword." if by_keyword else "Give what is missing."
-        raise mistake(TypeError, message, kind, remedy)
-    for title in meant or unknown:
-        message = f"{name}() got an unexpected keyword argument '{title}'"
-        raise mistake(TypeError, message, "unknown_keyword", problems.keyword_remedy(title, fields))
+    _require_known(cls.__name__, fields, given)
     return {title: given.get(title, field.default) for title, field in fields.items()}
 
 
+def _require_known(name: str, fields: dict[str, Field], given: dict[str, Any]) -> None:
+    """Refuse missing arguments and unknown keywords; a renamed keyword counts as unknown, not as missing."""
+    unknown = [title for title in given if title not in fields]
+    required = [title for title, field in fields.items() if field.default is REQUIRED]
+    missing = [title for title in required if title not in given]
+    meant = [title for title in unknown if RENAMED.get(title) in missing]
+    if missing and not meant:
+        raise _missing(name, missing[0], fields[missing[0]])
+    for title in meant or unknown:
+        message = f"{name}() got an unexpected keyword argument '{title}'"
+        raise mistake(TypeError, message, "unknown_keyword", problems.keyword_remedy(title, fields))
+
+
+def _missing(name: str, title: str, field: Field) -> Any:
+    what = "keyword-only"
+    kind = "missing_keyword"
+    remedy = "Give what is missing by its keyword."
+    if field.positional:
+        what = "positional"
+        kind = "missing_argument"
+        remedy = "Give what is missing."
+    message = f"{name}() is missing the required {what} argument '{title}'"
+    return mistake(TypeError, message, kind, remedy)
+
+
 def read_element(cls: type, entity: Any, parser: Any) -> dict[str, Any]:
-    """The arguments of a class, of an element of XML or YAML."""
+    """Return the arguments of a class that an element of XML or YAML gives."""
     kwargs: dict[str, Any] = parser.condition(entity)
     for name, field in fields_of(cls).items():
         value = None
         if field.nested is not None:
             value = field.nested(entity, parser)
         elif field.attribute:
-            optional, kind = field.default is not REQUIRED, field.read_as
-            value = entity.get_attr(
-                field.attribute, optional=optional, data_type=kind, can_be_str=field.can_be_str
-            )
-            value = None if value is None else field.read(value, parser)
+            value = _read_attribute(field, entity, parser)
         if value is not None:
             kwargs[name] = value
     return kwargs
 
 
+def _read_attribute(field: Field, entity: Any, parser: Any) -> Any:
+    value = entity.get_attr(
+        field.attribute,
+        optional=field.default is not REQUIRED,
+        data_type=field.read_as,
+        can_be_str=field.can_be_str,
+    )
+    return None if value is None else field.read(value, parser)
+
+
 class InvalidLaunchFileError(Exception):
-    """A launch file could not be read as what its name says it is."""
+    """Raised for a launch file that cannot be read in the language of its name."""
 
 
 class SubstitutionFailure(Exception):
-    """A substitution has no value."""
+    """Raised for a substitution without a value."""
 
 
 class InvalidConditionExpressionError(Exception):
-    """The text of a condition is neither true nor false."""
+    """Raised for the text of a condition that is neither true nor false."""
 
 
 class Substitution(Located):
-    """A text that is known only while launching."""
+    """A text known only during the launch."""
 
-    #: How many arguments it must have at least where it is written `$(name ...)`, if not those without a default.
+    #: Fewest arguments in the form `$(name ...)`; None for the number of required fields.
     least: int | None = None
 
     @classmethod
     def parse(cls, data: Any) -> tuple[Any, dict[str, Any]]:
-        """The class and its arguments, of what is written `$(name argument ...)`."""
+        """Return the class and the arguments of the form `$(name argument ...)`."""
         fields = fields_of(cls)
         required = sum(field.default is REQUIRED for field in fields.values())
         least = required if cls.least is None else cls.least
@@ -322,51 +346,53 @@ class Substitution(Located):
 
     def describe(self) -> str:
         fields = [name for name, value in self.given.items() if isinstance(value, list)]
-        return f"{type(self).__name__}({', '.join(_words(self.given[name]) for name in fields)})"
+        listed = ", ".join(_words(self.given[name]) for name in fields)
+        return f"{type(self).__name__}({listed})"
 
     def perform(self, context: Any) -> str:
-        """The text."""
+        """Return the text."""
         return ""
 
 
 def _words(subs: list[Any]) -> str:
-    return " + ".join(
-        sub.describe() if isinstance(sub, Substitution) else _words(sub) for sub in subs
-    )
+    words: list[str] = []
+    for sub in subs:
+        words.append(sub.describe() if isinstance(sub, Substitution) else _words(sub))
+    return " + ".join(words)
 
 
 class Condition(Located):
-    """Decides whether an action is carried out."""
+    """A condition for the execution of an action."""
 
     predicate = Field(None, types=(Callable, type(None)))
 
     def holds(self, context: Any) -> bool:
-        """What the predicate says."""
+        """Return the result of the predicate."""
         return bool(self.predicate(context))
 
     def evaluate(self, context: Any) -> bool:
-        """Whether the action is carried out."""
+        """Return whether the action is to be executed."""
         with blaming(self):
             return self.holds(context)
 
 
 class LaunchDescriptionEntity(Located):
-    """Whatever may stand in a launch description."""
+    """An item of a launch description."""
 
     def describe_sub_entities(self) -> list[Any]:
-        """Entities that follow whenever this one is visited."""
+        """Return the entities that follow each visit of this one."""
         return []
 
     def describe_conditional_sub_entities(self) -> list[tuple[str, Iterable[Any]]]:
-        """Entities that may follow, with the reason."""
+        """Return the entities that may follow, with the reason."""
         return []
 
     def visit(self, context: Any) -> list[Any] | None:
-        """Carry it out; yields the entities to visit next."""
+        """Execute the entity, and return the entities to visit next."""
         raise NotImplementedError
 
     def get_asyncio_future(self) -> None:
-        """There is no event loop here, so there is no future."""
+        """Return None, because there is no event loop."""
         return
 
 
@@ -379,7 +405,7 @@ class Action(LaunchDescriptionEntity):
 
     @classmethod
     def parse(cls, entity: Any, parser: Any) -> tuple[Any, dict[str, Any]]:
-        """The class and its arguments, of an element of XML or YAML."""
+        """Return the class and the arguments of an element of XML or YAML."""
         return cls, read_element(cls, entity, parser)
 
     def get_sub_entities(self) -> list[Any]:
@@ -389,28 +415,30 @@ class Action(LaunchDescriptionEntity):
         return list(self.get_sub_entities()) if self.condition is None else []
 
     def describe_conditional_sub_entities(self) -> list[tuple[str, Iterable[Any]]]:
-        """Entities that follow if the condition holds."""
+        """Return the entities that follow if the condition holds."""
         if self.condition is None:
             return []
         return [(f"Conditionally included by {self.describe()}", self.get_sub_entities())]
 
     def visit(self, context: Any) -> list[Any] | None:
-        """Carry out the action if its condition holds."""
+        """Execute the action if its condition holds."""
         found: list[Any] | None = context.session.visit_action(self, context)
         return found
 
-    #: The method of the context or of its executor that carries out the action, where that is all there is to it.
+    #: Name of the method of the executor or of the context that is the whole effect of the action.
     performs = ""
 
     def execute(self, context: Any) -> Any:
-        """Carry out the action; yields the entities to visit next."""
+        """Execute the action, and return the entities to visit next."""
+        if not self.performs:
+            return None
         if hasattr(context.session, self.performs):
             return getattr(context.session, self.performs)(self, context)
-        return getattr(context, self.performs)() if self.performs else None
+        return getattr(context, self.performs)()
 
 
 class Event(Located):
-    """Something that happened."""
+    """An event of the launch."""
 
     name: Any = property(lambda self: f"{type(self).__module__}.{type(self).__name__}")
 
@@ -424,18 +452,19 @@ def ensure_argument_type(
 ) -> None:
     """Check the type of an argument."""
     wanted = tuple(types) if isinstance(types, collections.abc.Iterable) else (types,)
-    if not isinstance(argument, wanted):
-        names = list(dict.fromkeys(getattr(t, "__name__", str(t)) for t in wanted))
-        listed = ", ".join(names[:-1]) + " or " + names[-1] if len(names) > 1 else names[0]
-        where = f" of {caller}" if caller else ""
-        message = (
-            f"argument '{argument_name}'{where} must be of type {listed}, but {shown(argument)}"
-        )
-        kind = _KIND_OF_ARGUMENT.get(argument_name, "bad_type" if remedy else "exception")
-        raise mistake(TypeError, message, kind, remedy or "Give a value of this type.")
+    if isinstance(argument, wanted):
+        return
+    names = list(dict.fromkeys(getattr(t, "__name__", str(t)) for t in wanted))
+    listed = names[-1]
+    if len(names) > 1:
+        listed = f"{', '.join(names[:-1])} or {names[-1]}"
+    where = f" of {caller}" if caller else ""
+    message = f"argument '{argument_name}'{where} must be of type {listed}, but {shown(argument)}"
+    kind = _KIND_OF_ARGUMENT.get(argument_name, "bad_type" if remedy else "exception")
+    raise mistake(TypeError, message, kind, remedy or "Give a value of this type.")
 
 
-#: Arguments whose mistakes are a kind of their own.
+#: Kind of a mistake by the name of the argument.
 _KIND_OF_ARGUMENT = {
     "condition": "bad_condition",
     "period": "bad_period",
@@ -454,7 +483,7 @@ def is_a_subclass(obj: Any, entity_type: type) -> bool:
 
 
 def normalize_to_list_of_substitutions(subs: Any) -> list[Substitution]:
-    """Bring text, a path, a substitution, or a list of them into the form of a list of substitutions."""
+    """Return a text, a path, a substitution, or a list of them as a list of substitutions."""
     if isinstance(subs, (str, Path, Substitution)):
         return [_as_substitution(subs)]
     if isinstance(subs, collections.abc.Iterable):

@@ -1,7 +1,7 @@
-"""The modules of the real packages, as an import statement sees them.
+"""Modules of the real packages, as an import statement sees them.
 
-A name that Jazzy has not cannot be imported here either. One that Jazzy has and nobody evaluates can be imported,
-and to use it ends in "not assessable here".
+A name missing in Jazzy cannot be imported. A name of Jazzy that the stand-in does not evaluate can be imported, and its
+use makes the file "not assessable here".
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any
 from launch_plan import jazzy as _jazzy
 from launch_plan.inside.problems import UnsupportedByStandin
 
-#: Packages whose names other modules of the original show, too.
+#: Packages with names that other modules of the real `launch` show too.
 _USED = (
     "launch",
     "launch.frontend",
@@ -27,7 +27,7 @@ _USED = (
 
 
 class _Unevaluated:
-    """Something of the real packages that can be imported here, and does nothing."""
+    """A name of the real packages that has no effect here."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -38,13 +38,12 @@ class _Unevaluated:
         return self()
 
     def __call__(self, *args: Any, **kwargs: Any) -> Any:
-        raise UnsupportedByStandin(
-            f"{self._name} is not evaluated by this grader", name=self._name.partition(".")[0]
-        )
+        message = f"{self._name} is not evaluated by this grader"
+        raise UnsupportedByStandin(message, name=self._name.partition(".")[0])
 
 
 class PublicModule(ModuleType):
-    """A module of the real packages, with a file of the stand-in or without."""
+    """A module of the real packages, with or without a file in the stand-in."""
 
     def __getattr__(self, name: str) -> Any:
         title = self.__name__
@@ -52,14 +51,13 @@ class PublicModule(ModuleType):
         known = _jazzy.NAMES.get(title) or _jazzy.NAMES.get(parent, [])
         inner = _jazzy.SUBMODULES.get(title, [])
         if name == "__all__":
-            return [*known, *(each for each in inner if f"{title}.{each}" in _jazzy.NAMES)]
+            modules = [each for each in inner if f"{title}.{each}" in _jazzy.NAMES]
+            return [*known, *modules]
         if name in inner:
             return importlib.import_module(f"{title}.{name}")
-        for home in () if "__file__" in vars(self) else filter(None, (parent, *_USED)):
-            if name in (*known, *_jazzy.NAMES.get(home, [])) and name in vars(
-                held := importlib.import_module(home)
-            ):
-                return getattr(held, name)
+        home = None if "__file__" in vars(self) else _home_of(name, known, parent)
+        if home is not None:
+            return getattr(home, name)
         if name in _jazzy.TYPES:
             return Any
         if name in known:
@@ -67,8 +65,19 @@ class PublicModule(ModuleType):
         raise AttributeError(f"module '{title}' has no attribute '{name}'")
 
 
+def _home_of(name: str, known: list[str], parent: str) -> ModuleType | None:
+    """Return the module of the stand-in that holds a name of a module without a file."""
+    for home in (parent, *_USED):
+        if not home or name not in (*known, *_jazzy.NAMES.get(home, [])):
+            continue
+        module = importlib.import_module(home)
+        if name in vars(module):
+            return module
+    return None
+
+
 class _SubmoduleFinder(MetaPathFinder, Loader):
-    """Finds the modules of the real packages that have no file here."""
+    """Finder for the modules of the real packages that have no file here."""
 
     def find_spec(self, fullname: str, path: Any, target: Any = None) -> ModuleSpec | None:
         parent, _, name = fullname.rpartition(".")
@@ -86,7 +95,7 @@ class _SubmoduleFinder(MetaPathFinder, Loader):
 
 
 def publish() -> None:
-    """Let the modules that were imported so far show what the real ones do."""
+    """Let the modules imported so far show the names of the real ones."""
     for title, module in sys.modules.items():
         if title in _jazzy.NAMES:
             module.__class__ = PublicModule

@@ -14,7 +14,7 @@ from ._base import Substitution, perform_substitution
 
 
 def evaluate(file: str, arguments: dict[str, Any], root: str) -> Any:
-    """Evaluate a launch file as `ros2 launch FILE name:=value` would; see `Executor.evaluate`."""
+    """Evaluate a launch file as `ros2 launch FILE name:=value` would, and return the plan, ready for JSON."""
     context = LaunchContext()
     context.session = _executor.Executor(root)
     return context.session.evaluate(context, file, arguments)
@@ -121,7 +121,7 @@ class LaunchContext:
         return any(handler.matches(event) for handler in self._event_handlers)
 
     def register_event_handler(self, event_handler: Any, append: bool = False) -> None:
-        """Add a handler; the newest comes first, unless it is to come last."""
+        """Add a handler before all others, or after them with `append`."""
         if append:
             self._event_handlers.append(event_handler)
         else:
@@ -137,4 +137,4 @@ class LaunchContext:
         self.emit_event_sync(event)
 
     def add_completion_future(self, completion_future: Any) -> None:
-        """Nothing waits here."""
+        """Ignore a future, because nothing waits for it."""

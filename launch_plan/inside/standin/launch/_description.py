@@ -1,8 +1,8 @@
-"""Launch descriptions, and where they come from."""
+"""Launch descriptions and their sources."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from launch_plan.inside import executor as _executor
 from launch_plan.inside.problems import LimitExceededError, blaming, mistake, no_action
@@ -31,17 +31,17 @@ class LaunchDescription(LaunchDescriptionEntity):
         super().__init__(*args, **kwargs)
 
     def made(self) -> None:
-        """Keep a list of one's own."""
-        self.entities: list[Any] = (
-            [] if self.initial_entities is None else list(self.initial_entities)
-        )
+        """Copy the list of entities."""
+        self.entities: list[Any] = []
+        if self.initial_entities is not None:
+            self.entities = list(self.initial_entities)
 
     @property
     def deprecated(self) -> bool:
         return self.deprecated_reason is not None
 
     def visit(self, context: Any) -> list[Any]:
-        """The entities."""
+        """Return the entities."""
         if self.deprecated:
             context.session.warn(f"deprecated launch description: {self.deprecated_reason}", self)
         return self.entities
@@ -55,7 +55,7 @@ class LaunchDescription(LaunchDescriptionEntity):
     add_action = add_entity
 
     def get_launch_arguments(self, conditional_inclusion: bool = False) -> list[Any]:
-        """The arguments that can be found without launching."""
+        """Return the arguments that can be found without a launch."""
         pairs = self.get_launch_arguments_with_include_launch_description_actions(
             conditional_inclusion
         )
@@ -64,61 +64,87 @@ class LaunchDescription(LaunchDescriptionEntity):
     def get_launch_arguments_with_include_launch_description_actions(
         self, conditional_inclusion: bool = False
     ) -> list[tuple[Any, list[Any] | None]]:
-        """The arguments that can be found without launching, with the includes that lead to each."""
-        found: list[tuple[Any, list[Any] | None]] = []
-        _collect_arguments(self.entities, found, conditional_inclusion, (None, (), 0), self)
-        return found
+        """Return the arguments that can be found without a launch, with the includes around each."""
+        search = _ArgumentSearch()
+        search.collect(self.entities, conditional_inclusion, _Way(None, (), 0), self)
+        return search.found
 
 
-def _collect_arguments(
-    entities: Any,
-    found: list[Any],
-    conditional: bool,
-    way: tuple[list[Any] | None, tuple[str, ...], int],
-    parent: Any,
-) -> None:
-    # `way`: the includes on the way here, their files, and the depth; a file is not gone into again from itself.
-    from .actions import DeclareLaunchArgument, IncludeLaunchDescription, ResetLaunchConfigurations
+class _Way(NamedTuple):
+    """The way from the outermost description to the present entities."""
 
-    if way[2] > _executor.DEPTH_LIMIT:
-        raise LimitExceededError("the launch description is nested without end")
-    for position, entity in enumerate(entities, start=1):
-        if not hasattr(entity, "describe_sub_entities"):
-            raise no_action(entity, position, parent)
-        known = [argument.name for argument, _ in found]
-        if isinstance(entity, DeclareLaunchArgument) and entity.name not in known:
-            entity._conditionally_included = conditional or entity.condition is not None
-            found.append((entity, way[0]))
-        if isinstance(entity, ResetLaunchConfigurations):
-            return
-        nested = (*way[:2], way[2] + 1)
-        if isinstance(entity, IncludeLaunchDescription):
-            location = entity.launch_description_source.location_without_context() or ""
-            if location in way[1]:
+    includes: list[Any] | None
+    #: Files of the includes. A file is not searched again from inside itself.
+    files: tuple[str, ...]
+    depth: int
+
+
+class _ArgumentSearch:
+    """A search for arguments, each found once by its name."""
+
+    def __init__(self) -> None:
+        self.found: list[tuple[Any, list[Any] | None]] = []
+
+    def collect(self, entities: Any, conditional: bool, way: _Way, parent: Any) -> None:
+        """Add the arguments of entities up to a reset of the configurations."""
+        from .actions import ResetLaunchConfigurations
+
+        if way.depth > _executor.DEPTH_LIMIT:
+            raise LimitExceededError("the launch description is nested without end")
+        for position, entity in enumerate(entities, start=1):
+            if not hasattr(entity, "describe_sub_entities"):
+                raise no_action(entity, position, parent)
+            self._add(entity, conditional, way)
+            if isinstance(entity, ResetLaunchConfigurations):
+                return
+            nested = _way_into(entity, way)
+            if nested is None:
                 continue
-            includes = way[0] if way[0] is not None else []
-            includes.append(entity)
-            nested = (includes, (*way[1], location), way[2] + 1)
-        with blaming(entity):
-            _collect_arguments(entity.describe_sub_entities(), found, False, nested, entity)
-            for _, following in entity.describe_conditional_sub_entities():
-                _collect_arguments(following, found, True, nested, entity)
+            with blaming(entity):
+                self.collect(entity.describe_sub_entities(), False, nested, entity)
+                for _, following in entity.describe_conditional_sub_entities():
+                    self.collect(following, True, nested, entity)
+
+    def _add(self, entity: Any, conditional: bool, way: _Way) -> None:
+        from .actions import DeclareLaunchArgument
+
+        if not isinstance(entity, DeclareLaunchArgument):
+            return
+        known = [argument.name for argument, _ in self.found]
+        if entity.name not in known:
+            entity._conditionally_included = conditional or entity.condition is not None
+            self.found.append((entity, way.includes))
+
+
+def _way_into(entity: Any, way: _Way) -> _Way | None:
+    """Return the way to the entities inside an entity; None for a file that includes itself."""
+    from .actions import IncludeLaunchDescription
+
+    if not isinstance(entity, IncludeLaunchDescription):
+        return way._replace(depth=way.depth + 1)
+    location = entity.launch_description_source.location_without_context() or ""
+    if location in way.files:
+        return None
+    includes = way.includes if way.includes is not None else []
+    includes.append(entity)
+    return _Way(includes, (*way.files, location), way.depth + 1)
 
 
 class LaunchDescriptionSource(Located):
-    """Where a launch description comes from."""
+    """A source of a launch description."""
 
     launch_description = Field(None, POSITIONAL)
     location: Any = Text("<string>", POSITIONAL)
     method = Field("unspecified mechanism", POSITIONAL)
 
     def made(self) -> None:
-        self.__path, self.location = self.location, " + ".join(str(sub) for sub in self.location)
+        self.__path = self.location
+        self.location = " + ".join(str(sub) for sub in self.__path)
         self.__expanded: str | None = None
         self.__read: dict[str, Any] = {}
 
     def try_get_launch_description_without_context(self) -> Any:
-        """The description, or None if its path is known only while launching."""
+        """Return the description, or None if its path is known only during the launch."""
         if self.launch_description is not None:
             return self.launch_description
         try:
@@ -128,7 +154,7 @@ class LaunchDescriptionSource(Located):
             return None
 
     def location_without_context(self) -> str | None:
-        """The path, or None if it is known only while launching."""
+        """Return the path, or None if it is known only during the launch."""
         from ._context import LaunchContext
 
         try:
@@ -138,9 +164,11 @@ class LaunchDescriptionSource(Located):
 
     def get_launch_description(self, context: Any) -> Any:
         if self.__expanded is None:
-            self.location = self.__expanded = perform_substitutions(context, self.__path)
-        known = self.launch_description
-        return self.__read_once(self.__expanded) if known is None else known
+            self.__expanded = perform_substitutions(context, self.__path)
+            self.location = self.__expanded
+        if self.launch_description is not None:
+            return self.launch_description
+        return self.__read_once(self.__expanded)
 
     def __read_once(self, location: str) -> Any:
         if location not in self.__read:
@@ -151,16 +179,21 @@ class LaunchDescriptionSource(Located):
         raise RuntimeError("this source holds no launch description")
 
 
+#: Most levels of a printed description.
+_DEEPEST_SHOWN = 20
+
+
 class LaunchIntrospector:
-    """Shows launch descriptions to people."""
+    """A printer of launch descriptions."""
 
     def format_launch_description(self, launch_description: Any) -> str:
-        """One line for each entity, indented by its depth."""
+        """Return a line for each entity, indented by its depth."""
         return "\n".join(_lines(launch_description, 0))
 
 
 def _lines(entity: Any, depth: int) -> list[str]:
-    lines = [f"{'    ' * depth}{entity.describe()}"]
-    for inner in entity.describe_sub_entities() if depth < 20 else []:
-        lines += _lines(inner, depth + 1)
+    lines = ["    " * depth + entity.describe()]
+    if depth < _DEEPEST_SHOWN:
+        for inner in entity.describe_sub_entities():
+            lines += _lines(inner, depth + 1)
     return lines
