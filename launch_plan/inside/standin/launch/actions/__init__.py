@@ -1,4 +1,4 @@
-"""Actions: what a launch description can do."""
+"""Actions of a launch description."""
 
 from __future__ import annotations
 
@@ -35,7 +35,13 @@ from ..launch_description_sources import AnyLaunchDescriptionSource
 from ..substitutions import LaunchConfiguration, TextSubstitution
 from ..utilities.type_utils import perform_typed_substitution
 
-# -- on arguments, configurations and the environment, and those that hold others ------------------
+# -- arguments, configurations, environment, and groups of actions ---------------------------------
+
+
+def _choices(entity: Any, parser: Any) -> list[str] | None:
+    """Return the choices of an argument in XML or YAML."""
+    texts = [parser.escape_characters(c.get_attr("value")) for c in entity.nested("choice")]
+    return texts or None
 
 
 @expose_action("arg")
@@ -43,17 +49,13 @@ class DeclareLaunchArgument(Action):
     name = Field(positional=POSITIONAL, attribute="name")
     default_value = Text(None, attribute="default")
     description: Any = Field(None, attribute="description")
-    choices = Field(
-        None,
-        nested=lambda e, parser: (
-            [parser.escape_characters(c.get_attr("value")) for c in e.nested("choice")] or None
-        ),
-    )
+    choices = Field(None, nested=_choices)
     _conditionally_included = False
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         super().__init__(*args, **kwargs)
-        default, choices = kwargs.get("default_value"), self.choices
+        default = kwargs.get("default_value")
+        choices = self.choices
         if choices is None:
             return
         if len(choices) == 0:
@@ -118,17 +120,15 @@ class ResetLaunchConfigurations(Action):
 
     def execute(self, context: Any) -> None:
         normal = normalize_to_list_of_substitutions
-        kept = {
-            perform_substitutions(context, normal(name)): _kept_value(context, value)
-            for name, value in (self.launch_configurations or {}).items()
-        }
+        kept: dict[str, Any] = {}
+        for name, value in (self.launch_configurations or {}).items():
+            kept[perform_substitutions(context, normal(name))] = _kept_value(context, value)
         context.launch_configurations.clear()
         context.launch_configurations.update(kept)
 
 
 def _kept_value(context: Any, value: Any) -> Any:
-    # What other actions keep among the configurations, such as a list of parameters, stays as it is; and so
-    # does a list that mixes text with substitutions.
+    # Values of other actions, such as a list of parameters, stay as they are, and lists of texts with substitutions too.
     parts = value if isinstance(value, collections.abc.Iterable) else [value]
     if isinstance(value, str) or not all(isinstance(part, Substitution) for part in parts):
         return value
@@ -160,12 +160,14 @@ class AppendEnvironmentVariable(_OnNameAndValue):
     separator = Text(os.pathsep, POSITIONAL, attribute="separator")
 
     def execute(self, context: Any) -> None:
-        name, value = self.text("name", context), self.text("value", context)
+        name = self.text("name", context)
+        value = self.text("value", context)
         separator = self.text("separator", context)
         prepend = perform_typed_substitution(context, self.prepend, bool)
         if name in context.environment:
             before = context.environment[name]
-            value = separator.join([value, before] if prepend else [before, value])
+            parts = [value, before] if prepend else [before, value]
+            value = separator.join(parts)
         context.environment[name] = value
 
 
@@ -175,16 +177,16 @@ class UnsetEnvironmentVariable(_OnName):
         context.environment.pop(self.text("name", context), None)
 
 
+def _actions_of_group(entity: Any, parser: Any) -> list[Any]:
+    inner = [child for child in entity.children if child.type_name != "keep"]
+    return [parser.parse_action(child) for child in inner]
+
+
 @expose_action("group")
 class GroupAction(Action):
-    """Holds other actions, in a scope of their own unless told otherwise."""
+    """A group of actions, in a scope of their own unless `scoped` is false."""
 
-    actions = Field(
-        positional=POSITIONAL,
-        nested=lambda e, parser: [
-            parser.parse_action(inner) for inner in e.children if inner.type_name != "keep"
-        ],
-    )
+    actions = Field(positional=POSITIONAL, nested=_actions_of_group)
     scoped = Field(True, attribute="scoped", kind=bool)
     forwarding = Field(True, attribute="forwarding", kind=bool)
     launch_configurations = Field(None, nested=_kept)
@@ -192,26 +194,33 @@ class GroupAction(Action):
 
     def get_sub_entities(self) -> list[Any]:
         if self._inside is None:
-            actions, configurations = list(self.actions), self.launch_configurations or {}
+            actions = list(self.actions)
             for position, action in enumerate(actions, start=1):
                 if not hasattr(action, "visit"):
                     raise no_action(action, position, self)
-            first: list[Any] = [
-                SetLaunchConfiguration(name, value) for name, value in configurations.items()
-            ]
-            if self.scoped and not self.forwarding:
-                first = [ResetEnvironment(), ResetLaunchConfigurations(configurations)]
-            begin = [PushLaunchConfigurations(), PushEnvironment()] if self.scoped else []
-            end = [PopEnvironment(), PopLaunchConfigurations()] if self.scoped else []
-            self._inside = [*begin, *first, *actions, *end]
+            self._inside = self._in_scope([*self._first(), *actions])
         return self._inside
+
+    def _first(self) -> list[Any]:
+        """Return the actions that prepare the configurations of the group."""
+        configurations = self.launch_configurations or {}
+        if self.scoped and not self.forwarding:
+            return [ResetEnvironment(), ResetLaunchConfigurations(configurations)]
+        return [SetLaunchConfiguration(name, value) for name, value in configurations.items()]
+
+    def _in_scope(self, actions: list[Any]) -> list[Any]:
+        if not self.scoped:
+            return actions
+        begin = [PushLaunchConfigurations(), PushEnvironment()]
+        end = [PopEnvironment(), PopLaunchConfigurations()]
+        return [*begin, *actions, *end]
 
     def execute(self, context: Any) -> list[Any]:
         return self.get_sub_entities()
 
 
 class _RestoreFile(Action):
-    """Gives `ThisLaunchFileDir` back what it was before an include."""
+    """Restores the locals of the including file, e.g. for `ThisLaunchFileDir`."""
 
     locals = Field(positional=POSITIONAL)
 
@@ -220,10 +229,11 @@ class _RestoreFile(Action):
 
 
 def _arguments(entity: Any, parser: Any) -> list[Any]:
-    given = [*entity.nested("arg"), *entity.nested("let")]
-    return [
-        [parser.parse_substitution(e.get_attr(name)) for name in ("name", "value")] for e in given
-    ]
+    pairs: list[Any] = []
+    for inner in [*entity.nested("arg"), *entity.nested("let")]:
+        name = parser.parse_substitution(inner.get_attr("name"))
+        pairs.append([name, parser.parse_substitution(inner.get_attr("value"))])
+    return pairs
 
 
 @expose_action("include")
@@ -234,10 +244,9 @@ class IncludeLaunchDescription(Action):
     launch_arguments: Any = Field(None, nested=_arguments)
 
     def made(self) -> None:
-        if not isinstance(self.launch_description_source, LaunchDescriptionSource):
-            self.launch_description_source = AnyLaunchDescriptionSource(
-                self.launch_description_source
-            )
+        source = self.launch_description_source
+        if not isinstance(source, LaunchDescriptionSource):
+            self.launch_description_source = AnyLaunchDescriptionSource(source)
         self.launch_arguments = tuple(self.launch_arguments or ())
 
     def describe(self) -> str:
@@ -256,8 +265,8 @@ class IncludeLaunchDescription(Action):
             return []
 
     def _names(self, context: Any) -> list[str]:
-        normal = normalize_to_list_of_substitutions
-        return [perform_substitutions(context, normal(name)) for name, _ in self.launch_arguments]
+        names = [normalize_to_list_of_substitutions(name) for name, _ in self.launch_arguments]
+        return [perform_substitutions(context, name) for name in names]
 
     def execute(self, context: Any) -> list[Any]:
         description = self.launch_description_source.get_launch_description(context)
@@ -266,27 +275,24 @@ class IncludeLaunchDescription(Action):
             "current_launch_file_path": str(file),
             "current_launch_file_directory": str(file.parent),
         }
-        restored = {
-            name: value for name, value in context.get_locals_as_dict().items() if name in here
-        }
+        before = context.get_locals_as_dict()
+        restored = {name: before[name] for name in here if name in before}
         context.extend_locals(here)
-        self._check_required(
-            description, self._names(context), context.session.is_command_line(self)
-        )
+        outermost = context.session.is_command_line(self)
+        self._check_required(description, self._names(context), outermost)
         context.session.enter(self, context)
         sets = [SetLaunchConfiguration(name, value) for name, value in self.launch_arguments]
         return [*sets, description, _RestoreFile(restored)]
 
     def _check_required(self, description: Any, given: list[str], outermost: bool) -> None:
-        for (
-            argument,
-            includes,
-        ) in description.get_launch_arguments_with_include_launch_description_actions():
+        """Refuse a required argument of the file that neither this include nor an inner one gives."""
+        found = description.get_launch_arguments_with_include_launch_description_actions()
+        for argument, includes in found:
             if argument._conditionally_included or argument.default_value is not None:
                 continue
-            names = given + [
-                name for include in includes or [] for name in include._names_without_context()
-            ]
+            names = list(given)
+            for include in includes or []:
+                names += include._names_without_context()
             if argument.name not in names:
                 message = f"the launch description needs the argument '{argument.name}' "
                 message += (
@@ -298,7 +304,7 @@ class IncludeLaunchDescription(Action):
                 raise error
 
 
-# -- that start processes, wait, react, or say something -------------------------------------------
+# -- processes, timers, handlers and messages ------------------------------------------------------
 
 
 class EmitEvent(Action):
@@ -342,7 +348,7 @@ class OpaqueFunction(Action):
 
 
 class OpaqueCoroutine(Action):
-    """Would run a coroutine, which is not evaluated."""
+    """A coroutine, which is not evaluated."""
 
     performs = "skip_coroutine"
 
@@ -357,14 +363,14 @@ class RegisterEventHandler(Action):
 
     def describe_conditional_sub_entities(self) -> list[tuple[str, Any]]:
         found = super().describe_conditional_sub_entities()
-        known = isinstance(self.event_handler, BaseEventHandler)
-        return [*found, self.event_handler.describe()] if known else found
+        if isinstance(self.event_handler, BaseEventHandler):
+            found.append(self.event_handler.describe())
+        return found
 
     def execute(self, context: Any) -> None:
         if not hasattr(self.event_handler, "matches"):
-            raise AttributeError(
-                f"'{type(self.event_handler).__name__}' object has no attribute 'matches'"
-            )
+            title = type(self.event_handler).__name__
+            raise AttributeError(f"'{title}' object has no attribute 'matches'")
         context.register_event_handler(self.event_handler)
 
 
@@ -404,17 +410,16 @@ class TimerAction(Action):
         return [("a time passes", self.actions)]
 
     def cancel(self) -> None:
-        """Do nothing when the time has passed."""
+        """Let the end of the period have no effect."""
         self.given["canceled"] = True
 
 
 def _on_exit(value: str, parser: Any) -> list[Action]:
-    """What follows the end of a process, as XML and YAML write it."""
+    """Return the actions after the exit of a process, given in XML or YAML."""
     if value != "shutdown":
         message = f"the attribute 'on_exit' can only be 'shutdown', but it is '{value}'"
-        raise mistake(
-            ValueError, message, "bad_markup", "Write this value, or take the attribute out."
-        )
+        remedy = "Write this value, or take the attribute out."
+        raise mistake(ValueError, message, "bad_markup", remedy)
     return [Shutdown()]
 
 
@@ -430,7 +435,7 @@ def _seconds(value: float, parser: Any) -> str:
 
 
 class ExecuteLocal(Action):
-    """Would start a process; notes it instead."""
+    """A process, to be noted instead of started."""
 
     performs = "start"
 
@@ -467,7 +472,7 @@ class ExecuteLocal(Action):
         super().__init__(**kwargs)
 
     process_details: dict[str, Any] | None = None
-    #: Nothing has ended.
+    #: None, because no process ends.
     return_code: int | None = None
 
     def get_sub_entities(self) -> list[Any]:
@@ -487,14 +492,15 @@ class ExecuteLocal(Action):
 
 
 def parse_words(line: str, parser: Any) -> list[list[Substitution]]:
-    """The words of a command line in which substitutions stand."""
+    """Return the words of a command line, each as a list of substitutions."""
     words: list[list[Substitution]] = [[]]
     for sub in parser.parse_substitution(line):
         if not isinstance(sub, TextSubstitution):
             words[-1].append(sub)
             continue
         split = shlex.split(sub.text)
-        if not split or (sub.text[0].isspace() and words[-1]):  # blanks alone always end a word
+        # Blanks end a word.
+        if not split or (sub.text[0].isspace() and words[-1]):
             words.append([])
         for position, word in enumerate(split):
             if position:
@@ -507,7 +513,7 @@ def parse_words(line: str, parser: Any) -> list[list[Substitution]]:
 
 @expose_action("executable")
 class ExecuteProcess(ExecuteLocal):
-    """Would start a program; notes it instead."""
+    """A program, to be noted instead of started."""
 
     process_description = None
     cmd: Any = Field(attribute="cmd", read=parse_words)
@@ -521,8 +527,6 @@ class ExecuteProcess(ExecuteLocal):
         self.describe_program(self.cmd, self.name)
 
     def describe_program(self, cmd: Any, name: Any) -> None:
-        """Keep the command line with its surroundings."""
-        described = {
-            title: self.given[title] for title in ("prefix", "cwd", "env", "additional_env")
-        }
+        """Keep the command line with its folder and environment."""
+        described = {n: self.given[n] for n in ("prefix", "cwd", "env", "additional_env")}
         self.process_description = Executable(cmd=cmd, name=name, **described)

@@ -1,4 +1,4 @@
-"""XML and YAML launch files, brought into the same actions as Python ones."""
+"""XML and YAML launch files, read into the actions of Python ones."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .parse_substitution import (
     replace_escaped_characters,
 )
 
-#: Actions that later releases read from markup; whether Jazzy's latest patch does is not known here.
+#: Actions in the markup of later releases, and perhaps of Jazzy's latest patch.
 _SINCE_WHEN = frozenset({"unset", "push_env", "pop_env", "rep_env"})
 _ROS_1 = {
     ("arg", "value"): "Write default='...', or <let> for what is not to be an argument.",
@@ -44,21 +44,22 @@ CORRECT = "Correct this element of the file."
 
 
 def bad(message: str, remedy: str = CORRECT, raised: type[Exception] = ValueError) -> Any:
-    """The error about an element that is not as it must be."""
+    """Return the error for a malformed element."""
     return mistake(raised, message, "bad_markup", remedy)
 
 
 class InvalidFrontendLaunchFileError(InvalidLaunchFileError):
-    """An XML or YAML launch file is not well-formed."""
+    """Raised for an XML or YAML launch file that is not well-formed."""
 
     def __init__(self, message: str, path: str, line: int) -> None:
         super().__init__(message)
-        self.launch_source, self.launch_kind = (path, line), "bad_markup"
+        self.launch_source = (path, line)
+        self.launch_kind = "bad_markup"
         self.launch_remedy = "Correct it where it says."
 
 
 class Parser:
-    """Makes actions of elements."""
+    """A reader of actions from elements."""
 
     def parse_substitution(self, value: Any) -> Any:
         return parse_substitution(value if isinstance(value, str) else str(value))
@@ -70,28 +71,25 @@ class Parser:
         return replace_escaped_characters(str(value))
 
     def condition(self, entity: Entity) -> dict[str, Any]:
-        """The condition that every action can have."""
-        kinds = {"if": IfCondition, "unless": UnlessCondition}
-        texts = {
-            name: text
-            for name in kinds
-            if (text := entity.get_attr(name, optional=True)) is not None
-        }
-        if len(texts) > 1:
+        """Return the condition of an action as a keyword argument, if there is one."""
+        holds = entity.get_attr("if", optional=True)
+        fails = entity.get_attr("unless", optional=True)
+        if holds is not None and fails is not None:
             raise bad("'if' and 'unless' cannot stand in one element", raised=RuntimeError)
-        for name, text in texts.items():
-            return {"condition": kinds[name](self.parse_substitution(text))}
+        if holds is not None:
+            return {"condition": IfCondition(self.parse_substitution(holds))}
+        if fails is not None:
+            return {"condition": UnlessCondition(self.parse_substitution(fails))}
         return {}
 
     def pairs(self, entity: Entity, tag: str) -> dict[Any, Any]:
-        """Names and values of the elements inside that have a tag."""
-        read = self.parse_substitution
-        return dict(
-            entity.each(
-                tag,
-                lambda inner: (tuple(read(inner.get_attr("name"))), read(inner.get_attr("value"))),
-            )
-        )
+        """Return value by name of the inner elements with a tag."""
+
+        def read(inner: Entity) -> tuple[Any, Any]:
+            name = self.parse_substitution(inner.get_attr("name"))
+            return tuple(name), self.parse_substitution(inner.get_attr("value"))
+
+        return dict(entity.each(tag, read))
 
     def parse_action(self, entity: Entity) -> Any:
         import launch_ros.actions
@@ -102,7 +100,7 @@ class Parser:
             return made(**kwargs)
 
     def parse_description(self, root: Entity) -> Any:
-        """The launch description of a file."""
+        """Return the launch description of a file."""
         with blaming(root):
             if root.type_name != "launch":
                 message = (
@@ -121,9 +119,11 @@ def _action_of(tag: str) -> Any:
     if tag in exposed_actions:
         return exposed_actions[tag]
     close = difflib.get_close_matches(tag, exposed_actions, n=1)
-    meant, remedy = (
-        (f"; did you mean '{close[0]}'?", "Correct the name.") if close else ("", CORRECT)
-    )
+    meant = ""
+    remedy = CORRECT
+    if close:
+        meant = f"; did you mean '{close[0]}'?"
+        remedy = "Correct the name."
     if tag == "rosparam":
         remedy = "Write <param from='...'/> inside the node (ROS 1 wrote rosparam)."
     raise bad(f"there is no action '{tag}'{meant}", remedy, RuntimeError)
@@ -133,44 +133,49 @@ def instantiate_action(entity: Any, parser: Any) -> Any:
     return parser.parse_action(entity)
 
 
-# -- one kind of tree for XML and YAML that knows its lines, and what of it was used --------------
+# -- one kind of tree for XML and YAML, with lines and used names ----------------------------------
 
 
 class Entity:
-    """An element: a tag of XML, or a key of YAML with what it holds, whose values have types already."""
+    """An element: a tag of XML, or a key of YAML with its value; values of YAML have types."""
 
     def __init__(self, tag: str, path: str, line: int, *, typed: bool) -> None:
-        self.type_name, self.typed, self.source_line = tag, typed, (path, line)
+        self.type_name = tag
+        self.typed = typed
+        self.source_line = (path, line)
         self.attributes: dict[str, Any] = {}
         #: None in a mapping of YAML without the key `children`.
         self.inner: list[Entity] | None = []
-        #: Other lists of mappings in YAML, each by its key; in XML these stand among the inner ones.
+        #: Other lists of mappings in YAML, by key; their XML forms are among the inner elements.
         self.lists: dict[str, list[Entity]] = {}
         self._used: set[str] = set()
 
     @property
     def children(self) -> list[Entity]:
-        """The elements inside."""
+        """The inner elements."""
         if self.inner is None:
             message = f"<{self.type_name}> needs a list of actions under the key 'children'"
             raise bad(message, "Write the actions as a list: each begins with a dash.")
-        self._used |= {"children"} if self.typed else {child.type_name for child in self.inner}
+        self._used |= self._names_of_children(self.inner)
         return self.inner
 
+    def _names_of_children(self, inner: list[Entity]) -> set[str]:
+        if self.typed:
+            return {"children"}
+        return {child.type_name for child in inner}
+
     def nested(self, tag: str) -> list[Entity]:
-        """The elements inside that have a tag; in YAML, the mappings in the list that a key holds."""
+        """Return the inner elements with a tag; in YAML, the mappings in the list of a key."""
         self._used.add(tag)
         if self.typed and tag in self.attributes:
             message = f"the attribute '{tag}' of <{self.type_name}> must be a list of mappings"
             raise bad(message, "Begin each item with a dash: '- name: ...'.", TypeError)
-        return (
-            self.lists.get(tag, [])
-            if self.typed
-            else [e for e in self.inner or [] if e.type_name == tag]
-        )
+        if self.typed:
+            return self.lists.get(tag, [])
+        return [inner for inner in self.inner or [] if inner.type_name == tag]
 
     def each(self, tag: str, read: Callable[[Entity], _T]) -> list[_T]:
-        """What is read of each of the nested elements, and that is all there is in it."""
+        """Return the results of a function for the nested elements; each must be read completely."""
         found = []
         for inner in self.nested(tag):
             found.append(read(inner))
@@ -180,18 +185,13 @@ class Entity:
     def get_attr(
         self, name: str, *, data_type: Any = str, optional: bool = False, can_be_str: bool = True
     ) -> Any:
-        """An attribute, read as a type."""
+        """Return an attribute, read as a type."""
         self._used.add(name)
         value = self.attributes.get(name)
+        if value is None and optional:
+            return None
         if value is None:
-            if optional:
-                return None
-            remedy = (
-                "Write exec='...' (ROS 1 wrote type='...')."
-                if name == "exec"
-                else "Add the attribute."
-            )
-            raise bad(f"<{self.type_name}> needs the attribute '{name}'", remedy, AttributeError)
+            raise self._missing_attribute(name)
         if f"{name}-sep" in self.attributes:
             self._used.add(f"{name}-sep")
             value = value.split(self.attributes[f"{name}-sep"])
@@ -203,26 +203,34 @@ class Entity:
                 raise bad(message, _remedy_of_text(str(error)), TypeError) from error
         if not is_instance_of(value, data_type, can_be_str):
             wanted, remedy = _wanted(value, data_type)
-            raise bad(
-                f"the attribute '{name}' of <{self.type_name}> must be {wanted}", remedy, TypeError
-            )
+            message = f"the attribute '{name}' of <{self.type_name}> must be {wanted}"
+            raise bad(message, remedy, TypeError)
         return value
 
+    def _missing_attribute(self, name: str) -> Any:
+        remedy = "Add the attribute."
+        if name == "exec":
+            remedy = "Write exec='...' (ROS 1 wrote type='...')."
+        return bad(f"<{self.type_name}> needs the attribute '{name}'", remedy, AttributeError)
+
     def assert_entity_completely_parsed(self) -> None:
-        """Check that the element has no attribute and no tag inside that it cannot have."""
+        """Refuse attributes and inner elements that nothing has read."""
         here = {*self.attributes, *self.lists}
         if self.inner is not None:
-            here |= {"children"} if self.typed else {child.type_name for child in self.inner}
+            here |= self._names_of_children(self.inner)
         unknown = sorted(here - self._used)
-        if unknown:
-            close = difflib.get_close_matches(unknown[0], self._used, n=1)
-            meant = f"; did you mean '{close[0]}'?" if close else ""
-            remedy = _ROS_1.get((self.type_name, unknown[0])) or (
-                "Correct the name." if close else "Take it out."
-            )
-            if self.type_name == "include":
-                remedy = "Put the include into a group, after push_ros_namespace or <let>."
-            raise bad(f"<{self.type_name}> cannot have {', '.join(unknown)}{meant}", remedy)
+        if not unknown:
+            return
+        meant = ""
+        remedy = "Take it out."
+        close = difflib.get_close_matches(unknown[0], self._used, n=1)
+        if close:
+            meant = f"; did you mean '{close[0]}'?"
+            remedy = "Correct the name."
+        remedy = _ROS_1.get((self.type_name, unknown[0]), remedy)
+        if self.type_name == "include":
+            remedy = "Put the include into a group, after push_ros_namespace or <let>."
+        raise bad(f"<{self.type_name}> cannot have {', '.join(unknown)}{meant}", remedy)
 
 
 def _remedy_of_text(problem: str) -> str:
@@ -232,48 +240,48 @@ def _remedy_of_text(problem: str) -> str:
 
 
 def _wanted(value: Any, data_type: Any) -> tuple[str, str]:
-    """What is wanted instead of a value of YAML, and how it is written."""
+    """Return the wanted form of a value of YAML, and the instruction."""
     if data_type is None:
-        return (
-            f"a bool, a number, a text, or a list of which all items are of one type, not {value!r}",
-            _ALIKE,
+        wanted = (
+            f"a bool, a number, a text, or a list of which all items are of one type, not {value!r}"
         )
+        return wanted, _ALIKE
     named = f"of type {getattr(data_type, '__name__', data_type)}, not {value!r}"
     if data_type is float and type(value) is int:
         return f"{named}; write it with a decimal point", "Write 2.0 instead of 2."
-    return (
-        (f"{named}; put it in quotes", "Put the value in quotes.")
-        if data_type is str
-        else (named, CORRECT)
-    )
+    if data_type is str:
+        return f"{named}; put it in quotes", "Put the value in quotes."
+    return named, CORRECT
 
 
 def read_entity(path: str) -> Entity:
-    """The root of an XML or YAML launch file."""
+    """Return the root of an XML or YAML launch file."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         message = "a character of this file is not encoded in UTF-8"
         raise InvalidFrontendLaunchFileError(message, path, line) from error
-    # The name tells only what is tried first.
-    is_xml = markup_of(text) == "xml" or (path.endswith(".xml") and markup_of(text) is None)
-    return _read_xml(text, path) if is_xml else _read_yaml(text, path)
+    markup = markup_of(text)
+    if markup is None and path.endswith(".xml"):
+        markup = "xml"
+    return _read_xml(text, path) if markup == "xml" else _read_yaml(text, path)
 
 
 def markup_of(text: str) -> str | None:
-    """The language in which a text seems to be written: `xml`, `yaml`, or none of them."""
+    """Return the language of a text by its beginning: `xml`, `yaml`, or None."""
     if text.lstrip("\ufeff \t\r\n").startswith("<"):
         return "xml"
-    return "yaml" if re.match(r"\ufeff?\s*(#.*\n\s*)*(%YAML|---|launch\s*:)", text) else None
+    if re.match(r"\ufeff?\s*(#.*\n\s*)*(%YAML|---|launch\s*:)", text):
+        return "yaml"
+    return None
 
 
 def _read_xml(text: str, path: str) -> Entity:
     from xml.parsers import expat
 
-    parser = expat.ParserCreate(
-        namespace_separator="}"
-    )  # a tag with a namespace is none that is known
+    # A tag with a namespace becomes an unknown name.
+    parser = expat.ParserCreate(namespace_separator="}")
     document = Entity("", path, 1, typed=False)
     ancestors = [document]
 
@@ -301,17 +309,17 @@ def _read_yaml(text: str, path: str) -> Entity:
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         message = f"this is not well-formed YAML: {getattr(error, 'problem', None) or error}"
-        raise InvalidFrontendLaunchFileError(message, path, mark.line + 1 if mark else 1) from error
+        line = mark.line + 1 if mark else 1
+        raise InvalidFrontendLaunchFileError(message, path, line) from error
     if not isinstance(node, yaml.MappingNode) or not node.value:
-        raise InvalidFrontendLaunchFileError(
-            "the file must be a mapping with the key 'launch'", path, 1
-        )
+        message = "the file must be a mapping with the key 'launch'"
+        raise InvalidFrontendLaunchFileError(message, path, 1)
     name, (key, value) = next(iter(_keys(node).items()))
     return _yaml_entity(name, value, key.start_mark.line + 1, path)
 
 
 def _keys(mapping: Any) -> dict[str, tuple[Any, Any]]:
-    """Nodes of keys and values by name: what `<<` merges is there too, and the last of two equal keys counts."""
+    """Return the nodes of keys and values by name, those merged by `<<` too; the last of equal keys counts."""
     import yaml
 
     yaml.SafeLoader("").flatten_mapping(mapping)
@@ -329,20 +337,28 @@ def _yaml_entity(tag: str, node: Any, line: int, path: str) -> Entity:
         raise InvalidFrontendLaunchFileError(f"'{tag}' must hold a mapping or a list", path, line)
     entity.inner = None
     for name, (key, value) in _keys(node).items():
-        is_list = isinstance(value, yaml.SequenceNode)
-        if name == "children":
-            if not is_list:
-                raise InvalidFrontendLaunchFileError(
-                    "'children' must hold a list", path, key.start_mark.line + 1
-                )
-            entity.inner = _actions(value, path)
-        elif is_list and value.value and isinstance(value.value[0], yaml.MappingNode):
-            entity.lists[name] = [
-                _yaml_entity(name, e, e.start_mark.line + 1, path) for e in value.value
-            ]
-        else:
-            entity.attributes[name] = yaml.SafeLoader("").construct_object(value, deep=True)
+        _add_key(entity, name, value, key.start_mark.line + 1)
     return entity
+
+
+def _add_key(entity: Entity, name: str, value: Any, line: int) -> None:
+    """Add a key of a mapping to its entity: as actions, as a list of mappings, or as an attribute."""
+    import yaml
+
+    path, _ = entity.source_line
+    is_list = isinstance(value, yaml.SequenceNode)
+    if name == "children" and not is_list:
+        raise InvalidFrontendLaunchFileError("'children' must hold a list", path, line)
+    if name == "children":
+        entity.inner = _actions(value, path)
+    elif is_list and value.value and isinstance(value.value[0], yaml.MappingNode):
+        entity.lists[name] = [_mapping_entity(name, item, path) for item in value.value]
+    else:
+        entity.attributes[name] = yaml.SafeLoader("").construct_object(value, deep=True)
+
+
+def _mapping_entity(name: str, node: Any, path: str) -> Entity:
+    return _yaml_entity(name, node, node.start_mark.line + 1, path)
 
 
 def _actions(items: Any, path: str) -> list[Entity]:
@@ -355,6 +371,6 @@ def _actions(items: Any, path: str) -> list[Entity]:
         if len(keys) != 1:
             message = "every item of this list must be a mapping with one key: the action"
             raise InvalidFrontendLaunchFileError(message, path, line)
-        ((name, (_, value)),) = keys.items()
+        ((name, (_key, value)),) = keys.items()
         found.append(_yaml_entity(name, value, line, path))
     return found

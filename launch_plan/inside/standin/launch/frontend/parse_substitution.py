@@ -22,48 +22,47 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]*")
 
 
 def instantiate_substitution(type_name: str, args: Any = None) -> Any:
-    """The substitution of a name with some arguments."""
+    """Return the substitution of a name with arguments."""
     import launch_ros.substitutions  # noqa: F401 - makes its names known
 
     if type_name not in exposed_substitutions:
         known = ", ".join(sorted(exposed_substitutions))
         message = f"there is no substitution '$({type_name} ...)'; there are: {known}"
-        remedy = (
-            _ROS_1.get(type_name)
-            or problems.near(type_name, exposed_substitutions) + "Correct the name."
-        )
+        similar = problems.near(type_name, exposed_substitutions)
+        remedy = _ROS_1.get(type_name, f"{similar}Correct the name.")
         raise mistake(RuntimeError, message, "bad_markup", remedy)
     made, kwargs = exposed_substitutions[type_name].parse(args or [])
     return made(**kwargs)
 
 
 def replace_escaped_characters(data: str) -> str:
-    """Remove the backslashes that protect characters."""
+    """Remove the backslashes before characters."""
     return re.sub(r"\\(.)", r"\1", data)
 
 
 def parse_substitution(string_value: str) -> list[Substitution]:
-    """Read a text with `$(...)` in it as a list of substitutions."""
+    """Return the substitutions of a text, e.g. of `arm_$(var side)`."""
     if not string_value:
         return [TextSubstitution(text="")]
     return _Reader(string_value).template("")
 
 
 class _Reader:
-    """Reads a text from left to right. `quote` is the quote inside which it is, or nothing."""
+    """A reader of a text from left to right; `quote` is the quote around the present place, or empty."""
 
     def __init__(self, text: str) -> None:
         self._text = text
         self._at = 0
 
     def template(self, quote: str) -> list[Substitution]:
-        """What stands outside of any substitution, or between two quotes: anything."""
+        """Read any text outside of substitutions, or up to the closing quote."""
         parts: list[Any] = []
         while self._here() and self._here() != quote:
             if self._begins_substitution():
                 parts.append(self._substitution(quote))
-            else:
-                parts.append(self._take(2 if quote and self._escapes(quote) else 1))
+                continue
+            escaped = quote and self._escapes(quote)
+            parts.append(self._take(2 if escaped else 1))
         return _joined(parts)
 
     def _substitution(self, quote: str) -> Any:
@@ -81,7 +80,7 @@ class _Reader:
         return instantiate_substitution(name.group(), arguments)
 
     def _argument(self, quote: str, name: str) -> list[Substitution]:
-        # Quotes have a meaning only in a substitution that does not itself stand between quotes.
+        # Between quotes, the quotes of an inner substitution are plain characters.
         opened = self._here()
         if not quote and opened and opened in "'\"":
             self._at += 1
@@ -102,20 +101,19 @@ class _Reader:
         parts: list[Any] = []
         barred = quote or "'\""
         while character := self._here():
-            protected = self._text[self._at - 1] == "\\"
             if self._begins_substitution():
                 parts.append(self._substitution(quote))
-            elif any(self._escapes(each) for each in barred):
+                continue
+            if any(self._escapes(each) for each in barred):
                 parts.append(self._take(2))
-            elif character in (" ", *barred) or (character == ")" and not protected):
+                continue
+            is_bracket = character in "()" and self._text[self._at - 1] != "\\"
+            if character == "(" and is_bracket:
+                message = "'(' in an argument needs quotes around the argument"
+                raise self._wrong(message, "Put the argument in quotes.")
+            if is_bracket or character in (" ", *barred):
                 break
-            elif character == "(" and not protected:
-                raise self._wrong(
-                    "'(' in an argument needs quotes around the argument",
-                    "Put the argument in quotes.",
-                )
-            else:
-                parts.append(self._take(1))
+            parts.append(self._take(1))
         return _joined(parts)
 
     def _wrong(self, what: str, remedy: str) -> Any:
@@ -133,24 +131,24 @@ class _Reader:
         return self._text.startswith("\\" + character, self._at)
 
     def _begins_substitution(self) -> bool:
-        return self._text.startswith("$(", self._at) and self._text[self._at - 1 : self._at] != "\\"
+        before = self._text[self._at - 1 : self._at]
+        return before != "\\" and self._text.startswith("$(", self._at)
 
 
 def _joined(parts: list[Any]) -> list[Substitution]:
-    """Substitutions, with the texts between them."""
+    """Return substitutions, each with the run of characters before and behind it as a text."""
     found: list[Substitution] = []
     for is_text, run in groupby(parts, lambda part: isinstance(part, str)):
-        following = list(run)
-        found += (
-            [TextSubstitution(text=replace_escaped_characters("".join(following)))]
-            if is_text
-            else following
-        )
+        if is_text:
+            text = replace_escaped_characters("".join(run))
+            found.append(TextSubstitution(text=text))
+        else:
+            found.extend(run)
     return found
 
 
 def parse_if_substitutions(value: Any) -> Any:
-    """Read the substitutions in a value, if it is text; plain text stays text."""
+    """Return the substitutions of a text; plain text and other values stay as they are."""
     if isinstance(value, list):
         return [parse_if_substitutions(item) for item in value]
     if not isinstance(value, str):

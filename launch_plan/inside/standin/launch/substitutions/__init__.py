@@ -1,4 +1,4 @@
-"""Substitutions: texts that are known only while launching."""
+"""Substitutions: texts known only during the launch."""
 
 from __future__ import annotations
 
@@ -43,11 +43,12 @@ class TextSubstitution(Substitution):
 
 
 def as_default(value: Any) -> list[Substitution]:
-    """A default, in which everything else than substitutions is turned into text."""
+    """Return a default as substitutions; other values become text, e.g. `5` for 5."""
     items = value if isinstance(value, collections.abc.Iterable) else (value,)
-    return normalize_to_list_of_substitutions(
-        i if isinstance(i, (str, Substitution)) else str(i) for i in items
-    )
+    texts: list[Any] = []
+    for item in items:
+        texts.append(item if isinstance(item, (str, Substitution)) else str(item))
+    return normalize_to_list_of_substitutions(texts)
 
 
 @expose_substitution("var")
@@ -61,14 +62,14 @@ class LaunchConfiguration(Substitution):
         return f"LaunchConfig({self.described('variable_name')})"
 
     def perform(self, context: Any) -> str:
-        name, known = self.text("variable_name", context), context.launch_configurations
+        name = self.text("variable_name", context)
+        known = context.launch_configurations
         if name in known:
             return known[name]  # type: ignore[no-any-return]
         if self.default is None:
+            message = f"launch configuration '{name}' does not exist"
             remedy = configuration_remedy(name, known)
-            raise _failure(
-                f"launch configuration '{name}' does not exist", "undefined_configuration", remedy
-            )
+            raise _failure(message, "undefined_configuration", remedy)
         return self.text("default", context)
 
 
@@ -82,10 +83,9 @@ class EnvironmentVariable(Substitution):
         if name in context.environment:
             return str(context.environment[name])
         if self.default_value is None:
+            message = f"environment variable '{name}' does not exist"
             remedy = "Set the variable, or give default_value=."
-            raise _failure(
-                f"environment variable '{name}' does not exist", "undefined_variable", remedy
-            )
+            raise _failure(message, "undefined_variable", remedy)
         return self.text("default_value", context)
 
 
@@ -113,14 +113,15 @@ def _no_program(message: str, program: str, kind: str) -> Any:
 
 @expose_substitution("anon")
 class AnonName(Substitution):
-    """A name made unique; the same name gives the same result in one launch."""
+    """A unique name; equal names give equal results in one launch."""
 
     name = Text(positional=POSITIONAL)
 
     def perform(self, context: Any) -> str:
         name = self.text("name", context)
         made: dict[str, str] = context.launch_configurations.setdefault("anon", {})
-        return made.setdefault(name, f"{name}_{os.getpid()}_{next(context.anonymous_numbers)}")
+        number = next(context.anonymous_numbers)
+        return made.setdefault(name, f"{name}_{os.getpid()}_{number}")
 
 
 class LocalSubstitution(Substitution):
@@ -135,14 +136,13 @@ class LocalSubstitution(Substitution):
 
 
 class PathJoinSubstitution(Substitution):
-    """A path joined of parts, each of which may itself be a list; `/` joins another part to it."""
+    """A path of parts, each a text or a list of texts; the operator `/` adds a part."""
 
     substitutions = Texts(positional=POSITIONAL)
 
     def __truediv__(self, additional_path: Any) -> PathJoinSubstitution:
-        return PathJoinSubstitution(
-            [*self.substitutions, normalize_to_list_of_substitutions(additional_path)]
-        )
+        added = normalize_to_list_of_substitutions(additional_path)
+        return PathJoinSubstitution([*self.substitutions, added])
 
     def perform(self, context: Any) -> str:
         parts = [perform_substitutions(context, part) for part in self.substitutions]
@@ -150,7 +150,7 @@ class PathJoinSubstitution(Substitution):
 
 
 class PathSubstitution(PathJoinSubstitution):
-    """A path of one part, so that `/` can be used on it."""
+    """A path of one part, for the operator `/`."""
 
     substitutions = None
     path = Text(positional=POSITIONAL)
@@ -173,7 +173,7 @@ class PythonExpression(Substitution):
 
     @classmethod
     def parse(cls, data: Any) -> Any:
-        # $(eval 'expression' ['modules']), where the names of modules are parted by commas.
+        # The form is $(eval 'expression' ['modules']), with commas between the names of modules.
         made, kwargs = super().parse(data)
         if "python_modules" in kwargs:
             names = "".join(sub.text for sub in kwargs["python_modules"])
@@ -181,12 +181,7 @@ class PythonExpression(Substitution):
         return made, kwargs
 
     def perform(self, context: Any) -> str:
-        scope: dict[str, Any] = {}
-        for sub in self.python_modules:
-            module = importlib.import_module(context.perform_substitution(sub))
-            if module is math:
-                scope.update(vars(module))
-            scope[module.__name__] = module
+        scope = self._scope(context)
         text = self.text("expression", context)
         try:
             return str(eval(text, {}, scope))
@@ -197,6 +192,16 @@ class PythonExpression(Substitution):
             message = f"{type(error).__name__}: {error} (the expression was: {text})"
             raise _failure(message, "bad_expression", remedy) from error
 
+    def _scope(self, context: Any) -> dict[str, Any]:
+        """Return the names for the expression: the modules, and the functions of `math`."""
+        scope: dict[str, Any] = {}
+        for sub in self.python_modules:
+            module = importlib.import_module(context.perform_substitution(sub))
+            if module is math:
+                scope.update(vars(module))
+            scope[module.__name__] = module
+        return scope
+
 
 @expose_substitution("command")
 class Command(Substitution):
@@ -204,36 +209,38 @@ class Command(Substitution):
     on_stderr = Text("fail")
 
     def perform(self, context: Any) -> str:
-        line, on_stderr = self.text("command", context), self.text("on_stderr", context)
+        line = self.text("command", context)
+        on_stderr = self.text("on_stderr", context)
         if on_stderr not in ("fail", "ignore", "warn", "capture"):
             message = f"on_stderr must be fail, ignore, warn or capture, not '{on_stderr}'"
             raise _failure(message, "exception", "Use one of these words.")
-        stderr = subprocess.STDOUT if on_stderr == "capture" else subprocess.PIPE
-        words = shlex.split(line)
-        try:
-            done = subprocess.run(
-                words, stdout=subprocess.PIPE, stderr=stderr, text=True, check=False
-            )
-        except FileNotFoundError as error:
-            raise _no_program(
-                f"command not found: '{words[0]}'", words[0], "command_failed"
-            ) from error
+        done = _run(line, on_stderr)
         said = f", which said: {done.stderr.strip()}" if done.stderr else ""
         remedy = "Run the command by hand and correct what it says."
         if done.returncode != 0:
             message = f"command '{line}' failed with exit status {done.returncode}{said}"
             raise _failure(message, "command_failed", remedy)
+        message = f"command '{line}' wrote to standard error{said}"
         if done.stderr and on_stderr == "fail":
-            raise _failure(
-                f"command '{line}' wrote to standard error{said}", "command_failed", remedy
-            )
+            raise _failure(message, "command_failed", remedy)
         if done.stderr and on_stderr == "warn":
-            context.session.warn(f"command '{line}' wrote to standard error{said}", self)
+            context.session.warn(message, self)
         return done.stdout
 
 
+def _run(line: str, on_stderr: str) -> subprocess.CompletedProcess[str]:
+    """Run a command line to its end; `capture` adds standard error to the output."""
+    stderr = subprocess.STDOUT if on_stderr == "capture" else subprocess.PIPE
+    words = shlex.split(line)
+    try:
+        return subprocess.run(words, stdout=subprocess.PIPE, stderr=stderr, text=True, check=False)
+    except FileNotFoundError as error:
+        message = f"command not found: '{words[0]}'"
+        raise _no_program(message, words[0], "command_failed") from error
+
+
 class _Local(PathSubstitution):
-    """A local of the context that is there inside a launch file alone."""
+    """A local of the context, present only inside a launch file."""
 
     path = None
     _local = ""
@@ -275,13 +282,12 @@ class FileContent(Substitution):
             return Path(path).read_text()
         except OSError as error:
             message = f"file '{path}' cannot be read: {error.strerror}"
-            raise _failure(
-                message, "exception", "Correct the path, or hand the file in."
-            ) from error
+            remedy = "Correct the path, or hand the file in."
+            raise _failure(message, "exception", remedy) from error
 
 
 class _Logical(Substitution):
-    """A truth value of others, as text."""
+    """A truth value computed from others, as text."""
 
     def truth(self, subs: Any, context: Any) -> bool:
         try:
@@ -295,7 +301,7 @@ class _Logical(Substitution):
     def perform(self, context: Any) -> str:
         return str(self.holds(context)).lower()
 
-    #: How truth values make one; all of them are resolved.
+    #: Function of the truth values, all of which are resolved before.
     decide: Any = staticmethod(all)
 
     def operands(self) -> list[Any]:
@@ -318,9 +324,8 @@ class IfElseSubstitution(_Logical):
         super().__init__(condition, if_value, else_value)
 
     def perform(self, context: Any) -> str:
-        return self.text(
-            "if_value" if self.truth(self.condition, context) else "else_value", context
-        )
+        chosen = "if_value" if self.truth(self.condition, context) else "else_value"
+        return self.text(chosen, context)
 
 
 @expose_substitution("not")
@@ -342,7 +347,7 @@ class OrSubstitution(AndSubstitution):
 
 @expose_substitution("all")
 class AllSubstitution(_Logical):
-    """Whether several truth values all hold."""
+    """True if all of several truth values are."""
 
     def __init__(self, *args: Any) -> None:
         super().__init__()
@@ -353,7 +358,10 @@ class AllSubstitution(_Logical):
         return lambda args: cls(*args), {"args": data}
 
     def describe(self) -> str:
-        return f"{type(self).__name__}({', '.join(sub.describe() for arg in self.args for sub in arg)})"
+        words: list[str] = []
+        for arg in self.args:
+            words.extend(sub.describe() for sub in arg)
+        return f"{type(self).__name__}({', '.join(words)})"
 
     def operands(self) -> list[Any]:
         return self.args
@@ -365,11 +373,12 @@ class AnySubstitution(AllSubstitution):
 
 
 def _comparable(value: Any) -> list[Substitution]:
-    if not is_substitution(value):
-        value = (
-            "" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
-        )
-    return normalize_to_list_of_substitutions(value)
+    if is_substitution(value):
+        return normalize_to_list_of_substitutions(value)
+    if value is None:
+        return normalize_to_list_of_substitutions("")
+    text = str(value)
+    return normalize_to_list_of_substitutions(text.lower() if isinstance(value, bool) else text)
 
 
 def _number(text: str) -> float | None:
@@ -381,18 +390,22 @@ def _number(text: str) -> float | None:
 
 @expose_substitution("equals")
 class EqualsSubstitution(_Logical):
-    """Whether two texts are the same truth value, number, or text."""
+    """True if two texts are the same truth value, number, or text."""
 
     left = Text(positional=POSITIONAL, normal=_comparable)
     right = Text(positional=POSITIONAL, normal=_comparable)
 
     def holds(self, context: Any) -> bool:
-        left, right = self.text("left", context), self.text("right", context)
+        left = self.text("left", context)
+        right = self.text("right", context)
         truths = {"true": True, "1": True, "false": False, "0": False}
         if left.lower() in truths and right.lower() in truths:
             return truths[left.lower()] == truths[right.lower()]
-        a, b = _number(left), _number(right)
-        return left == right if a is None or b is None else math.isclose(a, b)
+        first = _number(left)
+        second = _number(right)
+        if first is None or second is None:
+            return left == right
+        return math.isclose(first, second)
 
 
 @expose_substitution("not-equals")

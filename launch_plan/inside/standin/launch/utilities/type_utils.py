@@ -1,4 +1,4 @@
-"""Values that may be given as they are or as substitutions, and their types."""
+"""Types of values, given plainly or as substitutions."""
 
 from __future__ import annotations
 
@@ -23,27 +23,25 @@ def _unreadable(message: str, raised: type[Exception] = ValueError) -> Any:
 
 
 def is_typing_list(data_type: Any) -> bool:
-    """Whether a type is `typing.List`, or a list of something; a plain `list` is not."""
+    """Return whether a type is `typing.List` or `List[...]`; a plain `list` is neither."""
     return data_type is List or get_origin(data_type) is list  # noqa: UP006
 
 
 def extract_type(data_type: Any) -> tuple[Any, bool]:
-    """The scalar type, and whether a list of it is meant."""
+    """Return the scalar type, and whether a list of it is meant, e.g. `(int, True)` for `List[int]`."""
     is_list = is_typing_list(data_type)
-    scalar = get_args(data_type)[0] if is_list and get_args(data_type) else data_type
+    scalar = data_type
+    if is_list and get_args(data_type):
+        scalar = get_args(data_type)[0]
     if scalar not in ScalarTypesTuple:
+        message = f"{data_type!r} is not a type that a value can have here"
         remedy = "Use int, float, bool, str, or List[...] of one of them."
-        raise mistake(
-            ValueError,
-            f"{data_type!r} is not a type that a value can have here",
-            "bad_type",
-            remedy,
-        )
+        raise mistake(ValueError, message, "bad_type", remedy)
     return scalar, is_list
 
 
 def _type_of_items(items: list[Any], data_type: Any) -> Any:
-    """The type that each item of a list must have, if one is wanted."""
+    """Return the type of each item of a list, or None if any is accepted."""
     if data_type is None:
         return None
     scalar, is_list = extract_type(data_type)
@@ -54,16 +52,19 @@ def _type_of_items(items: list[Any], data_type: Any) -> Any:
 
 
 def is_instance_of_valid_type(value: Any, can_be_str: bool = False) -> bool:
-    """Whether a value is a scalar or a list of scalars of one type."""
+    """Return whether a value is a scalar or a list of scalars of one type."""
     if not isinstance(value, list):
         return isinstance(value, ScalarTypesTuple)
-    kind = next((type(item) for item in value if type(item) is not str), str)
+    kinds = [type(item) for item in value if type(item) is not str]
+    kind: Any = kinds[0] if kinds else str
+    if kind not in ScalarTypesTuple:
+        return False
     wanted = (kind, str) if can_be_str else kind
-    return kind in ScalarTypesTuple and all(isinstance(item, wanted) for item in value)
+    return all(isinstance(item, wanted) for item in value)
 
 
 def is_instance_of(value: Any, data_type: Any = None, can_be_str: bool = False) -> bool:
-    """Whether a value is of a type; without a type, whether it is of any valid one."""
+    """Return whether a value is of a type, or of any valid one if no type is given."""
     if data_type is None:
         return is_instance_of_valid_type(value, can_be_str)
     scalar, is_list = extract_type(data_type)
@@ -74,7 +75,7 @@ def is_instance_of(value: Any, data_type: Any = None, can_be_str: bool = False) 
 
 
 def coerce_to_type(value: str, data_type: Any = None, can_be_str: bool = False) -> Any:
-    """Read a text as a value of a type, or by the rules of YAML if no type is given."""
+    """Return the value of a text, read as a type, or by the rules of YAML if no type is given."""
     import yaml
 
     ensure_argument_type(value, str, "value", "coerce_to_type")
@@ -82,32 +83,31 @@ def coerce_to_type(value: str, data_type: Any = None, can_be_str: bool = False) 
     is_list = False
     if data_type is not None:
         scalar, is_list = extract_type(data_type)
-    aim = (
-        "a parameter value"
-        if scalar is None
-        else "true or false"
-        if scalar is bool
-        else scalar.__name__
-    )
     if is_list:
-        aim = f"a list of {scalar.__name__}"
-    elif scalar is str:
+        return _read(value, data_type, yaml.safe_load, f"a list of {scalar.__name__}", can_be_str)
+    if scalar is str:
         return value
-    elif scalar is bool and value in ("1", "0"):
+    if scalar is bool and value in ("1", "0"):
         return value == "1"
-    read = scalar if scalar in (int, float) and not is_list else yaml.safe_load
+    if scalar in (int, float):
+        return _read(value, data_type, scalar, scalar.__name__, can_be_str)
+    aim = "a parameter value" if scalar is None else "true or false"
+    return _read(value, data_type, yaml.safe_load, aim, can_be_str)
+
+
+def _read(value: str, data_type: Any, read: Any, aim: str, can_be_str: bool) -> Any:
+    """Return the value of a text, read by a function; `aim` names the type in messages."""
+    output: Any = value
     try:
-        output = read(value) if value else value
+        if value:
+            output = read(value)
     except Exception as error:
         if not can_be_str:
             raise _unreadable(f"'{value}' cannot be read as {aim}") from error
-        output = value
     if not is_instance_of_valid_type(output, can_be_str):
-        kind = (
-            "list whose items are not of one type"
-            if isinstance(output, list)
-            else type(output).__name__
-        )
+        kind = type(output).__name__
+        if isinstance(output, list):
+            kind = "list whose items are not of one type"
         raise _unreadable(f"'{value}' cannot be read as {aim}: YAML makes it a {kind}")
     if not is_instance_of(output, data_type, can_be_str):
         raise _unreadable(f"'{value}' cannot be read as {aim}")
@@ -123,80 +123,97 @@ def coerce_list(value: list[str], data_type: Any = None, can_be_str: bool = Fals
 
 
 def get_typed_value(value: Any, data_type: Any, can_be_str: bool = False) -> Any:
-    """Read a text or a list of texts as a value of a type."""
+    """Return the value of a text or of a list of texts, read as a type."""
     if not isinstance(value, list):
         return coerce_to_type(value, data_type, can_be_str)
     return coerce_list(value, _type_of_items(value, data_type), can_be_str)
 
 
 def is_substitution(x: Any) -> bool:
-    """Whether something is a substitution, or a list of texts with at least one substitution."""
+    """Return whether an object is a substitution, or a list of texts with at least one substitution."""
     if isinstance(x, Substitution):
         return True
-    if (
-        isinstance(x, str)
-        or not isinstance(x, collections.abc.Sized)
-        or not isinstance(x, collections.abc.Iterable)
-    ):
+    if isinstance(x, str) or not isinstance(x, collections.abc.Sized):
         return False
-    return all(isinstance(i, (Substitution, str)) for i in x) and any(
-        isinstance(i, Substitution) for i in x
-    )
+    if not isinstance(x, collections.abc.Iterable):
+        return False
+    if not all(isinstance(i, (Substitution, str)) for i in x):
+        return False
+    return any(isinstance(i, Substitution) for i in x)
 
 
 def is_normalized_substitution(x: Any) -> bool:
-    """Whether something is a non-empty list of substitutions."""
-    return isinstance(x, list) and len(x) > 0 and all(isinstance(item, Substitution) for item in x)
+    """Return whether an object is a non-empty list of substitutions."""
+    if not isinstance(x, list) or not x:
+        return False
+    return all(isinstance(item, Substitution) for item in x)
 
 
 def normalize_typed_substitution(value: Any, data_type: Any) -> Any:
-    """Bring a value or substitution into the form that `perform_typed_substitution` takes."""
+    """Return a value or a substitution in the form for `perform_typed_substitution`."""
     if isinstance(value, ScalarTypesTuple):
         if not is_instance_of(value, data_type):
             name = getattr(data_type, "__name__", str(data_type))
             message = f"{'an' if name == 'int' else 'a'} {name} is wanted, but {shown(value)}"
-            raise mistake(
-                TypeError, message, "bad_type", "Give a value of this type, without quotes."
-            )
+            raise _wrong_type(message)
         return value
     if is_substitution(value):
         return normalize_to_list_of_substitutions(value)
     if not isinstance(value, collections.abc.Iterable):
         message = f"a value, a substitution, or a list of them is wanted, but {shown(value)}"
-        raise mistake(TypeError, message, "bad_type", "Give a value of this type, without quotes.")
+        raise _wrong_type(message)
     return _normalize_typed_list(list(value), data_type)
 
 
+def _wrong_type(message: str) -> Any:
+    remedy = "Give a value of this type, without quotes."
+    return mistake(TypeError, message, "bad_type", remedy)
+
+
 def _normalize_typed_list(items: list[Any], data_type: Any) -> list[Any]:
-    kinds = set()
-    for item in items:
-        if not isinstance(item, ScalarTypesTuple) and not is_substitution(item):
-            raise _unreadable(
-                f"in this list only values and substitutions can stand, but {shown(item)}",
-                TypeError,
-            )
-        kinds.add(type(item) if isinstance(item, ScalarTypesTuple) else Substitution)
+    kinds = _plain_types(items)
     data_type = _type_of_items(items, data_type)
-    plain = kinds - {Substitution}
-    if plain in ({float}, {int, float}):
-        found: Any = float
-    elif len(plain) > 1 or not plain <= set(ScalarTypesTuple):
-        raise _unreadable(f"the items of {items!r} are not of one type", TypeError)
-    else:  # an empty list counts as one of texts; a list of substitutions can become anything
-        found = plain.pop() if plain else None if kinds else str
+    found = _type_found(items, kinds)
     if found is not None and data_type not in (None, found):
         message = (
             f"a list of {found.__name__} is given where a list of {data_type.__name__} is wanted"
         )
         raise _unreadable(message, TypeError)
-    convert = float if found is float else (lambda item: item)
-    return [
-        normalize_to_list_of_substitutions(i) if is_substitution(i) else convert(i) for i in items
-    ]
+    normal: list[Any] = []
+    for item in items:
+        if is_substitution(item):
+            normal.append(normalize_to_list_of_substitutions(item))
+        else:
+            normal.append(float(item) if found is float else item)
+    return normal
+
+
+def _plain_types(items: list[Any]) -> set[Any]:
+    """Return the types of the plain items of a list; the others are substitutions."""
+    kinds: set[Any] = set()
+    for item in items:
+        if isinstance(item, ScalarTypesTuple):
+            kinds.add(type(item))
+        elif not is_substitution(item):
+            message = f"in this list only values and substitutions can stand, but {shown(item)}"
+            raise _unreadable(message, TypeError)
+    return kinds
+
+
+def _type_found(items: list[Any], kinds: set[Any]) -> Any:
+    """Return the type that plain items give a list; None for a list of substitutions, because it fits any type."""
+    if kinds in ({float}, {int, float}):
+        return float
+    if len(kinds) > 1 or not kinds <= set(ScalarTypesTuple):
+        raise _unreadable(f"the items of {items!r} are not of one type", TypeError)
+    if kinds:
+        return kinds.pop()
+    # An empty list counts as a list of texts.
+    return None if items else str
 
 
 def perform_typed_substitution(context: Any, value: Any, data_type: Any) -> Any:
-    """Resolve what `normalize_typed_substitution` returned."""
+    """Resolve the result of `normalize_typed_substitution`."""
     if isinstance(value, ScalarTypesTuple):
         if data_type is not None and not is_instance_of(value, data_type):
             raise TypeError(f"{value!r} is not a {data_type}")
@@ -204,15 +221,19 @@ def perform_typed_substitution(context: Any, value: Any, data_type: Any) -> Any:
     if is_normalized_substitution(value):
         return coerce_to_type(perform_substitutions(context, value), data_type)
     if isinstance(value, list):
-        scalar = _type_of_items(value, data_type)
-        output = [
-            coerce_to_type(perform_substitutions(context, item), scalar)
-            if is_normalized_substitution(item)
-            else item
-            for item in value
-        ]
-        if not is_instance_of(output, data_type):
-            message = f"the items of the list {output!r} are not of one type, or not of the one that is wanted"
-            raise _unreadable(message)
-        return output
+        return _perform_list(context, value, data_type)
     raise TypeError(f"{value!r} is no value, no substitution and no list of them")
+
+
+def _perform_list(context: Any, items: list[Any], data_type: Any) -> list[Any]:
+    scalar = _type_of_items(items, data_type)
+    output: list[Any] = []
+    for item in items:
+        resolved = item
+        if is_normalized_substitution(item):
+            resolved = coerce_to_type(perform_substitutions(context, item), scalar)
+        output.append(resolved)
+    if not is_instance_of(output, data_type):
+        message = f"the items of the list {output!r} are not of one type, or not of the one that is wanted"
+        raise _unreadable(message)
+    return output

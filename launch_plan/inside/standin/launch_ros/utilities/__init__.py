@@ -31,11 +31,11 @@ def get_node_name_count(context: Any, node_name: str) -> int:
 
 
 class InvalidNodeNameException(ValueError):
-    """A node cannot be named so."""
+    """Raised for an invalid name of a node."""
 
 
 class InvalidNamespaceException(ValueError):
-    """A namespace cannot be named so."""
+    """Raised for an invalid namespace."""
 
 
 def validate_node_name(name: str) -> None:
@@ -56,34 +56,38 @@ def validate_namespace(namespace: str) -> None:
 
 
 def make_namespace_absolute(ns: str | None) -> str | None:
-    return ns if ns is None or ns.startswith("/") else "/" + ns
+    if ns is None or ns.startswith("/"):
+        return ns
+    return "/" + ns
 
 
 def prefix_namespace(base_ns: str | None, ns: str | None) -> str | None:
-    """A namespace inside another; an absolute one stays."""
+    """Return a namespace inside another, e.g. `/a/b` for `/a` and `b`; an absolute one stays as it is."""
     if ns is None:
         combined = base_ns
     elif not base_ns or ns.startswith("/"):
         combined = ns
     else:
-        combined = ("" if base_ns == "/" else base_ns) + "/" + ns
-    return combined if combined in (None, "/") else str(combined).rstrip("/")
+        outer = "" if base_ns == "/" else base_ns
+        combined = f"{outer}/{ns}"
+    if combined is None or combined == "/":
+        return combined
+    return combined.rstrip("/")
 
 
 def normalize_remap_rule(remap_rule: Any) -> tuple[list[Substitution], list[Substitution]]:
-    if not isinstance(remap_rule, tuple) or len(remap_rule) != 2:
-        why = (
-            f"{remap_rule!r:.120} has {len(remap_rule)}"
-            if isinstance(remap_rule, tuple)
-            else shown(remap_rule)
-        )
-        remedy = "Write a list of tuples: remappings=[('from', 'to')]."
-        raise mistake(
-            TypeError, f"a remapping must be a tuple of two, but {why}", "bad_remapping", remedy
-        )
-    return normalize_to_list_of_substitutions(remap_rule[0]), normalize_to_list_of_substitutions(
-        remap_rule[1]
-    )
+    if not isinstance(remap_rule, tuple):
+        raise _bad_remapping(shown(remap_rule))
+    if len(remap_rule) != 2:
+        raise _bad_remapping(f"{remap_rule!r:.120} has {len(remap_rule)}")
+    source, target = remap_rule
+    return normalize_to_list_of_substitutions(source), normalize_to_list_of_substitutions(target)
+
+
+def _bad_remapping(reason: str) -> Any:
+    message = f"a remapping must be a tuple of two, but {reason}"
+    remedy = "Write a list of tuples: remappings=[('from', 'to')]."
+    return mistake(TypeError, message, "bad_remapping", remedy)
 
 
 def normalize_remap_rules(
@@ -93,22 +97,24 @@ def normalize_remap_rules(
 
 
 def normalize_parameters(parameters: Any) -> tuple[Any, ...]:
-    """Parameters in normal form: dicts, files, and `Parameter`s."""
+    """Return parameters in normal form: dicts, files, and `Parameter`s."""
     if isinstance(parameters, str) or not isinstance(parameters, Sequence):
         remedy = "Put the parameters into a list: parameters=[{...}]."
         message = f"argument 'parameters' must be a list, but {shown(parameters)}"
         raise mistake(TypeError, message, "parameters_not_list", remedy)
-    kept = (Parameter, ParameterFile)
-    files = [
-        item if isinstance(item, (Mapping, *kept)) else ParameterFile(item) for item in parameters
-    ]
-    return tuple(
-        normalize_parameter_dict(item) if isinstance(item, Mapping) else item for item in files
-    )
+    # All files are checked before any dict.
+    listed: list[Any] = []
+    for item in parameters:
+        is_known = isinstance(item, (Mapping, Parameter, ParameterFile))
+        listed.append(item if is_known else ParameterFile(item))
+    normal: list[Any] = []
+    for item in listed:
+        normal.append(normalize_parameter_dict(item) if isinstance(item, Mapping) else item)
+    return tuple(normal)
 
 
 def normalize_parameter_dict(parameters: Any, *, _prefix: Any = None) -> dict[Any, Any]:
-    """A dict of parameters in normal form: flat, with names joined by dots."""
+    """Return a dict of parameters in normal form: flat, with names joined by full stops."""
     if not isinstance(parameters, Mapping):
         raise TypeError(f"a dict of parameters is wanted, but {parameters!r} is given")
     normal: dict[Any, Any] = {}
@@ -127,77 +133,84 @@ _AS_TEXT = "If it is meant as text, wrap it: ParameterValue(..., value_type=str)
 
 
 def _no_value(message: str, value: Any) -> Any:
-    """The error about a value that no parameter can have, with what to do about a value of its type."""
+    """Return the error for a value of a type that no parameter can have."""
+    return mistake(TypeError, message, "bad_parameter_value", _remedy_for(value))
+
+
+def _remedy_for(value: Any) -> str:
+    """Return the instruction for a value of an unsuitable type."""
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        if value:
+            return "Write all items alike: [1.0, 2.5] instead of [1, 2.5], ['1', 'x'] instead of [1, 'x']."
+        return "Leave the parameter out, or give a list with at least one item."
     remedies = {
         "NoneType": "Leave the parameter out, or give it a value.",
         "PosixPath": "Give a path as text: str(path).",
         "ndarray": "Give a plain list: array.tolist().",
     }
-    remedy = remedies.get(
-        type(value).__name__, "Give a bool, an int, a float, a text, or a list of one of these."
-    )
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        remedy = (
-            "Write all items alike: [1.0, 2.5] instead of [1, 2.5], ['1', 'x'] instead of [1, 'x']."
-        )
-        remedy = (
-            remedy if value else "Leave the parameter out, or give a list with at least one item."
-        )
-    return mistake(TypeError, message, "bad_parameter_value", remedy)
+    general = "Give a bool, an int, a float, a text, or a list of one of these."
+    return remedies.get(type(value).__name__, general)
 
 
 def _normalize_value(name: Any, value: Any) -> Any:
-    # What is written as YAML here is read again once its substitutions have values.
+    # A value written as YAML here is read again after its substitutions are resolved.
     import yaml
 
-    if isinstance(value, (str, Substitution)):
-        return tuple(
-            normalize_to_list_of_substitutions(
-                yaml.dump(value) if isinstance(value, str) else value
-            )
-        )
+    if isinstance(value, str):
+        return tuple(normalize_to_list_of_substitutions(yaml.dump(value)))
+    if isinstance(value, Substitution):
+        return tuple(normalize_to_list_of_substitutions(value))
     if isinstance(value, (float, bool, int, bytes, ParameterValue)):
         return value
     if not isinstance(value, Sequence):
         raise _no_value(f"the parameter '{name}' cannot have such a value: {shown(value)}", value)
-    kinds = set()
-    for item in value:
-        kinds.add(
-            next(
-                (kind for kind in (Substitution, *_SCALARS, Sequence) if isinstance(item, kind)),
-                None,
-            )
-        )
-        if None in kinds:
-            raise _no_value(
-                f"the parameter '{name}' cannot have such an item in its list: {shown(item)}", item
-            )
+    return _normalize_list(name, value)
+
+
+def _normalize_list(name: Any, items: Sequence[Any]) -> tuple[Any, ...]:
+    import yaml
+
+    kinds = {_kind_of(name, item) for item in items}
     if kinds in ({int}, {bool}):
-        return tuple(value)
+        return tuple(items)
     if kinds in ({float}, {int, float}):
-        return tuple(float(item) for item in value)
+        return tuple(float(item) for item in items)
     if Substitution in kinds and kinds <= {str, Substitution}:
-        return tuple(normalize_to_list_of_substitutions(value))
-    items = [yaml.dump(item) if isinstance(item, _SCALARS) else item for item in value]
-    return tuple(normalize_to_list_of_substitutions(item) for item in items)
+        return tuple(normalize_to_list_of_substitutions(items))
+    normal: list[Any] = []
+    for item in items:
+        written = yaml.dump(item) if isinstance(item, _SCALARS) else item
+        normal.append(normalize_to_list_of_substitutions(written))
+    return tuple(normal)
+
+
+def _kind_of(name: Any, item: Any) -> Any:
+    """Return the kind of an item in the list of a parameter."""
+    for kind in (Substitution, *_SCALARS, Sequence):
+        if isinstance(item, kind):
+            return kind
+    message = f"the parameter '{name}' cannot have such an item in its list: {shown(item)}"
+    raise _no_value(message, item)
 
 
 def evaluate_parameters(context: Any, parameters: Any) -> tuple[Any, ...]:
-    """Normal parameters, resolved: dicts of values, paths of files, or `Parameter`s."""
-    files = [
-        item.evaluate(context) if isinstance(item, ParameterFile) else item for item in parameters
-    ]
-    return tuple(
-        evaluate_parameter_dict(context, item) if isinstance(item, Mapping) else item
-        for item in files
-    )
+    """Resolve normal parameters: dicts of values, paths of files, or `Parameter`s."""
+    # All files are resolved before any dict.
+    listed: list[Any] = []
+    for item in parameters:
+        listed.append(item.evaluate(context) if isinstance(item, ParameterFile) else item)
+    resolved: list[Any] = []
+    for item in listed:
+        is_dict = isinstance(item, Mapping)
+        resolved.append(evaluate_parameter_dict(context, item) if is_dict else item)
+    return tuple(resolved)
 
 
 def evaluate_parameter_dict(context: Any, parameters: Any) -> dict[str, Any]:
-    names = {
-        perform_substitutions(context, list(name)): value for name, value in parameters.items()
-    }
-    return {name: _evaluate_value(context, name, value) for name, value in names.items()}
+    named: dict[str, Any] = {}
+    for name, value in parameters.items():
+        named[perform_substitutions(context, list(name))] = value
+    return {name: _evaluate_value(context, name, value) for name, value in named.items()}
 
 
 def _evaluate_value(context: Any, name: str, value: Any) -> Any:
@@ -212,7 +225,8 @@ def _evaluate_value(context: Any, name: str, value: Any) -> Any:
         return _evaluate_text(name, perform_substitutions(context, value))
     if value and not isinstance(value[0], Sequence):
         return value
-    return _uniform(name, [yaml.safe_load(perform_substitutions(context, item)) for item in value])
+    texts = [perform_substitutions(context, item) for item in value]
+    return _uniform(name, [yaml.safe_load(text) for text in texts])
 
 
 def _evaluate_text(name: str, text: str) -> Any:
@@ -233,12 +247,15 @@ def _evaluate_text(name: str, text: str) -> Any:
 
 
 def _uniform(name: str, items: Sequence[Any]) -> tuple[Any, ...]:
-    if (
-        not items
-        or type(items[0]) not in _SCALARS
-        or not all(isinstance(i, type(items[0])) for i in items)
-    ):
-        message = f"the list given to the parameter '{name}' must not be empty, and its items must "
-        message += f"all be of one type (bool, int, float or str), but it is {list(items)!r:.120}"
-        raise _no_value(message, items)
-    return tuple(items)
+    if _is_uniform(items):
+        return tuple(items)
+    message = f"the list given to the parameter '{name}' must not be empty, and its items must "
+    message += f"all be of one type (bool, int, float or str), but it is {list(items)!r:.120}"
+    raise _no_value(message, items)
+
+
+def _is_uniform(items: Sequence[Any]) -> bool:
+    if not items:
+        return False
+    kind = type(items[0])
+    return kind in _SCALARS and all(isinstance(item, kind) for item in items)
