@@ -11,6 +11,7 @@ WORKDIR /opt/grader
 COPY pyproject.toml constraints.txt README.md rubric.yaml rubric.schema.json ./
 COPY confine confine
 COPY grader grader
+COPY launch_plan launch_plan
 COPY reference reference
 # Apart from the interpreter's folder, of which students' code may read all.
 COPY labs /opt/grade-labs

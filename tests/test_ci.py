@@ -92,9 +92,12 @@ def test_all_that_an_installation_is_made_of_goes_along(file: str) -> None:
     """The image and Gradescope's archive have what the package's build includes by name, and the other labs."""
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     included = set(re.findall(r'^"([^"]+)" = "grader/', project, re.MULTILINE))
-    assert {"rubric.yaml", "reference"} <= included
+    packages = re.search(r"^packages = \[(.*)\]", project, re.MULTILINE)
+    assert packages is not None
+    included |= set(re.findall(r'"(\w+)"', packages[1]))
+    assert {"grader", "launch_plan", "rubric.yaml", "reference"} <= included
     words = set(re.split(r"[\s!]+", (ROOT / file).read_text(encoding="utf-8")))
-    assert included | {"labs", "grader", "constraints.txt"} <= words
+    assert included | {"labs", "constraints.txt"} <= words
 
 
 @pytest.mark.parametrize("file", [*SCRIPTS, "ci/classroom50/autograder.py", "docs/ci.md"])

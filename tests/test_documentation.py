@@ -38,6 +38,7 @@ OTHERS |= {"--scheduler-file", "--plain", "--network"}
 FOLDERS = (
     "confine",
     "grader",
+    "launch_plan",
     "reference",
     "fixtures",
     "submissions",
@@ -141,6 +142,7 @@ def test_every_room_of_the_house_is_in_the_layout() -> None:
         if path.suffix == ".py" or path.is_dir()
     }
     rooms |= {f"live/{path.parent.name}/" for path in grader.glob("live/*/__init__.py")}
+    rooms |= {f"{path.parent.name}/" for path in ROOT.glob("*/__init__.py")} - {"grader/"}
     assert {name for name in rooms if not name.startswith("__")} - said == set()
 
 

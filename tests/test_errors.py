@@ -11,6 +11,7 @@ import pytest
 from confine.scratch import scratch_prefix
 from grader.errors import RubricError, described, without_temporary_names
 from grader.files import atomic_replacement, replace_file
+from tests.packages import modules
 
 ROOT = Path(__file__).resolve().parents[1]
 #: Calls that make a temporary folder, and beginnings of names that are known.
@@ -83,7 +84,7 @@ def test_a_result_that_cannot_be_written_is_called_by_its_own_name(tmp_path: Pat
 def test_all_temporary_folders_have_names_that_are_known() -> None:
     """A folder whose name begins otherwise would show in messages."""
     bare = []
-    for file in [*(ROOT / "grader").rglob("*.py"), *(ROOT / "confine").rglob("*.py")]:
+    for file in modules():
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and ast.unparse(node.func) in MAKERS:
                 given = {key.arg: ast.unparse(key.value) for key in node.keywords}

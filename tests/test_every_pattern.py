@@ -17,6 +17,7 @@ import pytest
 
 from grader.bounded import Bound, in_processes
 from tests.hard_for_patterns import hard_texts
+from tests.packages import modules
 
 pytestmark = pytest.mark.slow
 
@@ -59,8 +60,7 @@ class _Names(dict[str, Any]):
 
 def uses() -> Iterator[Use]:
     """Find all regular expressions in the source."""
-    files = [*(ROOT / "grader").rglob("*.py"), *(ROOT / "confine").rglob("*.py")]
-    texts = {path: path.read_text(encoding="utf-8") for path in sorted(files)}
+    texts = {path: path.read_text(encoding="utf-8") for path in modules()}
     everything = "\n".join(texts.values())
     for path, text in texts.items():
         tree = ast.parse(text)

@@ -18,11 +18,11 @@ from grader.evidence.near_miss import likeness
 from grader.evidence.text import markup, printed, prose, result_rows, source, words
 from grader.judging.rubrics import read_rubric
 from grader.lab.patterns import Budget, patterns_bounded, search
-from grader.live.launch import parameter_text
 from grader.recording.session import OutputLine
 from grader.report.escape import shown
 from grader.submission.file_names import UnfitError, clean_parts, displayed
 from grader.submission.packages.colcon import find_packages
+from launch_plan.inside import parameter_text
 from tests.thorough import examples, part
 
 pytestmark = pytest.mark.slow

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from tests.packages import modules
+
 ROOT = Path(__file__).resolve().parents[1]
 #: Words that nobody uses so but we did, and the plain one. Each is meant where it stands in a text for people.
 NOT_SAID = {
@@ -86,7 +88,7 @@ _DEFINED = re.compile(
 def test_no_name_has_a_word_of_our_own() -> None:
     """What is defined in the grader is called as the glossary has it."""
     wrong = []
-    for path in sorted([*(ROOT / "grader").rglob("*.py"), *(ROOT / "confine").rglob("*.py")]):
+    for path in modules():
         names = {
             "".join(match.groups(""))
             for match in _DEFINED.finditer(path.read_text(encoding="utf-8"))

@@ -35,10 +35,10 @@ from grader.evidence.recorded import Floats, NumericStream, clock_step_s
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
-from grader.recording.launch_plan import Argument, MalformedPlanError, Plan, Problem, Process
 from grader.recording.session import ProcessRun
 from grader.recording.submission import PackageFact
 from grader.result import Finding, Location
+from launch_plan.plan import Argument, MalformedPlanError, Plan, Problem, Process
 
 #: Stands for a plan that was not recorded.
 _NO_PLAN = Plan("error", Problem("not_evaluated", "the launch file could not be evaluated"))

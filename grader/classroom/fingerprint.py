@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import grader
+import launch_plan
 from grader.lab.kept_lab import interface_files, named_files
 from grader.lab.rubric import Rubric
 from grader.live.sandbox.environment import versions
@@ -19,10 +20,11 @@ from grader.submission.extraction import Intake
 
 def engine_sha256() -> str:
     """Return the hash of the grader's own code and of the versions that a recording keeps."""
-    package = Path(grader.__file__).parent
-    ours = {
-        name: path for name, path in files_below(package) if not name.startswith("shipped_lab/")
-    }
+    ours: dict[str, Path] = {}
+    for package in (grader, launch_plan):
+        for folder in package.__path__:
+            ours |= {f"{package.__name__}/{name}": path for name, path in files_below(Path(folder))}
+    ours = {n: path for n, path in ours.items() if not n.startswith("grader/shipped_lab/")}
     stated = {name: version for name, version in versions().items() if name != "kernel"}
     return sha256_of(stated, sorted(ours.items()))
 

@@ -306,7 +306,7 @@ class SessionRecord:
     #: Name in the rubric -> name that the student used, where a near miss was found and used.
     names: dict[str, str] = field(default_factory=dict)
     claims: list[Claim] = field(default_factory=list)
-    #: The plan of a launch file, see `grader.live.launch`.
+    #: The plan of a launch file, see `launch_plan.plan`.
     plan: dict[str, Any] | None = None
     #: The grader's own processes in the graph. All other endpoints there are the student's.
     trusted: list[Trusted] = field(default_factory=list)

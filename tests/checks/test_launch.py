@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from grader.checks.base import failed, passed
-from grader.recording.launch_plan import PLAN_SCHEMA
 from grader.recording.session import Claim
 from grader.recording.submission import PackageFact
 from grader.result import Finding, Location, Outcome
+from launch_plan.format import SCHEMA
 from tests.synthetic import FLOATS, Session, at, evenly, judged, submission
 
 LOADS = {"artifact": "it", "step": "plan"}
@@ -83,7 +83,7 @@ def entry(executable: str, name: str | None, **more: Any) -> dict[str, Any]:
 
 def planned(session: Session, label: str = "plan", worked_around: Any = (), **plan: Any) -> Session:
     """Add the step that evaluated a launch file."""
-    whole = {"schema": PLAN_SCHEMA, "outcome": "error" if "problem" in plan else "ok", **plan}
+    whole = {"schema": SCHEMA, "outcome": "error" if "problem" in plan else "ok", **plan}
     return session.step("plan", label, plan=whole, mended=list(worked_around))
 
 
@@ -707,7 +707,7 @@ def test_what_a_node_would_do_that_is_not_up_is_left_out(tmp_path: Path) -> None
 def test_a_node_that_died_is_not_charged_for_its_silence(tmp_path: Path) -> None:
     """A node that ended by itself is charged with the nodes, even if it was seen for a moment."""
     plan = {
-        "schema": PLAN_SCHEMA,
+        "schema": SCHEMA,
         "outcome": "ok",
         "processes": [entry("talk", "talker"), entry("serve", "server")],
     }

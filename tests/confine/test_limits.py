@@ -14,6 +14,7 @@ from typing import TypeVar
 import pytest
 
 from confine import limits
+from tests.packages import modules
 
 T = TypeVar("T")
 
@@ -96,11 +97,10 @@ def test_the_limit_behind_an_error(number: int, hard: int, problem: str, name: s
 
 
 def test_only_one_module_sets_limits() -> None:
-    """No other module, of the grader or of this package, asks the kernel for a limit by itself."""
+    """No other module of the wheel's packages asks the kernel for a limit by itself."""
     found = set()
-    for package in ("confine", "grader"):
-        for file in (ROOT / package).rglob("*.py"):
-            for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-                if isinstance(node, ast.Attribute) and node.attr in ("setrlimit", "prlimit"):
-                    found.add(file.relative_to(ROOT).as_posix())
+    for file in modules():
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Attribute) and node.attr in ("setrlimit", "prlimit"):
+                found.add(file.relative_to(ROOT).as_posix())
     assert found == {"confine/limits.py"}

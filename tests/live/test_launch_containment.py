@@ -173,7 +173,7 @@ def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: 
     if not isolation.namespaces:
         pytest.skip(f"no sandboxes here: {isolation.remedy}")
     submission = submission_of(misdeed, tmp_path / "submissions")
-    watched = [submission, ROOT / "grader/live/launch", ROOT / "reference"]
+    watched = [submission, ROOT / "launch_plan", ROOT / "reference"]
     before = [state_of(folder) for folder in watched]
     began = time.monotonic()
     watch = Watch()

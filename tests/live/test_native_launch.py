@@ -14,7 +14,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from tests.live.launch.evaluations import ORIGINAL, needs_the_original  # noqa: E402
+from tests.launch_plan.evaluations import ORIGINAL, needs_the_original  # noqa: E402
 
 pytestmark = [pytest.mark.live, needs_the_original]
 

@@ -19,7 +19,7 @@ pytest.importorskip("rclpy")
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from tests.live.launch.evaluations import ORIGINAL, needs_the_original  # noqa: E402
+from tests.launch_plan.evaluations import ORIGINAL, needs_the_original  # noqa: E402
 from tests.live.small_lab import TALKER, TEXT, make_lab, published  # noqa: E402
 
 pytestmark = pytest.mark.live
@@ -115,13 +115,15 @@ def test_the_machine(trapped: Path) -> None:
     run(trapped, "doctor")
 
 
-#: Modules that may start processes: the one for helpers, and those within a sandbox, where students' code runs too.
+#: Modules that may start processes: the one for helpers, those within a sandbox, where students' code runs too, and one
+#: that `python -m launch_plan` alone uses.
 STARTING_MODULES = {
     "confine/helpers.py",
     "confine/reduced.py",
     "grader/live/interfaces/inside/build_package.py",
-    "grader/live/launch/processes.py",
-    "grader/live/launch/standin/launch/substitutions/__init__.py",
+    "launch_plan/evaluation.py",
+    "launch_plan/inside/processes.py",
+    "launch_plan/inside/standin/launch/substitutions/__init__.py",
 }
 STARTS = re.compile(
     r"subprocess\.(Popen|run|call|check_\w+|get\w+)|asyncio\.(subprocess\.)?create_subprocess_\w+"
@@ -140,7 +142,7 @@ def starts_processes(path: Path) -> bool:
 def test_helpers_are_started_in_one_place() -> None:
     """No other module of the grader and of its labs starts a process or looks for a program by itself."""
     starting = set()
-    for part in ("confine", "grader", "reference", "labs"):
+    for part in ("confine", "grader", "launch_plan", "reference", "labs"):
         for path in (ROOT / part).rglob("*.py"):
             name = path.relative_to(ROOT).as_posix()
             if "/fixtures/" not in name and starts_processes(path):

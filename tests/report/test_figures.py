@@ -16,7 +16,6 @@ from grader.evidence.recorded import Recorded
 from grader.lab.rubric import FigureSpec
 from grader.recording.bag import Bag, BagWriter
 from grader.recording.definitions import definition_of
-from grader.recording.launch_plan import PLAN_SCHEMA
 from grader.recording.session import (
     Claim,
     Endpoint,
@@ -30,6 +29,7 @@ from grader.recording.session import (
 from grader.report.figures import FIGURES, draw
 from grader.report.figures.plan import Tree
 from grader.report.figures.svg import HALF, MOST_POINTS, NARROW, WIDE, Figure, duration
+from launch_plan.format import SCHEMA
 from tests.thorough import examples
 
 FLOATS = "std_msgs/msg/Float64MultiArray"
@@ -297,7 +297,7 @@ def test_calls_are_those_of_the_service(tmp_path: Path) -> None:
 def planned(folder: Path, *processes: dict[str, Any], **plan: Any) -> Tree:
     """Return the tree in the figure of a plan."""
     listed = [{"id": f"p-{n}", "path": "/p", **process} for n, process in enumerate(processes)]
-    whole = {"schema": PLAN_SCHEMA, "outcome": "ok", "processes": listed, **plan}
+    whole = {"schema": SCHEMA, "outcome": "ok", "processes": listed, **plan}
     tree = shown("plan", recorded(folder, {}, plan=whole)).content
     assert isinstance(tree, Tree)
     return tree
@@ -430,7 +430,7 @@ plan_keys = st.sampled_from(
 )
 def test_any_plan_can_be_drawn(tmp_path: Path, plan: dict[str, Any]) -> None:
     """A plan comes from a process that ran a student's code: whatever it holds, drawing does not raise."""
-    drawn("plan", recorded(tmp_path, {}, plan={"schema": PLAN_SCHEMA, "outcome": "ok", **plan}))
+    drawn("plan", recorded(tmp_path, {}, plan={"schema": SCHEMA, "outcome": "ok", **plan}))
 
 
 def test_qos_comes_from_discovery_and_source(tmp_path: Path) -> None:

@@ -24,11 +24,12 @@ from confine.helpers import absolute_entries, python, run_helper
 from confine.interpreters import OWN_INTERPRETER
 from grader.errors import PlatformError
 from grader.live.sandbox.enough import require_limits
+from launch_plan.exchange import PACKAGE
 
 #: Folder of the tap and of the settings of discovery, as seen in a student's sandbox.
 INSIDE_FOLDER = Path(__file__).parents[1] / "student_tap/inside"
 #: Folder of the program that evaluates launch files there.
-LAUNCHING_FOLDER = Path(__file__).parents[1] / "launch"
+LAUNCHING_FOLDER = PACKAGE
 
 #: The first import from a cold disk takes seconds.
 _IMPORT_S = 60.0

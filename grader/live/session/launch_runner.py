@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import asyncio
 import itertools
-import json
 import os
 import re
 import shutil
@@ -26,21 +25,15 @@ from grader.evidence.near_miss import LEAST_RATIO, likeness
 from grader.live.process.process import PipeReader, RunningProcess
 from grader.live.sandbox.room import LAUNCHING, PARAMETERS, WORKSPACE
 from grader.live.session.student_sandbox import StudentSandbox
-from grader.recording.launch_plan import (
-    PARAMETERS_PLACEHOLDER,
-    MalformedPlanError,
-    Plan,
-    Problem,
-    Process,
-    ros2_run,
-)
 from grader.recording.session import OutputLine, ProcessRun
 from grader.submission.artifacts import MAX_TEXT_BYTES
 from grader.submission.beneath import is_regular_beneath
+from launch_plan.exchange import MOST_ANSWER_BYTES, Ending, Request, command, plan_of_answer
+from launch_plan.format import PARAMETERS_PLACEHOLDER
+from launch_plan.plan import Plan, Problem, Process, ros2_run
 
 #: How an evaluation writes one of the plan's own files.
 _OWN_FILE = re.compile(re.escape(PARAMETERS_PLACEHOLDER) + r"/([\w-]+(?:\.\w+)?)")
-_MAX_PLAN_BYTES = 4 * 1024 * 1024
 _MAX_REPAIRS = 6
 #: Files of one name: in the sources, and where packages install them.
 _MOST_RENAMED = 20
@@ -235,16 +228,15 @@ class LaunchRunner:
             launch_workspace = sandbox.launch_workspace
             sandbox.copy_workspace(sandbox.workspace, launch_workspace)
         result_read, result_write = os.pipe()
-        program = f"{sandbox.seen[LAUNCHING]}/evaluate.py"
         memory_bytes = attainable("as", _MAX_MEMORY_BYTES)
-        command = ["prlimit", f"--as={memory_bytes}", str(sandbox.plan.interpreter), program]
-        command += ["--result-fd", str(result_write)]
+        program = command(sandbox.plan.interpreter, sandbox.seen[LAUNCHING], result_write)
+        limited = ["prlimit", f"--as={memory_bytes}", *program]
         native = sandbox.plan.native
         environment = sandbox.environment({"PYTHONPATH": ""})
         if native is not None:
             environment |= native.environment(f"{sandbox.seen[WORKSPACE]}/install")
         run = ProcessRun(
-            "launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command
+            "launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", limited
         )
         running = await sandbox.start_confined(
             run,
@@ -257,21 +249,18 @@ class LaunchRunner:
         )
         os.close(result_write)
         received: list[str] = []
-        reader = PipeReader(result_read, _MAX_PLAN_BYTES, received.append)
-        request = {
-            "file": f"{root}/{source}",
-            "arguments": arguments,
-            "root": root,
-            "native": native is not None,
-        }
-        running.write(json.dumps(request).encode(), last=True)
+        reader = PipeReader(result_read, MOST_ANSWER_BYTES, received.append)
+        request = Request(f"{root}/{source}", arguments, root, native is not None)
+        running.write(request.to_json(), last=True)
         outcome = await _run_until(running, left_s)
         await running.kill()
         reader.close()
         text = received[0] if received else ""
         if not text:
             sandbox.note_unstarted(run, "the launch file could not be evaluated")
-        plan = _read_plan(text, outcome == "done", timeout_s, run, source)
+        output = run.output[-1].text if run.output else ""
+        ending = Ending(outcome == "done", timeout_s, run.exit_status, run.limit, output)
+        plan = plan_of_answer(text, ending, source)
         if plan.problem is not None and plan.problem.kind in ("too_slow", "no_plan"):
             self._given_up[source] = plan
         return outcome, plan
@@ -413,41 +402,3 @@ async def _run_until(running: RunningProcess, time_s: float, most: float = _MOST
         if (took_s := time.monotonic() - began_s) > min(time_s + delay_s + _WAIT_S, most * time_s):
             return "timeout" if took_s < time_s + delay_s else "failed"
     return "done"
-
-
-def _read_plan(text: str, in_time: bool, timeout_s: float, run: ProcessRun, source: str) -> Plan:
-    """Make a plan out of what the evaluation wrote, or of its silence."""
-    why = ""
-    try:
-        # Half characters, which nobody could write to a file, are replaced.
-        plain = json.loads(
-            json.dumps(json.loads(text), ensure_ascii=False).encode("utf-8", "replace")
-        )
-        return Plan.from_plain(
-            Plan.from_plain(plain).to_plain()
-        )  # what the recording keeps must be a plan too
-    except MalformedPlanError as malformed:
-        why = f": {malformed}"
-    except (ValueError, RecursionError):
-        pass
-    kind = "no_plan"
-    if not in_time:
-        kind = "too_slow"
-        message = (
-            f"was still busy after {timeout_s:g} s; it should describe processes and return at once"
-        )
-        remedy = "Take out what waits or loops: `ros2 launch` reads the whole file before it starts anything."
-    elif text.strip():
-        message = f"gave no description that can be read{why}"
-        remedy = "Return a LaunchDescription of a few entities, and write to no file descriptor but your own."
-    elif run.limit is not None:
-        message = f"was stopped at the limit of {run.limit}, before it gave a description"
-        remedy = "Take out what prints, writes or starts programs without end: `ros2 launch` reads the whole file first."
-    else:
-        status = run.exit_status or 0
-        number = status - 128 if status > 128 else -status
-        how = f"by signal {number}" if number > 0 else f"with status {status}"
-        output = f"; it said: {run.output[-1].text[:300]}" if run.output else ""
-        message = f"cannot be read: the reading program was ended by it ({how}), before it gave a description{output}"
-        remedy = "Take out what ends or replaces the program (os._exit, exec, signals), and return a LaunchDescription."
-    return Plan("error", Problem(kind, f"the launch file {message}", source, None, remedy))

@@ -16,10 +16,10 @@ from functools import cache, cached_property
 from pathlib import Path, PurePosixPath
 
 from grader.lab.rubric import Rubric
-from grader.live.launch.jazzy import is_released
 from grader.live.session.entry import function_to_call
 from grader.recording.submission import PackageFact, SubmissionRecord
 from grader.submission.packages.colcon import is_launch_file
+from launch_plan.jazzy import is_released
 
 #: Packages that launch files name literally.
 _PACKAGE_ARGUMENT = re.compile(r"""package\s*=\s*['"]([A-Za-z][A-Za-z0-9_]{0,80})['"]""")

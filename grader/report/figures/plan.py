@@ -9,7 +9,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from grader.evidence.recorded import Recorded
-from grader.recording.launch_plan import (
+from grader.report.figures.svg import Figure, FigureKind
+from grader.report.views import fields, literal
+from launch_plan.plan import (
     Argument,
     Component,
     MalformedPlanError,
@@ -17,8 +19,6 @@ from grader.recording.launch_plan import (
     Plan,
     Process,
 )
-from grader.report.figures.svg import Figure, FigureKind
-from grader.report.views import fields, literal
 
 _MOST_ITEMS = 60
 _MOST_CHOICES = 20

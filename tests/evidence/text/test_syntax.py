@@ -11,9 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import grader
+import launch_plan
 from grader.evidence.text.syntax import SIZE_LIMIT, blank_out, normalise, spans, tree_of
 
-SOURCES = sorted(Path(grader.__file__).parent.rglob("*.py"))
+PACKAGES = (Path(grader.__file__).parent, Path(launch_plan.__file__).parent)
+SOURCES = sorted(path for package in PACKAGES for path in package.rglob("*.py"))
 
 
 @pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)

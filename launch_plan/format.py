@@ -1,0 +1,12 @@
+"""Constants of a plan's JSON form, shared by the evaluator and the readers of its answer."""
+
+from __future__ import annotations
+
+#: Value of the key `schema`.
+SCHEMA = "ros-lab-grader/launch-plan/v1"
+#: Placeholder for the folder with the files of a plan, e.g. in `--params-file {parameters}/arm_1.yaml`.
+PARAMETERS_PLACEHOLDER = "{parameters}"
+#: Key of an infinite or undefined number, e.g. `{"!!float": "inf"}`, because JSON has no such numbers.
+NO_JSON = "!!float"
+#: Most processes of a plan.
+PROCESS_LIMIT = 400

@@ -1,0 +1,64 @@
+"""What two evaluations of one launch file must agree on, whichever `launch` made them."""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+from launch_plan.plan import Plan
+
+_KEYS = (
+    "id",
+    "kind",
+    "package",
+    "name",
+    "namespace",
+    "when",
+    "env",
+    "cwd",
+    "shell",
+    "emulate_tty",
+    "respawn",
+)
+
+
+def _plain(text: str) -> str:
+    """A text without what differs from run to run: names of files, and addresses and homes of objects."""
+    return re.sub(r"\{parameters\}/\S+|/tmp/tmp\w+|<launch[\w.]+ object at 0x[0-9a-f]+>", "…", text)
+
+
+def _process(plain: dict[str, Any], parameters: dict[str, Any], *, lines: bool) -> list[Any]:
+    env = {name: _plain(value) for name, value in plain["env"].items()}
+    words = [_plain(word) for word in [*plain.get("prefix", ()), plain["path"], *plain["argv"]]]
+    kept = [env if key == "env" else plain.get(key) for key in _KEYS]
+    return [
+        *kept,
+        words,
+        _plain(repr(parameters)),
+        plain.get("remappings") or [],
+        plain["line"] if lines else None,
+    ]
+
+
+def outline(plan: dict[str, Any], *, lines: bool) -> dict[str, Any]:
+    """Processes with what reaches them, arguments, includes, messages; lines of markup are the stand-in's alone."""
+    read = Plan.from_plain(plan)
+    processes = [
+        _process(plain, process.effective_parameters("/node"), lines=lines)
+        for plain, process in zip(plan["processes"], read.processes, strict=True)
+    ]
+    kinds = {
+        "logs": ("message", "when"),
+        "includes": ("file", "arguments"),
+        "shutdowns": ("reason", "when"),
+    }
+    listed = {
+        kind: [[entry[k] for k in keys] for entry in plan[kind]] for kind, keys in kinds.items()
+    }
+    declared = [(a["name"], a["default"], a["line"] if lines else None) for a in plan["arguments"]]
+    return {
+        "processes": processes,
+        "arguments": declared,
+        "configurations": plan["configurations"],
+        **listed,
+    }
