@@ -16,9 +16,11 @@ from pydantic import BaseModel
 from rosbags.typesys import Stores, get_typestore
 
 from grader.checks.base import Context
-from grader.checks.registry import check_named
+from grader.checks.registry import check_given, check_named
 from grader.evidence.recorded import Recorded
-from grader.lab.lab_code import OwnParameters, is_own, model_at
+from grader.lab import lab_code
+from grader.lab.lab_code import is_own
+from grader.lab.references import definition_in
 from grader.recording.bag import BagWriter
 from grader.recording.definitions import SEPARATOR, MessageDefinition
 from grader.recording.session import (
@@ -320,7 +322,6 @@ def judged(
     reference_nodes: Iterable[str] = (),
 ) -> Finding:
     """Let a check judge a session: one of the registry, or one of Lab 09-01's own, "file.py:function"."""
-    entry = check_named(check)
     recorded = session.recorded() if isinstance(session, Session) else session
     sessions = {recorded.record.session: recorded} if recorded is not None else {}
     context = Context(
@@ -331,15 +332,15 @@ def judged(
         reference_nodes=frozenset(reference_nodes),
         lab_folder=ROOT,
     )
-    return entry.judge(context, given(check, parameters))
+    p = given(check, parameters)
+    return check_given(check, p).judge(context, p)
 
 
 def given(check: str, parameters: Mapping[str, Any]) -> BaseModel:
     """Return the parameters of a check, validated as for a rubric."""
     if not is_own(check):
         return check_named(check).parameters.model_validate(dict(parameters))
-    plain = model_at(ROOT, check).model_validate(dict(parameters))
-    return OwnParameters(**plain.model_dump(exclude_none=True, by_alias=True))
+    return lab_code.given(definition_in(ROOT, check), dict(parameters))
 
 
 def evenly(rate_hz: float, duration_s: float, start_s: float = 1.0) -> list[float]:

@@ -10,8 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from typing import Any
 
-from grader.checks.own import traits_of
-from grader.checks.registry import own_check
+from grader.lab.lab_code import OwnParameters
 from grader.lab.rubric import CheckSpec, Rubric, StepSpec
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Outcome
@@ -67,7 +66,7 @@ def commands_of(
         return ()
     scope = _Scope(spec, rubric, submission, used, finding.reason)
     lines: dict[str, None] = {}
-    for template in _templates(spec, rubric):
+    for template in _templates(spec):
         for line in scope.filled(template):
             lines.setdefault(line)
             if len(lines) == _MOST:
@@ -75,12 +74,11 @@ def commands_of(
     return tuple(lines)
 
 
-def _templates(spec: CheckSpec, rubric: Rubric) -> tuple[str, ...]:
+def _templates(spec: CheckSpec) -> tuple[str, ...]:
     """Return the templates of a check, which a lab's own check states itself."""
-    own = own_check(spec.check, rubric.folder)
-    if own is None:
-        return _COMMANDS.get(spec.check, ())
-    return traits_of(*own).commands
+    if isinstance(spec.parameters, OwnParameters):
+        return spec.parameters.traits.commands
+    return _COMMANDS.get(spec.check, ())
 
 
 class _Scope:

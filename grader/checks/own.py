@@ -7,8 +7,8 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from types import FrameType
@@ -20,6 +20,7 @@ from grader.checks import base
 from grader.checks.own_context import Context, Submission
 from grader.evidence.oracle import describe_failure, load_oracle
 from grader.lab.lab_code import API_VERSION
+from grader.lab.references import OwnCheck
 from grader.result import Finding, Location, Outcome
 
 #: CPU time and time of one call of a check, and the interval after which a check that goes on is ended again, in s.
@@ -33,20 +34,15 @@ _MOST_TEXT = 1000
 _WITHOUT = (Outcome.FAILED, Outcome.INCONCLUSIVE, Outcome.NOT_REACHED)
 
 
-@dataclass(frozen=True)
-class Traits:
-    """Properties of a check that `check` states."""
-
-    commands: tuple[str, ...] = ()
-
-
 _Function = TypeVar("_Function", bound=Callable[..., Finding])
-#: Attribute of a function that holds its traits.
-_TRAITS = "__check_traits__"
 
 
-def check(*, commands: tuple[str, ...] = ()) -> Callable[[_Function], _Function]:
+def check(
+    *, commands: tuple[str, ...] = (), by_endpoints: bool = False, seeks: tuple[str, ...] = ()
+) -> Callable[[_Function], _Function]:
     """Return a decorator that states properties of a check; a check without it has none of them.
+
+    Its arguments must be literals, because they are read without executing the file.
 
     Parameters
     ----------
@@ -54,6 +50,12 @@ def check(*, commands: tuple[str, ...] = ()) -> Callable[[_Function], _Function]
         Commands by which students see the fault themselves while their program runs. `{topic}`
         stands for the parameter of this name, and `{step}` for a command that does the same as the
         step with the label in this parameter.
+    by_endpoints
+        Whether the check can be passed although messages are missing in the recording.
+    seeks
+        Kinds of the endpoints that the parameters name and only the graph shows: "publisher",
+        "subscription", "service", "action" or "node". A running program that asked for such an
+        endpoint loses no points if the graph never showed it.
 
     Examples
     --------
@@ -62,34 +64,24 @@ def check(*, commands: tuple[str, ...] = ()) -> Callable[[_Function], _Function]
     """
 
     def state(function: _Function) -> _Function:
-        setattr(function, _TRAITS, Traits(commands))
         return function
 
     return state
-
-
-def traits_of(lab_folder: Path, check: str) -> Traits:
-    """Return the traits of a lab's own check; none if its file cannot be loaded."""
-    with suppress(Exception, SystemExit, _TooLong), _bounded():
-        found = getattr(load_own(lab_folder, check), _TRAITS, Traits())
-        if isinstance(found, Traits):
-            return found
-    return Traits()
 
 
 class _TooLong(BaseException):
     """Not caught by a check that catches exceptions."""
 
 
-def find_own(check: str, context: base.Context, p: Any) -> Finding:
-    """Call a lab's own check, "file.py:function"; a fault in it is an error, which costs no points."""
+def find_own(check: OwnCheck, context: base.Context, p: Any) -> Finding:
+    """Call a lab's own check; a fault in it is an error, which costs no points."""
     try:
         with _bounded():
-            function = load_own(context.lab_folder, check)
+            function = load_own(*check)
             seen = Submission(context) if context.recorded is None else Context(context)
             return _checked(function(seen, *built(function, p)))
     except (Exception, SystemExit, _TooLong) as problem:
-        reason = f"The lab's own check failed: {describe_failure(problem, check)}"
+        reason = f"The lab's own check failed: {describe_failure(problem, check.name)}"
         return Finding(Outcome.ERROR, Decimal(0), reason=reason[:_MOST_TEXT], retry=False)
 
 

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from pathlib import Path
 from typing import Any, get_type_hints
 
 from pydantic import BaseModel
@@ -49,8 +48,8 @@ from grader.checks.preconditions import (
     wanted_by,
 )
 from grader.lab.kept_lab import lab_folder
-from grader.lab.lab_code import is_own, model_at
-from grader.lab.references import Parameters
+from grader.lab.lab_code import OwnParameters
+from grader.lab.references import OwnCheck, Parameters
 from grader.result import Finding, Outcome
 
 
@@ -177,39 +176,18 @@ _CHECKS = (
 
 
 #: Checks that earlier versions of the grader had built in, beside the rubric of the shipped lab: a mapping of their
-#: names to "file.py:function". Recorded rubrics name them so.
+#: names in recorded rubrics to "file.py:function".
 _FORMER_CHECKS = "former_checks.yaml"
 
 
 @cache
-def _former_checks() -> dict[str, str]:
+def former_checks() -> dict[str, OwnCheck]:
+    """Return the checks that earlier versions of the grader had built in, by their names."""
     file = lab_folder() / _FORMER_CHECKS
     if not file.is_file():
         return {}
-    return dict(yaml_text.load(file.read_text(encoding="utf-8")))
-
-
-@cache
-def former_models() -> dict[str, type[Parameters]]:
-    """Return the parameters of the checks that earlier versions of the grader had built in, by their names."""
-    return {name: model_at(lab_folder(), check) for name, check in _former_checks().items()}
-
-
-def own_check(name: str, folder: Path) -> tuple[Path, str] | None:
-    """Return the folder of a lab's own check and its "file.py:function"; None for a built-in check.
-
-    Parameters
-    ----------
-    name
-        Name in a rubric. The name of a former built-in check leads to the shipped lab.
-    folder
-        Folder of the files that the rubric names.
-    """
-    if is_own(name):
-        return folder, name
-    if name in _former_checks() and name not in REGISTRY:
-        return lab_folder(), _former_checks()[name]
-    return None
+    functions = yaml_text.load(file.read_text(encoding="utf-8"))
+    return {name: OwnCheck(lab_folder(), function) for name, function in functions.items()}
 
 
 def check_named(name: str) -> Check:
@@ -220,12 +198,18 @@ def check_named(name: str) -> Check:
     return Check(partial(_find_own, name), by_clock=True, of_author=True)
 
 
+def check_given(name: str, p: BaseModel) -> Check:
+    """Return a check by its name and its parameters, with the traits that a check of the lab's own states."""
+    check = check_named(name)
+    if not isinstance(p, OwnParameters):
+        return check
+    return replace(check, by_endpoints=p.traits.by_endpoints, seeks=p.traits.seeks)
+
+
 def _find_own(name: str, context: Context, p: Any) -> Finding:
-    """Call a lab's own check, with the files of its lab."""
-    own = own_check(name, context.lab_folder)
-    assert own is not None
-    folder, check = own
-    return find_own(check, replace(context, lab_folder=folder), p)
+    """Call a lab's own check, or one that was built in once."""
+    own = former_checks().get(name) or OwnCheck(context.lab_folder, name)
+    return find_own(own, context, p)
 
 
 #: By the names under which a rubric knows them, which are those of their functions.

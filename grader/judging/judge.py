@@ -18,7 +18,7 @@ from grader.checks.base import Context, inconclusive, not_reached, undecided
 from grader.checks.commands import commands_of
 from grader.checks.invalidated import is_timed, named, not_measurable, with_checks, without_rest
 from grader.checks.preconditions import missing_artifact
-from grader.checks.registry import LOST, check_named
+from grader.checks.registry import LOST, check_given
 from grader.errors import RecordingError
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.flakiness import inconclusive_reason, may_be_flaky
@@ -127,7 +127,9 @@ def _names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
     )
     checks = [spec for spec in rubric.checks() if spec.session == record.session]
     sought = {
-        each for spec in checks for each in check_named(spec.check).names_sought(spec.parameters)
+        each
+        for spec in checks
+        for each in check_given(spec.check, spec.parameters).names_sought(spec.parameters)
     }
     waited = {
         (key, name)
@@ -341,7 +343,7 @@ def _found(spec: CheckSpec, context: Context) -> Finding:
     try:
         # Students may publish the largest numbers that there are.
         with patterns_bounded() as budget, np.errstate(over="ignore", invalid="ignore"):
-            finding = check_named(spec.check).judge(context, spec.parameters)
+            finding = check_given(spec.check, spec.parameters).judge(context, spec.parameters)
     except (Exception, SystemExit) as problem:  # A lab's file may end the program that loads it.
         return Finding(
             Outcome.ERROR,
@@ -385,7 +387,7 @@ def _as_far_as_recorded(finding: Finding, spec: CheckSpec, recorded: Recorded) -
         return undecided(finding, loss)
     if finding.outcome is Outcome.ERROR:
         return finding
-    if check_named(spec.check).by_endpoints:
+    if check_given(spec.check, spec.parameters).by_endpoints:
         if finding.outcome in _GOES_ON:
             return finding
     else:

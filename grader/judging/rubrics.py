@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
-from grader.checks.registry import REGISTRY, former_models
+from grader.checks.registry import REGISTRY, former_checks
 from grader.cohort.entries import ClassEntry
 from grader.errors import RecordingError, RubricError, UsageError
 from grader.lab import kept_lab
@@ -69,7 +69,7 @@ def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
 def rubric_kinds() -> Kinds:
     """Return the checks and figures that a rubric can use."""
     checks = {name: check.parameters for name, check in REGISTRY.items()}
-    return Kinds(checks, FIGURES, former_models)
+    return Kinds(checks, FIGURES, former_checks)
 
 
 def read_overrides(

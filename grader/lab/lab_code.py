@@ -9,16 +9,18 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, fields
 from functools import reduce
 from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, ValidationInfo, create_model
+from pydantic import ConfigDict, Field, PrivateAttr, ValidationInfo, create_model
 
 from grader.lab import references
 from grader.lab.references import (
     Definition,
+    OwnCheck,
     Parameters,
     Reference,
     Scope,
@@ -211,10 +213,25 @@ Settings = Annotated[dict[str, Any], Reference("Settings of the reference node."
 # -- checks of a lab's own -------------------------------------------------------------------------
 
 
+@dataclass(frozen=True)
+class Traits:
+    """Properties of a check that it states by the decorator `check` of `grader.own_checks`."""
+
+    commands: tuple[str, ...] = ()
+    by_endpoints: bool = False
+    seeks: tuple[str, ...] = ()
+
+
 class OwnParameters(Parameters):
-    """What a rubric gives to a check of the lab's own; of its types once the check's file is executed."""
+    """Values for a check of the lab's own; of its types once the check's file is executed."""
 
     model_config = ConfigDict(extra="allow")
+    _traits: Traits = PrivateAttr(default_factory=Traits)
+
+    @property
+    def traits(self) -> Traits:
+        """Properties of the check."""
+        return self._traits
 
 
 def is_own(check: str) -> bool:
@@ -227,16 +244,21 @@ def require_own(scope: Scope, check: str) -> None:
     _signature(definition_at(scope, check))
 
 
-def own_parameters(scope: Scope, check: str, value: Any) -> OwnParameters:
+def own_parameters(scope: Scope, check: OwnCheck, value: Any) -> OwnParameters:
     """Validate the parameters of a lab's own check, by the annotations of the class that its function names."""
-    found = definition_at(scope, check)
-    context, given = _signature(found)
+    found = definition_in(*check)
+    context, _ = _signature(found)
     if scope.session is None and context != "Submission":
-        raise ValueError(f"{check} looks at a recording; say which by the key session")
-    model = _model_named(given, found) if given else Parameters
-    assert model is not None
-    plain = model.model_validate({} if value is None else value, context=scope)
-    return OwnParameters(**plain.model_dump(exclude_none=True, by_alias=True))
+        raise ValueError(f"{check.name} looks at a recording; say which by the key session")
+    return given(found, {} if value is None else value, scope)
+
+
+def given(found: Definition, value: Any, scope: Scope | None = None) -> OwnParameters:
+    """Return validated parameters of a lab's own check; without a scope, names in them are not looked up."""
+    plain = _model_of_check(found).model_validate(value, context=scope)
+    parameters = OwnParameters(**plain.model_dump(exclude_none=True, by_alias=True))
+    parameters._traits = _traits(found)
+    return parameters
 
 
 def model_at(folder: Path, check: str) -> type[Parameters]:
@@ -244,11 +266,32 @@ def model_at(folder: Path, check: str) -> type[Parameters]:
 
     Raises ValueError if there is no such check.
     """
-    found = definition_in(folder, check)
+    return _model_of_check(definition_in(folder, check))
+
+
+def _model_of_check(found: Definition) -> type[Parameters]:
     _, given = _signature(found)
-    model = _model_named(given, found) if given else Parameters
+    if not given:
+        return Parameters
+    model = _model_named(given, found)
     assert model is not None
     return model
+
+
+def _traits(found: Definition) -> Traits:
+    """Return the properties that a check states, by the literals in its decorator `check(...)`."""
+    stated: dict[str, Any] = {}
+    try:
+        for decorator in found.node.decorator_list:
+            if isinstance(decorator, ast.Call) and _last_name(decorator.func) == "check":
+                stated = {
+                    str(each.arg): ast.literal_eval(each.value) for each in decorator.keywords
+                }
+        return Traits(**stated)
+    except (TypeError, ValueError) as error:
+        known = ", ".join(each.name for each in fields(Traits))
+        words = f"{found.node.name} has a decorator whose arguments are not literals for {known}"
+        raise ValueError(words) from error
 
 
 def _signature(found: Definition) -> tuple[str, str]:

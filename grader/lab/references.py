@@ -94,14 +94,21 @@ class StepText(NamedTuple):
     label: Any
 
 
+class OwnCheck(NamedTuple):
+    """A check of a lab's own: the folder of its file, and "file.py:function"."""
+
+    folder: Path
+    name: str
+
+
 @dataclass(frozen=True)
 class Kinds:
     """What a rubric can use: name of a check, and kind of a figure -> model of its parameters."""
 
     checks: Mapping[str, type[Parameters]]
     figures: Mapping[str, type[Parameters]]
-    #: Returns the same of checks that were built in once, which recorded rubrics name.
-    former: Callable[[], Mapping[str, type[Parameters]]] = dict
+    #: Returns the checks that were built in once, by their names in recorded rubrics.
+    former: Callable[[], Mapping[str, OwnCheck]] = dict
 
 
 @dataclass

@@ -42,6 +42,7 @@ from grader.lab.references import (
     Kinds,
     Level,
     Loadable,
+    OwnCheck,
     Parameters,
     RosName,
     Scope,
@@ -244,22 +245,18 @@ class _OfKind(Parameters):
     @field_validator("check", "kind", check_fields=False)
     @classmethod
     def _is_known(cls, value: str, info: ValidationInfo) -> str:
-        if info.context is not None and cls.is_own(value):
+        if info.context is None:
+            return value
+        if is_own(value) and cls.own_check(value, info.context) is not None:
             require_own(info.context, value)
-        elif info.context is not None and cls.model_named(value, info.context.kinds) is None:
+        elif cls.own_check(value, info.context) is None:
             one_of(value, cls.key, getattr(info.context.kinds, cls.models))
         return value
 
     @classmethod
-    def is_own(cls, kind: str) -> bool:
-        """Whether a kind is one of the lab's own, of a file beside the rubric."""
-        return False
-
-    @classmethod
-    def model_named(cls, kind: str, kinds: Kinds) -> type[Parameters] | None:
-        """Return the model of the parameters of a kind; None if there is no such kind."""
-        models: Mapping[str, type[Parameters]] = getattr(kinds, cls.models)
-        return models.get(kind)
+    def own_check(cls, kind: str, scope: Scope) -> OwnCheck | None:
+        """Return a check of the lab's own; None if the kind is built in."""
+        return None
 
     @field_validator("parameters", mode="before", check_fields=False)
     @classmethod
@@ -270,10 +267,10 @@ class _OfKind(Parameters):
         if kind is None or info.context is None:
             return Parameters()
         info.context.session = info.data.get("session")
-        if cls.is_own(kind):
-            return own_parameters(info.context, kind, value)
-        model = cls.model_named(kind, info.context.kinds)
-        assert model is not None
+        own = cls.own_check(kind, info.context)
+        if own is not None:
+            return own_parameters(info.context, own, value)
+        model: type[Parameters] = getattr(info.context.kinds, cls.models)[kind]
         if model.of_session and info.data.get("session", "") is None:
             raise ValueError(f"{kind} looks at a recording; say which by the key session")
         return model.model_validate({} if value is None else value, context=info.context)
@@ -323,14 +320,13 @@ class CheckSpec(_OfKind):
         return value
 
     @classmethod
-    def is_own(cls, kind: str) -> bool:
-        """Whether it is a check of the lab's own."""
-        return is_own(kind)
-
-    @classmethod
-    def model_named(cls, kind: str, kinds: Kinds) -> type[Parameters] | None:
-        """Return the model of the parameters of a built-in check, or of one that was built in once."""
-        return super().model_named(kind, kinds) or kinds.former().get(kind)
+    def own_check(cls, kind: str, scope: Scope) -> OwnCheck | None:
+        """Return a check of the lab's own, or one that was built in once; None if it is built in."""
+        if is_own(kind):
+            return OwnCheck(scope.folder, kind)
+        if kind in scope.kinds.checks:
+            return None
+        return scope.kinds.former().get(kind)
 
     @field_validator("id")
     @classmethod

@@ -247,10 +247,7 @@ class _ReportCount:
     doubt: str
 
 
-_REPLAY = ("ros2 bag play recordings/{session} --topics {streams}",)
-
-
-@check(commands=_REPLAY)
+@check(commands=("ros2 bag play recordings/{session} --topics {streams}",))
 def reported_series(context: Context, p: ReportedSeries) -> Finding:
     """Judge each span by the median of its reports, less the cost of messages without a report."""
     finding = _right_values(context, p)
@@ -469,7 +466,7 @@ class ReportedStatistics(Streams):
     )
 
 
-@check(commands=_REPLAY)
+@check(commands=("ros2 bag play recordings/{session} --topics {streams}",))
 def reported_statistics(context: Context, p: ReportedStatistics) -> Finding:
     """Judge a printed vector, element by element; known mistakes are named."""
     expected = f"{p.length} numbers behind '{p.label}:' at Ctrl-C, agreeing with the recording"

@@ -15,7 +15,7 @@ import yaml
 
 from grader import own_checks
 from grader.checks import own
-from grader.checks.registry import REGISTRY, former_models
+from grader.checks.registry import REGISTRY, former_checks
 from grader.cli import main
 from grader.errors import RubricError
 from grader.judging.judge import Recordings, judge
@@ -23,11 +23,11 @@ from grader.judging.judgement import prepare
 from grader.judging.rubrics import read_rubric, recorded_rubric, rubric_files
 from grader.lab import references
 from grader.lab.kept_lab import KEPT, lab_folder, named_files
-from grader.lab.lab_code import LAB_TYPES
+from grader.lab.lab_code import LAB_MARKERS, LAB_TYPES
 from grader.recording.submission import write_submission
 from grader.result import CheckResult, Outcome, to_json
 from grader.result_folder import RECORDINGS
-from tests.synthetic import FLOATS, ROOT, Session, evenly, submission
+from tests.synthetic import FLOATS, ROOT, Session, at, evenly, submission
 
 TOPIC = "/commands"
 RUBRIC = """\
@@ -354,7 +354,7 @@ def test_types_of_its_parameters_are_given_under_their_names() -> None:
     named = {
         name for name in vars(references) if hasattr(own_checks, name) and not name.startswith("_")
     }
-    assert named == set(LAB_TYPES)
+    assert named == {*LAB_TYPES, *LAB_MARKERS}
     assert "FileBeside" not in LAB_TYPES
 
 
@@ -566,5 +566,34 @@ def test_a_rubric_of_earlier_names_a_check_that_was_built_in(tmp_path: Path) -> 
 def test_every_former_check_is_there() -> None:
     """Each leads to a function with parameters, and none is built in."""
     former = yaml.safe_load((lab_folder() / "former_checks.yaml").read_text(encoding="utf-8"))
-    assert former.keys() == former_models().keys()
+    assert former.keys() == former_checks().keys()
     assert former.keys().isdisjoint(REGISTRY)
+
+
+def test_a_decorator_with_other_arguments_is_a_mistake(tmp_path: Path) -> None:
+    """Its arguments are read without executing the file, so they must be literals of known names."""
+    for wrong in ("commands=LINES", "topics=()"):
+        folder = tmp_path / wrong[:4]
+        rubric = limited(folder)
+        file = folder / "lab/checks/mine.py"
+        text = file.read_text(encoding="utf-8")
+        file.write_text(text.replace('commands=("ros2 topic echo {topic}",)', wrong), "utf-8")
+        with pytest.raises(RubricError) as caught:
+            read_rubric(rubric)
+        assert any("a decorator whose arguments" in each for each in caught.value.mistakes)
+
+
+@pytest.mark.parametrize(
+    ("trait", "outcome"), [("", "failed"), ("seeks=('publisher',)", "inconclusive")]
+)
+def test_an_endpoint_that_was_made_and_never_seen_is_undecided(
+    tmp_path: Path, trait: str, outcome: str
+) -> None:
+    """A check that seeks an endpoint takes no points for one that a running program asked for."""
+    body = LIMITED.replace('commands=("ros2 topic echo {topic}",)', trait)
+    body = body.replace("return not_reached(", "return failed('', '', ")
+    values = json.dumps({"topic": TOPIC, "least": 16})
+    text = RUBRIC.replace("{topic: /commands, window: window, least: 5}", values)
+    rubric = lab(tmp_path, body, text.replace("mine.py:rises", "mine.py:limited"))
+    made = Session(tmp_path).process("it", interrupted_ns=at(4.0)).claim("publisher", TOPIC)
+    assert judged(rubric, made.window(0.5, 5.0)).outcome.value == outcome
