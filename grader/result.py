@@ -77,6 +77,16 @@ class Outcome(str, Enum):
         """Whether this outcome says something about the student's work."""
         return self not in (Outcome.INCONCLUSIVE, Outcome.ERROR)
 
+    @property
+    def took_points(self) -> bool:
+        """Whether a measurement took points, all or some."""
+        return self in (Outcome.FAILED, Outcome.PARTIAL)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether checks that require this one can be judged."""
+        return self in (Outcome.PASSED, Outcome.PARTIAL)
+
 
 def outcome_of_points(earned: Decimal, possible: Decimal, undecided: Decimal) -> Outcome:
     """Return the outcome of a whole, such as a criterion, by its points."""
@@ -150,10 +160,11 @@ class Finding:
     unmeasured: str | None = None
     #: Whether a crash, an end or a limit of the program explains it better, if there was one.
     unexplained: bool = False
-    #: Whether nothing reaches the program for it, so that what depends on it cannot be tested, though it earns a part.
-    cut_off: bool = False
-    #: Where it fails, and what depends on it was judged all the same: the share that those checks earn of their credit.
-    rest: Decimal | None = None
+    #: Share of the credit that checks which require this one can earn; None if the outcome tells. It is 0 if nothing
+    #: reaches the program although this check earns a part, and 0.75 if a failed file was repaired on a copy.
+    passes_on: Decimal | None = None
+    #: Name of the rule that decided; see `grader.judging.rules`.
+    decided_by: str | None = None
 
 
 class ViolationKind(str, Enum):
@@ -219,6 +230,8 @@ class CheckResult:
     blocked_by: str | None = None
     #: What it reports that nothing measured, in a sentence, for a person to judge.
     unmeasured: str | None = None
+    #: Name of the rule that decided; None in results of earlier versions.
+    decided_by: str | None = None
     retry: Annotated[bool, Field(exclude=True)] = True
 
     @classmethod

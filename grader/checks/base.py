@@ -228,6 +228,11 @@ def unexplained(finding: Finding) -> Finding:
     return replace(finding, unexplained=True)
 
 
+def cut_off(finding: Finding) -> Finding:
+    """Return a finding after which no check that requires it can be tested, because nothing reaches the program."""
+    return replace(finding, passes_on=Decimal(0))
+
+
 def inconclusive(
     expected: str,
     measured: str,
@@ -272,9 +277,9 @@ def unclear(expected: str, measured: str, reason: str) -> Finding:
     return undecided(fails, reason, settled=fails)
 
 
-def not_reached(reason: str, *, expected: str = "") -> Finding:
-    """State that an earlier failure kept this from being looked at."""
-    return Finding(Outcome.NOT_REACHED, Decimal(0), expected, "", reason)
+def not_reached(reason: str, *, expected: str = "", blocked_by: str | None = None) -> Finding:
+    """State that an earlier failure kept a check, perhaps named by its id, from being tested."""
+    return Finding(Outcome.NOT_REACHED, Decimal(0), expected, "", reason, blocked_by=blocked_by)
 
 
 def ramp(value: float, full: float, zero: float) -> float:

@@ -6,7 +6,7 @@ of points.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, get_type_hints
@@ -33,19 +33,10 @@ from grader.checks import (
     subscriber,
     transforms,
 )
-from grader.checks.base import Context, undecided
+from grader.checks.base import Context
 from grader.checks.own import find_own
-from grader.checks.preconditions import (
-    artifact_of,
-    clock_set,
-    explained,
-    missing_artifact,
-    no_program_assessable_here,
-    not_assessable_here,
-    proof,
-    unseen,
-    wanted_by,
-)
+from grader.checks.preconditions import DOUBTS, handed_in, proof
+from grader.checks.situation import Measurement, first_answer, last_answer
 from grader.lab.lab_code import is_own
 from grader.lab.references import Parameters
 from grader.result import Finding, Outcome
@@ -64,8 +55,6 @@ class Check:
     #: True for a lab's own check, whose author cannot know what is missing here: all that it takes from a program
     #: that needs it stays open.
     of_author: bool = False
-    #: Kinds of the endpoints or nodes that its parameters name, where nothing but the graph shows them.
-    seeks: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> type[Parameters]:
@@ -73,73 +62,47 @@ class Check:
         model: type[Parameters] = get_type_hints(self.find)["p"]
         return model
 
-    def names_sought(self, p: BaseModel) -> Iterator[tuple[str, str, str]]:
-        """Return kind, name and type of what has to be in the graph, as far as it has a type."""
-        for kind in self.seeks:
-            key = "topic" if kind in ("publisher", "subscription") else kind
-            for each in wanted_by(p):
-                if each.keys() >= {key, "type"}:
-                    yield kind, each[key], each["type"]
-
     def judge(self, context: Context, p: BaseModel) -> Finding:
-        """Judge one session or submission.
-
-        The file of its artifact must be there. What was found is then asked, in this order: whether the program says
-        why it shows nothing; whether it needs what is missing where it is graded; whether it made what nobody saw; and
-        whether the clock was set in the check's window, or where something is lost, in its session.
-        """
-        artifact = getattr(p, "artifact", None)
-        if (missing := missing_artifact(context, artifact)) is not None:
-            return missing
-        finding = self.find(context, p)
-        if context.recorded is None or finding.outcome is Outcome.NOT_REACHED:
+        """Judge one session or submission by the rules about its file, its measurement and doubts about it."""
+        measurement = Measurement(context=context, check=self, p=p)
+        finding = first_answer(measurement, (handed_in, measured))
+        assert finding is not None
+        is_done = finding.decided_by == handed_in.__name__ or context.recorded is None
+        if is_done or finding.outcome is Outcome.NOT_REACHED:
             return finding
-        finding = explained(context, p, finding)
-        finding = self._if_assessable(context, p, finding)
-        if self.seeks and finding.outcome in LOST:
-            finding = unseen(context, p, finding, self.seeks) or finding
-        lost = finding.outcome in LOST
-        if self.by_clock and (clock := clock_set(context, p, lost=lost)):
-            finding = undecided(finding, clock)
-        return replace(finding, where=finding.where or proof(context, p))
-
-    def _if_assessable(self, context: Context, p: BaseModel, finding: Finding) -> Finding:
-        """Return a finding, or that it is open, since a program needs what is missing where it was graded."""
-        if self.of_author and finding.outcome in LOST:
-            return no_program_assessable_here(context, p, finding.expected) or finding
-        of_endpoints = self.by_endpoints and getattr(p, "artifact", None) is not None
-        shows_nothing = finding.unexplained or of_endpoints
-        of = artifact_of(context, p) if shows_nothing else None
-        if of is None or finding.outcome is not Outcome.FAILED:
-            return finding
-        return not_assessable_here(context, of, finding.expected) or finding
+        return last_answer(replace(measurement, finding=finding), DOUBTS)
 
 
-#: Outcomes by which points are lost.
-LOST = (Outcome.FAILED, Outcome.PARTIAL)
+def measured(measurement: Measurement) -> Finding:
+    """Measure, and give the share of the credit that the recording and the delays of the machine leave no doubt about."""
+    finding = measurement.check.find(measurement.context, measurement.p)
+    if finding.where or finding.outcome is Outcome.NOT_REACHED:
+        return finding
+    return replace(finding, where=proof(measurement.context, measurement.p))
+
 
 _CHECKS = (
     # A node that publishes.
-    Check(publisher.topic_published, by_endpoints=True, seeks=("publisher",)),
+    Check(publisher.topic_published, by_endpoints=True),
     Check(publisher.topic_rate, by_clock=True),
     Check(publisher.topic_jitter, by_clock=True),
     Check(publisher.message_values),
     Check(publisher.sinusoids),
     Check(publisher.offered_qos, by_endpoints=True),
     # A node that listens.
-    Check(subscriber.topics_subscribed, by_endpoints=True, seeks=("subscription",)),
+    Check(subscriber.topics_subscribed, by_endpoints=True),
     Check(subscriber.requested_qos, by_endpoints=True),
     Check(subscriber.reported_series, by_clock=True),
     Check(subscriber.reported_statistics, by_clock=True),
     Check(subscriber.survives, by_endpoints=True, by_clock=True),
     # A node that serves.
-    Check(service.service_offered, by_endpoints=True, seeks=("service",)),
+    Check(service.service_offered, by_endpoints=True),
     Check(service.call_answered),
     Check(service.call_gated),
     Check(service.parameters_declared, by_endpoints=True),
     Check(service.calls_in_time, by_clock=True),
     # A node that serves an action.
-    Check(action.action_server, by_endpoints=True, by_clock=True, seeks=("action",)),
+    Check(action.action_server, by_endpoints=True, by_clock=True),
     Check(answers.call_value),
     # A node whose parameters or state are changed while it runs.
     Check(parameters.parameter_effect, by_clock=True),
@@ -150,13 +113,13 @@ _CHECKS = (
     # A launch file.
     Check(launch.launch_loads, by_endpoints=True),
     Check(launch.launch_arguments, by_endpoints=True),
-    Check(launch.launch_nodes, by_endpoints=True, seeks=("node",)),
+    Check(launch.launch_nodes, by_endpoints=True),
     Check(launch.launch_parameters, by_endpoints=True),
     Check(launch.launch_together, by_clock=True),
     # A tool that compares QoS profiles.
     Check(qos_tool.ends_by_itself, by_endpoints=True, by_clock=True),
     Check(qos_tool.topics_carry_traffic, by_endpoints=True, by_clock=True),
-    Check(qos_tool.qos_profiles, by_endpoints=True, seeks=("publisher", "subscription")),
+    Check(qos_tool.qos_profiles, by_endpoints=True),
     Check(qos_tool.reported_traffic, by_clock=True),
     # What messages hold, and how it moves.
     Check(fields.field_range, by_clock=True),

@@ -7,7 +7,7 @@ that are annotated with a name of `LAB_TYPES` are looked up like those of built-
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import reduce
 from operator import or_
@@ -16,7 +16,14 @@ from typing import Annotated, Any, Literal
 from pydantic import ConfigDict, ValidationInfo, create_model
 
 from grader.lab import references
-from grader.lab.references import Definition, Parameters, Reference, Scope, definition_at
+from grader.lab.references import (
+    Definition,
+    Parameters,
+    Reference,
+    References,
+    Scope,
+    definition_at,
+)
 
 #: Version of what a lab's own checks are given (`grader.own_checks`).
 API_VERSION = 1
@@ -136,6 +143,23 @@ class OwnParameters(Parameters):
     """What a rubric gives to a check of the lab's own; of its types once the check's file is executed."""
 
     model_config = ConfigDict(extra="allow")
+
+    def references(self) -> References:
+        """Return each text as a name and as a label: an author may annotate a topic as plain `str`."""
+        texts = frozenset(_texts(self.model_dump()))
+        return References(texts, texts)
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield all texts in nested values."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for part in value.values():
+            yield from _texts(part)
+    elif isinstance(value, (list, tuple)):
+        for part in value:
+            yield from _texts(part)
 
 
 def is_own(check: str) -> bool:

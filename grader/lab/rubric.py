@@ -254,6 +254,12 @@ class _OfKind(Parameters):
         """Whether a kind is one of the lab's own, of a file beside the rubric."""
         return False
 
+    @property
+    def given(self) -> Parameters:
+        """The parameters, of the model of the kind."""
+        parameters: Parameters = getattr(self, "parameters")  # noqa: B009
+        return parameters
+
     @field_validator("parameters", mode="before", check_fields=False)
     @classmethod
     def _of_kind(cls, value: Any, info: ValidationInfo) -> Any:
