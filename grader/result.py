@@ -401,6 +401,8 @@ BY_HAND = (AdjustmentKind.POINTS, AdjustmentKind.EXCUSED)
 ANSWERS = (*BY_HAND, AdjustmentKind.REVIEWED)
 #: What an adjustment is of that is not of a check or a criterion.
 WHOLE = "score"
+#: Name of the rule that takes the finding of the check itself.
+MEASURED = "measured"
 #: How a note begins that asks a person to look.
 FOR_A_PERSON = "For a person to read:"
 

@@ -13,7 +13,7 @@ from grader.judging.rubrics import rubric_kinds
 from grader.judging.rules import RULES, sentence_of
 from grader.lab.rubric import load_rubric
 from grader.recording.submission import SubmissionRecord
-from grader.result import Finding, Outcome
+from grader.result import MEASURED, Finding, Outcome
 from tests.synthetic import ROOT, Session, evenly, submission
 
 RUBRIC = """\
@@ -78,6 +78,7 @@ def test_each_rule_has_a_name_and_a_sentence() -> None:
     assert len(set(names)) == len(names)
     for name in names:
         assert re.fullmatch(r"[A-Z][^.]*\.", sentence_of(name)), name
+    assert MEASURED in names
     assert sentence_of("of_a_later_version") == sentence_of(None) == ""
 
 
