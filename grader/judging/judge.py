@@ -9,32 +9,22 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from grader import __version__
 from grader.checks.base import Context
 from grader.checks.commands import commands_of
 from grader.errors import RecordingError
-from grader.evidence.crash.diagnosis import advisories, hit_limit
-from grader.evidence.gaps import limits_hit
 from grader.evidence.integrity import tampering_in
-from grader.evidence.near_miss import candidates_in, near_miss
 from grader.evidence.recorded import Recorded
 from grader.judging.invalidated import with_checks
+from grader.judging.names import names_not_awaited
+from grader.judging.provenance import provenance_of
+from grader.judging.remarks import advisories_of, chosen_files
 from grader.judging.rules import TOO_LARGE, Case, decide, faults
 from grader.judging.score import score_criteria, total
-from grader.lab.kept_lab import identity_of
 from grader.lab.rubric import CheckSpec, Rubric
 from grader.recording.elements import MOST_VALUES
 from grader.recording.session import SESSION_FILE
 from grader.recording.submission import SubmissionRecord, read_submission
-from grader.result import (
-    ChosenFile,
-    CriterionResult,
-    Finding,
-    Provenance,
-    Result,
-    SessionProvenance,
-    Violation,
-)
+from grader.result import Finding, Result, Violation
 
 
 @dataclass(frozen=True)
@@ -63,65 +53,56 @@ FULL = Effort()
 
 
 def open_recordings(folder: Path, rubric: Rubric, effort: Effort = FULL) -> Recordings:
-    """Open `recordings/` of one submission; raises RecordingError if it holds none, or one of another version."""
-    try:
-        submission = read_submission(folder)
-    except (OSError, ValueError) as problem:
-        raise RecordingError(
-            "this is not a folder of recordings",
-            location=str(folder),
-            remedy=f"Give a results folder of `grade`. ({problem})",
-        ) from problem
-    sessions, problems = {}, []
+    """Open `recordings/` of one submission.
+
+    Raises
+    ------
+    RecordingError
+        The folder holds no recordings, or recordings of another version.
+    """
+    submission = _read_submission(folder)
+    sessions = {}
+    problems = []
     for name in rubric.sessions:
         if not (folder / name / SESSION_FILE).exists():
             continue
         if name in effort.too_much:
             problems.append(f"{name}: {TOO_LARGE}")
             continue
-        try:
-            recorded = Recorded.open(folder / name, effort.most_values)
-        except FileNotFoundError:
+        recorded = _open_session(folder / name, effort)
+        if recorded is None:
             problems.append(f"The recording '{name}' has no bag; its checks are undecided.")
             continue
-        except ValueError as problem:
-            raise RecordingError(
-                "a recording cannot be read",
-                location=str(folder / name),
-                remedy=f"It may be of another version. ({problem})",
-            ) from problem
-        recorded.record.names.update(_names_not_awaited(recorded, rubric))
+        recorded.record.names.update(names_not_awaited(recorded, rubric))
         sessions[name] = recorded
         problems += [f"{name}: {fault}" for fault in faults(recorded)]
     return Recordings(submission, sessions, tuple(problems), effort.too_much)
 
 
-def _names_not_awaited(recorded: Recorded, rubric: Rubric) -> dict[str, str]:
-    """Return the names that a student used for what checks seek in the graph, where no step waited for one."""
-    record, references = (
-        recorded.record,
-        [reference.node for reference in rubric.reference.values()],
-    )
-    checks = [spec for spec in rubric.checks() if spec.session == record.session]
-    sought = {each for spec in checks for each in spec.given.sought() if each.type is not None}
-    waited = {
-        (key, name)
-        for step in record.steps
-        if step.kind == "wait_for"
-        for key, name in step.parameters.items()
-    }
-    taken = {*(name for _, name, _ in sought), *recorded.awaited, *record.names.values()}
-    found: dict[str, str] = {}
-    for kind, name, topic_type in sorted(sought):
-        graphs = [] if (kind, name) in waited else record.graph
-        there = {c for graph in graphs for c in candidates_in(graph, kind, name, references)}
-        if recorded.used(name) in {c.name for c in there}:
-            continue
-        if guess := near_miss(
-            name, topic_type, [c for c in there if c.name not in {*taken, *found.values()}]
-        ):
-            found[name] = guess.name
-    return found
+def _read_submission(folder: Path) -> SubmissionRecord:
+    """Read the facts about a submission; raises RecordingError if there are none."""
+    try:
+        return read_submission(folder)
+    except (OSError, ValueError) as problem:
+        raise RecordingError(
+            "this is not a folder of recordings",
+            location=str(folder),
+            remedy=f"Give a results folder of `grade`. ({problem})",
+        ) from problem
+
+
+def _open_session(folder: Path, effort: Effort) -> Recorded | None:
+    """Open the recording of a session, None without a bag; raises RecordingError if it cannot be read."""
+    try:
+        return Recorded.open(folder, effort.most_values)
+    except FileNotFoundError:
+        return None
+    except ValueError as problem:
+        raise RecordingError(
+            "a recording cannot be read",
+            location=str(folder),
+            remedy=f"It may be of another version. ({problem})",
+        ) from problem
 
 
 def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ...]:
@@ -184,101 +165,37 @@ def _checks_to_judge(recordings: Recordings, rubric: Rubric, context: Context) -
 
 def judge(recordings: Recordings, rubric: Rubric) -> Result:
     """Judge one submission."""
+    submission = recordings.submission
     violations = violations_of(recordings, rubric)
     findings = judge_checks(recordings, rubric, violations)
-    used = {name: recorded.record.names for name, recorded in recordings.sessions.items()}
-    commands = {
-        spec.id: commands_of(
-            spec, rubric, recordings.submission, used.get(spec.session or "", {}), findings[spec.id]
-        )
-        for spec in rubric.checks()
-        if spec.id in findings
-    }
-    criteria, bonus = (
-        score_criteria(specs, findings, commands) for specs in (rubric.criteria, rubric.bonus)
-    )
+    commands = _commands(recordings, rubric, findings)
+    criteria = score_criteria(rubric.criteria, findings, commands)
+    bonus = score_criteria(rubric.bonus, findings, commands)
+    sessions = recordings.sessions
     return Result(
-        submission=recordings.submission.name,
+        submission=submission.name,
         lab=f"Lab {rubric.lab.id}: {rubric.lab.title}",
         score=total(criteria),
         criteria=criteria,
         bonus=bonus,
-        advisories=_advisories(recordings, (*criteria, *bonus)),
+        advisories=advisories_of(sessions.values(), submission, (*criteria, *bonus)),
         problems=recordings.problems,
-        provenance=_provenance(recordings, rubric),
+        provenance=provenance_of(submission, sessions, rubric),
         violations=violations,
-        chosen=_chosen(recordings.submission),
+        chosen=chosen_files(submission),
     )
 
 
-def _chosen(submission: SubmissionRecord) -> tuple[ChosenFile, ...]:
-    """Return the files that were graded where others have the same name."""
-    found = []
-    for fact in submission.artifacts:
-        if fact.path is None:
+def _commands(
+    recordings: Recordings, rubric: Rubric, findings: Mapping[str, Finding]
+) -> dict[str, tuple[str, ...]]:
+    """Return the commands that show a student the fault of each check, under the names in the session."""
+    commands = {}
+    for spec in rubric.checks():
+        if spec.id not in findings:
             continue
-        if others := tuple(fact.passed_over):
-            found.append(ChosenFile(fact.expected, fact.path, others, fact.why, fact.is_open))
-    return tuple(found)
-
-
-def _advisories(recordings: Recordings, criteria: tuple[CriterionResult, ...]) -> tuple[str, ...]:
-    """Collect what costs nothing: from the processes' output (by artifact), the files, and the checks' notes."""
-    sources: dict[str, list[str]] = {}
-    for recorded in recordings.sessions.values():
-        limits = limits_hit(recorded)
-        for process in recorded.record.processes:
-            if process.role == "student":
-                hit = hit_limit(replace(process, limit=limits.get(process.name)))
-                for text in (
-                    *advisories(process.output),
-                    *((" ".join(hit),) if hit is not None else ()),
-                ):
-                    sources.setdefault(text, []).append(process.artifact or "")
-    found = []
-    for text, names in sources.items():
-        named = list(dict.fromkeys(name for name in names if name))
-        found.append(f"{', '.join(named)}: {text}" if named else text)
-    artifacts = recordings.submission.artifacts
-    found += [
-        f"{fact.path} was used as {fact.expected}."
-        for fact in artifacts
-        if fact.found_by == "near miss"
-    ]
-    for package in recordings.submission.packages:
-        found += [f"Package {package.name}: {p}" for p in package.problems]
-    found += [note for c in criteria for check in c.checks for note in check.notes]
-    return tuple(dict.fromkeys(found))
-
-
-def _provenance(recordings: Recordings, rubric: Rubric) -> Provenance:
-    sessions: dict[str, SessionProvenance] = {}
-    for name, recorded in recordings.sessions.items():
-        record = recorded.record
-        sessions[name] = {
-            "started_ns": record.started_ns,
-            "duration_s": round((record.ended_ns - record.started_ns) / 1e9, 3),
-            "seed": record.seed,
-            "isolation": record.isolation.get("level", "unknown"),
-            "cpu_s": {
-                role: round(
-                    sum(p.usage[-1].cpu_ns for p in record.processes if p.role == role and p.usage)
-                    / 1e9,
-                    3,
-                )
-                for role in ("student", "reference", "grader")
-            },
-            "limits": limits_hit(recorded),
-        }
-    versions = next((dict(r.record.versions) for r in recordings.sessions.values()), {})
-    return {
-        "grader": __version__,
-        "lab": rubric.lab.id,
-        "rubric_sha256": rubric.sha256,
-        "lab_sha256": identity_of(rubric),
-        "submission_sha256": recordings.submission.sha256,
-        "versions": versions,
-        **({"handout_ros": rubric.lab.ros} if rubric.lab.ros else {}),
-        "sessions": sessions,
-        "left_out": list(recordings.submission.left_out),
-    }
+        recorded = recordings.sessions.get(spec.session or "")
+        used = recorded.record.names if recorded is not None else {}
+        finding = findings[spec.id]
+        commands[spec.id] = commands_of(spec, rubric, recordings.submission, used, finding)
+    return commands
