@@ -1,4 +1,4 @@
-"""The situation in which a rule decides about a check, and the order in which rules are asked."""
+"""The situation of a check for the rules that decide it, and the order of these rules."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Situation:
 
     @property
     def took_points(self) -> bool:
-        """Whether the check loses points by the finding so far."""
+        """True if the check loses points by the finding so far."""
         return self.found.outcome.took_points
 
 

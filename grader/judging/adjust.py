@@ -151,10 +151,15 @@ def _times(
             submission_time = replace(submission_time, at=entry.submitted, source=entry.who)
             handed_in = time_text(entry.submitted)
             moved.append(_by_hand(AdjustmentKind.SUBMITTED, handed_in, Decimal(0), entry))
-        elif entry.due is not None or entry.extension is not None:
-            due = entry.due or due + (entry.extension or timedelta())
-            what = f"due {time_text(due)}"
-            moved.append(_by_hand(AdjustmentKind.EXTENSION, what, Decimal(0), entry))
+            continue
+        if entry.due is not None:
+            due = entry.due
+        elif entry.extension is not None:
+            due += entry.extension
+        else:
+            continue
+        what = f"due {time_text(due)}"
+        moved.append(_by_hand(AdjustmentKind.EXTENSION, what, Decimal(0), entry))
     return moved, due, submission_time
 
 

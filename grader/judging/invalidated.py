@@ -21,7 +21,7 @@ class Referents:
 
     #: Names as the student used them.
     names: frozenset[str]
-    #: Whether one of the steps is an `observe` step, so that the check measures within its time.
+    #: True if one of the steps is an `observe` step: then the check measures within its time.
     is_timed: bool
 
 

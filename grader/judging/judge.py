@@ -39,6 +39,10 @@ class Recordings:
     #: Sessions that are recorded, and cannot be judged within bounds.
     too_much: frozenset[str] = frozenset()
 
+    def of(self, spec: CheckSpec) -> Recorded | None:
+        """Return the recording of a check's session."""
+        return self.sessions.get(spec.session) if spec.session is not None else None
+
 
 @dataclass(frozen=True)
 class Effort:
@@ -106,9 +110,9 @@ def _open_session(folder: Path, effort: Effort) -> Recorded | None:
 
 
 def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ...]:
-    """Return the tampering in the sessions, with the checks that cannot be judged for it.
+    """Return the tampering in the sessions, with the checks that cannot be judged because of it.
 
-    A session whose bag is not whole shows none: a message that cannot be read looks like one that was taken away.
+    A session with an unreadable message shows none, because such a message looks like a removed one.
     """
     nodes = {name: reference.node for name, reference in rubric.reference.items()}
     found: list[Violation] = []
@@ -121,22 +125,29 @@ def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ..
 def judge_checks(
     recordings: Recordings, rubric: Rubric, violations: Sequence[Violation]
 ) -> dict[str, Finding]:
-    """Judge all checks in the rubric's order, except those of sessions that were not asked for."""
+    """Judge all checks of the chosen sessions, in the rubric's order."""
     findings: dict[str, Finding] = {}
-    # A check is never compared with another session of which a part cannot be read.
-    sound = {name: each for name, each in recordings.sessions.items() if each.bag.whole}
-    references = frozenset(reference.node for reference in rubric.reference.values())
-    context = Context(recordings.submission, None, sound, findings, references, rubric.folder)
+    context = _context(recordings, rubric, findings)
     for spec in _checks_to_judge(recordings, rubric, context):
         case = Case(
             spec=spec,
             rubric=rubric,
-            context=replace(context, recorded=recordings.sessions.get(spec.session or "")),
+            context=replace(context, recorded=recordings.of(spec)),
             violation=_violation_of(spec, violations),
             is_too_large=spec.session in recordings.too_much,
         )
         findings[spec.id] = decide(case)
     return findings
+
+
+def _context(recordings: Recordings, rubric: Rubric, findings: Mapping[str, Finding]) -> Context:
+    """Return the context of all checks, still without a session.
+
+    A check is never compared with another session that cannot be read in full.
+    """
+    sound = {name: each for name, each in recordings.sessions.items() if each.bag.whole}
+    references = frozenset(reference.node for reference in rubric.reference.values())
+    return Context(recordings.submission, None, sound, findings, references, rubric.folder)
 
 
 def _violation_of(spec: CheckSpec, violations: Sequence[Violation]) -> Violation | None:
@@ -148,19 +159,31 @@ def _violation_of(spec: CheckSpec, violations: Sequence[Violation]) -> Violation
 
 
 def _checks_to_judge(recordings: Recordings, rubric: Rubric, context: Context) -> list[CheckSpec]:
-    """Return the checks of the sessions that were asked for, and of the bonus that was handed in."""
-    bonus: set[str] = set()
-    for criterion in rubric.bonus:
-        bonus.update(check.id for check in criterion.checks)
-    chosen = recordings.submission.sessions
+    """Return the checks of the chosen sessions, and of the bonus that was handed in."""
+    bonus = _bonus_checks(rubric)
     found = []
     for spec in rubric.checks():
-        # A bonus that was not handed in is not missed.
+        # A missing bonus is no mistake.
         if spec.id in bonus and context.path_of(rubric.needed_first(spec)) is None:
             continue
-        if chosen is None or spec.session is None or spec.session in chosen:
+        if _is_chosen(spec, recordings.submission):
             found.append(spec)
     return found
+
+
+def _bonus_checks(rubric: Rubric) -> set[str]:
+    """Return the ids of the checks of the bonus."""
+    found: set[str] = set()
+    for criterion in rubric.bonus:
+        found.update(check.id for check in criterion.checks)
+    return found
+
+
+def _is_chosen(spec: CheckSpec, submission: SubmissionRecord) -> bool:
+    """Tell whether the session of a check was to be graded; a check without a session always is."""
+    if submission.sessions is None or spec.session is None:
+        return True
+    return spec.session in submission.sessions
 
 
 def judge(recordings: Recordings, rubric: Rubric) -> Result:
@@ -194,7 +217,7 @@ def _commands(
     for spec in rubric.checks():
         if spec.id not in findings:
             continue
-        recorded = recordings.sessions.get(spec.session or "")
+        recorded = recordings.of(spec)
         used = recorded.record.names if recorded is not None else {}
         finding = findings[spec.id]
         commands[spec.id] = commands_of(spec, rubric, recordings.submission, used, finding)

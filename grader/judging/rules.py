@@ -1,4 +1,4 @@
-"""The rules by which a finding comes about, in their order; each is a function of a case and gives a finding or None."""
+"""The rules of judging a check, in their order; each is a function of a case and gives a finding or None."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Case(Situation):
     rubric: Rubric
     #: Tampering with something on which the check depends.
     violation: Violation | None = None
-    #: Whether the recording of the session is too large to be judged.
+    #: True if the recording of the session is too large to be judged.
     is_too_large: bool = False
 
     @property
@@ -188,7 +188,9 @@ def left_out(case: Case) -> Finding | None:
 
     If the grader published most of them, a person decides. A check of endpoints passes without the messages.
     """
-    if not _rests_on_messages(case) or (_is_by_endpoints(case) and case.found.outcome.goes_on):
+    if not _rests_on_messages(case):
+        return None
+    if _is_by_endpoints(case) and case.found.outcome.goes_on:
         return None
     gap = _gap_on(case.referents(), case.context.session)
     if gap is None:
@@ -278,9 +280,9 @@ def repaired(case: Case) -> Finding | None:
     """Give a share of the credit if a required file failed and was repaired on a copy."""
     finding = case.found
     earlier = _first_repaired(case, case.spec)
-    if earlier is None or not earlier.passes_on or not finding.credit:
+    if earlier is None or not finding.credit:
         return None
-    share = earlier.passes_on
+    share = earlier.passes_on or Decimal(1)
     reason = f"It was judged on a repaired copy, where it earns {float(share):.0%}."
     return replace(
         finding,
@@ -341,7 +343,7 @@ RECORDING: Sequence[Rule] = (
 )
 #: Rules about other checks, also without a measurement.
 CONSEQUENCES: Sequence[Rule] = (repaired, excused)
-#: All rules in the order in which they are asked; `docs/judging.md` lists them.
+#: All rules in their order; `docs/judging.md` lists them.
 RULES = (*BEFORE, handed_in, check_measured, *DOUBTS, *RECORDING, *CONSEQUENCES)
 
 
@@ -362,7 +364,7 @@ def with_hint(spec: CheckSpec, finding: Finding) -> Finding:
 
 
 def sentence_of(rule: str | None) -> str:
-    """Return the sentence that says what a rule does, by the name in a result; empty for an unknown one."""
+    """Return the sentence about a rule, by its name in a result; empty for an unknown name."""
     for each in RULES:
         if each.__name__ == rule:
             paragraph = inspect.getdoc(each) or ""
