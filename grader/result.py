@@ -147,18 +147,18 @@ class Finding:
     where: tuple[Location, ...] = ()
     #: Advisories that cost nothing.
     notes: tuple[str, ...] = ()
-    #: Whether another run can decide what is undecided.
+    #: True if another recording can decide an undecided finding.
     retry: bool = True
-    #: What it is if it stays undecided however often the session is recorded, since the student's own processes can
-    #: bring that about; None where only the machine can, or a person has to decide.
+    #: Finding in place of an undecided one after three recordings, because the student's own processes can cause the
+    #: doubt; None if only the machine can cause it, or if a person has to decide.
     settled: Finding | None = None
-    #: What was counted towards it and what was not, a line each.
+    #: A line for each part that was counted, and for each that was not.
     counted: tuple[str, ...] = ()
     #: Id of the check whose failure kept this one from being tested.
     blocked_by: str | None = None
     #: What it reports that nothing measured, in a sentence, for a person to judge.
     unmeasured: str | None = None
-    #: Whether a crash, an end or a limit of the program explains it better, if there was one.
+    #: True if a crash, an early end or a limit of the program, if there was one, explains it better.
     unexplained: bool = False
     #: Share of the credit that checks which require this one can earn; None if the outcome tells. It is 0 if nothing
     #: reaches the program although this check earns a part, and 0.75 if a failed file was repaired on a copy.

@@ -82,11 +82,9 @@ class Context:
         return None
 
     def parameter(self, step: str | None, name: str | None) -> Any:
-        """Return the value of a parameter that a step read in the running node; None if the step did not."""
+        """Return the value of a parameter as a step read it in the running node; None if it did not."""
         run = self.session.step(step) if step is not None else None
-        if run is None:
-            return None
-        read = run.result.get("values", {}).get(name)
+        read = (run.result.get("values", {}) if run is not None else {}).get(name)
         return read["value"] if read is not None else None
 
     def oracle(self, reference: str) -> Callable[..., Any]:

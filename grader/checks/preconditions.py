@@ -1,4 +1,4 @@
-"""Rules that every check follows about its file, its program, discovery and the clock, each a function of a measurement."""
+"""Rules about the file of a check, its program, discovery and the clock; each is a function of a measurement."""
 
 from __future__ import annotations
 

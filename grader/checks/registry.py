@@ -44,16 +44,16 @@ from grader.result import Finding, Outcome
 
 @dataclass(frozen=True)
 class Check:
-    """A check: its function, which finds the file of its artifact to be there, and when it can be believed."""
+    """A check: its function, and the doubts about its findings."""
 
+    #: Returns the finding; called only if the file of the check's artifact was handed in.
     find: Callable[[Context, Any], Finding]
-    #: Whether it can be passed without all messages of its topics.
+    #: True if it can be passed without all messages of its topics.
     by_endpoints: bool = False
-    #: Whether what it finds wrong may be so since the system's clock was set at some time in the session, or in
-    #: the window of the check.
+    #: True if a step of the system's clock, in the window of the check or in its session, may cause a loss.
     by_clock: bool = False
-    #: True for a lab's own check, whose author cannot know what is missing here: all that it takes from a program
-    #: that needs it stays open.
+    #: True for a lab's own check. Its author cannot know the software that is missing here, so each loss of a program
+    #: that needs such software stays open.
     of_author: bool = False
 
     @property
@@ -63,7 +63,7 @@ class Check:
         return model
 
     def judge(self, context: Context, p: BaseModel) -> Finding:
-        """Judge one session or submission by the rules about its file, its measurement and doubts about it."""
+        """Judge one session or submission by the rules about the file, the measurement, and the doubts about it."""
         measurement = Measurement(context=context, check=self, p=p)
         finding = first_answer(measurement, (handed_in, measured))
         assert finding is not None
