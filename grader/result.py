@@ -77,6 +77,16 @@ class Outcome(str, Enum):
         """Whether this outcome says something about the student's work."""
         return self not in (Outcome.INCONCLUSIVE, Outcome.ERROR)
 
+    @property
+    def took_points(self) -> bool:
+        """Whether a measurement took points, all or some."""
+        return self in (Outcome.FAILED, Outcome.PARTIAL)
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether checks that require this one can be judged."""
+        return self in (Outcome.PASSED, Outcome.PARTIAL)
+
 
 def outcome_of_points(earned: Decimal, possible: Decimal, undecided: Decimal) -> Outcome:
     """Return the outcome of a whole, such as a criterion, by its points."""
@@ -137,23 +147,24 @@ class Finding:
     where: tuple[Location, ...] = ()
     #: Advisories that cost nothing.
     notes: tuple[str, ...] = ()
-    #: Whether another run can decide what is undecided.
+    #: True if another recording can decide an undecided finding.
     retry: bool = True
-    #: What it is if it stays undecided however often the session is recorded, since the student's own processes can
-    #: bring that about; None where only the machine can, or a person has to decide.
+    #: Finding in place of an undecided one after three recordings, because the student's own processes can cause the
+    #: doubt; None if only the machine can cause it, or if a person has to decide.
     settled: Finding | None = None
-    #: What was counted towards it and what was not, a line each.
+    #: A line for each part that was counted, and for each that was not.
     counted: tuple[str, ...] = ()
     #: Id of the check whose failure kept this one from being tested.
     blocked_by: str | None = None
     #: What it reports that nothing measured, in a sentence, for a person to judge.
     unmeasured: str | None = None
-    #: Whether a crash, an end or a limit of the program explains it better, if there was one.
+    #: True if a crash, an early end or a limit of the program, if there was one, explains it better.
     unexplained: bool = False
-    #: Whether nothing reaches the program for it, so that what depends on it cannot be tested, though it earns a part.
-    cut_off: bool = False
-    #: Where it fails, and what depends on it was judged all the same: the share that those checks earn of their credit.
-    rest: Decimal | None = None
+    #: Share of the credit that checks which require this one can earn; None if the outcome tells. It is 0 if nothing
+    #: reaches the program although this check earns a part, and 0.75 if a failed file was repaired on a copy.
+    passes_on: Decimal | None = None
+    #: Name of the rule that decided; see `grader.judging.rules`.
+    decided_by: str | None = None
 
 
 class ViolationKind(str, Enum):
@@ -219,6 +230,8 @@ class CheckResult:
     blocked_by: str | None = None
     #: What it reports that nothing measured, in a sentence, for a person to judge.
     unmeasured: str | None = None
+    #: Name of the rule that decided; None in results of earlier versions.
+    decided_by: str | None = None
     retry: Annotated[bool, Field(exclude=True)] = True
 
     @classmethod
@@ -388,6 +401,8 @@ BY_HAND = (AdjustmentKind.POINTS, AdjustmentKind.EXCUSED)
 ANSWERS = (*BY_HAND, AdjustmentKind.REVIEWED)
 #: What an adjustment is of that is not of a check or a criterion.
 WHOLE = "score"
+#: Name of the rule that takes the finding of the check itself.
+MEASURED = "measured"
 #: How a note begins that asks a person to look.
 FOR_A_PERSON = "For a person to read:"
 

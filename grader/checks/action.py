@@ -120,6 +120,10 @@ class ActionServer(OfEndpoint):
             raise ValueError(f"at least one of {', '.join(_PARTS)} is needed")
         return self
 
+    def sought(self) -> Sequence[ref.Sought]:
+        """Return the action."""
+        return (ref.Sought("action", self.action, self.type),)
+
     def parts(self) -> dict[str, Any]:
         """Return the parts that are asked for, by their keys."""
         return {key: getattr(self, key) for key in _PARTS if getattr(self, key) is not None}

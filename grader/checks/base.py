@@ -1,9 +1,9 @@
-"""What every check gets and gives: the context of a judgement, and ways to state a finding."""
+"""The context of each check, and functions that state its finding."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -37,7 +37,7 @@ class Context:
 
     @property
     def session(self) -> Recorded:
-        """The check's session; no rubric is loaded in which a check has none that needs one."""
+        """The recording of the check's session; a rubric loads only if each check that needs a session has one."""
         assert self.recorded is not None
         return self.recorded
 
@@ -45,12 +45,11 @@ class Context:
         """Point at the check's session, and at a topic or service there under the name that the student used."""
         name = self.recorded.record.session if self.recorded else None
         used = self.session.used(topic) if topic else None
-        ends = (
-            [self.session.since_start_s(t) for t in (span.start_ns, span.end_ns)]
-            if span
-            else [None, None]
-        )
-        return Location(session=name, topic=used, start_s=ends[0], end_s=ends[1])
+        if span is None:
+            return Location(session=name, topic=used)
+        start_s = self.session.since_start_s(span.start_ns)
+        end_s = self.session.since_start_s(span.end_ns)
+        return Location(session=name, topic=used, start_s=start_s, end_s=end_s)
 
     def path_of(self, artifact: str) -> str | None:
         """Return an artifact's path in the submission, or None if it is missing."""
@@ -58,17 +57,15 @@ class Context:
         return fact.path if fact else None
 
     def output_of(self, artifact: str) -> Location:
-        """Point at what an artifact's process printed."""
+        """Point at the output of an artifact's process."""
         return Location(session=self.session.record.session, process=artifact)
 
     def charged(self, check: str | None) -> bool:
-        """Whether a check, if any, has already taken points."""
+        """Tell whether a check, if any, has already taken points."""
         finding = self.findings.get(check) if check is not None else None
-        return finding is not None and finding.outcome in (
-            Outcome.FAILED,
-            Outcome.PARTIAL,
-            Outcome.NOT_REACHED,
-        )
+        if finding is None:
+            return False
+        return finding.outcome.took_points or finding.outcome is Outcome.NOT_REACHED
 
     def explain(self, run: ProcessRun) -> Diagnosis | None:
         """Explain why a process ended or misbehaved, from its output."""
@@ -76,8 +73,13 @@ class Context:
 
     def diagnosis(self, artifact: str) -> Diagnosis | None:
         """Explain why one of an artifact's processes ended or misbehaved."""
-        runs = self.recorded.processes_of(artifact) if self.recorded is not None else ()
-        return next(filter(None, map(self.explain, runs)), None)
+        if self.recorded is None:
+            return None
+        for run in self.recorded.processes_of(artifact):
+            found = self.explain(run)
+            if found is not None:
+                return found
+        return None
 
     def parameter(self, step: str | None, name: str | None) -> Any:
         """Return the value of a parameter as a step read it in the running node; None if it did not."""
@@ -98,14 +100,14 @@ def credit_of(share: float) -> Decimal:
 def passed(
     expected: str, measured: str, *, where: Sequence[Location] = (), notes: Sequence[str] = ()
 ) -> Finding:
-    """State that all is as it should be."""
+    """State that everything is right."""
     return Finding(
         Outcome.PASSED, Decimal(1), expected, measured, where=tuple(where), notes=tuple(notes)
     )
 
 
 _MEASUREMENT_ERROR = "The measurement error spans more than one credit level."
-#: What is nearer to full credit than points are given is full credit.
+#: Least credit that counts as full, because points are rounded to tenths.
 _AS_GOOD_AS_FULL = Decimal("0.99")
 
 
@@ -122,51 +124,66 @@ def graded(
     doubt: str = "",
     levels: int = 0,
 ) -> Finding:
-    """State a finding by the share of credit that it earns; the reason is dropped when that is all.
+    """State a finding by its share of the credit; full credit drops the reason.
 
-    Bounds that earn the same decide it. Those of a measured share that are further apart than a level, without a doubt,
-    are the program's own unevenness: where they stay so, the lower one counts.
+    The finding is undecided if `share` and `best` earn different credit. A measurement without a doubt whose bounds lie
+    more than a level apart shows that the program itself is uneven: in repeated recordings, the lower bound counts.
 
-    From `share` to `best` it earns as far as the recording and the machine's delays tell. The doubt says what keeps it
-    from being decided where these differ, and is empty where that is the error of a measurement. A measured share is
-    rounded down to so many credit levels; 0 where it is none.
+    Parameters
+    ----------
+    share, best
+        Least and most share within the error of the recording and the delays of the machine; equal without `best`.
+    reason, hint
+        Why points are lost, and how to fix it.
+    doubt
+        Sentence on the cause of a difference between `share` and `best`; empty for the error of a measurement.
+    levels
+        Number of credit levels to which a measured share is rounded down; 0 for a share that is not measured.
     """
-    low, high = (
-        credit_of(quantise(s, levels) if levels else s)
-        for s in (share, share if best is None else best)
-    )
+    low = _leveled(share, levels)
+    high = low if best is None else _leveled(best, levels)
     if low != high:
-        uneven = not doubt and float(high - low) > 1.5 / (levels or CREDIT_LEVELS)
-        settled = graded(float(low), expected, measured, reason, where=where) if uneven else None
-        return inconclusive(
-            expected, measured, doubt or _MEASUREMENT_ERROR, where=where, settled=settled
-        )
+        settled = None
+        if not doubt and float(high - low) > 1.5 / (levels or CREDIT_LEVELS):
+            settled = graded(float(low), expected, measured, reason, where=where)
+        cause = doubt or _MEASUREMENT_ERROR
+        return inconclusive(expected, measured, cause, where=where, settled=settled)
     if low >= _AS_GOOD_AS_FULL:
         return passed(expected, measured, where=where, notes=notes)
     outcome = Outcome.PARTIAL if low > 0 else Outcome.FAILED
     return Finding(outcome, low, expected, measured, reason, hint, tuple(where), tuple(notes))
 
 
+def _leveled(share: float, levels: int) -> Decimal:
+    """Return a share as credit, rounded down to so many levels if there are any."""
+    return credit_of(quantise(share, levels) if levels else share)
+
+
 @dataclass(frozen=True)
 class Part:
-    """One of several things: what it earns, what it is, and why it earns no more; all count the same by default."""
+    """One of several parts of a finding: its share, its measured value and its reason; all weigh the same by default."""
 
     share: float
     text: str = ""
     reason: str = ""
-    #: The most that it earns as far as the recording and the machine's delays tell; None where that is `share`.
+    #: Most share within the error of the recording and the delays of the machine; None if equal to `share`.
     best: float | None = None
-    #: What keeps it from being decided then.
+    #: Sentence on the cause of that difference.
     doubt: str = ""
     hint: str = ""
     where: tuple[Location, ...] = ()
     notes: tuple[str, ...] = ()
-    #: What it counts beside the others.
+    #: Weight beside the other parts.
     weight: float = 1.0
+
+    @property
+    def most(self) -> float:
+        """The most share."""
+        return self.share if self.best is None else max(self.share, self.best)
 
 
 def weighed(parts: Sequence[Part], weight: float) -> list[Part]:
-    """Return parts that count so much together."""
+    """Return parts with a weight together."""
     return [replace(part, weight=weight / len(parts)) for part in parts]
 
 
@@ -179,37 +196,54 @@ def of_parts(
     where: Sequence[Location] = (),
     doubt: str = "",
 ) -> Finding:
-    """State what parts earn together, each by its weight, less what costs a share of the whole."""
-    lost, whole = sum(share for share, _ in costs), sum(part.weight for part in parts) or 1.0
-    best = sum(
-        part.weight * (part.share if part.best is None else max(part.share, part.best))
-        for part in parts
-    )
+    """State the weighted mean of parts, less costs of the whole.
+
+    Parameters
+    ----------
+    measured
+        Measured value; by default the texts of the parts.
+    costs
+        Shares of the whole that are lost, each with its reason.
+    doubt
+        Doubt if no part has one.
+    """
+    lost = sum(share for share, _ in costs)
+    whole = sum(part.weight for part in parts) or 1.0
+    least = sum(part.weight * part.share for part in parts)
+    most = sum(part.weight * part.most for part in parts)
+    places: list[Location] = []
+    notes: list[str] = []
+    for part in parts:
+        places += part.where
+        notes += part.notes
+    reasons = [*(reason for _, reason in costs), *(part.reason for part in parts)]
+    hints = _different(part.hint for part in parts)
     return graded(
-        max(0.0, sum(part.weight * part.share for part in parts) / whole - lost),
+        max(0.0, least / whole - lost),
         expected,
         measured or "; ".join(part.text for part in parts if part.text),
-        " ".join(
-            dict.fromkeys(
-                [*(reason for _, reason in costs), *(part.reason for part in parts if part.reason)]
-            )
-        ),
-        hint=next((part.hint for part in parts if part.hint), ""),
-        where=[*(location for part in parts for location in part.where), *where],
-        notes=[note for part in parts for note in part.notes],
-        best=max(0.0, best / whole - lost),
-        doubt=" ".join(dict.fromkeys(part.doubt for part in parts if part.doubt)) or doubt,
+        " ".join(_different(reasons)),
+        hint=hints[0] if hints else "",
+        where=[*places, *where],
+        notes=notes,
+        best=max(0.0, most / whole - lost),
+        doubt=" ".join(_different(part.doubt for part in parts)) or doubt,
     )
 
 
-#: Credit levels that a measured share is rounded down to.
+def _different(texts: Iterable[str]) -> list[str]:
+    """Return texts that are not empty, each once."""
+    return list(dict.fromkeys(filter(None, texts)))
+
+
+#: Number of credit levels of a measured share.
 CREDIT_LEVELS = 10
 
 
 def quantise(share: float, levels: int = CREDIT_LEVELS) -> float:
-    """Return a measured share as credit in even levels, rounded down; what is as good as full is full.
+    """Return a measured share rounded down to even levels; 0.99 or more counts as full.
 
-    Two recordings never measure the same. Levels keep the score the same but at their edges, see `graded`.
+    Two recordings never measure the same. Levels give both the same score, except at their edges; see `graded`.
     """
     if share >= float(_AS_GOOD_AS_FULL):
         return 1.0
@@ -219,13 +253,18 @@ def quantise(share: float, levels: int = CREDIT_LEVELS) -> float:
 def failed(
     expected: str, measured: str, reason: str, *, hint: str = "", where: Sequence[Location] = ()
 ) -> Finding:
-    """State that nothing of it is as it should be."""
+    """State that nothing is right."""
     return graded(0.0, expected, measured, reason, hint=hint, where=where)
 
 
 def unexplained(finding: Finding) -> Finding:
-    """Return a finding for which the engine looks whether the program crashed, ended or hit a limit."""
+    """Return a finding that a crash, an early end or a limit of the program may explain; the engine looks for one."""
     return replace(finding, unexplained=True)
+
+
+def cut_off(finding: Finding) -> Finding:
+    """Return a finding after which no check that requires it can be tested, because nothing reaches the program."""
+    return replace(finding, passes_on=Decimal(0))
 
 
 def inconclusive(
@@ -237,93 +276,97 @@ def inconclusive(
     retry: bool = True,
     settled: Finding | None = None,
 ) -> Finding:
-    """State that the recording cannot answer: the machine's doing, or for a person to decide; it earns nothing."""
+    """State that the recording cannot answer, because of the machine or because a person decides; this earns nothing."""
     return Finding(
         Outcome.INCONCLUSIVE,
         Decimal(0),
         expected,
         measured,
         reason,
-        "",
-        tuple(where),
-        (),
-        retry,
-        settled,
+        where=tuple(where),
+        retry=retry,
+        settled=settled,
     )
 
 
 def undecided(
     finding: Finding, reason: str, *, retry: bool = True, settled: Finding | None = None
 ) -> Finding:
-    """Return a finding as one that the recording cannot answer after all."""
-    lost: dict[str, Any] = {
-        "credit": Decimal(0),
-        "reason": reason,
-        "hint": "",
-        "retry": retry,
-        "settled": settled,
-    }
-    return replace(finding, outcome=Outcome.INCONCLUSIVE, **lost)
+    """Return a finding without its decision, because the recording cannot answer after all."""
+    return replace(
+        finding,
+        outcome=Outcome.INCONCLUSIVE,
+        credit=Decimal(0),
+        reason=reason,
+        hint="",
+        retry=retry,
+        settled=settled,
+    )
 
 
 def unclear(expected: str, measured: str, reason: str) -> Finding:
-    """State that the recording cannot answer, which a program can bring about too: repeated, it has failed."""
+    """State that the recording cannot answer, perhaps because of the program itself: repeated, the check fails."""
     fails = failed(expected, measured, reason)
     return undecided(fails, reason, settled=fails)
 
 
-def not_reached(reason: str, *, expected: str = "") -> Finding:
-    """State that an earlier failure kept this from being looked at."""
-    return Finding(Outcome.NOT_REACHED, Decimal(0), expected, "", reason)
+def not_reached(reason: str, *, expected: str = "", blocked_by: str | None = None) -> Finding:
+    """State that an earlier failure kept a check, perhaps named by its id, from being tested."""
+    return Finding(Outcome.NOT_REACHED, Decimal(0), expected, "", reason, blocked_by=blocked_by)
 
 
 def ramp(value: float, full: float, zero: float) -> float:
-    """Return 1 up to `full`, 0 from `zero`, and a straight line between (or the same downwards)."""
+    """Return 1 up to `full`, 0 from `zero`, and a straight line between them; `zero` may be less than `full`."""
     if full == zero:
         return 1.0 if value <= full else 0.0
     return min(1.0, max(0.0, (zero - value) / (zero - full)))
 
 
-#: Decimal places after which numbers are taken for equal.
+#: Decimal places up to which numbers can differ.
 _MOST_PLACES = 9
 
 
 def apart(value: float, *limits: float, places: int) -> str:
-    """Return a number with so many decimal places, or more, that it reads on its own side of each limit.
+    """Return a number with enough decimal places to stand on its own side of each limit.
 
-    A verdict by 99.98 must not read as if it were by 100.0.
+    For example, 99.98 with the limit 100 and one decimal place is `99.98`, because `100.0` would read as the limit.
     """
+    sides = [_side(value, limit) for limit in limits]
     for digits in range(places, _MOST_PLACES):
-        shown = [
-            (round(value, digits) > round(n, digits)) - (round(value, digits) < round(n, digits))
-            for n in limits
-        ]
-        if shown == [(value > n) - (value < n) for n in limits]:
+        rounded = round(value, digits)
+        if sides == [_side(rounded, round(limit, digits)) for limit in limits]:
             return f"{value:.{digits}f}"
     return f"{value:.{places}f}"
 
 
+def _side(value: float, limit: float) -> int:
+    """Return 1 for a value above a limit, -1 for one below it, and 0 for equal or incomparable numbers."""
+    return (value > limit) - (value < limit)
+
+
 def percent(share: float) -> str:
-    """Return a share from a rubric as it is written there."""
+    """Write a share as in a rubric, such as `12.5%`."""
     return f"{100 * share:g}%"
 
 
-#: Share of a time for which a process was delayed, from which all that happened in it may depend on that.
+#: Least share of delays in a span after which every event in the span may depend on them.
 MANY_DELAYS = 0.25
 
 
 def cpu_delay_doubt(delay_s: float, length_s: float) -> str:
-    """Say that the machine's delay may be why something is not as it should be."""
+    """Say that the delay of the machine may be the cause of a fault."""
     return f"Not your fault: the grading computer was too busy to measure this ({delay_s:.2f} s of {length_s:.1f} s)."
 
 
 def without_delay(value: float, delay_s: float, length_s: float) -> float:
-    """Return what a count or a rate may have been, had the machine not delayed the process for so long."""
+    """Return the most that a count or a rate may have been without the delay of the machine."""
     return value / (1 - min(0.5, delay_s / max(length_s, 1e-9)))
 
 
 def describe_diagnosis(found: Diagnosis) -> str:
-    """Describe a diagnosis in a line, with the exception and the student's line."""
-    location = f"{found.file}, line {found.line}" if found.file and found.line else found.file or ""
+    """Describe a diagnosis in a line, such as `The node crashed (KeyError in node.py, line 3)`."""
+    location = found.file or ""
+    if found.file and found.line:
+        location = f"{found.file}, line {found.line}"
     parts = [part for part in (found.exception_type, location) if part]
     return f"{found.problem} ({' in '.join(parts)})" if parts else found.problem

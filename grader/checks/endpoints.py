@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 from pydantic import Field
 
-from grader.checks.base import Context, failed, graded
+from grader.checks.base import Context, cut_off, failed, graded
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.recording.session import Claim, Endpoint, Qos
@@ -179,9 +178,9 @@ def qos_as_wanted(context: Context, p: QosWanted, kind: str, verb: str) -> Findi
     where = (*claimed_at(claim), context.location(p.topic))
     notes = _depth_notes(p, asked)
     finding = graded(share, expected, measured, " ".join(wrong), where=where, notes=notes)
-    if not wrong or kind != "subscription":
-        return finding
-    return replace(finding, cut_off=unheard(context, p.topic) is not None)
+    if wrong and kind == "subscription" and unheard(context, p.topic) is not None:
+        return cut_off(finding)
+    return finding
 
 
 def _wanted_policies(p: QosWanted) -> dict[str, str]:

@@ -112,7 +112,7 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     finding = failed(expected, problem.message, reason, hint=problem.remedy, where=where)
     if plan.arguments:
         # The arguments that it declares before it stops are judged.
-        return replace(finding, rest=credit_of(p.repaired_rest))
+        return replace(finding, passes_on=credit_of(p.repaired_rest) or None)
     return finding
 
 
@@ -200,7 +200,7 @@ def _repaired(faults: Sequence[_Noted], expected: str, rest: float) -> Finding:
         hint=" ".join(remedies),
         where=[Location(file=each["file"], line=each["line"]) for each in faults if each["file"]],
     )
-    return replace(finding, rest=credit_of(rest))
+    return replace(finding, passes_on=credit_of(rest) or None)
 
 
 def _at(context: Context, problem: Problem | None) -> tuple[Location, ...]:
@@ -328,6 +328,10 @@ class LaunchNodes(Parameters):
     down_costs: Share = Field(
         0.0, description="Least share of the credit that is lost where one of them does not run."
     )
+
+    def sought(self) -> Sequence[ref.Sought]:
+        """Return the nodes."""
+        return [ref.Sought("node", wanted.node) for wanted in self.nodes]
 
 
 def _entry_for(context: Context, plan: Plan, node: str, executable: str = "") -> Process | None:

@@ -1,25 +1,31 @@
-"""Conditions of every check: its file exists, its program did not end early, the clock was not set."""
+"""Rules about the file of a check, its program, discovery and the clock; each is a function of a measurement."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import PurePosixPath
 from typing import Any
 
 from grader.checks.base import Context, describe_diagnosis, failed, inconclusive, undecided
 from grader.checks.endpoints import claimed_at
+from grader.checks.situation import Measurement
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import ended_by_limit, hit_limit
-from grader.evidence.environment_gap import environment_gap
+from grader.evidence.environment_gap import environment_gap as missing_here
 from grader.evidence.recorded import clock_step_s
+from grader.lab.references import Sought
 from grader.recording.session import Claim, ProcessRun
-from grader.result import Finding, Location
+from grader.result import Finding, Location, Outcome
 
 #: Reason, hint and locations.
 Explanation = tuple[str, str, tuple[Location, ...]]
+
+
+def handed_in(measurement: Measurement) -> Finding | None:
+    """Fail the check if its file is missing in the submission."""
+    artifact = getattr(measurement.p, "artifact", None)
+    return missing_artifact(measurement.context, artifact)
 
 
 def missing_artifact(context: Context, artifact: str | None) -> Finding | None:
@@ -63,18 +69,18 @@ def artifact_of(context: Context, p: Any) -> str | None:
     return students[0].artifact if students else None
 
 
-def explained(context: Context, p: Any, finding: Finding) -> Finding:
-    """Return a finding with the crash, end or limit of the program as its reason, if it asks for one."""
+def explained(measurement: Measurement) -> Finding | None:
+    """Give the crash, the early end or the limit of the program as the reason if nothing came from it."""
+    finding = measurement.found
     if not finding.unexplained:
-        return finding
-    artifact = artifact_of(context, p)
-    explanation = why_nothing(context, artifact) if artifact else None
-    reason, hint, places = explanation or (finding.reason, "", ())
-    where = list(places)
-    for location in finding.where or proof(context, p):
-        if location not in places:
-            where.append(location)
-    return replace(finding, reason=reason, hint=hint or finding.hint, where=tuple(where))
+        return None
+    artifact = artifact_of(measurement.context, measurement.p)
+    explanation = why_nothing(measurement.context, artifact) if artifact else None
+    if explanation is None:
+        return None
+    reason, hint, places = explanation
+    others = [location for location in finding.where if location not in places]
+    return replace(finding, reason=reason, hint=hint or finding.hint, where=(*places, *others))
 
 
 def why_nothing(context: Context, artifact: str) -> Explanation | None:
@@ -111,27 +117,36 @@ def _ended_already(context: Context, artifact: str) -> Explanation | None:
     return f"Your {artifact} node had already ended{how}.", hint, (context.output_of(artifact),)
 
 
-def not_assessable_here(context: Context, artifact: str, expected: str) -> Finding | None:
-    """State that a program needs something that is missing on the grading computer.
+def environment_gap(measurement: Measurement) -> Finding | None:
+    """Leave the check to a person if the program needs something that is missing on the grading computer."""
+    finding = measurement.found
+    if measurement.check.of_author:
+        return _any_program_gap(measurement) if measurement.took_points else None
+    names_file = getattr(measurement.p, "artifact", None) is not None
+    shows_nothing = finding.unexplained or (measurement.check.by_endpoints and names_file)
+    if not shows_nothing or finding.outcome is not Outcome.FAILED:
+        return None
+    artifact = artifact_of(measurement.context, measurement.p)
+    if artifact is None:
+        return None
+    found = measurement.context.diagnosis(artifact)
+    return _gap(measurement.context, artifact, found, finding.expected)
 
-    None if it does not.
-    """
-    return _gap(context, artifact, context.diagnosis(artifact), expected)
 
-
-def no_program_assessable_here(context: Context, p: Any, expected: str) -> Finding | None:
+def _any_program_gap(measurement: Measurement) -> Finding | None:
     """State that a program of the session needs something that is missing here, or None.
 
     The check names the program by its artifact or process; without either, any program of the
     session counts, also one of a launch file.
     """
-    concerned = _concerned(context, p)
+    context = measurement.context
+    concerned = _concerned(context, measurement.p)
     for process in context.session.record.processes:
         if process.role != "student":
             continue
         found = context.explain(process)
         for artifact in concerned:
-            gap = _gap(context, artifact, found, expected)
+            gap = _gap(context, artifact, found, measurement.found.expected)
             if gap is not None:
                 return gap
     return None
@@ -162,7 +177,7 @@ def environment_gap_of(context: Context, artifact: str, found: Diagnosis | None)
 
     None if its runs in any session end otherwise, because nothing is missing in one session alone.
     """
-    reason = environment_gap(found, context.submission, context.path_of(artifact))
+    reason = missing_here(found, context.submission, context.path_of(artifact))
     if found is None or reason is None:
         return None
     for recorded in context.sessions.values():
@@ -177,23 +192,39 @@ def _ends_alike(context: Context, run: ProcessRun, found: Diagnosis) -> bool:
     return end is not None and (end.kind, end.subject) == (found.kind, found.subject)
 
 
-def unseen(context: Context, p: Any, finding: Finding, kinds: Sequence[str]) -> Finding | None:
-    """State that a running program asked for an endpoint that the graph never showed.
+def unseen_endpoint(measurement: Measurement) -> Finding | None:
+    """Leave the check undecided if a running program asked for an endpoint that the graph never showed.
 
-    Then the discovery failed, or the program forged its request; both leave its behaviour open.
-    None if there is no such endpoint.
+    Either discovery failed, or the program forged its request.
     """
-    for kind, wanted in itertools.product(kinds, wanted_by(p)):
-        used = context.session.used(wanted[_NAMED_BY[kind]])
-        if _is_in_graph(context, kind, used):
+    if not measurement.took_points:
+        return None
+    context = measurement.context
+    for sought in measurement.p.sought():
+        used = context.session.used(sought.name)
+        if _is_in_graph(context, sought.kind, used):
             continue
-        for claim in context.session.record.claims:
-            if _asks_for(claim, kind, used) and _went_on(context, claim):
-                at = f"{claim.file}:{claim.line}"
-                reason = f"The node asked for the {kind} {used} ({at}), but it was not seen in the graph."
-                located = replace(finding, where=claimed_at(claim))
-                return undecided(located, reason, settled=finding)
+        claim = _claim_for(context, sought, used)
+        if claim is not None:
+            return _not_in_graph(measurement, claim, f"{sought.kind} {used}")
     return None
+
+
+def _claim_for(context: Context, sought: Sought, used: str) -> Claim | None:
+    """Return the first call for an endpoint by a program that then went on; None without one."""
+    for claim in context.session.record.claims:
+        if _asks_for(claim, sought.kind, used) and _went_on(context, claim):
+            return claim
+    return None
+
+
+def _not_in_graph(measurement: Measurement, claim: Claim, what: str) -> Finding:
+    """State that a program asked for something that was not in the graph."""
+    at = f"{claim.file}:{claim.line}"
+    reason = f"The node asked for the {what} ({at}), but it was not seen in the graph."
+    where = claimed_at(claim) or proof(measurement.context, measurement.p)
+    located = replace(measurement.found, where=where)
+    return undecided(located, reason, settled=measurement.found)
 
 
 def _asks_for(claim: Claim, kind: str, name: str) -> bool:
@@ -202,25 +233,6 @@ def _asks_for(claim: Claim, kind: str, name: str) -> bool:
         return True
     sought = name if kind == "node" else name.lstrip("/")
     return (claim.kind, claim.name.lstrip("/")) == (kind, sought)
-
-
-#: Parameter of a check that names an endpoint of each kind.
-_NAMED_BY = {
-    "publisher": "topic",
-    "subscription": "topic",
-    "service": "service",
-    "action": "action",
-    "node": "node",
-}
-
-
-def wanted_by(p: Any) -> list[dict[str, Any]]:
-    """Return the parameters of each of several parts, or of the check itself."""
-    plain: dict[str, Any] = p.model_dump()
-    for name in ("topics", "nodes", "profiles"):
-        if name in plain:
-            return list(plain[name])
-    return [plain]
 
 
 def _is_in_graph(context: Context, kind: str, name: str) -> bool:
@@ -244,17 +256,27 @@ def _went_on(context: Context, claim: Claim) -> bool:
     return run.interrupted_ns is not None or claim.node in context.session.nodes
 
 
-def clock_set(context: Context, p: Any, *, lost: bool) -> str:
-    """Say that the machine's clock was set in the window of a check.
+def clock_set(measurement: Measurement) -> Finding | None:
+    """Leave the check undecided if the clock of the grading computer was set during its measurement.
 
     For a check without a window that loses points, the whole session counts.
     """
+    if not measurement.check.by_clock:
+        return None
+    context = measurement.context
     record = context.session.record
-    window = getattr(p, "window", None)
-    if not lost and not window:
-        return ""
+    window = getattr(measurement.p, "window", None)
+    if not measurement.took_points and not window:
+        return None
     span = context.session.window(window) if window else Span(record.started_ns, record.ended_ns)
     step_s = clock_step_s(record, span) if span is not None else 0.0
     if not step_s:
-        return ""
-    return f"The grading computer's clock jumped by {step_s * 1e3:.1f} ms during this measurement."
+        return None
+    reason = (
+        f"The grading computer's clock jumped by {step_s * 1e3:.1f} ms during this measurement."
+    )
+    return undecided(measurement.found, reason)
+
+
+#: Rules about the measurement of a check, in this order; each sees the finding of those before.
+DOUBTS = (explained, environment_gap, unseen_endpoint, clock_set)

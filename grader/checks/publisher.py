@@ -50,6 +50,10 @@ class TopicPublished(OfEndpoint):
     topic: ref.RosName
     type: ref.MessageType
 
+    def sought(self) -> Sequence[ref.Sought]:
+        """Return the publisher."""
+        return (ref.Sought("publisher", self.topic, self.type),)
+
 
 def topic_published(context: Context, p: TopicPublished) -> Finding:
     """Judge whether the artifact's node publishes on the topic, under the right names."""

@@ -256,6 +256,12 @@ class QosProfiles(Parameters):
         1.0, description="Most of the credit where all profiles are one and the same."
     )
 
+    def sought(self) -> Sequence[ref.Sought]:
+        """Return a publisher and a subscription for each profile."""
+        publishers = [ref.Sought("publisher", wanted.topic) for wanted in self.profiles]
+        subscriptions = [ref.Sought("subscription", wanted.topic) for wanted in self.profiles]
+        return [*publishers, *subscriptions]
+
 
 _POLICIES = ("reliability", "durability", "history", "depth")
 

@@ -6,7 +6,7 @@ of points.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any, get_type_hints
@@ -34,19 +34,10 @@ from grader.checks import (
     subscriber,
     transforms,
 )
-from grader.checks.base import Context, undecided
+from grader.checks.base import Context
 from grader.checks.own import find_own
-from grader.checks.preconditions import (
-    artifact_of,
-    clock_set,
-    explained,
-    missing_artifact,
-    no_program_assessable_here,
-    not_assessable_here,
-    proof,
-    unseen,
-    wanted_by,
-)
+from grader.checks.preconditions import DOUBTS, handed_in, proof
+from grader.checks.situation import Measurement, first_answer, last_answer
 from grader.lab.kept_lab import lab_folder
 from grader.lab.lab_code import OwnParameters
 from grader.lab.references import OwnCheck, Parameters
@@ -55,18 +46,17 @@ from grader.result import Finding, Outcome
 
 @dataclass(frozen=True)
 class Check:
-    """A check: its function, which finds the file of its artifact to be there, and when it can be believed."""
+    """A check: its function, and the doubts about its findings."""
 
+    #: Returns the finding; called only if the file of the check's artifact was handed in.
     find: Callable[[Context, Any], Finding]
-    #: Whether it can be passed without all messages of its topics.
+    #: True if it can be passed without all messages of its topics.
     by_endpoints: bool = False
-    #: Whether a system clock that was set, in the session or in the window of the check, can cause a loss.
+    #: True if a step of the system's clock, in the window of the check or in its session, may cause a loss.
     by_clock: bool = False
-    #: True for a lab's own check, because its author cannot know the libraries of the grading computer: lost
-    #: points of a program that needs a missing one stay open.
+    #: True for a lab's own check. Its author cannot know the software that is missing here, so each loss of a program
+    #: that needs such software stays open.
     of_author: bool = False
-    #: Kinds of the endpoints or nodes that its parameters name and that only the graph shows.
-    seeks: tuple[str, ...] = ()
 
     @property
     def parameters(self) -> type[Parameters]:
@@ -74,71 +64,41 @@ class Check:
         model: type[Parameters] = get_type_hints(self.find)["p"]
         return model
 
-    def names_sought(self, p: BaseModel) -> Iterator[tuple[str, str, str]]:
-        """Yield kind, name and type of the endpoints that have to be in the graph, if they have a type."""
-        for kind in self.seeks:
-            key = kind
-            if kind in ("publisher", "subscription"):
-                key = "topic"
-            for each in wanted_by(p):
-                if each.keys() >= {key, "type"}:
-                    yield kind, each[key], each["type"]
-
     def judge(self, context: Context, p: BaseModel) -> Finding:
-        """Judge one session or submission.
-
-        The file of its artifact must be there. The finding is then examined in this order: the program may
-        explain it; it may need something that is missing on the grading computer; it may have made an endpoint
-        that the graph never showed; the clock may have been set in the window, or for a loss, in the session.
-        """
-        artifact = getattr(p, "artifact", None)
-        if (missing := missing_artifact(context, artifact)) is not None:
-            return missing
-        finding = self.find(context, p)
-        if context.recorded is None or finding.outcome is Outcome.NOT_REACHED:
+        """Judge one session or submission by the rules about the file, the measurement, and the doubts about it."""
+        measurement = Measurement(context=context, check=self, p=p)
+        finding = first_answer(measurement, (handed_in, measured))
+        assert finding is not None
+        is_done = finding.decided_by == handed_in.__name__ or context.recorded is None
+        if is_done or finding.outcome is Outcome.NOT_REACHED:
             return finding
-        finding = explained(context, p, finding)
-        finding = self._if_assessable(context, p, finding)
-        if self.seeks and finding.outcome in LOST:
-            finding = unseen(context, p, finding, self.seeks) or finding
-        lost = finding.outcome in LOST
-        if self.by_clock and (clock := clock_set(context, p, lost=lost)):
-            finding = undecided(finding, clock)
-        return replace(finding, where=finding.where or proof(context, p))
-
-    def _if_assessable(self, context: Context, p: BaseModel, finding: Finding) -> Finding:
-        """Return a finding, or an undecided one if a program needs something that is missing here."""
-        if self.of_author and finding.outcome in LOST:
-            return no_program_assessable_here(context, p, finding.expected) or finding
-        of_endpoints = self.by_endpoints and getattr(p, "artifact", None) is not None
-        shows_nothing = finding.unexplained or of_endpoints
-        if not shows_nothing or finding.outcome is not Outcome.FAILED:
-            return finding
-        of = artifact_of(context, p)
-        if of is None:
-            return finding
-        return not_assessable_here(context, of, finding.expected) or finding
+        return last_answer(replace(measurement, finding=finding), DOUBTS)
 
 
-#: Outcomes by which points are lost.
-LOST = (Outcome.FAILED, Outcome.PARTIAL)
+def measured(measurement: Measurement) -> Finding:
+    """Measure, and give the share of the credit that the recording and the delays of the machine leave no doubt about."""
+    finding = measurement.check.find(measurement.context, measurement.p)
+    if finding.where or finding.outcome is Outcome.NOT_REACHED:
+        return finding
+    return replace(finding, where=proof(measurement.context, measurement.p))
+
 
 _CHECKS = (
     # A node that publishes.
-    Check(publisher.topic_published, by_endpoints=True, seeks=("publisher",)),
+    Check(publisher.topic_published, by_endpoints=True),
     Check(publisher.topic_rate, by_clock=True),
     Check(publisher.topic_jitter, by_clock=True),
     Check(publisher.offered_qos, by_endpoints=True),
     # A node that listens.
-    Check(subscriber.topics_subscribed, by_endpoints=True, seeks=("subscription",)),
+    Check(subscriber.topics_subscribed, by_endpoints=True),
     Check(subscriber.requested_qos, by_endpoints=True),
     Check(subscriber.survives, by_endpoints=True, by_clock=True),
     # A node that serves.
-    Check(service.service_offered, by_endpoints=True, seeks=("service",)),
+    Check(service.service_offered, by_endpoints=True),
     Check(service.call_answered),
     Check(service.parameters_declared, by_endpoints=True),
     # A node that serves an action.
-    Check(action.action_server, by_endpoints=True, by_clock=True, seeks=("action",)),
+    Check(action.action_server, by_endpoints=True, by_clock=True),
     Check(answers.call_value),
     # A node whose parameters or state are changed while it runs.
     Check(parameters.parameter_effect, by_clock=True),
@@ -149,13 +109,13 @@ _CHECKS = (
     # A launch file.
     Check(launch.launch_loads, by_endpoints=True),
     Check(launch.launch_arguments, by_endpoints=True),
-    Check(launch.launch_nodes, by_endpoints=True, seeks=("node",)),
+    Check(launch.launch_nodes, by_endpoints=True),
     Check(launch.launch_parameters, by_endpoints=True),
     Check(launch.launch_together, by_clock=True),
     # A tool that compares QoS profiles.
     Check(qos_tool.ends_by_itself, by_endpoints=True, by_clock=True),
     Check(qos_tool.topics_carry_traffic, by_endpoints=True, by_clock=True),
-    Check(qos_tool.qos_profiles, by_endpoints=True, seeks=("publisher", "subscription")),
+    Check(qos_tool.qos_profiles, by_endpoints=True),
     Check(qos_tool.reported_traffic, by_clock=True),
     # What messages hold, and how it moves.
     Check(fields.field_range, by_clock=True),
@@ -203,7 +163,7 @@ def check_given(name: str, p: BaseModel) -> Check:
     check = check_named(name)
     if not isinstance(p, OwnParameters):
         return check
-    return replace(check, by_endpoints=p.traits.by_endpoints, seeks=p.traits.seeks)
+    return replace(check, by_endpoints=p.traits.by_endpoints)
 
 
 def _find_own(name: str, context: Context, p: Any) -> Finding:

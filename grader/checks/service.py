@@ -40,6 +40,10 @@ class ServiceOffered(OfEndpoint):
     service: ref.RosName
     type: ref.ServiceType
 
+    def sought(self) -> Sequence[ref.Sought]:
+        """Return the service."""
+        return (ref.Sought("service", self.service, self.type),)
+
 
 def service_offered(context: Context, p: ServiceOffered) -> Finding:
     """Judge the service from discovery."""

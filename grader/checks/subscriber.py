@@ -11,6 +11,7 @@ from pydantic import Field
 from grader.checks.base import (
     Context,
     Part,
+    cut_off,
     failed,
     graded,
     inconclusive,
@@ -59,6 +60,10 @@ class TopicsSubscribed(OfEndpoint):
         None, description="What the lab lets them request; another one is only noted."
     )
 
+    def sought(self) -> Sequence[ref.Sought]:
+        """Return the subscriptions."""
+        return [ref.Sought("subscription", wanted.topic, wanted.type) for wanted in self.topics]
+
 
 def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     """Judge the subscriptions from discovery."""
@@ -76,7 +81,9 @@ def topics_subscribed(context: Context, p: TopicsSubscribed) -> Finding:
     least = min(part.share for part in parts)
     parts = [replace(part, share=least) for part in parts]
     finding = of_parts(expected, parts, costs=p.node_faults(nodes), where=(context.location(),))
-    return replace(finding, cut_off=any(unheard(context, wanted.topic) for wanted in p.topics))
+    if any(unheard(context, wanted.topic) for wanted in p.topics):
+        return cut_off(finding)
+    return finding
 
 
 def _judge_subscription(

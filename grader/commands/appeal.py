@@ -70,8 +70,9 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.errors import UsageError
     from grader.files import replace_file
     from grader.judging.judgement import evidence_of
+    from grader.judging.rules import sentence_of
     from grader.lab.yaml_with_lines import meant
-    from grader.report.views import anchor, signed
+    from grader.report.views import anchor, rule_text, signed
     from grader.report.views import points as points_text
     from grader.result_folder import RECORDINGS
 
@@ -111,6 +112,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     )
     outcome, earned = again.outcome.value.replace("_", " "), points_text(again.earned)
     console.print(f"Judged again: {outcome}, {earned} of {points_text(again.possible)}, {same}.")
+    console.print(f"Decided by {rule_text(again)}: {sentence_of(again.decided_by)}")
     console.print(f"Evidence: {page}", soft_wrap=True, markup=False)
     if _note(desk, folder.name, options):
         for name in desk.close():

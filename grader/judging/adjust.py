@@ -1,6 +1,6 @@
 """Adjusts the points after the judgement: by people's decisions first, then by lateness. Pure.
 
-The judgement itself stays as it is; each adjustment says how many points it adds or takes, so that they add up.
+The judgement itself stays as it is. Each adjustment states the points that it adds or takes; the sum gives the total.
 """
 
 from __future__ import annotations
@@ -43,44 +43,85 @@ def adjust(
     late: LatePolicy | None = None,
     submission_time: SubmissionTime = NOT_KNOWN,
 ) -> Result:
-    """Return a result with its adjustments; those that it had are replaced.
+    """Return a result with new adjustments in place of the previous ones.
 
-    A check's points stay from 0 to what it has, and so do a criterion's; only a bonus goes beyond. Checks come before
-    criteria, then what is of the whole, and lateness last, so that a share is taken of what would stand without it. The
-    total is never below 0.
+    The points of a check, and of a criterion, stay between 0 and its possible points; only a bonus exceeds them. Checks
+    come first, then criteria, then the whole, and lateness last: lateness takes a share of the points that stand by
+    then. The total is never below 0.
     """
     listed = list(entries)
-    parts: dict[tuple[str, str | None], CheckResult | CriterionResult] = {
-        ("check", c.id): c for c in result.checks
-    }
-    parts |= {("criterion", criterion.id): criterion for criterion in result.criteria}
-    earned = {part: judged.earned for part, judged in parts.items()}
-    criterion_of = {
-        check.id: criterion.id for criterion in result.criteria for check in criterion.checks
-    }
-    made: list[Adjustment] = []
-    for entry in sorted(listed, key=lambda entry: entry.check is None):
-        part = ("check", entry.check) if entry.check is not None else ("criterion", entry.criterion)
-        if part in earned:  # Else nothing of it was judged.
-            change = _changed(earned[part], entry, parts[part].possible) - earned[part]
-            earned[part] += change
-            if entry.check is not None:
-                earned["criterion", criterion_of[entry.check]] += change
-            kind = _KINDS.get(entry.change, AdjustmentKind.POINTS)
-            made.append(_by_hand(kind, str(part[1]), change, entry))
-        elif entry.change == "reviewed" and part[1] is None:
-            made.append(_by_hand(AdjustmentKind.REVIEWED, WHOLE, Decimal(0), entry))
-    made += [
-        _by_hand(AdjustmentKind.BONUS, WHOLE, e.bonus, e) for e in listed if e.bonus is not None
-    ]
+    made = _decisions(result, listed)
+    for entry in listed:
+        if entry.bonus is not None:
+            made.append(_by_hand(AdjustmentKind.BONUS, WHOLE, entry.bonus, entry))
     adjusted = replace(result, adjustments=tuple(made), timing=None)
-    return adjusted if late is None else _with_lateness(adjusted, listed, late, submission_time)
+    if late is None:
+        return adjusted
+    return _with_lateness(adjusted, listed, late, submission_time)
+
+
+def _decisions(result: Result, entries: Iterable[Override]) -> list[Adjustment]:
+    """Return the decisions about checks and criteria, and the reviews of the whole."""
+    standing = _Standing(result)
+    made = []
+    for entry in sorted(entries, key=lambda entry: entry.check is None):
+        id_ = entry.check or entry.criterion
+        if id_ is None:
+            if entry.change == "reviewed":
+                made.append(_by_hand(AdjustmentKind.REVIEWED, WHOLE, Decimal(0), entry))
+        elif standing.knows(entry):
+            kind = _KINDS.get(entry.change, AdjustmentKind.POINTS)
+            made.append(_by_hand(kind, id_, standing.change(entry), entry))
+    return made
+
+
+class _Standing:
+    """The points of each check and criterion after the decisions so far."""
+
+    def __init__(self, result: Result) -> None:
+        self._checks: dict[str, CheckResult] = {}
+        self._criteria: dict[str, CriterionResult] = {}
+        self._criterion_of: dict[str, str] = {}
+        for criterion in result.criteria:
+            self._criteria[criterion.id] = criterion
+            for check in criterion.checks:
+                self._checks[check.id] = check
+                self._criterion_of[check.id] = criterion.id
+        #: Points by the ids of checks, and of criteria.
+        self._of_checks = {id_: check.earned for id_, check in self._checks.items()}
+        self._of_criteria = {id_: each.earned for id_, each in self._criteria.items()}
+
+    def knows(self, entry: Override) -> bool:
+        """Tell whether the check or criterion of a decision was judged."""
+        if entry.check is not None:
+            return entry.check in self._checks
+        return entry.criterion in self._criteria
+
+    def change(self, entry: Override) -> Decimal:
+        """Apply a decision, and return the points that it adds or takes."""
+        if entry.check is None:
+            assert entry.criterion is not None
+            possible = self._criteria[entry.criterion].possible
+            return _apply(entry, self._of_criteria, entry.criterion, possible)
+        change = _apply(entry, self._of_checks, entry.check, self._checks[entry.check].possible)
+        self._of_criteria[self._criterion_of[entry.check]] += change
+        return change
+
+
+def _apply(entry: Override, points: dict[str, Decimal], id_: str, possible: Decimal) -> Decimal:
+    """Apply a decision to the points of a part, and return the difference."""
+    before = points[id_]
+    points[id_] = _changed(before, entry, possible)
+    return points[id_] - before
 
 
 def _changed(points: Decimal, entry: Override, possible: Decimal) -> Decimal:
+    """Return points after a decision, between 0 and the possible points."""
     if entry.excused:
         return possible
-    wanted = entry.set_ if entry.set_ is not None else points + (entry.add or Decimal(0))
+    wanted = entry.set_
+    if wanted is None:
+        wanted = points + (entry.add or Decimal(0))
     return min(max(wanted, Decimal(0)), possible)
 
 
@@ -92,7 +133,7 @@ def _by_hand(kind: AdjustmentKind, what: str, points: Decimal, entry: Override) 
 def _with_lateness(
     result: Result, entries: Sequence[Override], late: LatePolicy, submission_time: SubmissionTime
 ) -> Result:
-    """Return a result with what moved its times, and with what lateness takes of the points that stand."""
+    """Return a result with the decisions about its times, and with the cost of lateness."""
     moved, due, submission_time = _times(entries, late, submission_time)
     timing = _timing(late, due, submission_time)
     costs = _lateness(result.final, late, due, submission_time, timing)
@@ -102,40 +143,36 @@ def _with_lateness(
 def _times(
     entries: Iterable[Override], late: LatePolicy, submission_time: SubmissionTime
 ) -> tuple[list[Adjustment], datetime, SubmissionTime]:
-    """Return the decisions that move times, when it is due with these, and when it was handed in."""
-    due, moved = late.due, []
+    """Return the decisions about times, the due time after these, and the submission time."""
+    due = late.due
+    moved = []
     for entry in entries:
         if entry.submitted is not None:
             submission_time = replace(submission_time, at=entry.submitted, source=entry.who)
-            kind, what = AdjustmentKind.SUBMITTED, time_text(entry.submitted)
-        elif entry.due is not None or entry.extension is not None:
-            due = entry.due if entry.due is not None else due + (entry.extension or timedelta())
-            kind, what = AdjustmentKind.EXTENSION, f"due {time_text(due)}"
+            handed_in = time_text(entry.submitted)
+            moved.append(_by_hand(AdjustmentKind.SUBMITTED, handed_in, Decimal(0), entry))
+            continue
+        if entry.due is not None:
+            due = entry.due
+        elif entry.extension is not None:
+            due += entry.extension
         else:
             continue
-        moved.append(_by_hand(kind, what, Decimal(0), entry))
+        what = f"due {time_text(due)}"
+        moved.append(_by_hand(AdjustmentKind.EXTENSION, what, Decimal(0), entry))
     return moved, due, submission_time
 
 
 def _timing(late: LatePolicy, due: datetime, submission_time: SubmissionTime) -> Timing:
-    """Compare when it was due and handed in.
-
-    A time without offset from UTC counts as early or late only if it is so wherever its clock stands.
-    """
-    at, is_late, may_be_late = submission_time.at, None, False
-    if at is not None:
-        if latest(at) <= due:
-            is_late = False
-        elif earliest(at) > due and at.utcoffset() is not None:
-            is_late = True
-        else:
-            may_be_late = True
-    elif submission_time.newest_file is not None:
+    """Compare the due time with the submission time."""
+    is_late = _is_late(due, submission_time.at)
+    may_be_late = submission_time.at is not None and is_late is None
+    if submission_time.at is None and submission_time.newest_file is not None:
         may_be_late = latest(submission_time.newest_file) > due
     return Timing(
         due=time_text(due),
         due_for_all=time_text(late.due) if due != late.due else "",
-        submission_time=_known(at),
+        submission_time=_known(submission_time.at),
         source=submission_time.source,
         newest_file=_known(submission_time.newest_file),
         late=is_late,
@@ -143,11 +180,27 @@ def _timing(late: LatePolicy, due: datetime, submission_time: SubmissionTime) ->
     )
 
 
+def _is_late(due: datetime, at: datetime | None) -> bool | None:
+    """Tell whether a submission time is after the due time; None if that is not certain.
+
+    A time without offset from UTC counts as early or late only if it is so in every time zone.
+    """
+    if at is None:
+        return None
+    if latest(at) <= due:
+        return False
+    if earliest(at) > due and at.utcoffset() is not None:
+        return True
+    return None
+
+
 def _known(time: datetime | None) -> str:
-    """Write a time, and say so if its zone is not known; empty for none."""
+    """Write a time, and whether its zone is unknown; empty for none."""
     if time is None:
         return ""
-    return time_text(time) + ("" if time.utcoffset() is not None else ", time zone not known")
+    if time.utcoffset() is None:
+        return f"{time_text(time)}, time zone not known"
+    return time_text(time)
 
 
 def _lateness(
@@ -157,21 +210,19 @@ def _lateness(
     submission_time: SubmissionTime,
     timing: Timing,
 ) -> list[Adjustment]:
-    """Return what lateness takes of the points that stand, if it is certain."""
+    """Return the cost of lateness in points that stand, if the lateness is certain."""
     if timing.late is False:
         return []
     if timing.late is None or submission_time.at is None:
         return [Adjustment(AdjustmentKind.LATE, WHOLE, Decimal(0), _unknown(timing))]
     behind = submission_time.at - due
-    reason = (
-        f"Handed in {timing.submission_time}, {span_text(behind)} after it was due. "
-        f"{_price(late, behind)}"
-    )
+    handed_in = f"Handed in {timing.submission_time}, {span_text(behind)} after it was due."
+    reason = f"{handed_in} {_price(late, behind)}"
     return [Adjustment(AdjustmentKind.LATE, WHOLE, -late.deduction(standing, behind), reason)]
 
 
 def _unknown(timing: Timing) -> str:
-    """Say why nothing is taken although it is not known to be in time."""
+    """Say why lateness costs nothing although the submission may be late."""
     if timing.submission_time:
         return (
             f"Handed in {timing.submission_time} (by {timing.source}). It does not count as late until "
@@ -187,7 +238,7 @@ def _unknown(timing: Timing) -> str:
 
 
 def _price(late: LatePolicy, behind: timedelta) -> str:
-    """Say how lateness is counted."""
+    """Say how lateness is counted, such as `2 days at 10 % of the points, at most 50 %.`."""
     if behind <= late.grace:
         return f"Up to {span_text(late.grace)} costs nothing."
     if late.never_after is not None and behind > late.never_after:
@@ -195,9 +246,21 @@ def _price(late: LatePolicy, behind: timedelta) -> str:
         return f"Nothing is accepted {limit}after it is due."
     if late.per_day is None:
         return "That costs nothing."
-    days, is_exact = late.days(behind), late.counts == "exact time"
-    number = f"{days:.2f}" if is_exact else f"{days.normalize():f}"
-    word = "" if is_exact else late.counts.removesuffix("days")
-    limit = f", at most {late.at_most}" if late.at_most is not None else ""
-    of = " of the points" if late.per_day.percent else ""
-    return f"{number} {word}day{'s' * (number != '1')} at {late.per_day}{of}{limit}."
+    price = f"{_days(late, behind)} at {late.per_day}"
+    if late.per_day.percent:
+        price += " of the points"
+    if late.at_most is not None:
+        price += f", at most {late.at_most}"
+    return f"{price}."
+
+
+def _days(late: LatePolicy, behind: timedelta) -> str:
+    """Write the counted days, such as `1 day`, `2 started days` or `1.25 days`."""
+    days = late.days(behind)
+    if late.counts == "exact time":
+        number = f"{days:.2f}"
+        word = "day"
+    else:
+        number = f"{days.normalize():f}"
+        word = f"{late.counts.removesuffix('days')}day"
+    return f"{number} {word}" if number == "1" else f"{number} {word}s"

@@ -1,9 +1,9 @@
-"""Records sessions again whose checks are undecided, and keeps the better of two attempts."""
+"""Records sessions with undecided checks again, and keeps the better of two attempts."""
 
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from contextlib import suppress
 from decimal import Decimal
 from pathlib import Path
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 #: Most retries of a session with undecided checks, each alone.
 RETRIES = 2
-#: Beside the recordings, where a retry is recorded.
+#: Folder of the recordings of a retry, beside those of the attempt before.
 _RETRY = ".retry"
 
 
@@ -27,23 +27,25 @@ def retry_undecided(
     record: Callable[[Sequence[str], Path, int, frozenset[str]], None],
     judged: Callable[[], Judgement],
 ) -> Judgement:
-    """Judge recordings, and record sessions again, of those chosen, as long as that may decide more.
+    """Judge recordings, and record chosen sessions again, as long as a retry may decide more.
 
-    `record` is given the sessions, the folder, the attempt's number, and in which the grader was interfered with.
+    Parameters
+    ----------
+    record
+        Records sessions into a folder, with the number of the attempt. Its last argument names the sessions in which
+        the grader was interfered with.
+    judged
+        Judges the recordings as they are.
     """
     judgement = judged()
     disturbed: frozenset[str] = frozenset()
     retry = recordings.parent / _RETRY
-    kept = [
-        read_session(recordings / name)
-        for name in chosen
-        if (recordings / name / SESSION_FILE).is_file()
-    ]
-    recorded = max((session.times_recorded for session in kept), default=1)
+    recorded = _times_recorded(recordings, chosen)
     try:
         for attempt in range(recorded + 1, recorded + RETRIES + 1):
-            disturbed |= {v.session for v in judgement.by_rubric.violations if v.kind.disturbs}
-            if not (undecided := undecided_sessions(judgement.by_rubric, chosen)):
+            disturbed |= _disturbed(judgement.by_rubric)
+            undecided = undecided_sessions(judgement.by_rubric, chosen)
+            if not undecided:
                 break
             record(undecided, retry, attempt, disturbed)
             judgement = keep_better(recordings, retry, undecided, judgement, judged)
@@ -52,11 +54,27 @@ def retry_undecided(
     return judgement
 
 
+def _times_recorded(recordings: Path, chosen: Sequence[str]) -> int:
+    """Return the greatest number of recordings of a chosen session; 1 without any."""
+    most = 1
+    for name in chosen:
+        folder = recordings / name
+        if (folder / SESSION_FILE).is_file():
+            most = max(most, read_session(folder).times_recorded)
+    return most
+
+
+def _disturbed(result: Result) -> frozenset[str]:
+    """Return the sessions in which the student's programs disturbed the recording."""
+    return frozenset(each.session for each in result.violations if each.kind.disturbs)
+
+
 def undecided_sessions(result: Result, chosen: Sequence[str]) -> list[str]:
-    """Return the recorded sessions with a check whose outcome the recording leaves open."""
-    undecided = {
-        check.session for check in result.every_check if not check.outcome.decided and check.retry
-    }
+    """Return the recorded sessions with a check that another recording may decide."""
+    undecided = set()
+    for check in result.every_check:
+        if check.retry and not check.outcome.decided:
+            undecided.add(check.session)
     return [session for session in chosen if session in undecided]
 
 
@@ -67,9 +85,9 @@ def keep_better(
     before: Judgement,
     judged: Callable[[], Judgement],
 ) -> Judgement:
-    """Put what was recorded again in its place, unless it leaves more undecided than what lies there.
+    """Put the sessions of a retry in place of the recorded ones, unless more points are undecided then.
 
-    On a machine that is busier the second time, what was decided before must not become undecided.
+    On a busier machine, a decided check must not become undecided.
     """
     _exchange(recordings, retry, sessions)
     try:
@@ -77,26 +95,34 @@ def keep_better(
     except BaseException:
         _exchange(recordings, retry, sessions)
         raise
-    after, earlier = judgement.by_rubric, before.by_rubric
-    worse = [
-        name
-        for name in sessions
-        if _undecided_points(after, name) > _undecided_points(earlier, name)
-    ]
+    worse = _worse_in(sessions, judgement.by_rubric, before.by_rubric)
     _exchange(recordings, retry, worse)
-    for name in (
-        worse
-    ):  # In the recording that is kept, it is noted that its session was recorded once more.
-        with suppress(OSError, ValueError):
-            record = read_session(recordings / name)
-            record.attempts = record.times_recorded + 1
-            write_session(recordings / name, record)
+    for name in worse:
+        _note_attempt(recordings / name)
     for name in sessions:
         shutil.rmtree(retry / name)
     return judged() if worse else judgement
 
 
+def _worse_in(sessions: Collection[str], result: Result, before: Result) -> list[str]:
+    """Return the sessions with more undecided points than before."""
+    worse = []
+    for name in sessions:
+        if _undecided_points(result, name) > _undecided_points(before, name):
+            worse.append(name)
+    return worse
+
+
+def _note_attempt(folder: Path) -> None:
+    """Note in a kept recording that its session was recorded once more."""
+    with suppress(OSError, ValueError):
+        record = read_session(folder)
+        record.attempts = record.times_recorded + 1
+        write_session(folder, record)
+
+
 def _exchange(recordings: Path, retry: Path, sessions: Sequence[str]) -> None:
+    """Exchange the recordings of sessions in two folders."""
     for name in sessions:
         backup = retry / f".{name}"
         (recordings / name).rename(backup)
@@ -105,6 +131,9 @@ def _exchange(recordings: Path, retry: Path, sessions: Sequence[str]) -> None:
 
 
 def _undecided_points(result: Result, session: str) -> Decimal:
-    return sum(
-        (check.undecided for check in result.every_check if check.session == session), Decimal(0)
-    )
+    """Return the undecided points of the checks of a session."""
+    points = Decimal(0)
+    for check in result.every_check:
+        if check.session == session:
+            points += check.undecided
+    return points

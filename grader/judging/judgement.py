@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -20,7 +20,7 @@ from grader.judging.adjust import adjust
 from grader.judging.judge import FULL, Effort, Recordings, judge, open_recordings
 from grader.lab.overrides import Overrides
 from grader.lab.patterns import patterns_bounded
-from grader.lab.rubric import Rubric
+from grader.lab.rubric import CriterionSpec, Rubric
 from grader.recording.bag import Stream
 from grader.recording.definitions import DefinitionNotFound, definition_of
 from grader.recording.elements import MOST_VALUES
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-#: Limits of judging one submission. The solution takes 0.25 s and 0.1 GiB on a core of today; more than a hundred
-#: times that is no fair wait. In a class, a process that says nothing is given up in any case (`classroom.worker`).
+#: Limits of judging one submission, a hundred times the 0.25 s and 20 times the 0.1 GiB of a solution. In a class, a
+#: silent process is given up in any case (`classroom.worker`).
 JUDGING_BOUND = Bound(
     what="judging the submission", cpu_s=30.0, wall_s=100.0, memory_bytes=2 * 1024**3
 )
@@ -50,7 +50,7 @@ class Judgement:
     """The judgement of recordings: by the rubric alone, and after people's decisions and the rubric's policy.
 
     `text` is `result.json`. `page` is the report, and `layouts` has a layout for Foxglove for each session; both are
-    empty where no page was wanted.
+    empty if no page was wanted.
     """
 
     by_rubric: Result
@@ -69,18 +69,20 @@ def judge_recordings(
     earlier: Result | None = None,
     effort: Effort = FULL,
 ) -> Judgement:
-    """Judge recordings in this process; raises RecordingError if there are none that can be judged.
+    """Judge recordings in this process; raises RecordingError if none can be judged.
 
-    With an earlier result, nothing is judged again: it gets the adjustments that it has now.
+    An earlier result is not judged again, and gets its present adjustments.
     """
     recordings = open_recordings(folder, rubric, effort)
-    by_rubric, submission = earlier or judge(recordings, rubric), recordings.submission
+    submission = recordings.submission
+    by_rubric = earlier or judge(recordings, rubric)
     submission_time = rubric.policy.zoned(submission_time_of(submission))
     result = adjust(by_rubric, overrides.of(submission.name), rubric.policy.late, submission_time)
     if not page:
         return Judgement(by_rubric, result, "", to_json(result))
+    previous = result_of_text(text_of(folder / EARLIER_FILE))
+    shown = report_page(result, recordings, rubric, previous)
     layouts = {name: layout_of(recorded) for name, recorded in recordings.sessions.items()}
-    shown = report_page(result, recordings, rubric, result_of_text(text_of(folder / EARLIER_FILE)))
     return Judgement(by_rubric, result, shown, to_json(result), layouts)
 
 
@@ -91,12 +93,12 @@ def judge_bounded(
     *,
     page: bool = True,
 ) -> Judgement:
-    """Do as `judge_recordings` in a process of its own, and leave out what takes more than it may.
+    """Judge recordings as `judge_recordings` does, in a process of its own, without the sessions beyond its limits.
 
     Raises
     ------
     BoundError
-        Even without the sessions that take too much, it takes more than it may.
+        The process exceeds its limits even without these sessions.
     """
 
     def work(effort: Effort) -> Judgement:
@@ -109,9 +111,9 @@ def judge_bounded(
 
 
 def judge_sparingly(work: Callable[[Effort], T], rubric: Rubric) -> T:
-    """Return what work makes of recordings that are too much: first with fewer values, then without some sessions.
+    """Return the work on recordings that are too large: first with fewer values, then without some sessions.
 
-    Each session is tried by itself, so that one that takes too much costs the others nothing.
+    Each session is tried by itself; a too large session costs the others nothing.
     """
     try:
         return in_process(partial(work, _SPARING), SPARING_BOUND)
@@ -121,55 +123,84 @@ def judge_sparingly(work: Callable[[Effort], T], rubric: Rubric) -> T:
     too_much = set()
     for name in sorted(names):
         alone = replace(_SPARING, too_much=names - {name})
-        try:
-            in_process(partial(_done, work, alone), SPARING_BOUND)
-        except BoundError:
+        if not _is_within_bound(work, alone):
             too_much.add(name)
+    some = replace(_SPARING, too_much=frozenset(too_much))
     try:
-        return in_process(
-            partial(work, replace(_SPARING, too_much=frozenset(too_much))), SPARING_BOUND
-        )
+        return in_process(partial(work, some), SPARING_BOUND)
     except BoundError:
-        return in_process(partial(work, replace(_SPARING, too_much=names)), SPARING_BOUND)
+        none = replace(_SPARING, too_much=names)
+        return in_process(partial(work, none), SPARING_BOUND)
+
+
+def _is_within_bound(work: Callable[[Effort], object], effort: Effort) -> bool:
+    """Tell whether work succeeds within its limits."""
+    try:
+        in_process(partial(_done, work, effort), SPARING_BOUND)
+    except BoundError:
+        return False
+    return True
 
 
 def _done(work: Callable[[Effort], object], effort: Effort) -> None:
+    """Do work without sending its outcome back."""
     work(effort)
 
 
 _SAMPLE = "# Arm\n\nRun `ros2 run arm node`, because best effort loses messages.\n\n- `node.py`: reliable, so slower.\n"
+#: Types of the topics that every node has.
+_OF_EVERY_NODE = "rcl_interfaces/msg/Log rcl_interfaces/msg/ParameterEvent"
+_MESSAGE_TYPE = re.compile(r"\b\w+/msg/\w+")
 
 
 def prepare(rubric: Rubric, naming_types: Iterable[Path] = ()) -> None:
-    """Judge the submission of nobody, so that what is imported and compiled for it is there for those that follow.
+    """Judge an empty submission, to import and compile everything that later judgements need.
 
-    Copies of this process have it: judging the solution takes 0.3 s of a core then, and 0.5 s without. So they have
-    what decodes messages of the installed types that the rubric names, or some files, as of a recording of its lab.
+    Forks of this process then judge the solution in 0.3 s of a core instead of 0.5 s. Decoders of the installed message
+    types that the rubric names are compiled too.
+
+    Parameters
+    ----------
+    naming_types
+        Further files with names of message types, such as a recording of the lab.
     """
     for module in ("mcap.stream_reader", "numpy.ma"):  # imported where they are first used
         import_module(module)
-    spelled = [
-        str(step.parameters) for session in rubric.sessions.values() for step in session.steps
-    ]
-    spelled.append("rcl_interfaces/msg/Log rcl_interfaces/msg/ParameterEvent")  # of every node
-    spelled += [file.read_text("utf-8") for file in naming_types]
+    _compile_decoders(_message_types(rubric, naming_types))
+    empty = Recordings(_empty_submission(rubric), {})
+    result = judge(empty, rubric)
+    result_of_text(to_json(result))
+    report_page(result, empty, rubric)
+
+
+def _message_types(rubric: Rubric, files: Iterable[Path]) -> list[str]:
+    """Return the message types that are named in the steps of a rubric and in some files."""
+    texts = [_OF_EVERY_NODE]
+    for session in rubric.sessions.values():
+        texts += [str(step.parameters) for step in session.steps]
+    texts += [file.read_text("utf-8") for file in files]
+    return sorted(set(_MESSAGE_TYPE.findall("\n".join(texts))))
+
+
+def _compile_decoders(types: Iterable[str]) -> None:
+    """Decode a message of each installed type."""
     none = np.empty(0, np.int64)
-    for name in sorted({name for text in spelled for name in re.findall(r"\b\w+/msg/\w+", text)}):
+    for name in types:
         with suppress(DefinitionNotFound):
-            _ = Stream("", name, none, none, none, (b"\0\1\0\0",), definition_of(name)).messages
+            message = (b"\0\1\0\0",)
+            _ = Stream("", name, none, none, none, message, definition_of(name)).messages
+
+
+def _empty_submission(rubric: Rubric) -> SubmissionRecord:
+    """Return a submission that has one sample file for all artifacts."""
     texts = {"README.md": _SAMPLE, "node.py": f'"""{_SAMPLE}"""\n'}
     artifacts = [ArtifactFact(name, "node.py", "node.py", "name") for name in rubric.artifacts]
     files = [FileFact(path, len(text), "") for path, text in texts.items()]
-    nobody = Recordings(
-        SubmissionRecord("nobody", files=files, texts=texts, artifacts=artifacts), {}
-    )
-    result = judge(nobody, rubric)
-    result_of_text(to_json(result))
-    report_page(result, nobody, rubric)
+    return SubmissionRecord("nobody", files=files, texts=texts, artifacts=artifacts)
 
 
 def evidence_of(result: Result, folder: Path, rubric: Rubric, what: str) -> str:
-    """Return the page of all evidence about a check, a criterion, or the whole; within the bound of judging."""
+    """Return the page of all evidence about a check, a criterion, or the whole, within the limits of judging."""
     work = partial(_evidence_of, result, folder, rubric, what)
     try:
         return in_process(partial(work, FULL), JUDGING_BOUND)
@@ -181,30 +212,37 @@ def _evidence_of(result: Result, folder: Path, rubric: Rubric, what: str, effort
     from grader.report.evidence_page import render
 
     recordings = open_recordings(folder, rubric, effort)
-    return render(
-        result, what, _figures(recordings, rubric), recordings.sessions, recordings.submission
-    )
+    figures = _figures(recordings, rubric)
+    return render(result, what, figures, recordings.sessions, recordings.submission)
 
 
 def report_page(
     result: Result, recordings: Recordings, rubric: Rubric, before: Result | None = None
 ) -> str:
-    """Return the HTML report of a result, with what changed since the student's result before."""
+    """Return the HTML report of a result, with the changes since the student's previous result."""
     from grader.report.submission_page import render
 
-    return render(
-        result, _figures(recordings, rubric), recordings.sessions, recordings.submission, before
-    )
+    figures = _figures(recordings, rubric)
+    return render(result, figures, recordings.sessions, recordings.submission, before)
 
 
 def _figures(recordings: Recordings, rubric: Rubric) -> dict[str, list[Figure]]:
     """Draw the figures of each criterion, by its id."""
-    from grader.report.figures import draw
-
     figures = {}
     with patterns_bounded():
         for criterion in (*rubric.criteria, *rubric.bonus):
-            there = [s for s in criterion.figures if s.session in recordings.sessions]
-            drawn = [draw(spec, recordings.sessions[spec.session], rubric.folder) for spec in there]
-            figures[criterion.id] = [figure for figure in drawn if figure is not None]
+            figures[criterion.id] = list(_drawn(criterion, recordings, rubric))
     return figures
+
+
+def _drawn(criterion: CriterionSpec, recordings: Recordings, rubric: Rubric) -> Iterator[Figure]:
+    """Draw the figures of a criterion, except those of missing recordings."""
+    from grader.report.figures import draw
+
+    for spec in criterion.figures:
+        recorded = recordings.sessions.get(spec.session)
+        if recorded is None:
+            continue
+        figure = draw(spec, recorded, rubric.folder)
+        if figure is not None:
+            yield figure

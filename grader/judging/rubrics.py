@@ -1,4 +1,4 @@
-"""Finds the rubric that counts: the user's, that of the grader's own lab, or the copy that lies with results."""
+"""Finds the rubric that counts: the user's, the one of the shipped lab, or the copy beside results."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ from grader.submission.separation import lies_within
 
 
 def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
-    """Load a rubric that the user names, by default that of the lab which travels with the grader.
+    """Load a rubric that the user names, by default the one of the shipped lab.
 
-    A copy that lies elsewhere finds its files beside `kept`, the copy of a rubric among results, or in the grader's own
-    lab, if these are of the same lab. Raises RubricError with all its mistakes.
+    A copy elsewhere finds its files beside `kept`, the copy of a rubric among results, or in the shipped lab, if both
+    are of the same lab. Raises RubricError with all its mistakes.
     """
     path = path or lab_folder() / "rubric.yaml"
     if (path.parent / kept_lab.KEPT).is_dir():
         return recorded_rubric(path)
     folders = [path.resolve().parent]
-    if kept is not None and lab_id(kept) == lab_id(path) and kept_lab.kept_files(kept):
+    if kept is not None and _keeps_files(kept, lab_id(path)):
         kept_lab.require_known(kept)
         folders.append(kept.parent / kept_lab.KEPT)
     elif is_shipped(path):
@@ -40,29 +40,38 @@ def read_rubric(path: Path | None, kept: Path | None = None) -> Rubric:
     return rubric
 
 
-def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
-    """Load the copy of a rubric that lies with results, and the files that it names from beside it.
+def _keeps_files(copy: Path, lab: str) -> bool:
+    """Tell whether files of a lab lie beside the copy of its rubric."""
+    return lab_id(copy) == lab and bool(kept_lab.kept_files(copy))
 
-    Raises RubricError with all its mistakes, and RecordingError if the files may not be executed: they are not known
-    here, and not `trusted` (see `grader.lab.kept_lab`), or an earlier version of the grader has not kept them.
+
+def recorded_rubric(copy: Path, *, trusted: bool = False) -> Rubric:
+    """Load the copy of a rubric beside results, with its files from the same place.
+
+    Raises
+    ------
+    RubricError
+        The copy has mistakes; the error lists all.
+    RecordingError
+        The files may not be executed: they are neither known here nor `trusted` (see `grader.lab.kept_lab`), or an
+        earlier version of the grader did not keep them.
     """
     files = kept_lab.kept_files(copy)
     if trusted:
         kept_lab.trust(files)
     elif files:
         kept_lab.require_known(copy)
-    # Before they were kept, those of the grader's own lab were used; for another lab they would be the wrong ones.
-    shipped = not files and is_shipped(copy)
+    # Earlier versions kept no files and used those of the shipped lab; these would be wrong for another lab.
+    folder = copy.parent / kept_lab.KEPT
+    remedy = "`--rubric rubric.yaml` judges by the present rubric."
+    if not files and is_shipped(copy):
+        folder = lab_folder()
+    elif not files:
+        remedy = "The recordings are without the files of their lab; give its rubric by --rubric."
     try:
-        return load_rubric(
-            copy, rubric_kinds(), lab_folder() if shipped else copy.parent / kept_lab.KEPT
-        )
+        return load_rubric(copy, rubric_kinds(), folder)
     except RubricError as error:
-        error.remedy = "`--rubric rubric.yaml` judges by today's."
-        if not files and not shipped:
-            error.remedy = (
-                "The recordings are without the files of their lab; give its rubric by --rubric."
-            )
+        error.remedy = remedy
         raise
 
 
@@ -75,40 +84,47 @@ def rubric_kinds() -> Kinds:
 def read_overrides(
     path: Path | None, results: Path, rubric: Rubric, sources: Iterable[str] = ()
 ) -> Overrides:
-    """Load the file of overrides that is given, or else the one beside the results, if there is one.
+    """Load the given file of overrides, or else the one beside the results.
 
-    If the results lie in one of the `sources`, which are where the submissions lie, the file beside them may be a
-    student's, and does not count. Raises RubricError with all its mistakes.
+    Without either there are no overrides. If the results lie in one of the `sources` of the submissions, the file
+    beside the results may be a student's and does not count. Raises RubricError with all its mistakes.
     """
-    default = results / OVERRIDES_FILE
-    if path is None and (lies_within(results, sources) or not default.is_file()):
-        misnamed = default.with_suffix(".yml")
-        if misnamed.is_file() and not lies_within(results, sources):
-            problem = f"the file of overrides is called {OVERRIDES_FILE}; under this name it would have no effect"
-            remedy = f"Rename it, or give it with --overrides {misnamed}."
-            raise RubricError(problem, [], location=str(misnamed), remedy=remedy)
+    if path is not None:
+        return load_overrides(path, rubric)
+    beside = results / OVERRIDES_FILE
+    if lies_within(results, sources):
         return Overrides()
-    return load_overrides(path or default, rubric)
+    if beside.is_file():
+        return load_overrides(beside, rubric)
+    misnamed = beside.with_suffix(".yml")
+    if misnamed.is_file():
+        problem = f"the file of overrides is called {OVERRIDES_FILE}; under this name it would have no effect"
+        remedy = f"Rename it, or give it with --overrides {misnamed}."
+        raise RubricError(problem, [], location=str(misnamed), remedy=remedy)
+    return Overrides()
 
 
 def chosen_rubric(folders: Sequence[Path], path: Path) -> Rubric:
     """Load a rubric that the user names for results; see `read_rubric`."""
-    copies = (copy for folder in folders for copy in _rubric_copies(folder))
-    return read_rubric(path, next(copies, None))
+    for folder in folders:
+        for copy in _rubric_copies(folder):
+            return read_rubric(path, copy)
+    return read_rubric(path)
 
 
 def require_lab(
     results: Path, rubric: Rubric, remedy: str = "Name a rubric of that lab, or none."
 ) -> None:
     """Raise UsageError if results are of another lab than a rubric."""
-    recorded = next(map(lab_id, _rubric_copies(results)), "")
+    copies = _rubric_copies(results)
+    recorded = lab_id(copies[0]) if copies else ""
     if recorded not in ("", rubric.lab.id):
         problem = f"these are results of Lab {recorded}, and the rubric is of Lab {rubric.lab.id}"
         raise UsageError(problem, location=str(results), remedy=remedy)
 
 
 def rubric_copy(results: Path) -> Path:
-    """Return the rubric by which a results folder was judged last; raises RecordingError if it is none."""
+    """Return the rubric of the last judgement of a results folder; raises RecordingError if the folder holds none."""
     for copy in _rubric_copies(results):
         return copy
     problem = "there are no recordings to judge" if results.is_dir() else "there is no such folder"
@@ -119,43 +135,59 @@ def rubric_copy(results: Path) -> Path:
 
 
 def _rubric_copies(results: Path) -> list[Path]:
-    """Return the rubric of a result, if it was judged by another since, and the one that it was recorded with."""
-    return [
-        copy
-        for copy in (results / RUBRIC_COPY, results / RECORDINGS / RUBRIC_COPY)
-        if copy.is_file()
-    ]
+    """Return the rubric of the last judgement, if it differs from the recorded one, and then the recorded one."""
+    copies = (results / RUBRIC_COPY, results / RECORDINGS / RUBRIC_COPY)
+    return [copy for copy in copies if copy.is_file()]
 
 
 def rubric_files_of_result(results: Path, rubric: Rubric) -> dict[Path, str | None]:
-    """Return what is to lie beside a result of its rubric, by its place; None for what is not to."""
-    recorded, files = results / RECORDINGS / RUBRIC_COPY, kept_lab.files_of(rubric)
-    before = {
-        results / kept_lab.KEPT / name: None for name in kept_lab.kept_files(results / RUBRIC_COPY)
-    }
-    same = recorded.is_file() and recorded.read_bytes().decode() == rubric.text
+    """Return the texts of the files beside a result of its rubric, by their places; None for a file to be removed."""
+    copy = results / RUBRIC_COPY
+    files: dict[Path, str | None] = {}
+    for name in kept_lab.kept_files(copy):
+        files[results / kept_lab.KEPT / name] = None
+    if _is_recorded(results, rubric):
+        files[copy] = None
+    else:
+        files.update(rubric_files(results, rubric))
+    return files
+
+
+def _is_recorded(results: Path, rubric: Rubric) -> bool:
+    """Tell whether a rubric and its files equal those beside the recordings."""
+    recorded = results / RECORDINGS / RUBRIC_COPY
+    if not recorded.is_file() or recorded.read_bytes().decode() != rubric.text:
+        return False
     # Earlier versions kept no files.
-    if same and kept_lab.kept_files(recorded) in (files, {}):
-        return {results / RUBRIC_COPY: None, **before}
-    return {**before, **rubric_files(results, rubric)}
+    return kept_lab.kept_files(recorded) in ({}, kept_lab.files_of(rubric))
 
 
 def rubric_files(folder: Path, rubric: Rubric) -> dict[Path, str | None]:
-    """Return the texts of a rubric and of what it names, by their places, in folders that are there."""
-    files = {
-        folder / kept_lab.KEPT / name: text for name, text in kept_lab.files_of(rubric).items()
-    }
-    for file in files:
-        file.parent.mkdir(parents=True, exist_ok=True)
-    return {folder / RUBRIC_COPY: rubric.text, **files}
+    """Return the texts of a rubric and its files, by their places, and create the folders of these places."""
+    files: dict[Path, str | None] = {folder / RUBRIC_COPY: rubric.text}
+    for name, text in kept_lab.files_of(rubric).items():
+        place = folder / kept_lab.KEPT / name
+        place.parent.mkdir(parents=True, exist_ok=True)
+        files[place] = text
+    return files
 
 
 def rubric_of_class(results: Path, entries: Sequence[ClassEntry], path: Path | None) -> Rubric:
-    """Load the rubric that the user names for a class, by default the copy of that by which most were judged."""
+    """Load the rubric that the user names for a class, by default a copy of the one that judged most submissions."""
     if path is not None:
         return read_rubric(path)
     judged_by = Counter(entry.result.rubric_sha256 for entry in entries if entry.result is not None)
-    copies = [copy for entry in entries for copy in _rubric_copies(results / entry.name)]
-    hashes = {hashlib.sha256(copy.read_bytes()).hexdigest(): copy for copy in reversed(copies)}
-    copy = next((hashes[sha256] for sha256, _ in judged_by.most_common() if sha256 in hashes), None)
-    return recorded_rubric(copy) if copy is not None else read_rubric(None)
+    copies = _copies_by_hash(results, entries)
+    for sha256, _ in judged_by.most_common():
+        if sha256 in copies:
+            return recorded_rubric(copies[sha256])
+    return read_rubric(None)
+
+
+def _copies_by_hash(results: Path, entries: Iterable[ClassEntry]) -> dict[str, Path]:
+    """Return the first copy of each rubric in the results of a class, by its hash."""
+    copies: dict[str, Path] = {}
+    for entry in entries:
+        for copy in _rubric_copies(results / entry.name):
+            copies.setdefault(hashlib.sha256(copy.read_bytes()).hexdigest(), copy)
+    return copies

@@ -9,19 +9,25 @@ from grader.lab.rubric import CheckSpec, CriterionSpec
 from grader.result import CheckResult, CriterionResult, Finding, Score
 
 TENTH = Decimal("0.1")
+_NONE = Decimal(0)
 
 
 def score_check(spec: CheckSpec, finding: Finding, commands: tuple[str, ...] = ()) -> CheckResult:
-    """Give a finding its points, and commands that show it; what is undecided is neither earned nor lost."""
-    undecided = Decimal(0) if finding.outcome.decided else spec.points
-    earned = (
-        (spec.points * finding.credit).quantize(TENTH, ROUND_HALF_UP)
-        if finding.outcome.decided
-        else Decimal(0)
-    )
-    points = {"earned": earned, "possible": spec.points, "undecided": undecided}
+    """Give a finding its points, and commands that show it; undecided points are neither earned nor lost."""
+    earned = _NONE
+    undecided = spec.points
+    if finding.outcome.decided:
+        earned = (spec.points * finding.credit).quantize(TENTH, ROUND_HALF_UP)
+        undecided = _NONE
     return CheckResult.of(
-        finding, id=spec.id, title=spec.title, session=spec.session, commands=commands, **points
+        finding,
+        id=spec.id,
+        title=spec.title,
+        session=spec.session,
+        commands=commands,
+        earned=earned,
+        possible=spec.points,
+        undecided=undecided,
     )
 
 
@@ -30,27 +36,36 @@ def score_criteria(
     findings: Mapping[str, Finding],
     commands: Mapping[str, tuple[str, ...]],
 ) -> tuple[CriterionResult, ...]:
-    """Add up each criterion over the checks that were judged; criteria without any are left out."""
+    """Add up each criterion over its judged checks; a criterion without any is left out."""
     criteria = []
     for criterion in specs:
-        judged = [spec for spec in criterion.checks if spec.id in findings]
-        checks = tuple(
-            score_check(spec, findings[spec.id], commands.get(spec.id, ())) for spec in judged
-        )
+        checks = []
+        for spec in criterion.checks:
+            if spec.id in findings:
+                checks.append(score_check(spec, findings[spec.id], commands.get(spec.id, ())))
         if checks:
-            sums = vars(total(checks))
-            found = CriterionResult(
-                criterion.id,
-                criterion.title,
-                checks=checks,
-                description=criterion.description,
-                **sums,
-            )
-            criteria.append(found)
+            criteria.append(_score_criterion(criterion, tuple(checks)))
     return tuple(criteria)
+
+
+def _score_criterion(spec: CriterionSpec, checks: tuple[CheckResult, ...]) -> CriterionResult:
+    """Add up a criterion over its checks."""
+    score = total(checks)
+    return CriterionResult(
+        spec.id,
+        spec.title,
+        score.earned,
+        score.possible,
+        score.undecided,
+        checks,
+        spec.description,
+    )
 
 
 def total(parts: Sequence[CheckResult | CriterionResult]) -> Score:
     """Add up checks or criteria."""
-    keys = ("earned", "possible", "undecided")
-    return Score(*(sum((getattr(part, key) for part in parts), Decimal(0)) for key in keys))
+    return Score(
+        earned=sum((part.earned for part in parts), _NONE),
+        possible=sum((part.possible for part in parts), _NONE),
+        undecided=sum((part.undecided for part in parts), _NONE),
+    )

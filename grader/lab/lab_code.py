@@ -7,7 +7,7 @@ that are annotated with a name of `LAB_TYPES` are looked up like those of built-
 from __future__ import annotations
 
 import ast
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields
 from functools import reduce
@@ -23,7 +23,9 @@ from grader.lab.references import (
     OwnCheck,
     Parameters,
     Reference,
+    References,
     Scope,
+    Sought,
     definition_at,
     definition_in,
 )
@@ -232,6 +234,44 @@ class OwnParameters(Parameters):
     def traits(self) -> Traits:
         """Properties of the check."""
         return self._traits
+
+    def references(self) -> References:
+        """Return each text as a name and as a label: an author may annotate a topic as plain `str`."""
+        texts = frozenset(_texts(self.model_dump()))
+        return References(texts, texts)
+
+    def sought(self) -> list[Sought]:
+        """Return the endpoints of the kinds that the check states, each with the type beside its name."""
+        found = []
+        for kind in self.traits.seeks:
+            key = "topic" if kind in ("publisher", "subscription") else kind
+            for values in _mappings(self.model_dump()):
+                if isinstance(values.get(key), str):
+                    found.append(Sought(kind, values[key], values.get("type")))
+        return found
+
+
+def _mappings(value: Any) -> Iterator[Mapping[str, Any]]:
+    """Yield a mapping and all mappings in nested values."""
+    if isinstance(value, Mapping):
+        yield value
+        for part in value.values():
+            yield from _mappings(part)
+    elif isinstance(value, (list, tuple)):
+        for part in value:
+            yield from _mappings(part)
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """Yield all texts in nested values."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for part in value.values():
+            yield from _texts(part)
+    elif isinstance(value, (list, tuple)):
+        for part in value:
+            yield from _texts(part)
 
 
 def is_own(check: str) -> bool:

@@ -14,7 +14,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, NamedTuple
+from types import UnionType
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Union, get_args, get_origin
 
 from pydantic import (
     AfterValidator,
@@ -84,6 +85,99 @@ class Parameters(Strict):
         ):
             raise ValueError(f"exactly one of {', '.join(self.exactly_one)} is needed")
         return self
+
+    def sought(self) -> Sequence[Sought]:
+        """Return the endpoints or nodes that only the graph shows, and that must be there."""
+        return ()
+
+    def references(self) -> References:
+        """Return the names and steps in the values whose types are references."""
+        return references_in(type(self), vars(self))
+
+
+class Sought(NamedTuple):
+    """An endpoint or a node that must be in the graph.
+
+    The kind is publisher, subscription, service, action or node; a node has no type.
+    """
+
+    kind: str
+    name: str
+    type: str | None = None
+
+
+@dataclass(frozen=True)
+class References:
+    """Names in the ROS graph, and labels of steps, to which a part of a rubric refers."""
+
+    names: frozenset[str]
+    steps: frozenset[str]
+
+
+def references_in(model: type[Parameters], values: Mapping[str, Any]) -> References:
+    """Return the names and steps in values of a model, also in plain data of a recording.
+
+    For example, `{"service": "/arm/enable"}` of a step `call` refers to the name `/arm/enable`.
+    """
+    names = set()
+    steps = set()
+    for reference, text in _fields_referring(model, values):
+        if reference.to == "name":
+            names.add(text)
+        elif reference.to == "step":
+            steps.add(text)
+    return References(frozenset(names), frozenset(steps))
+
+
+def _fields_referring(
+    model: type[Parameters], values: Mapping[str, Any]
+) -> Iterator[tuple[Reference, str]]:
+    """Yield each text in values of a model, with the reference in its type."""
+    for name, field_info in model.model_fields.items():
+        value = values.get(name, values.get(field_info.alias or name))
+        yield from _marked(field_info.metadata, value)
+        yield from _referring(field_info.annotation, value)
+
+
+def _marked(metadata: Iterable[object], value: Any) -> Iterator[tuple[Reference, str]]:
+    """Yield a text with each reference in the metadata of its type."""
+    if not isinstance(value, str):
+        return
+    for mark in metadata:
+        if isinstance(mark, Reference):
+            yield mark, value
+
+
+def _referring(kind: Any, value: Any) -> Iterator[tuple[Reference, str]]:
+    """Yield each text in a value of a type, with the reference in its type."""
+    origin = get_origin(kind)
+    arguments = get_args(kind)
+    if isinstance(value, Parameters):
+        yield from _fields_referring(type(value), vars(value))
+    elif origin is Annotated:
+        yield from _marked(arguments[1:], value)
+        yield from _referring(arguments[0], value)
+    elif origin in (Union, UnionType):
+        for option in arguments:
+            yield from _referring(option, value)
+    elif isinstance(value, Mapping):
+        yield from _mapping_referring(kind, value)
+    elif isinstance(value, (list, tuple)) and arguments:
+        for part in value:
+            yield from _referring(arguments[0], part)
+
+
+def _mapping_referring(kind: Any, value: Mapping[str, Any]) -> Iterator[tuple[Reference, str]]:
+    """Yield the references in a mapping: plain data of a model, or keys and values of types."""
+    if isinstance(kind, type) and issubclass(kind, Parameters):
+        yield from _fields_referring(kind, value)
+        return
+    arguments = get_args(kind)
+    if len(arguments) != 2:
+        return
+    for key, inner in value.items():
+        yield from _referring(arguments[0], key)
+        yield from _referring(arguments[1], inner)
 
 
 class StepText(NamedTuple):
@@ -215,6 +309,8 @@ class Reference:
     look_up: Callable[[Scope, Any, ValidationInfo], object]
     #: What may stand there, for the examples of `grade checks`; None where that is any text.
     example: str | None = None
+    #: Kind of the referent, if judging asks for it: a name in the ROS graph, or a step by its label.
+    to: Literal["name", "step", ""] = ""
 
     def _check(self, value: Any, info: ValidationInfo) -> Any:
         if isinstance(info.context, Scope):
@@ -273,7 +369,7 @@ def step_label(*kinds: str) -> Reference:
 
     example = "window" if kinds == ("observe",) else "".join(kinds[:1]) or "step"
     return Reference(
-        f"Label of the step{f', of kind {kinds[0]}' if kinds else ''}.", look_up, example
+        f"Label of the step{f', of kind {kinds[0]}' if kinds else ''}.", look_up, example, "step"
     )
 
 
@@ -399,10 +495,10 @@ GivenName = Annotated[str, Reference("A name, as students are to give it.", _not
 RosName = Annotated[
     str,
     StringConstraints(pattern=r"^(~/|/)?[A-Za-z_{][A-Za-z0-9_{}]*(/[A-Za-z_{][A-Za-z0-9_{}]*)*$"),
-    Reference("Name of a topic, a service or a node.", _not_misspelt),
+    Reference("Name of a topic, a service or a node.", _not_misspelt, to="name"),
 ]
 #: One that is used besides; where a step waits for it or its type stands somewhere, fields are looked up in that.
-Topic = Annotated[str, Reference("A topic or service.", _known_topic, "/chatter")]
+Topic = Annotated[str, Reference("A topic or service.", _known_topic, "/chatter", "name")]
 
 _EXAMPLES = {
     "msg": "std_msgs/msg/String",

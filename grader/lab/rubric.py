@@ -258,6 +258,12 @@ class _OfKind(Parameters):
         """Return a check of the lab's own; None if the kind is built in."""
         return None
 
+    @property
+    def given(self) -> Parameters:
+        """The parameters, of the model of the kind."""
+        parameters: Parameters = getattr(self, "parameters")  # noqa: B009
+        return parameters
+
     @field_validator("parameters", mode="before", check_fields=False)
     @classmethod
     def _of_kind(cls, value: Any, info: ValidationInfo) -> Any:

@@ -15,6 +15,7 @@ from grader.recording.submission import ArtifactFact
 from grader.report.escape import line
 from grader.result import (
     ANSWERS,
+    MEASURED,
     Adjustment,
     AdjustmentKind,
     CheckResult,
@@ -275,6 +276,15 @@ def said_of(result: Result) -> dict[str, list[AdjustmentView]]:
         if each.kind in (*ANSWERS, AdjustmentKind.APPEAL):
             said.setdefault(each.what, []).append(view)
     return said
+
+
+def rule_text(check: CheckResult) -> str:
+    """Name the rule that decided, such as `the rule “messages dropped”`; empty if the result does not name it."""
+    if check.decided_by is None:
+        return ""
+    if check.decided_by == MEASURED:
+        return "the check itself"
+    return f"the rule “{check.decided_by.replace('_', ' ')}”"
 
 
 def appeal_text(result: Result, check: CheckResult) -> str:

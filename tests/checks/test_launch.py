@@ -172,7 +172,7 @@ def test_a_repaired_mistake_loses_the_loading_and_leaves_a_share_of_the_rest(
         {**LOADS, "repaired_rest": 0.6},
         planned(Session(tmp_path), worked_around=[REPAIRED]),
     )
-    assert (finding.outcome, finding.rest) == (Outcome.FAILED, Decimal("0.6"))
+    assert (finding.outcome, finding.passes_on) == (Outcome.FAILED, Decimal("0.6"))
     assert "`ros2 launch` stops there" in finding.reason
     assert "it was repaired on a copy: 'exec=' was read as 'executable='." in finding.reason
     assert (finding.hint, finding.where[0].line) == ("Write 'executable='.", 5)
@@ -200,12 +200,13 @@ def test_what_is_declared_until_a_file_stops_counts(tmp_path: Path) -> None:
     seen = planned(
         Session(tmp_path, "a"), problem=problem, arguments=[{"name": "rate", "default": "100.0"}]
     )
-    assert judged("launch_loads", LOADS, seen).rest == Decimal("0.75")
+    assert judged("launch_loads", LOADS, seen).passes_on == Decimal("0.75")
     assert (
         "is not declared until the file stops" in judged("launch_arguments", ARGUMENTS, seen).reason
     )
     assert (
-        judged("launch_loads", LOADS, planned(Session(tmp_path, "b"), problem=problem)).rest is None
+        judged("launch_loads", LOADS, planned(Session(tmp_path, "b"), problem=problem)).passes_on
+        is None
     )
 
 

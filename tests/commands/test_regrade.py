@@ -164,7 +164,7 @@ def test_a_class_by_a_rubric_of_an_older_version(
     assert (status, output) == (4, "2 of 2 could not be judged, for the causes below.")
     assert errors.count("topic_speed") == 1
     assert errors.startswith("grade: ann, bob: ")
-    assert "`--rubric rubric.yaml` judges by today's." in errors
+    assert "`--rubric rubric.yaml` judges by the present rubric." in errors
     assert not (results / CHANGES_FILE).exists()
 
 

@@ -100,7 +100,7 @@ def batches() -> list[Batch]:
     """Return the batches to try: chosen attacks, the whole corpus, or a part of it for each environment."""
     found: list[Batch] = []
     for environment in Environment:
-        attacks = read_corpus()
+        attacks = list(read_corpus())
         if CHOSEN not in ("", "all"):
             attacks = [attack for attack in attacks if attack.name in CHOSEN.split(",")]
         for together in part(divided(attacks), ONE_IN[environment], everything=CHOSEN != ""):

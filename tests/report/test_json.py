@@ -23,6 +23,7 @@ from grader.result import (
     Violation,
     ViolationKind,
     number,
+    read_result,
     result_schema,
     to_json,
     to_plain,
@@ -154,6 +155,17 @@ def test_the_schema_knows_every_kind_of_violation() -> None:
     assert result_schema()["$defs"]["ViolationKind"]["enum"] == [
         kind.value for kind in ViolationKind
     ]
+
+
+def test_a_result_without_the_rule_that_decided_can_be_read() -> None:
+    """Results of earlier versions do not name it."""
+    named = result(dataclasses.replace(FINDING, decided_by="flaky"))
+    plain = to_plain(named)
+    check = plain["criteria"][0]["checks"][0]
+    assert check["decided_by"] == "flaky"
+    assert to_plain(read_result(plain)) == plain
+    del check["decided_by"]
+    assert read_result(plain).checks[0].decided_by is None
 
 
 def test_text_of_students_comes_back_as_it_was() -> None:

@@ -173,6 +173,16 @@ def test_score_and_outcomes_are_in_words() -> None:
     assert "Recorded 2027-01-15 08:00 UTC · isolation: confined" in words
 
 
+def test_an_undecided_check_names_the_rule_that_decided() -> None:
+    """Decided checks show their proof instead, and results of earlier versions name no rule."""
+    open_ = dataclasses.replace(CHECKS[4], decided_by="messages_dropped")
+    lost = dataclasses.replace(CHECKS[1], decided_by="measured")
+    words = text_of(page_of(result_of([lost, open_])))
+    assert "Decided by the rule “messages dropped”" in words
+    assert words.count("Decided by") == 1
+    assert "Decided by" not in text_of(page_of())
+
+
 def test_what_opens_most_comes_first() -> None:
     """What to fix is sorted by the points that it opens, with what depends on it; each stands there whole, once."""
     dear = dataclasses.replace(CHECKS[1], commands=("ros2 topic hz /cmd",))

@@ -6,9 +6,9 @@ import sys
 from pathlib import Path
 
 import pytest
-from tests.live.launch.evaluations import ORIGINAL, needs_the_original
 
 from grader.live.sandbox.environment import find_native_launch
+from tests.launch_plan.evaluations import ORIGINAL, needs_the_original
 
 pytestmark = pytest.mark.live
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -40,7 +41,7 @@ else:
 @pytest.mark.parametrize("start", [_SPAWNS, _STARTS], ids=["multiprocessing", "subprocess"])
 def test_claims_of_a_child_process_are_noted(start: str, tmp_path: Path) -> None:
     """The history of its publisher is known although a child process of Python makes it."""
-    steps = [
+    steps: list[dict[str, Any]] = [
         {"wait_for": {"publisher": "/chatter", "type": TEXT, "timeout_s": 20}},
         {"observe": {"duration_s": 0.2}},
     ]

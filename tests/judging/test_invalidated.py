@@ -75,6 +75,7 @@ def test_what_rests_on_a_second_clock_fails(recordings: Path, rubric: Rubric) ->
         Decimal(0),
         "not measured",
     )
+    assert finding.decided_by == "tampered"
     assert finding.reason == f"{violation.text} So this cannot be measured."
     assert finding.where == (violation.where,)
     assert finding.expected
@@ -107,6 +108,7 @@ def test_a_session_with_a_problem_stays_undecided(recordings: Path, rubric: Rubr
     result, checks = judged(recordings, rubric)
     assert result.violations
     assert checks["launch.together"].outcome is Outcome.INCONCLUSIVE
+    assert checks["launch.loads"].decided_by == "unsound"
     assert result.score.earned + result.score.undecided == 100
 
 
@@ -134,6 +136,9 @@ def test_what_rests_on_messages_that_were_not_recorded(
         (ViolationKind.DISTURBS_RECORDING, again)
     ]
     assert checks["subscriber.receives"].outcome is outcome
+    assert checks["subscriber.receives"].decided_by == (
+        "disturbed" if again else "messages_dropped"
+    )
     assert checks["publisher.rate"].outcome is Outcome.PASSED
     assert checks["subscriber.rms"].earned == 0
 
@@ -184,6 +189,7 @@ def test_what_needs_messages_that_a_flood_kept_out_fails_and_says_so(
     assert {name for name, check in checks.items() if check.outcome is not Outcome.PASSED} == failed
     for name in failed:
         finding = checks[name]
+        assert finding.decided_by == "left_out"
         assert (finding.outcome, finding.credit, finding.measured) == (
             Outcome.FAILED,
             Decimal(0),

@@ -1,0 +1,66 @@
+"""Remarks that cost nothing: advisories about programs, files and packages, and the choice among files of one name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+
+from grader.evidence.crash.diagnosis import advisories, hit_limit
+from grader.evidence.gaps import limits_hit
+from grader.evidence.recorded import Recorded
+from grader.recording.submission import SubmissionRecord
+from grader.result import ChosenFile, CriterionResult
+
+
+def chosen_files(submission: SubmissionRecord) -> tuple[ChosenFile, ...]:
+    """Return the graded files that share their name with other files."""
+    found = []
+    for fact in submission.artifacts:
+        if fact.path is not None and fact.passed_over:
+            others = tuple(fact.passed_over)
+            found.append(ChosenFile(fact.expected, fact.path, others, fact.why, fact.is_open))
+    return tuple(found)
+
+
+def advisories_of(
+    sessions: Iterable[Recorded], submission: SubmissionRecord, criteria: Iterable[CriterionResult]
+) -> tuple[str, ...]:
+    """Return each remark once: from the programs' output, the files, the packages, and the checks' notes."""
+    found = [*_of_programs(sessions), *_of_files(submission)]
+    for criterion in criteria:
+        for check in criterion.checks:
+            found += check.notes
+    return tuple(dict.fromkeys(found))
+
+
+def _of_programs(sessions: Iterable[Recorded]) -> Iterator[str]:
+    """Yield each remark about programs after their artifacts, such as `talker, listener: It ignores Ctrl-C.`."""
+    artifacts: dict[str, list[str]] = {}
+    for recorded in sessions:
+        for text, artifact in _said_in(recorded):
+            artifacts.setdefault(text, []).append(artifact)
+    for text, names in artifacts.items():
+        named = list(dict.fromkeys(filter(None, names)))
+        yield f"{', '.join(named)}: {text}" if named else text
+
+
+def _said_in(recorded: Recorded) -> Iterator[tuple[str, str]]:
+    """Yield each remark about a student's program of a session, with its artifact; empty if it has none."""
+    limits = limits_hit(recorded)
+    for process in recorded.students:
+        artifact = process.artifact or ""
+        for text in advisories(process.output):
+            yield text, artifact
+        hit = hit_limit(replace(process, limit=limits.get(process.name)))
+        if hit is not None:
+            yield " ".join(hit), artifact
+
+
+def _of_files(submission: SubmissionRecord) -> Iterator[str]:
+    """Yield the remarks about files with another name, and about packages."""
+    for fact in submission.artifacts:
+        if fact.found_by == "near miss":
+            yield f"{fact.path} was used as {fact.expected}."
+    for package in submission.packages:
+        for problem in package.problems:
+            yield f"Package {package.name}: {problem}"
