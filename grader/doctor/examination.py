@@ -27,7 +27,7 @@ from grader.live.sandbox.helpers import find_tool, python, run_helper
 from grader.live.sandbox.isolation import Isolation, Level
 from grader.live.sandbox.machine import stolen_ns
 from grader.live.sandbox.probing import probe_isolation
-from grader.live.session.runner import sessions_at_a_time
+from grader.live.session.scheduler import sessions_at_a_time
 from grader.result import Outcome
 from grader.submission.artifacts import read_submission_folder
 
@@ -263,7 +263,7 @@ def _record(interpreter: Path, scratch: Path) -> Recorded:
     rubric = rubrics.read_rubric(_LAB / "rubric.yaml")
     submission = read_submission_folder(_LAB / "submission", rubric)
     options = pipeline.Options(interpreter, least_isolation="none")
-    pipeline.record(
+    pipeline.Grading(
         _LAB / "submission", submission, rubric, scratch, options, lambda progress: None
-    )
+    ).record()
     return Recorded.open(scratch / result_folder.RECORDINGS / _SESSION)
