@@ -7,9 +7,9 @@ from pathlib import Path
 from grader.classroom.regrade import regrade
 from grader.files import replace_files
 from grader.judging.judgement import judge_bounded
+from grader.judging.result_files import files_of
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
-from grader.pipeline import files_of
 from grader.result import Result
 from grader.result_folder import RECORDINGS
 

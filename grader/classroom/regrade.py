@@ -19,6 +19,7 @@ from grader.files import replace_files, text_of, uninterrupted
 from grader.judging import judgement
 from grader.judging.judge import FULL, Effort
 from grader.judging.judgement import Judgement
+from grader.judging.result_files import files_of
 from grader.judging.rubrics import (
     chosen_rubric,
     read_overrides,
@@ -30,7 +31,6 @@ from grader.lab.kept_lab import kept_files
 from grader.lab.kept_lab import remarks as remarks_on_lab
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
-from grader.pipeline import files_of
 from grader.recording.bag import METADATA_FILE
 from grader.result import Result, load_result, result_of_text
 from grader.result_folder import RECORDINGS, RESULT_FILE

@@ -10,7 +10,7 @@ from contextlib import ExitStack, suppress
 
 from confine.isolation import Isolation
 from confine.machine import idle_s
-from grader.live.session.runner import sessions_at_a_time
+from grader.live.session.scheduler import sessions_at_a_time
 
 _POLL_S = 0.1
 #: A sandbox more is admitted where the cores had nothing to do for this share of such a time: on two cores as much as

@@ -20,14 +20,15 @@ import sys
 import tempfile
 import time
 import traceback
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import ExitStack, asynccontextmanager, contextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 from confine.helpers import absolute_entries, helper_environment
 from confine.isolation import Isolation, Level
+from confine.machine import wait_for_calm
 from confine.namespaces import end_with_parent
 from confine.scratch import remove_stale, scratch_prefix
 from grader import pipeline
@@ -44,6 +45,7 @@ from grader.live.process.waiting import within
 from grader.live.sandbox.environment import SOURCED
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.runner import Progress, given_in_steps
+from grader.live.session.scheduler import Slot
 from grader.live_exports import export_variables
 
 #: What reading and judging a submission may take of the address space; some 0.7 GiB suffice. The sandboxes that it
@@ -248,8 +250,6 @@ class _WorkerScheduler:
     isolation: Isolation
     forks: ForkServer
     send: Callable[[Progress], None]
-    #: By which the sessions of an event loop ask for slots one by one, the longest first: each that asks polls.
-    _asking: dict[asyncio.AbstractEventLoop, asyncio.Lock] = field(default_factory=dict)
     _own: Callable[[], None] | None = None
     _alone_s: float = 0.0
 
@@ -257,25 +257,28 @@ class _WorkerScheduler:
         with self.work("reading"):
             pass
 
-    def fork_server(self) -> ForkServer:
-        """Return a branch of the class's server, which ends with this process."""
+    def fork_server(self, types: Sequence[str]) -> ForkServer:
+        """Return a branch of the class's server, which ends with this process and has loaded all types of the lab."""
         return self.forks.branch(self.isolation.form)
 
+    def slots(self, specs: Sequence[SessionSpec], attempt: int) -> Slot:
+        """Return slots of the machine, for which the sessions ask one by one, since each that asks polls."""
+        return partial(self._slot, attempt, asyncio.Lock())
+
     @asynccontextmanager
-    async def session_slot(self, spec: SessionSpec, attempt: int) -> AsyncIterator[None]:
+    async def _slot(
+        self, attempt: int, asking: asyncio.Lock, spec: SessionSpec
+    ) -> AsyncIterator[None]:
         """Hold a slot for a session; the second time beside as few others as a single grading runs, then alone."""
-        self.pause()
+        self._give_back()
         assert self.job.machine is not None
         alone = attempt > 2 and self._alone_s < self.job.alone_s
-        parts = None if attempt == 1 else 1 if alone else self.job.machine.slots
-        text = (
-            "waits"
-            if attempt == 1
-            else "waits to run alone"
-            if alone
-            else "waits to run beside few others"
-        )
-        async with self._asking.setdefault(asyncio.get_running_loop(), asyncio.Lock()):
+        text, parts = "waits", None
+        if alone:
+            text, parts = "waits to run alone", 1
+        elif attempt > 1:
+            text, parts = "waits to run beside few others", self.job.machine.slots
+        async with asking:
             give_back = await self._take(Progress(spec.id, text), parts)
         began_s = time.monotonic()
         try:
@@ -293,8 +296,16 @@ class _WorkerScheduler:
             self.send(Progress("", what))
         yield
 
-    def pause(self) -> None:
-        """Give back the slot for work of this process."""
+    def await_calm(self, attempt: int) -> None:
+        """Give back the slot for work of this process; before the third attempt, wait for a calmer machine besides.
+
+        The second attempt waits for slots beside so few other sessions that they suffice.
+        """
+        self._give_back()
+        if attempt > 2:
+            wait_for_calm()
+
+    def _give_back(self) -> None:
         if self._own is not None:
             self._own()
             self._own = None

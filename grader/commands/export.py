@@ -213,7 +213,7 @@ def _print_notes(notes: Mapping[str, Sequence[str]]) -> None:
 def _export(
     results: Path, targets: Sequence[ExportTarget], options: argparse.Namespace, console: Console
 ) -> Decimal:
-    from grader.pipeline import judge_so_far
+    from grader.judging.result_files import judge_so_far
 
     try:
         result = judge_so_far(results) if options.so_far else load_result(results / RESULT_FILE)

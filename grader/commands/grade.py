@@ -165,11 +165,11 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
     if options.scheduler is not None:
         return _run(parser, options, console)
     _note_limits(console)
-    from grader.live.ahead import Ahead
     from grader.live.sandbox.environment import require_platform
+    from grader.live.session.scheduler import LocalScheduler
 
     require_platform(interpreter := interpreter_of(options.python))
-    with Ahead(interpreter) as options.ahead:
+    with LocalScheduler(interpreter, options.jobs) as options.local:
         return _run(parser, options, console)
 
 
@@ -311,9 +311,7 @@ def _grade_one(
         def show(p: Progress) -> None:
             display.note(p.session, p.text, p.step, p.steps, p.ended)
 
-        result = pipeline.grade(
-            source, rubric, results, live, show, watch=watch, ahead=options.ahead
-        )
+        result = pipeline.grade(source, rubric, results, live, show, options.local, watch)
     if (
         live.overrides.sha256
     ):  # Else nobody decides anything here, and a student's tries need no trail.
@@ -379,8 +377,8 @@ def _grading_location(
 
     if options.scheduler is not None:
         return str(options.scheduler), Machine.of(Isolation(Level.FULL))
-    with options.ahead as ahead:  # All of a class are forks of another process.
-        isolation: Isolation = ahead.isolation()
+    with options.local as local:  # All of a class are forks of another process.
+        isolation: Isolation = local.isolation
     require(isolation, Level.of(live.least_isolation))
     return isolation, Machine.of(isolation, live.jobs)
 

@@ -27,7 +27,7 @@ from grader.lab.rubric import Rubric
 from grader.live.interfaces.build import lacking_toolchain
 from grader.live.sandbox.environment import ask_interpreter, require_platform
 from grader.live.sandbox.probing import probe_isolation
-from grader.live.session.runner import sessions_at_a_time
+from grader.live.session.scheduler import sessions_at_a_time
 from grader.result import Outcome
 from grader.submission.artifacts import read_submission_folder
 
@@ -263,7 +263,7 @@ def _record(interpreter: Path, scratch: Path) -> Recorded:
     rubric = rubrics.read_rubric(_LAB / "rubric.yaml")
     submission = read_submission_folder(_LAB / "submission", rubric)
     options = pipeline.Options(interpreter, least_isolation="none")
-    pipeline.record(
+    pipeline.Grading(
         _LAB / "submission", submission, rubric, scratch, options, lambda progress: None
-    )
+    ).record()
     return Recorded.open(scratch / result_folder.RECORDINGS / _SESSION)

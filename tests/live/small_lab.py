@@ -84,7 +84,9 @@ class Lab:
         rubric = self.rubric()
         submission = read_submission_folder(self.submission, rubric)
         options = pipeline.Options(Path(sys.executable))
-        pipeline.record(self.submission, submission, rubric, self.results, options, on_progress)
+        pipeline.Grading(
+            self.submission, submission, rubric, self.results, options, on_progress
+        ).record()
         return {name: Recorded.open(self.recordings / name) for name in rubric.sessions}
 
 

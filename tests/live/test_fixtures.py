@@ -66,7 +66,7 @@ def test_fixture_gets_its_verdict(folder: Path, tmp_path: Path, rubric: Rubric) 
 
         for _ in range(MOST_GRADINGS):
             others = Others()
-            pipeline.record(submission, record, rubric, results, options, on_progress)
+            pipeline.Grading(submission, record, rubric, results, options, on_progress).record()
             result = judge(open_recordings(results / result_folder.RECORDINGS, rubric), rubric)
             verdict = compare(fixture.expectation, result, rubric)
             if not verdict.undecided:

@@ -41,14 +41,14 @@ def graded(folder: Path, text: str) -> Result:
     rubric = rubrics.read_rubric(lab / "rubric.yaml")
     record = read_submission_folder(submission, rubric)
     for _ in range(MOST_GRADINGS):
-        pipeline.record(
+        pipeline.Grading(
             submission,
             record,
             rubric,
             results,
             pipeline.Options(Path(sys.executable)),
             lambda _: None,
-        )
+        ).record()
         result = judge(open_recordings(results / result_folder.RECORDINGS, rubric), rubric)
         if not result.score.undecided:
             break

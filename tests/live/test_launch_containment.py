@@ -152,7 +152,7 @@ def record_and_judge(
     record = read_submission_folder(submission, rubric)
     record.sessions = [CRITERION]
     options = pipeline.Options(Path(sys.executable), [CRITERION], scope, jobs=1)
-    pipeline.record(submission, record, rubric, results, options, on_progress)
+    pipeline.Grading(submission, record, rubric, results, options, on_progress).record()
     return judge_results(results, rubric)
 
 

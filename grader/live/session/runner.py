@@ -11,10 +11,10 @@ import signal
 import tempfile
 import threading
 from collections.abc import Callable, Coroutine, Mapping, Sequence
-from contextlib import AbstractAsyncContextManager, AbstractContextManager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from confine.isolation import Isolation, free_slot
 from confine.scratch import remove_tree, scratch_prefix
@@ -24,18 +24,14 @@ from grader.live.process.waiting import side_by_side, within
 from grader.live.sandbox.environment import NativeLaunch
 from grader.live.session.fork_server import ForkServer
 from grader.live.session.plan import SessionPlan
+from grader.live.session.scheduler import Slot
 from grader.recording.session import SessionRecord, StepRun
 from grader.recording.submission import SubmissionRecord
 
-#: Sessions per core for which 100 Hz timing was seen to hold (p99 jitter under 6 ms), and the most at a time.
-_SESSIONS_PER_CORE = 2
-_MOST_SESSIONS = 4
 #: Time that a session may take beyond its own limit before its sandbox is killed.
 _GRACE_S = 25.0
 #: How long a sandbox that is to end may take to say by which process id, and then to end.
 _END_S = 5.0
-#: By so much the longest sessions start before those that end sooner all the same: a program begins in it.
-_START_S = 0.5
 _REMEDY = "Check whether memory or processes ran out and whether /dev/shm exists; `grade doctor` shows more."
 
 
@@ -48,13 +44,6 @@ class Progress:
     step: int = 0
     steps: int = 0
     ended: bool = False
-
-
-def sessions_at_a_time(isolation: Isolation) -> int:
-    """How many sandboxes may run side by side here; one where they would share a network."""
-    if not isolation.namespaces:
-        return 1
-    return max(1, min(_MOST_SESSIONS, _SESSIONS_PER_CORE * len(os.sched_getaffinity(0))))
 
 
 #: By which steps name topics, services and nodes.
@@ -82,37 +71,20 @@ def given_in_steps(rubric: Rubric, *keys: str, sessions: Sequence[str] | None = 
     )
 
 
-class Scheduler(Protocol):
-    """When a session, or the grader's own work, may burden a machine that several submissions share.
-
-    `isolation` is how students' code is confined there.
-    """
-
-    isolation: Isolation
-
-    def fork_server(self) -> ForkServer:
-        """Return what starts the sandboxes of one submission, to be used as a context."""
-        ...
-
-    def session_slot(self, spec: SessionSpec, attempt: int) -> AbstractAsyncContextManager[None]:
-        """Wait until a session may run, the calmer the more attempts there were, and hold its slot while it does."""
-        ...
-
-    def work(self, what: str) -> AbstractContextManager[None]:
-        """Wait until the grader's own work, such as judging, takes no core from a session that is being timed."""
-        ...
-
-    def pause(self) -> None:
-        """Let others work, since nothing more is done until a session may run."""
-        ...
-
-
 @dataclass(frozen=True)
 class SessionRunner:
     """The sessions of one submission, ready to be recorded, each in a folder of its own below `recordings`.
 
-    The `attempt` is 1, or more where an earlier recording left something undecided; in one of those the grader's own
-    processes were `disturbed` in some sessions. What some need and this machine cannot give is in `lacking`.
+    Parameters
+    ----------
+    slots
+        Gives the slots of sessions for an attempt, see `Scheduler.slots`.
+    attempt
+        1 for the first recording, more if an earlier recording left something undecided.
+    disturbed
+        Sessions in which an earlier recording showed interference with the grader's own processes.
+    lacking
+        Session -> reason why this machine cannot give everything that the session needs.
     """
 
     rubric: Rubric
@@ -125,45 +97,37 @@ class SessionRunner:
     seed: int
     versions: dict[str, str]
     forks: ForkServer
+    slots: Callable[[Sequence[SessionSpec], int], Slot]
     native: NativeLaunch | None = None
     attempt: int = 1
     disturbed: frozenset[str] = frozenset()
-    scheduler: Scheduler | None = None
     interfaces: Path | None = None
     lacking: Mapping[str, str] = field(default_factory=dict)
 
-    def record(
-        self,
-        chosen: Sequence[str],
-        on_progress: Callable[[Progress], None],
-        *,
-        at_a_time: int | None = None,
-    ) -> None:
+    def record(self, chosen: Sequence[str], on_progress: Callable[[Progress], None]) -> None:
         """Record the chosen sessions; returns when all have ended.
 
-        One that cannot be run to its end leaves a recording that says so; nothing stays if the grader is asked to end.
+        A session that cannot be run to its end leaves a recording that says so; nothing stays if the grader is asked
+        to end.
         """
-        run_to_an_end(
-            self._record_all(chosen, on_progress, at_a_time or sessions_at_a_time(self.isolation))
-        )
+        run_to_an_end(self._record_all(chosen, on_progress))
 
     async def _record_all(
-        self, chosen: Sequence[str], on_progress: Callable[[Progress], None], at_a_time: int
+        self, chosen: Sequence[str], on_progress: Callable[[Progress], None]
     ) -> None:
-        queue = sorted((self.rubric.sessions[name] for name in chosen), key=lambda s: -s.typical_s)
-        slots = asyncio.Semaphore(at_a_time)
+        specs = [self.rubric.sessions[name] for name in chosen]
+        specs.sort(key=lambda spec: -spec.typical_s)
+        slot = self.slots(specs, self.attempt)
+        text = "recorded"
+        if self.attempt > 1:
+            text += " retry, as something was undecided"
 
         async def one(spec: SessionSpec) -> None:
-            if spec.typical_s + _START_S < queue[0].typical_s and self.scheduler is None:
-                await asyncio.sleep(_START_S)
-            async with (
-                slots if self.scheduler is None else self.scheduler.session_slot(spec, self.attempt)
-            ):
+            async with slot(spec):
                 await self._record_one(spec, on_progress)
-                retried = " retry, as something was undecided" if self.attempt > 1 else ""
-                on_progress(Progress(spec.id, f"recorded{retried}", ended=True))
+                on_progress(Progress(spec.id, text, ended=True))
 
-        await side_by_side(one(spec) for spec in queue)
+        await side_by_side(one(spec) for spec in specs)
 
     async def _record_one(self, spec: SessionSpec, on_progress: Callable[[Progress], None]) -> None:
         folder = self.recordings / spec.id

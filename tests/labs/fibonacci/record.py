@@ -32,7 +32,9 @@ def record(name: str, folder: Path) -> Path:
     rubric = rubrics.read_rubric(FOLDER / "rubric.yaml")
     options = pipeline.Options(Path(sys.executable), seed=1)
     read = read_submission_folder(submission, rubric)
-    pipeline.record(submission, read, rubric, folder / "results", options, lambda progress: None)
+    pipeline.Grading(
+        submission, read, rubric, folder / "results", options, lambda progress: None
+    ).record()
     return folder / "results" / result_folder.RECORDINGS
 
 

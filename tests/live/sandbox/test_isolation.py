@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import tempfile
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -152,6 +153,7 @@ def record_at(lab: Lab, isolation: Isolation) -> Recorded:
             1,
             environment.versions(),
             forks,
+            lambda specs, attempt: lambda spec: nullcontext(),
         )
         sessions.record(["only"], lambda progress: None)
     return Recorded.open(lab.recordings / "only")
