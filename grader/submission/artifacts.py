@@ -101,7 +101,7 @@ def _digest(files: Iterable[FileFact]) -> str:
 
 
 def names_of(spec: ArtifactSpec) -> frozenset[str]:
-    """Return the names by which the rubric asks for an artifact's file, without patterns."""
+    """Return the names that the rubric gives an artifact's file, without patterns."""
     names = set()
     for pattern in (spec.file, *spec.find):
         name = PurePosixPath(pattern).name

@@ -43,7 +43,7 @@ _MOST_FOLDERS_OF_VERSIONS = 4
 _VERSION = re.compile(r"Version (\d{1,4})")
 
 
-#: A file by which the results of an earlier grading are recognised.
+#: A file in the results of an earlier grading.
 _RESULT = "recordings/submission.json"
 #: Names that a message lists.
 _MOST_LISTED = 3
@@ -217,7 +217,7 @@ class _Search:
         self._add(source, name)
 
     def _doubt_several_in(self, listing: Listing) -> None:
-        """Report a folder among submissions that seems to hold several, as that of a section or a group does."""
+        """Report a folder among submissions that seems to hold several, such as a folder of a section or a group."""
         students = self._collections.understood(listing).students
         inner = students.folders if students is not None else []
         if len(inner) > 1:
