@@ -1,1 +1,1 @@
-"""The review desk: what of a class needs a person, decided in the browser, written to `overrides.yaml`."""
+"""The review desk: questions of a class, answered in the browser, written to `overrides.yaml`."""

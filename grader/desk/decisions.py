@@ -1,7 +1,7 @@
-"""The decisions of a class: read from and written to `overrides.yaml`, so that the desk and the file are one thing.
+"""The decisions of a class, read from and written to `overrides.yaml`; the desk and the file always agree.
 
-The file is the truth: what is decided stands in it before anything else happens. The results follow it, in a process of
-their own (`Desk.settle`); whoever is stopped in between loses nothing, since what lags behind is found again.
+A decision is written to the file before anything else happens. The results are updated afterwards, in a process of their
+own (`Desk.settle`). Nothing is lost if the desk is stopped in between, because outdated results are found again.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import hashlib
 import multiprocessing
 import signal
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from decimal import Decimal
@@ -30,12 +30,14 @@ from grader.lab.rubric import Rubric
 from grader.result import ANSWERS, WHOLE, Result, number
 from grader.result_folder import RESULT_FILE
 
-#: Of reasons and comments that were used before.
+#: Previous reasons, and previous comments, that are offered.
 _MOST_OFFERED = 9
+#: Names that a message lists.
+_MOST_NAMED = 3
 
 
 class Decision(BaseModel):
-    """What a person decides at the desk: one thing, for one submission or several, by the names of their folders."""
+    """A decision at the desk about one part of one submission or several, by the names of their folders."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -46,17 +48,17 @@ class Decision(BaseModel):
     points: Decimal | None = None
     comment: str = Field("", max_length=20_000)
     reason: str = Field("", max_length=5_000)
-    #: By name, the state of the part that whoever decides has seen; a name that is not there was not looked at.
+    #: State of the part that the person saw, by name; submissions without a name here were not seen.
     seen: Mapping[str, str] = Field(default_factory=dict)
 
 
 class ChangedSince(UsageError):
-    """Somebody has decided of the same meanwhile."""
+    """Raised if another person decided about the same part meanwhile."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """What a decision does to the points of one submission: of the part, and of the whole."""
+    """The effect of a decision on one submission: points of the part and of the whole, before and after."""
 
     name: str
     part: tuple[Decimal, Decimal]
@@ -68,24 +70,25 @@ class Effect:
 
 @dataclass
 class Desk:
-    """A class on the desk: its results with what people decided until now."""
+    """A class on the desk: its results with all decisions until now."""
 
     results: Path
     rubric: Rubric
     overrides_file: Path
     who: str
-    #: The command that was given, for the trail of replaced results.
+    #: The command line, for the log of replaced results.
     command: str = "review"
-    #: What this desk has written, the last one last.
+    #: Decisions of this desk, in their order.
     written: list[tuple[Decision, dict[str, Any]]] = field(default_factory=list)
-    #: By the folder's name, as text: a browser neither sends nor shows what is no Unicode.
+    #: Time of change and entry of each folder, by its name as Unicode, because browsers send and show nothing else.
     _entries: dict[str, tuple[int, ClassEntry]] = field(default_factory=dict)
     _settling: Any = None
-    #: What was read of the file last.
+    #: The overrides as they were read last.
     _read: Overrides = field(default_factory=Overrides)
+    #: Hash of the overrides that were last applied to each submission.
     _tried: dict[str, str] = field(default_factory=dict)
 
-    # -- what there is --------------------------------------------------------------------------
+    # -- results and decisions ------------------------------------------------------------------
 
     def overrides(self) -> Overrides:
         """Read the file; raises RubricError with all its mistakes."""
@@ -96,94 +99,88 @@ class Desk:
         return self._read
 
     def judged(self, overrides: Overrides | None = None) -> dict[str, Result]:
-        """Return the results as they are with what people decided, by the names of their folders."""
+        """Return the results with all decisions, by the names of their folders."""
         decided = self.overrides() if overrides is None else overrides
-        return {name: self._adjusted(entry, decided) for name, entry in self._graded()}
+        found: dict[str, Result] = {}
+        for name, entry, result in self._graded():
+            found[name] = self._adjusted(entry, result, decided)
+        return found
 
     def queue(self) -> list[Item]:
-        """Return what is to be decided, and what has been."""
+        """Return open and answered questions."""
         return queue_of(self.judged(), self.rubric)
 
     def offered(self) -> dict[str, list[str]]:
-        """Return reasons and comments that were used before, the most frequent first."""
-        entries = self.overrides().entries
-        used = {
-            "reasons": Counter(entry.reason for entry in reversed(entries) if entry.reason),
-            "comments": Counter(entry.comment for entry in reversed(entries) if entry.comment),
-        }
-        return {
-            kind: [text for text, _ in texts.most_common(_MOST_OFFERED)]
-            for kind, texts in used.items()
-        }
+        """Return previous reasons and comments, the most frequent first."""
+        reasons: Counter[str] = Counter()
+        comments: Counter[str] = Counter()
+        for entry in reversed(self.overrides().entries):
+            reasons[entry.reason or ""] += 1
+            comments[entry.comment or ""] += 1
+        return {"reasons": _most_common(reasons), "comments": _most_common(comments)}
 
     def folder_of(self, name: str) -> Path:
-        """Return the folder of a submission that was judged."""
-        return self.results / self._entries[name][1].name
+        """Return the folder of a judged submission."""
+        _, entry = self._entries[name]
+        return self.results / entry.name
 
-    def _graded(self) -> Iterable[tuple[str, ClassEntry]]:
-        """Read results that are new or have changed."""
-        changed = {
-            readable(p.parent.name): p.stat().st_mtime_ns
-            for p in self.results.glob(f"*/{RESULT_FILE}")
-        }
-        if any(self._entries.get(name, (0,))[0] != time for name, time in changed.items()):
-            named = ((readable(entry.name), entry) for entry in entries_in(self.results))
-            self._entries = {name: (changed.get(name, 0), entry) for name, entry in named}
-        return [
-            (name, entry) for name, (_, entry) in self._entries.items() if entry.result is not None
-        ]
+    def _graded(self) -> Iterator[tuple[str, ClassEntry, Result]]:
+        """Yield the submissions with a result, after reading new and changed results."""
+        times_ns: dict[str, int] = {}
+        for path in self.results.glob(f"*/{RESULT_FILE}"):
+            times_ns[readable(path.parent.name)] = path.stat().st_mtime_ns
+        if any(self._time_ns(name) != time_ns for name, time_ns in times_ns.items()):
+            self._entries = {}
+            for entry in entries_in(self.results):
+                name = readable(entry.name)
+                self._entries[name] = (times_ns.get(name, 0), entry)
+        for name, (_, entry) in self._entries.items():
+            if entry.result is not None:
+                yield name, entry, entry.result
 
-    def _adjusted(self, entry: ClassEntry, decided: Overrides) -> Result:
-        assert entry.result is not None
-        of = decided.of(entry.result.submission)
+    def _time_ns(self, name: str) -> int:
+        """Return the time at which a result that was read had changed; 0 for a new one."""
+        if name not in self._entries:
+            return 0
+        return self._entries[name][0]
+
+    def _adjusted(self, entry: ClassEntry, result: Result, decided: Overrides) -> Result:
+        """Return a result with the decisions about it."""
         policy = self.rubric.policy
-        return adjust(entry.result, of, policy.late, policy.zoned(entry.submission_time))
+        time = policy.zoned(entry.submission_time)
+        return adjust(result, decided.of(result.submission), policy.late, time)
 
     # -- decisions ------------------------------------------------------------------------------
 
     def preview(self, decision: Decision) -> list[Effect]:
-        """Return what a decision would do, and writes nothing; raises RubricError if it is not possible."""
-        text = (
-            self.overrides_file.read_text(encoding="utf-8") if self.overrides_file.exists() else ""
-        )
+        """Return the effects of a decision without writing it; raises RubricError if it is impossible."""
+        text = ""
+        if self.overrides_file.exists():
+            text = self.overrides_file.read_text(encoding="utf-8")
         before = self.judged()
-        new = parse_overrides(
-            self.overrides_file, with_entry(text, self._entry(decision, before)), self.rubric
-        )
-        after = self.judged(new)
+        new_text = with_entry(text, self._entry(decision, before))
+        after = self.judged(parse_overrides(self.overrides_file, new_text, self.rubric))
         return [self._effect(name, decision, before[name], after[name]) for name in decision.names]
 
     def decide(self, decision: Decision) -> None:
-        """Write a decision; raises ChangedSince if somebody has decided of it since it was looked at."""
+        """Write a decision; raises ChangedSince if another person decided about its part after it was shown."""
         with locked(self.overrides_file.parent):
             before = self.judged()
             entry = self._entry(decision, before)
-            part = decision.id or WHOLE
-            changed = [
-                n
-                for n, state in decision.seen.items()
-                if n in before and state_of(before[n], part) != state
-            ]
-            if changed:
-                problem = f"somebody has decided of this meanwhile: {', '.join(changed[:3])}"
-                raise ChangedSince(
-                    problem,
-                    remedy="Look at what was decided, and decide again if you still want to.",
-                )
+            _require_unchanged(decision, before)
             rewrite(self.overrides_file, lambda text: self._fitting(with_entry(text, entry)))
         self.written.append((decision, entry))
 
     def undo(self) -> Decision:
-        """Take back what this desk decided last, unless somebody else has done so; returns the decision."""
+        """Take back the last decision of this desk, unless another person has done so; returns the decision."""
         if not self.written:
             raise UsageError(
                 "there is nothing to take back", remedy="Only what this desk has decided can be."
             )
         decision, entry = self.written[-1]
         with locked(self.overrides_file.parent):
-            wanted = parse_overrides(
-                self.overrides_file, with_entry("", entry), self.rubric
-            ).entries[0]
+            alone = parse_overrides(self.overrides_file, with_entry("", entry), self.rubric)
+            wanted = alone.entries[0]
             listed = list(self.overrides().entries)
             if wanted in listed:
                 rewrite(self.overrides_file, lambda text: without_entry(text, listed.index(wanted)))
@@ -191,7 +188,7 @@ class Desk:
         return decision
 
     def _entry(self, decision: Decision, results: Mapping[str, Result]) -> dict[str, Any]:
-        """Return a decision as it stands in the file."""
+        """Return a decision as an entry of the file."""
         unknown = [name for name in decision.names if name not in results]
         if unknown:
             raise UsageError(
@@ -199,95 +196,131 @@ class Desk:
                 remedy="Choose from those that were graded.",
             )
         names = [results[name].submission for name in decision.names]
-        value: Any = number(decision.points) if decision.points is not None else None
-        changes = {"excused": True, "reviewed": True, "appeal": _line(decision.comment)}
-        given = {
-            "submission": names if len(names) > 1 else names[0],
-            decision.level: decision.id if decision.level else None,
-            decision.change: changes.get(decision.change, value),
-            "comment": _line(decision.comment) if decision.change != "appeal" else None,
-            "reason": _line(decision.reason),
-            "who": self.who,
-            "when": f"{datetime.now():%Y-%m-%d %H:%M}",
-        }
-        return {key: value for key, value in given.items() if value not in (None, "")}
+        comment = _line(decision.comment)
+        given: dict[str, Any] = {"submission": names if len(names) > 1 else names[0]}
+        if decision.level:
+            given[decision.level] = decision.id
+        if decision.change == "appeal":
+            given["appeal"] = comment
+        elif decision.change in ("excused", "reviewed"):
+            given[decision.change] = True
+        elif decision.points is not None:
+            given[decision.change] = number(decision.points)
+        if decision.change != "appeal":
+            given["comment"] = comment
+        given["reason"] = _line(decision.reason)
+        given["who"] = self.who
+        given["when"] = f"{datetime.now():%Y-%m-%d %H:%M}"
+        return {key: value for key, value in given.items() if value != ""}
 
     def _fitting(self, text: str) -> str:
-        """Return a text that can be applied; raises RubricError with its mistakes."""
+        """Return a text if it can be applied; raises RubricError with its mistakes."""
         parse_overrides(self.overrides_file, text, self.rubric)
         return text
 
     def _effect(self, name: str, decision: Decision, before: Result, after: Result) -> Effect:
-        parts = [part_of(result, decision.level, decision.id) for result in (before, after)]
-        earned = [part.earned if part is not None else Decimal(0) for part in parts]
-        concerned = [
-            c for part in before.criteria for c in part.checks if decision.id in (c.id, part.id)
-        ]
-        text = " ".join(dict.fromkeys(check.reason for check in concerned if check.reason))
-        decided = any(
-            a.what == (decision.id or WHOLE) and a.kind in ANSWERS for a in before.adjustments
-        )
-        state = state_of(before, decision.id or WHOLE)
+        part = decision.id or WHOLE
+        reasons: dict[str, None] = {}
+        for criterion in before.criteria:
+            for check in criterion.checks:
+                if check.reason and decision.id in (check.id, criterion.id):
+                    reasons[check.reason] = None
+        is_decided = False
+        for adjustment in before.adjustments:
+            if adjustment.what == part and adjustment.kind in ANSWERS:
+                is_decided = True
         return Effect(
-            name, (earned[0], earned[1]), (before.final, after.final), text, state, decided
+            name,
+            (_earned(before, decision), _earned(after, decision)),
+            (before.final, after.final),
+            " ".join(reasons),
+            state_of(before, part),
+            is_decided,
         )
 
-    # -- the results follow ---------------------------------------------------------------------
+    # -- updating the results -------------------------------------------------------------------
 
     def stale(self) -> dict[str, str]:
-        """Return whose result does not have what was decided, with the hash of what was."""
+        """Return the submissions with outdated results, with the hash of the decisions."""
         decided = self.overrides()
-        return {
-            name: decided.sha256
-            for name, entry in self._graded()
-            if entry.result is not None
-            and self._adjusted(entry, decided).adjustments != entry.result.adjustments
-        }
+        found: dict[str, str] = {}
+        for name, entry, result in self._graded():
+            adjusted = self._adjusted(entry, result, decided)
+            if adjusted.adjustments != result.adjustments:
+                found[name] = decided.sha256
+        return found
 
     def settle(self) -> dict[str, list[str]]:
-        """Have results follow the file, in a process of its own; returns who waits, and whose was not written.
+        """Update outdated results in a process of its own; to be called until no submission is waiting.
 
-        To be called until nobody is waiting.
+        Returns the waiting submissions, and those with results that could not be written.
         """
         running = self._settling is not None and self._settling.is_alive()
         stale = self.stale()
-        waiting = {
-            name: sha256 for name, sha256 in stale.items() if self._tried.get(name) != sha256
-        }
+        waiting: dict[str, str] = {}
+        for name, sha256 in stale.items():
+            if self._tried.get(name) != sha256:
+                waiting[name] = sha256
         if not running and waiting:
             folders = [self.folder_of(name) for name in waiting]
-            # A copy of this process, which has no threads: it ends by itself, also where this one is killed.
+            # The fork has no threads, and ends by itself, even if this process is killed.
             context = multiprocessing.get_context("fork")
-            self._settling = context.Process(
-                target=_write, args=(folders, self.overrides_file, self.command)
-            )
+            arguments = (folders, self.overrides_file, self.command)
+            self._settling = context.Process(target=_write, args=arguments)
             self._settling.start()
             self._tried |= waiting
             running = True
-        return {
-            "waiting": sorted(stale) if running else [],
-            "failed": [] if running else sorted(stale),
-        }
+        if running:
+            return {"waiting": sorted(stale), "failed": []}
+        return {"waiting": [], "failed": sorted(stale)}
 
     def close(self) -> list[str]:
-        """Wait until the results have followed; returns whose could not be written."""
+        """Wait until all results are updated; returns submissions with results that could not be written."""
         while self.settle()["waiting"]:
             self._settling.join()
         return self.settle()["failed"]
 
 
+def _most_common(texts: Counter[str]) -> list[str]:
+    """Return the most frequent texts, without the empty one."""
+    del texts[""]
+    return [text for text, _ in texts.most_common(_MOST_OFFERED)]
+
+
+def _require_unchanged(decision: Decision, results: Mapping[str, Result]) -> None:
+    """Raise ChangedSince if the state of a part is not the one that the person saw."""
+    part = decision.id or WHOLE
+    changed = []
+    for name, state in decision.seen.items():
+        if name in results and state_of(results[name], part) != state:
+            changed.append(name)
+    if changed:
+        named = ", ".join(changed[:_MOST_NAMED])
+        raise ChangedSince(
+            f"somebody has decided of this meanwhile: {named}",
+            remedy="Look at what was decided, and decide again if you still want to.",
+        )
+
+
+def _earned(result: Result, decision: Decision) -> Decimal:
+    part = part_of(result, decision.level, decision.id)
+    return part.earned if part is not None else Decimal(0)
+
+
 def _write(folders: list[Path], overrides: Path, command: str) -> None:
+    """Judge submissions again with the overrides, in a process of its own."""
     from grader.classroom.regrade import regrade
 
-    # Ctrl-C ends the desk, which then waits for this.
+    # At Ctrl-C, the desk waits for this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
         file = overrides if overrides.exists() else None
         regrade(folders, overrides=file, pages=True, again=False, jobs=1).apply(command)
     except GraderError:
-        raise SystemExit(1) from None  # The desk says whose result does not follow.
+        # The desk reports the outdated results.
+        raise SystemExit(1) from None
 
 
 def _line(text: str) -> str:
-    """Return a text in one line, without what cannot be written."""
+    """Return a text in one line, without characters that cannot be written."""
     return " ".join(text.encode("utf-8", "replace").decode("utf-8").split())

@@ -1,10 +1,10 @@
-"""What of a class needs a person, and who made the same mistake. Pure: equal results give an equal queue."""
+"""Questions of a class for a person, and groups with the same mistake. Pure: equal results give an equal queue."""
 
 from __future__ import annotations
 
 import hashlib
 from collections import defaultdict
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
 from enum import Enum
@@ -16,6 +16,7 @@ from grader.result import (
     ANSWERS,
     FOR_A_PERSON,
     WHOLE,
+    Adjustment,
     AdjustmentKind,
     CheckResult,
     CriterionResult,
@@ -25,7 +26,7 @@ from grader.result import (
 
 
 class Kind(str, Enum):
-    """Why a person is asked, in the order in which they are."""
+    """Reasons for asking a person, in the order of the queue."""
 
     APPEAL = "appeal"
     UNDECIDED = "undecided"
@@ -36,7 +37,7 @@ class Kind(str, Enum):
 
 @dataclass(frozen=True)
 class Part:
-    """A check, a criterion, or the whole of a submission, with the points that it has now."""
+    """A check, a criterion, or a whole submission, with its current points."""
 
     #: `check`, `criterion` or empty for the whole.
     level: str
@@ -48,97 +49,115 @@ class Part:
 
 @dataclass(frozen=True)
 class Item:
-    """Something that a person is asked to decide; `name` is the submission's folder."""
+    """A question for a person; `name` is the submission's folder."""
 
     kind: Kind
     name: str
     part: Part
     text: str
-    #: What people decided until now of the part and of its criterion, as hashes: whoever decides must have seen it.
+    #: Hash of all decisions about the part until now; a new decision must be based on them.
     state: str
+    #: Hash of all decisions about its criterion.
     criterion_state: str
-    #: Points that depend on it.
+    #: Points that depend on the answer.
     points: Decimal
-    #: Others of the same mistake, by their folders.
+    #: Folders of all submissions with the same mistake, this one first.
     same: tuple[str, ...]
     criterion: str = ""
     is_decided: bool = False
-    #: The most points of what may be decided with it: of a `check`, its `criterion`, or the whole (empty).
+    #: Largest points for a decision, by its level: "check", "criterion", or empty for the whole.
     most: Mapping[str, Decimal] = field(default_factory=dict)
 
     @property
     def id(self) -> str:
-        """By which the desk's page knows it."""
-        return "/".join((self.kind.name.lower(), self.part.id, self.name))
+        """Id for the desk's page."""
+        return f"{self.kind.name.lower()}/{self.part.id}/{self.name}"
 
 
 def queue_of(results: Mapping[str, Result], rubric: Rubric) -> list[Item]:
-    """Return what is to be decided, and what has been, by kind, check and name."""
-    by_person = {check.id for check in rubric.checks() if check.by_person}
+    """Return open and answered questions, by kind, check and name."""
+    by_person: set[str] = set()
+    order: dict[str, int] = {}
+    for number, check in enumerate(rubric.checks()):
+        order[check.id] = number
+        if check.by_person:
+            by_person.add(check.id)
     same = _same_mistakes(results)
-    found = [
-        item
-        for name, result in results.items()
-        for item in (*_of_whole(name, result), *_of_checks(name, result, by_person, same))
-    ]
-    kinds, checks = list(Kind), [check.id for check in rubric.checks()]
-    order = {id_: n for n, id_ in enumerate(checks)}
-    return sorted(found, key=lambda i: (kinds.index(i.kind), order.get(i.part.id, -1), i.name))
+    found: list[Item] = []
+    for name, result in results.items():
+        found += _of_whole(name, result)
+        found += _of_checks(name, result, by_person, same)
+    kinds = list(Kind)
+
+    def place(item: Item) -> tuple[int, int, str]:
+        return kinds.index(item.kind), order.get(item.part.id, -1), item.name
+
+    return sorted(found, key=place)
 
 
 def part_of(result: Result, level: str, id_: str) -> Part | None:
-    """Return a part of a result, None if nothing of it was judged."""
+    """Return a part of a result, None if the part was not judged."""
     if not level:
         return Part("", WHOLE, "The whole submission", result.final, result.score.possible)
-    judged: Iterable[CheckResult | CriterionResult] = (
-        result.checks if level == "check" else result.criteria
-    )
-    found = next((one for one in judged if one.id == id_), None)
-    if found is None:
-        return None
-    inner = {check.id for check in found.checks} if isinstance(found, CriterionResult) else set()
-    changes = (a.points for a in result.adjustments if a.what == id_ or a.what in inner)
-    return Part(level, id_, found.title, found.earned + sum(changes, Decimal(0)), found.possible)
+    judged: Iterable[CheckResult | CriterionResult] = result.criteria
+    if level == "check":
+        judged = result.checks
+    for found in judged:
+        if found.id == id_:
+            return Part(level, id_, found.title, _earned(result, found), found.possible)
+    return None
+
+
+def _earned(result: Result, judged: CheckResult | CriterionResult) -> Decimal:
+    """Return the points of a check or criterion with their adjustments."""
+    parts = {judged.id}
+    if isinstance(judged, CriterionResult):
+        parts.update(check.id for check in judged.checks)
+    earned = judged.earned
+    for adjustment in result.adjustments:
+        if adjustment.what in parts:
+            earned += adjustment.points
+    return earned
 
 
 def state_of(result: Result, id_: str) -> str:
-    """Return a hash of all that people said and decided of a part, of what it is part of, and of its own parts."""
+    """Return a hash of all adjustments of a part, of its criterion, and of its checks."""
     related = {id_}
     for criterion in result.criteria:
         inner = {check.id for check in criterion.checks}
-        related |= inner if criterion.id == id_ else {criterion.id} if id_ in inner else set()
+        if criterion.id == id_:
+            related |= inner
+        elif id_ in inner:
+            related.add(criterion.id)
     said = repr([a for a in result.adjustments if a.what in related])
     return hashlib.sha256(said.encode("utf-8", "surrogatepass")).hexdigest()[:16]
 
 
 def _same_mistakes(results: Mapping[str, Result]) -> dict[tuple[str, str], tuple[str, ...]]:
-    """Return who lost points at each check, or is undecided there, for the same as one, who comes first."""
+    """Return the submissions with the same mistake in a check, by each of them, which comes first."""
     groups: defaultdict[tuple[object, ...], list[str]] = defaultdict(list)
-    of: dict[tuple[str, str], tuple[object, ...]] = {}
     for name, result in results.items():
         for check in result.checks:
-            key = (
-                check.id,
-                check.outcome.decided,
-                gist(check.reason),
-                gist(check.hint),
-                *map(gist, _asking(check)),
-            )
-            if check.outcome is not Outcome.PASSED or _asking(check):
-                of[name, check.id] = key
+            asking = _asking(check)
+            if check.outcome is not Outcome.PASSED or asking:
+                words = (check.reason, check.hint, *asking)
+                key = (check.id, check.outcome.decided, *map(gist, words))
                 groups[key].append(name)
-    return {
-        (name, id_): (name, *(n for n in groups[key] if n != name))
-        for (name, id_), key in of.items()
-    }
+    found: dict[tuple[str, str], tuple[str, ...]] = {}
+    for (id_, *_), names in groups.items():
+        for name in names:
+            others = [other for other in names if other != name]
+            found[name, str(id_)] = (name, *others)
+    return found
 
 
 def _asking(check: CheckResult) -> list[str]:
+    """Return the notes of a check that ask a person."""
     return [note for note in check.notes if FOR_A_PERSON in note]
 
 
 def _of_whole(name: str, result: Result) -> Iterable[Item]:
-    """Yield the questions about a submission as a whole: interference, and the choice among several files."""
+    """Yield the questions about a whole submission: interference, and the choice among several files."""
     part = part_of(result, "", WHOLE)
     if part is None:
         return
@@ -151,7 +170,7 @@ def _of_whole(name: str, result: Result) -> Iterable[Item]:
 
 
 def _interference(name: str, result: Result, part: Part) -> Item:
-    """Return the question about interference, with the points that its checks lost."""
+    """Return the question about interference, with the lost points of its checks."""
     text = " ".join(dict.fromkeys(violation.text for violation in result.violations))
     disturbed: set[str] = set()
     for violation in result.violations:
@@ -163,11 +182,15 @@ def _interference(name: str, result: Result, part: Part) -> Item:
 def _item_of_whole(
     kind: Kind, name: str, result: Result, part: Part, text: str, points: Decimal, most: Decimal
 ) -> Item:
-    """Return a question about a submission as a whole, with the points at stake and the most that it can have."""
-    answers = [a for a in result.adjustments if a.what == WHOLE and a.kind in ANSWERS]
+    """Return a question about a whole submission, with the points at stake and its largest points."""
     state = state_of(result, WHOLE)
-    answered, possible = bool(answers), {"": most}
-    return Item(kind, name, part, text, state, "", points, (name,), "", answered, possible)
+    is_answered = _is_answered(result.adjustments, (WHOLE,))
+    return Item(kind, name, part, text, state, "", points, (name,), "", is_answered, {"": most})
+
+
+def _is_answered(adjustments: Iterable[Adjustment], parts: Container[str]) -> bool:
+    """Return whether an adjustment of one of some parts answers a question."""
+    return any(each.what in parts and each.kind in ANSWERS for each in adjustments)
 
 
 def _of_checks(
@@ -176,9 +199,8 @@ def _of_checks(
     for criterion in result.criteria:
         criterion_state = state_of(result, criterion.id)
         parts: list[CheckResult | CriterionResult] = [*criterion.checks]
-        if criterion.id not in {
-            check.id for check in criterion.checks
-        }:  # Graded as a whole, it is its own check.
+        # A criterion that is graded as a whole has a check with its id.
+        if all(check.id != criterion.id for check in criterion.checks):
             parts.insert(0, criterion)
         for judged in parts:
             level = "check" if isinstance(judged, CheckResult) else "criterion"
@@ -186,13 +208,22 @@ def _of_checks(
             part = part_of(result, level, judged.id) if asked else None
             if part is None:
                 continue
-            others = same.get((name, judged.id), (name,))
-            states = state_of(result, judged.id), criterion_state
-            most = {"criterion": criterion.possible, level: part.possible}
             for kind, text, is_decided in asked:
-                stake = part.possible - part.earned if kind is not Kind.NOTE else part.earned
+                stake = part.possible - part.earned
+                if kind is Kind.NOTE:
+                    stake = part.earned
                 yield Item(
-                    kind, name, part, text, *states, stake, others, criterion.id, is_decided, most
+                    kind,
+                    name,
+                    part,
+                    text,
+                    state_of(result, judged.id),
+                    criterion_state,
+                    stake,
+                    same.get((name, judged.id), (name,)),
+                    criterion.id,
+                    is_decided,
+                    {"criterion": criterion.possible, level: part.possible},
                 )
 
 
@@ -202,12 +233,13 @@ def _asked_of(
     result: Result,
     by_person: set[str],
 ) -> list[tuple[Kind, str, bool]]:
-    """Return why a person is asked about a part: the kind, the words, and whether that is answered."""
-    said = [a for a in result.adjustments if a.what == judged.id]
+    """Return the questions about a part: kind, words, and True if it is answered."""
+    said = [each for each in result.adjustments if each.what == judged.id]
     asked: list[tuple[Kind, str, bool]] = []
-    if appeals := [n for n, each in enumerate(said) if each.kind is AdjustmentKind.APPEAL]:
+    appeals = [n for n, each in enumerate(said) if each.kind is AdjustmentKind.APPEAL]
+    if appeals:
         last = appeals[-1]
-        is_answered = any(a.kind in ANSWERS for a in said[last:])
+        is_answered = _is_answered(said[last:], (judged.id,))
         asked.append((Kind.APPEAL, said[last].reason, is_answered))
     if isinstance(judged, CriterionResult):
         return asked
@@ -216,7 +248,6 @@ def _asked_of(
         is_open = any(check.id == judged.id for check in result.open_checks)
         asked.append((kind, judged.reason, not is_open))
     elif notes := _asking(judged):
-        about = (judged.id, criterion.id)
-        is_answered = any(a.kind in ANSWERS for a in result.adjustments if a.what in about)
+        is_answered = _is_answered(result.adjustments, (judged.id, criterion.id))
         asked.append((Kind.NOTE, " ".join(notes), is_answered))
     return asked

@@ -1,4 +1,4 @@
-"""A rubric's points and limits, moved beside a class: who would change, and by how much. Its comments stay."""
+"""Points and limits of a rubric, edited beside a class, with the resulting changes. The rubric's comments stay."""
 
 from __future__ import annotations
 
@@ -26,8 +26,9 @@ _NUMBER = re.compile(r"-?\d+(\.\d+)?\s?%?")
 
 @dataclass(frozen=True)
 class Limit:
-    """A number of a rubric that may be moved: its place as keys and list places, and how it is written."""
+    """A number of a rubric that can be edited."""
 
+    #: Place of the number, such as "0/2/points": criterion, check, key.
     id: str
     criterion: str
     check: str
@@ -37,7 +38,7 @@ class Limit:
 
 
 def limits_of(rubric: Rubric) -> list[Limit]:
-    """Return the points of all checks but those of the bonus, and the numbers that they are given."""
+    """Return the points and parameters of all checks except bonus ones."""
     titles = {check.id: check.title for check in rubric.checks()}
     found = []
     for place, criterion, check, key, node in _numbers(rubric.text):
@@ -46,21 +47,21 @@ def limits_of(rubric: Rubric) -> list[Limit]:
 
 
 def edited(text: str, values: Mapping[str, str]) -> str:
-    """Return a rubric's text with other values at some places, and sums that fit; raises RubricError for no number."""
-    wrong = [value for place, value in values.items() if not _fits(place, value.strip())]
-    if wrong:
-        raise RubricError(
-            f"{wrong[0][:40]!r} is not a number",
-            [],
-            remedy="Write a number, such as 5, 0.2 or 20 %.",
-        )
+    """Return a rubric's text with new values at some places, and matching sums.
+
+    Raises RubricError if a value is no number, or a place is unknown.
+    """
     nodes = {place: node for place, _, _, _, node in _numbers(text)}
-    unknown = [place for place in values if place not in nodes]
-    if unknown:
-        raise RubricError("the rubric has no such number", [], remedy="Open the page again.")
-    return _with_sums(
-        _replaced(text, [(nodes[place], value.strip()) for place, value in values.items()])
-    )
+    for place, value in values.items():
+        if not _fits(place, value.strip()):
+            problem = f"{value[:40]!r} is not a number"
+            raise RubricError(problem, [], remedy="Write a number, such as 5, 0.2 or 20 %.")
+    changes = []
+    for place, value in values.items():
+        if place not in nodes:
+            raise RubricError("the rubric has no such number", [], remedy="Open the page again.")
+        changes.append((nodes[place], value.strip()))
+    return _with_sums(_replaced(text, changes))
 
 
 def would_change(results: Path, text: str, overrides: Overrides) -> Regrade:
@@ -70,7 +71,7 @@ def would_change(results: Path, text: str, overrides: Overrides) -> Regrade:
 
 
 def save(results: Path, text: str) -> Path:
-    """Write an edited rubric beside the submissions' folders; returns where. Raises RubricError with its mistakes."""
+    """Write an edited rubric beside the submissions' folders, and return its path; raises RubricError with its mistakes."""
     _rubric_of(results, text)
     replace_file(results / EDITED_RUBRIC, text)
     return results / EDITED_RUBRIC
@@ -84,69 +85,71 @@ def _rubric_of(results: Path, text: str) -> Rubric:
 
 
 def _fits(place: str, value: str) -> bool:
-    return bool(_NUMBER.fullmatch(value)) and not (
-        place.endswith("/points") and value.endswith("%")
-    )
+    """Return whether a value is a number; points have no percent sign."""
+    if place.endswith("/points") and value.endswith("%"):
+        return False
+    return _NUMBER.fullmatch(value) is not None
 
 
 def _numbers(text: str) -> Iterator[tuple[str, str, str, str, yaml.ScalarNode]]:
-    """Yield place, criterion, check, key and node of each number of a check; one that several share, at the first."""
+    """Yield place, criterion, check, key and node of each number of a check; a shared number at its first place."""
     seen = set()
-    for c, criterion in enumerate(
-        _get(yaml.compose(text, Loader=yaml.SafeLoader), "criteria").value
-    ):
+    criteria = _get(yaml.compose(text, Loader=yaml.SafeLoader), "criteria")
+    for c, criterion in enumerate(criteria.value):
+        criterion_id = _get(criterion, "id").value
         for k, check in enumerate(_items(criterion, "checks")):
-            pairs = [("points", _get(check, "points"))]
-            given = _get(check, "with")
-            pairs += (
-                [(key.value, node) for key, node in given.value]
-                if isinstance(given, yaml.MappingNode)
-                else []
-            )
-            for key, node in pairs:
-                if (
-                    isinstance(node, yaml.ScalarNode)
-                    and _NUMBER.fullmatch(node.value)
-                    and id(node) not in seen
-                ):
+            check_id = _get(check, "id").value
+            for key, node in _numbers_of(check):
+                if id(node) not in seen:
                     seen.add(id(node))
-                    yield (
-                        f"{c}/{k}/{key}",
-                        _get(criterion, "id").value,
-                        _get(check, "id").value,
-                        key,
-                        node,
-                    )
+                    yield f"{c}/{k}/{key}", criterion_id, check_id, key, node
+
+
+def _numbers_of(check: Any) -> Iterator[tuple[str, yaml.ScalarNode]]:
+    """Yield the points of a check, and the numbers among its parameters, by their keys."""
+    pairs = [("points", _get(check, "points"))]
+    given = _get(check, "with")
+    if isinstance(given, yaml.MappingNode):
+        pairs += [(key.value, node) for key, node in given.value]
+    for key, node in pairs:
+        if isinstance(node, yaml.ScalarNode) and _NUMBER.fullmatch(node.value):
+            yield key, node
 
 
 def _with_sums(text: str) -> str:
-    """Return a rubric's text with the points of criteria and lab that its checks add up to."""
+    """Return a rubric's text with the sums of its checks as points of the criteria and of the lab."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
-    new, total = [], Decimal(0)
+    changes: list[tuple[Any, str]] = []
+    total = Decimal(0)
     for criterion in _get(root, "criteria").value:
-        checks, own = _items(criterion, "checks"), _get(criterion, "points")
-        whole = (
-            sum((Decimal(_get(check, "points").value) for check in checks), Decimal(0))
-            if checks
-            else None
-        )
-        total += Decimal(own.value) if whole is None else whole
-        new += [(own, points(whole))] if whole is not None and whole != Decimal(own.value) else []
+        node = _get(criterion, "points")
+        own = Decimal(node.value)
+        checks = _items(criterion, "checks")
+        whole = sum((Decimal(_get(check, "points").value) for check in checks), Decimal(0))
+        if checks and whole != own:
+            changes.append((node, points(whole)))
+        total += whole if checks else own
     lab = _get(_get(root, "lab"), "points")
-    return _replaced(text, [*new, *([(lab, points(total))] if Decimal(lab.value) != total else [])])
+    if Decimal(lab.value) != total:
+        changes.append((lab, points(total)))
+    return _replaced(text, changes)
 
 
 def _replaced(text: str, changes: list[tuple[Any, str]]) -> str:
+    """Return a text with new values for some nodes, the last node first."""
     for node, value in sorted(changes, key=lambda change: -change[0].start_mark.index):
-        start = text.rindex(
-            node.value, node.start_mark.index, node.end_mark.index
-        )  # behind an anchor, and a quote
+        # The value stands behind an anchor and a quotation mark.
+        start = text.rindex(node.value, node.start_mark.index, node.end_mark.index)
         text = text[:start] + value + text[start + len(node.value) :]
     return text
 
 
 def _get(node: Any, key: str) -> Any:
-    return next((value for name, value in node.value if name.value == key), None)
+    """Return the node of a key in a mapping, None without that key."""
+    for name, value in node.value:
+        if name.value == key:
+            return value
+    return None
 
 
 def _items(node: Any, key: str) -> list[Any]:

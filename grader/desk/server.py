@@ -1,8 +1,8 @@
-"""The desk in the browser: for one person on this machine, who has the address with its token.
+"""The desk in the browser, for one person on this machine with the address and its token.
 
-Every address holds the token, so nothing can be seen or decided without it, nor by a page of another origin that does
-not know it; what changes something must come from the desk's own pages besides. Names and ids are looked up among
-those that are known, and never make a path. What students wrote is shown where no script can run.
+Every address contains the token; without it, neither a person nor a page of another origin can see or decide anything.
+Requests that change something must also come from the desk's own pages. Names and ids are looked up among known ones,
+and never become part of a path. Students' texts are shown on pages that run no script.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import hmac
 import json
 import secrets
 import socket
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from decimal import Decimal
 from functools import lru_cache
@@ -42,14 +42,17 @@ from grader.result_folder import RECORDINGS, REPORT_FILE
 LOOPBACK = "127.0.0.1"
 _PAGES = Path(__file__).parent / "pages"
 _TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
+#: Bytes of the longest request.
 _MOST_BYTES = 1 << 20
+#: Mistakes of a request that are listed.
+_MOST_MISTAKES = 5
 _VALUES = TypeAdapter(dict[str, str])
-#: The desk's own pages load their own files, and ask their own server, only.
+#: Policy of the desk's own pages, which load only their own files, and call only their own server.
 _OWN_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; frame-src 'self'; base-uri 'none'; "
     "form-action 'none'; frame-ancestors 'none'"
 )
-#: Pages made of what students wrote: no script, no request, nothing but their own style.
+#: Policy of pages with students' texts: no script, no request, only their own style.
 _STUDENTS_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; frame-ancestors 'self'; "
     "sandbox allow-same-origin"
@@ -92,26 +95,23 @@ class Server:
 
     async def _file(self, request: Request) -> Response:
         name = f"{request.path_params['file']}.{request.path_params['ending']}"
-        there = {path.name: path for path in _PAGES.iterdir()}
-        return (
-            _answer(there[name].read_bytes(), there[name].suffix) if name in there else _not_found()
-        )
+        for path in _PAGES.iterdir():
+            if path.name == name:
+                return _answer(path.read_bytes(), path.suffix)
+        return _not_found()
 
     async def _queue(self, request: Request) -> Response:
         return _json(self._state)
 
     def _state(self) -> dict[str, Any]:
         desk = self.desk
-        by_id = {check.id: check for check in desk.rubric.checks()}
+        levels = {check.id: check.levels for check in desk.rubric.checks()}
         items = []
         for item in desk.queue():
-            spec = by_id.get(item.part.id)
-            items.append(
-                {
-                    **_plain(item),
-                    "levels": [level.model_dump() for level in spec.levels] if spec else [],
-                }
-            )
+            plain = _plain(item)
+            own = levels.get(item.part.id, ())
+            plain["levels"] = [level.model_dump() for level in own]
+            items.append(plain)
         return {
             "lab": f"Lab {desk.rubric.lab.id}: {desk.rubric.lab.title}",
             "who": desk.who,
@@ -123,18 +123,14 @@ class Server:
         }
 
     async def _evidence(self, request: Request) -> Response:
-        name, what = request.query_params.get("name", ""), request.query_params.get("what", "")
-        result, folder = self._of(name, RECORDINGS)
-        if result is None or what not in {
-            WHOLE,
-            *(c.id for c in result.criteria),
-            *(c.id for c in result.checks),
-        }:
+        part = request.query_params.get("what", "")
+        result, folder = self._of(request.query_params.get("name", ""), RECORDINGS)
+        if result is None or not _has_part(result, part):
             return _not_found()
         own = result.rubric_sha256 in ("", self.desk.rubric.sha256)
         try:
             rubric = self.desk.rubric if own else _recorded(rubric_copy(folder.parent))
-            page = evidence_of(result, folder, rubric, what)
+            page = evidence_of(result, folder, rubric, part)
         except (GraderError, OSError) as error:
             page = f"<!DOCTYPE html><title>Evidence</title><p>There is no evidence to show: {_escaped(error)}</p>"
         return _answer(page.encode("utf-8", "replace"), ".html", _STUDENTS_POLICY)
@@ -146,16 +142,25 @@ class Server:
         return _answer(path.read_bytes(), ".html", _STUDENTS_POLICY)
 
     def _of(self, name: str, file: str) -> tuple[Result | None, Path]:
-        """Return a submission's result, None if there is none or a link leads out of the class, and a path beside."""
+        """Return a submission's result, and the path of a file beside it.
+
+        The result is None if there is none, or if a link leads out of the class.
+        """
         result = self.desk.judged().get(name)
-        path = self.desk.folder_of(name) / file if result is not None else Path()
-        return result if path.resolve() == path else None, path
+        if result is None:
+            return None, Path()
+        path = self.desk.folder_of(name) / file
+        if path.resolve() != path:
+            return None, path
+        return result, path
 
     async def _preview(self, request: Request) -> Response:
         decision = await _decision(request)
-        return _json(
-            lambda: {"effects": [_plain(effect) for effect in self.desk.preview(decision())]}
-        )
+
+        def preview() -> dict[str, Any]:
+            return {"effects": list(map(_plain, self.desk.preview(decision())))}
+
+        return _json(preview)
 
     async def _decide(self, request: Request) -> Response:
         decision = await _decision(request)
@@ -168,10 +173,8 @@ class Server:
 
     async def _undo(self, request: Request) -> Response:
         def undo() -> dict[str, Any]:
-            return {
-                "taken_back": self.desk.undo().model_dump(include={"names", "id"}),
-                **self._state(),
-            }
+            taken_back = self.desk.undo().model_dump(include={"names", "id"})
+            return {"taken_back": taken_back, **self._state()}
 
         return _json(undo)
 
@@ -180,9 +183,11 @@ class Server:
 
     async def _rubric_preview(self, request: Request) -> Response:
         text = await self._edited(request)
-        return _json(
-            lambda: _changes(would_change(self.desk.results, text(), self.desk.overrides()))
-        )
+
+        def preview() -> dict[str, Any]:
+            return _changes(would_change(self.desk.results, text(), self.desk.overrides()))
+
+        return _json(preview)
 
     async def _rubric_save(self, request: Request) -> Response:
         text = await self._edited(request)
@@ -193,19 +198,30 @@ class Server:
         return lambda: edited(self.desk.rubric.text, _VALUES.validate_json(body))
 
 
+def _has_part(result: Result, part: str) -> bool:
+    """Return whether a result has a criterion or a check with an id, or the id means the whole."""
+    ids = {WHOLE}
+    ids.update(criterion.id for criterion in result.criteria)
+    ids.update(check.id for check in result.checks)
+    return part in ids
+
+
 def _changes(found: Regrade) -> dict[str, Any]:
-    """Return who changes, those that change most first."""
+    """Return the changed submissions, the largest changes first."""
     changed = [(name, each) for name, each in found.changes.items() if each.matters]
-    rows = [
-        {
-            "name": name,
-            "before": each.before,
-            "after": each.after,
-            "difference": views.signed(each.difference),
-            "parts": [f"{part.title} {views.signed(part.difference)}" for part in each.at("check")],
-        }
-        for name, each in sorted(changed, key=lambda pair: (-abs(pair[1].difference), pair[0]))
-    ]
+    changed.sort(key=lambda pair: (-abs(pair[1].difference), pair[0]))
+    rows = []
+    for name, each in changed:
+        parts = [f"{part.title} {views.signed(part.difference)}" for part in each.at("check")]
+        rows.append(
+            {
+                "name": name,
+                "before": each.before,
+                "after": each.after,
+                "difference": views.signed(each.difference),
+                "parts": parts,
+            }
+        )
     return {"judged": len(found.judged), "failed": sorted(found.failed), "changes": rows}
 
 
@@ -215,29 +231,29 @@ async def _decision(request: Request) -> Callable[[], Decision]:
 
 
 def _json(make: Callable[[], dict[str, Any]]) -> Response:
-    """Answer with what is made, or with what is wrong: 409 if somebody else was quicker, 400 otherwise."""
+    """Answer with a result, or with the problem: 409 if another person was quicker, 400 otherwise."""
     try:
         return _answer(json.dumps(make(), default=_number).encode(), ".json")
     except ValidationError as error:
-        problem, mistakes, remedy = (
-            "this is not a decision",
-            [str(e["msg"]) for e in error.errors()][:5],
-            "",
-        )
-        status = 400
+        mistakes = [str(each["msg"]) for each in error.errors()]
+        return _refused("this is not a decision", mistakes[:_MOST_MISTAKES])
     except GraderError as error:
-        problem, remedy, status = (
-            error.problem,
-            error.remedy,
-            409 if isinstance(error, ChangedSince) else 400,
-        )
-        mistakes = list(error.mistakes) if isinstance(error, RubricError) else []
-    reported = {"problem": problem, "mistakes": mistakes, "remedy": remedy}
+        mistakes = []
+        if isinstance(error, RubricError):
+            mistakes += error.mistakes
+        status = 409 if isinstance(error, ChangedSince) else 400
+        return _refused(error.problem, mistakes, error.remedy, status)
+
+
+def _refused(
+    problem: str, mistakes: Sequence[str], remedy: str | None = "", status: int = 400
+) -> Response:
+    reported = {"problem": problem, "mistakes": list(mistakes), "remedy": remedy}
     return _answer(json.dumps(reported).encode(), ".json", status=status)
 
 
 def _plain(value: Any) -> dict[str, Any]:
-    """Return an item or an effect as the page knows it, its texts fit to be shown but for what it sends back."""
+    """Return an item or an effect for the page, with displayable texts, and with ids as the page must return them."""
     plain = asdict(value)
     plain["text"] = shown(plain["text"])
     if isinstance(value, Item):
@@ -251,9 +267,8 @@ def _number(value: Any) -> Any:
 
 def _answer(content: bytes, ending: str, policy: str = _OWN_POLICY, status: int = 200) -> Response:
     kind = _TYPES.get(ending, "application/json")
-    return Response(
-        content, status, headers={**_HEADERS, "Content-Security-Policy": policy}, media_type=kind
-    )
+    headers = {**_HEADERS, "Content-Security-Policy": policy}
+    return Response(content, status, headers=headers, media_type=kind)
 
 
 def _not_found() -> Response:
@@ -272,47 +287,65 @@ def _recorded(copy: Path) -> Rubric:
 
 
 class _Guard:
-    """Lets through what comes from somebody who has the token, at the address that the desk gave, and nothing else."""
+    """Passes on only requests with the token, at the address of the desk."""
 
     def __init__(
         self, app: Callable[[Scope, Receive, Send], Awaitable[None]], host: str, token: str
     ) -> None:
-        self._app, self._host, self._token = app, host, token
+        self._app = app
+        self._host = host
+        self._token = token
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it."""
-        refused = _not_found() if scope["type"] != "http" else self._refusal(Request(scope))
+        refused: Response | None = _not_found()
+        if scope["type"] == "http":
+            refused = self._refusal(Request(scope))
         await (refused or self._app)(scope, receive, send)
 
     def _refusal(self, request: Request) -> Response | None:
         given = request.url.path.split("/")[1]
-        # A name that leads here by a foreign name server is none of ours.
+        # A foreign name server can make its name lead here.
         if request.headers.get("host") != self._host:
             return _not_found()
         if not hmac.compare_digest(given.encode("utf-8", "replace"), self._token.encode()):
             return _not_found()
         if request.method == "GET":
             return None
-        own = request.headers.get("origin") == f"http://{self._host}"
-        is_json = request.headers.get("content-type", "").partition(";")[0] == "application/json"
-        length = request.headers.get("content-length", "")
-        small = length.isdecimal() and int(length) <= _MOST_BYTES
-        if (
-            own
-            and is_json
-            and small
-            and request.headers.get("sec-fetch-site", "same-origin") == "same-origin"
-        ):
+        if self._is_from_own_page(request) and _is_small_json(request):
             return None
         return Response(
             "Only the desk's own pages may do this.", 403, headers=_HEADERS, media_type="text/plain"
         )
 
+    def _is_from_own_page(self, request: Request) -> bool:
+        site = request.headers.get("sec-fetch-site", "same-origin")
+        return site == "same-origin" and request.headers.get("origin") == f"http://{self._host}"
+
+
+def _is_small_json(request: Request) -> bool:
+    kind = request.headers.get("content-type", "").partition(";")[0]
+    length = request.headers.get("content-length", "")
+    is_small = length.isdecimal() and int(length) <= _MOST_BYTES
+    return is_small and kind == "application/json"
+
 
 def serve(desk: Desk, port: int, on_ready: Callable[[str], None]) -> None:
-    """Serve a desk to this machine alone until Ctrl-C, at a port, or at a free one for 0; tells its address.
+    """Serve a desk to this machine alone until Ctrl-C.
 
-    Raises UsageError if the port cannot be used.
+    Parameters
+    ----------
+    desk
+        The desk.
+    port
+        The port; 0 for a free one.
+    on_ready
+        Called with the address.
+
+    Raises
+    ------
+    UsageError
+        If the port cannot be used.
     """
     with socket.socket() as listening:
         listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -325,13 +358,12 @@ def serve(desk: Desk, port: int, on_ready: Callable[[str], None]) -> None:
             ) from error
         host = f"{LOOPBACK}:{listening.getsockname()[1]}"
         server = Server(desk)
-        # Its log would hold the token.
+        # The access log would contain the token.
         settings = uvicorn.Config(
             server.app(host), log_level="error", access_log=False, server_header=False
         )
-        prepare(
-            desk.rubric
-        )  # so that each piece of evidence, made in a copy of this process, is there sooner
+        # Evidence is made in a fork of this process, and is then ready sooner.
+        prepare(desk.rubric)
         desk.settle()
         on_ready(f"http://{host}/{server.token}/")
         uvicorn.Server(settings).run(sockets=[listening])

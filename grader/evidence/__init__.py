@@ -1,1 +1,1 @@
-"""Numbers and facts; knows nothing of right or wrong. Imports the submission, the lab, the recording's format."""
+"""Numbers and facts of recordings and texts, without judgement. Imports the submission, the lab, the recording's format."""

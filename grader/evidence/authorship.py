@@ -1,8 +1,8 @@
-"""Whose a recorded message is. DDS does not report it; the digests that came through the pipe do.
+"""Authorship of recorded messages. DDS does not report it; digests from the trusted channel do.
 
-A message is the grader's own if one of its publishers reported the same digest for the same publication sequence
-number. Another publisher cannot know the digest of a message before it was sent, so what it sends of the same contents
-under the same number comes later: of several, the first is the grader's.
+A message is the grader's if one of its publishers reported the same digest for the same publication sequence number.
+Another publisher cannot know the contents of a message before it was sent. Its copy under the same number therefore
+comes later, and the first of several equal messages is the grader's.
 """
 
 from __future__ import annotations
@@ -22,62 +22,72 @@ from grader.recording.trusted_channel import DIGEST_DIGITS, digest
 class Authorship:
     """The messages of a topic, separated."""
 
-    #: Those that the grader's own publishers sent, in the order in which they were received.
+    #: Messages of the grader's publishers, in the order of arrival.
     own: Stream
-    #: int64[n]: When those of other publishers were received, of any type, between the first and the last of `own`.
+    #: int64[n]: Arrival of messages of other publishers, of any type, between the first and the last of `own`.
     others_ns: NDArray[np.int64]
 
 
 def authorship(bag: Bag, topic: str, published: Sequence[Published]) -> Authorship | None:
-    """Separate the messages of a topic; None where that cannot be done, as no message that was reported is there."""
-    own_type = max(published, key=lambda entry: len(entry.digests)).type if published else ""
+    """Separate the messages of a topic; None if no reported message is recorded."""
+    own_type = _main_type(published)
     others = []
     own: Stream | None = None
     for info in bag.topics:
-        if info.topic == topic:
-            stream = bag.stream(topic, info.topic_type)
-            mine, theirs = _separated(
-                stream, [entry for entry in published if entry.type == info.topic_type]
-            )
-            others.append(stream.received_ns[theirs])
-            if info.topic_type == own_type:
-                own = stream.only(mine)
+        if info.topic != topic:
+            continue
+        stream = bag.stream(topic, info.topic_type)
+        reported = [entry for entry in published if entry.type == info.topic_type]
+        mine, theirs = _separated(stream, reported)
+        others.append(stream.received_ns[theirs])
+        if info.topic_type == own_type:
+            own = stream.only(mine)
     if own is None or not len(own):
         return None
     received_ns = np.sort(np.concatenate(others))
-    during = (received_ns >= own.received_ns[0]) & (received_ns <= own.received_ns[-1])
+    has_begun = received_ns >= own.received_ns[0]
+    during = has_begun & (received_ns <= own.received_ns[-1])
     return Authorship(own, received_ns[during])
+
+
+def _main_type(published: Sequence[Published]) -> str:
+    """Return the type with the most digests of one publisher."""
+    if not published:
+        return ""
+    return max(published, key=lambda entry: len(entry.digests)).type
 
 
 def _separated(
     stream: Stream, published: Sequence[Published]
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Return which messages of a stream are the grader's own, and which are others'.
+    """Return masks of the grader's messages in a stream, and of other messages.
 
-    What was recorded twice, as the source timestamp tells, is neither the second time.
+    The second recording of a message, with the same source timestamp, is in neither mask.
     """
     digests = [digests_of(entry) for entry in published]
+    #: Source timestamps of the grader's messages, by publisher and sequence number.
     taken: dict[tuple[int, int], int] = {}
-    mine, theirs = np.zeros(len(stream), dtype=bool), np.zeros(len(stream), dtype=bool)
+    mine = np.zeros(len(stream), dtype=bool)
+    theirs = np.zeros(len(stream), dtype=bool)
     rows = zip(stream.sequence.tolist(), stream.source_ns.tolist(), stream.data, strict=True)
     for row, (number, source_ns, data) in enumerate(rows):
+        repeated = False
         found = digest(data)
-        fitting = [
-            (which, number)
-            for which, known in enumerate(digests)
-            if 0 < number <= len(known) and known[number - 1] == found
-        ]
-        free = [key for key in fitting if key not in taken]
-        if free:
-            taken[free[0]] = source_ns
-            mine[row] = True
-        else:
-            theirs[row] = source_ns not in [taken[key] for key in fitting]
+        for publisher, known in enumerate(digests):
+            if not 0 < number <= len(known) or known[number - 1] != found:
+                continue
+            key = (publisher, number)
+            if key not in taken:
+                taken[key] = source_ns
+                mine[row] = True
+                break
+            repeated = repeated or taken[key] == source_ns
+        if not mine[row]:
+            theirs[row] = not repeated
     return mine, theirs
 
 
 def digests_of(entry: Published) -> list[str]:
     """Return the digests that a process reported, in the order of its publications."""
-    return [
-        entry.digests[n : n + DIGEST_DIGITS] for n in range(0, len(entry.digests), DIGEST_DIGITS)
-    ]
+    starts = range(0, len(entry.digests), DIGEST_DIGITS)
+    return [entry.digests[start : start + DIGEST_DIGITS] for start in starts]

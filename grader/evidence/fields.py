@@ -1,8 +1,8 @@
-"""Values of messages' fields: as numbers and times, and such as stand in a step's result."""
+"""Values of messages' fields as numbers and times, and in the JSON of a step's result."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -12,17 +12,19 @@ from grader.recording.definitions import field_steps
 
 _NUMBERS = (bool, int, float, np.number, np.bool_)
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-#: Numbers that are taken one by one out of a message's value: a flood of nested ones is no vector.
+#: Numbers that are read one by one from a field's value; a larger number of nested values is no vector.
 _MOST_NESTED = 10_000
 
 
 def numbers_of(value: Any) -> NDArray[np.float64] | None:
-    """Return the numbers in a field's value, in the order of the definition: float64[n]; None if it holds others too.
+    """Return the numbers in a field's value, in the order of the definition: float64[n]; None for other contents.
 
-    A number is one, a point three, a quaternion x, y, z and w, a time or duration its seconds.
+    A number gives one, a point x, y and z, a quaternion x, y, z and w, and a time or duration its seconds.
     """
     if isinstance(value, np.ndarray):
-        return value.astype(np.float64) if value.ndim == 1 and value.dtype.kind in "biuf" else None
+        if value.ndim != 1 or value.dtype.kind not in "biuf":
+            return None
+        return value.astype(np.float64)
     row = []
     try:
         for number in _numbers_in(value):
@@ -35,39 +37,45 @@ def numbers_of(value: Any) -> NDArray[np.float64] | None:
 
 
 def _numbers_in(value: Any) -> Iterator[float]:
+    """Yield the numbers in a value; raises TypeError for other contents."""
     if is_number(value):
         yield float(value)
-    elif (t_ns := time_ns(value)) is not None:
+        return
+    t_ns = time_ns(value)
+    if t_ns is not None:
         yield t_ns / 1e9
     elif isinstance(value, (list, tuple, np.ndarray)):
         for element in value:
             yield from _numbers_in(element)
     elif hasattr(value, "__dataclass_fields__"):
         for name in value.__dataclass_fields__:
-            yield from _numbers_in(getattr(value, name)) if not name.startswith("__") else ()
+            if not name.startswith("__"):
+                yield from _numbers_in(getattr(value, name))
     else:
         raise TypeError(type(value).__name__)
 
 
 def is_number(value: Any) -> bool:
-    """Whether a field's value is one number, or true or false; so are the elements of arrays."""
+    """Return whether a field's value, or an element of an array, is a number or a truth value."""
     return isinstance(value, _NUMBERS)
 
 
 def time_ns(value: Any) -> int | None:
-    """Return a time stamp or duration of a message in ns; None if it is none: students may define types anew."""
-    sec, nanosec = getattr(value, "sec", None), getattr(value, "nanosec", None)
-    if (
-        getattr(value, "__msgtype__", None) in _TIMES
-        and isinstance(sec, int)
-        and isinstance(nanosec, int)
-    ):
+    """Return a time stamp or duration of a message in ns; None for another value.
+
+    A student's workspace can define the types again, with other fields.
+    """
+    if getattr(value, "__msgtype__", None) not in _TIMES:
+        return None
+    sec = getattr(value, "sec", None)
+    nanosec = getattr(value, "nanosec", None)
+    if isinstance(sec, int) and isinstance(nanosec, int):
         return sec * 10**9 + nanosec
     return None
 
 
 def value_at(values: Any, path: str) -> Any:
-    """Return the value of a field in a message that stands in a step's result as JSON; None where there is none."""
+    """Return the value of a field in a message of a step's result, given as JSON; None without that field."""
     try:
         for step in field_steps(path):
             values = values[step]
@@ -77,17 +85,24 @@ def value_at(values: Any, path: str) -> Any:
 
 
 def equal_within(got: Any, wanted: Any, tolerance: float) -> bool:
-    """Whether a value of such a message is one of a rubric's, of which a mapping may leave out fields."""
+    """Return whether a value of a step's result equals a rubric's value within a tolerance.
+
+    A mapping of the rubric can leave out fields: `{"pose.x": 1.0}` equals every pose with this x.
+    """
     if isinstance(wanted, Mapping):
-        pairs = ((value_at(got, path), value) for path, value in wanted.items())
-        return isinstance(got, Mapping) and all(equal_within(*pair, tolerance) for pair in pairs)
+        is_mapping = isinstance(got, Mapping)
+        pairs = [(value_at(got, path), value) for path, value in wanted.items()]
+        return is_mapping and _pairs_equal(pairs, tolerance)
     if isinstance(wanted, (list, tuple)):
-        alike = isinstance(got, list) and len(got) == len(wanted)
-        return alike and all(
-            equal_within(a, b, tolerance) for a, b in zip(got, wanted, strict=True)
-        )
+        is_alike = isinstance(got, list) and len(got) == len(wanted)
+        return is_alike and _pairs_equal(zip(got, wanted, strict=True), tolerance)
+    if got == wanted:
+        return True
     if isinstance(wanted, (int, float)) and isinstance(got, (int, float)):
-        return bool(
-            got == wanted or abs(got - wanted) <= tolerance
-        )  # the difference of infinite ones is no number
-    return bool(got == wanted)
+        # The difference of equal infinite numbers is NaN.
+        return bool(abs(got - wanted) <= tolerance)
+    return False
+
+
+def _pairs_equal(pairs: Iterable[tuple[Any, Any]], tolerance: float) -> bool:
+    return all(equal_within(got, wanted, tolerance) for got, wanted in pairs)

@@ -1,131 +1,171 @@
-"""Flakiness: what correct programs meet once in a while too, so that a single occurrence is not conclusive."""
+"""Flakiness: events that correct programs meet occasionally too, and of which a single one is not conclusive."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
 
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.diagnosis import HIT_IN_A_CALL, ended_by_limit
-from grader.evidence.crash.tracebacks import tracebacks
+from grader.evidence.crash.tracebacks import Raised, tracebacks
 from grader.evidence.recorded import Recorded
 from grader.recording.session import AWAITED, ProcessRun, StepRun
 
 _KILLED = (-9, 137)
-#: What programs say when they may have no more threads or processes. The kernel counts those of a user, and in
-#: another container on the machine somebody else may have the same.
+#: Complaints of programs that may have no more threads or processes. The kernel counts those of a user, and another
+#: container on the machine can have the same user.
 _NO_MORE_TASKS = ("Resource temporarily unavailable", "can't start new thread")
-#: Recordings up to which that counts; what a program reports of itself can be made up.
+#: Recordings up to which a program's own complaint counts, because it can be made up.
 _FLAKY_RECORDINGS = 2
-#: Share of the time for which something was waited for in vain, from which it may be the machine's doing that it did
-#: not come.
+#: Share of a wait from which a delay of the machine can be its cause.
 _STALLED = 0.5
-#: Shorter delays are those of any start, and who had so much time without one had enough for it, wherever that lay.
-_LEAST_STALL_S, _ENOUGH_S = 0.6, 3.0
-#: Within these a program waits, and has to expect Ctrl-C.
+#: Longest delay of a usual start, in s.
+_LEAST_STALL_S = 0.6
+#: Undelayed time that is enough for any start, in s.
+_ENOUGH_S = 3.0
+#: Functions in which a program waits, and must expect Ctrl-C.
 _SPINNING = {"spin", "spin_once", "spin_until_future_complete"}
+_STOPPED_FROM_OUTSIDE = ("interrupt", "terminate", "kill")
 
 
 def inconclusive_reason(recorded: Recorded, reference_nodes: Iterable[str]) -> str | None:
-    """Say what in the recording of a session has to be seen again before it costs anything; None if nothing."""
-    students = [run for run in recorded.record.processes if run.role == "student"]
-    if (stalled := _stalled(recorded)) is not None:
+    """Say why a session must be recorded again before it costs points; None if it need not."""
+    stalled = _stalled(recorded)
+    if stalled is not None:
         return stalled
-    if may_be_flaky(recorded) and any(_was_refused_tasks(run) for run in students):
+    students = recorded.students
+    if may_be_flaky(recorded) and any(map(_was_refused_tasks, students)):
         return "A program could not start a thread although it had few: the machine may have run out of them."
     if recorded.record.times_recorded > 1:
         return None
-    killed = (run for run in students if run.exit_status in _KILLED and run.ended_by == "itself")
-    if any(not ended_by_limit(run) for run in killed):
+    return _occasional(recorded, students, frozenset(reference_nodes))
+
+
+def _occasional(
+    recorded: Recorded, students: Sequence[ProcessRun], reference_nodes: frozenset[str]
+) -> str | None:
+    """Describe a failure that is not conclusive in a first recording."""
+    if any(map(_was_killed_by_others, students)):
         return "A program was killed, but not by this session; the system does that when memory is short."
-    if _nobody_came(recorded, students, frozenset(reference_nodes)):
+    if _no_node_came(recorded, students, reference_nodes):
         return "The program ran, but its node did not appear in time. A single occurrence is not conclusive."
-    if (late := _came_late(recorded)) is not None:
+    late = _came_late(recorded)
+    if late is not None:
         return f"{late} came too late for this. A single occurrence is not conclusive."
     return None
 
 
 def may_be_flaky(recorded: Recorded) -> bool:
-    """Whether what a program alone says of itself may leave something undecided: not for ever, as it can be made up."""
+    """Return whether a program's own complaint may leave points undecided; not for ever, as it can be made up."""
     return recorded.record.times_recorded <= _FLAKY_RECORDINGS
 
 
 def flaky_end(run: ProcessRun) -> str:
-    """Say what befell a program at Ctrl-C that correct ones meet too now and then, if anything."""
+    """Describe an event at Ctrl-C that correct programs meet occasionally too; empty without one."""
     if any(HIT_IN_A_CALL in line.text for line in run.output):
         return "Ctrl-C arrived inside a call into rclpy and became another error; a correct program can meet this too."
-    raised = tracebacks(run.output)[-1:] if run.interrupted_ns else []
-    if any(
-        end.name == "KeyboardInterrupt" and not _SPINNING & {f.function for f in end.frames}
-        for end in raised
-    ):
+    if not run.interrupted_ns:
+        return ""
+    raised = tracebacks(run.output)
+    if raised and _interrupted_late(raised[-1]):
         return "Ctrl-C was raised after rclpy.spin() had ended already; a correct program can meet this too."
-    if run.interrupted_ns and run.ended_by in ("terminate", "kill"):
+    if run.ended_by in ("terminate", "kill"):
         return "The node did not end in time after Ctrl-C, and had to be stopped before it printed its results."
     return ""
 
 
-def _stalled(recorded: Recorded) -> str | None:
-    """Say that something did not come in time while the machine delayed a process, if so.
+def _interrupted_late(raised: Raised) -> bool:
+    """Return whether Ctrl-C was raised outside the functions in which a program waits."""
+    if raised.name != "KeyboardInterrupt":
+        return False
+    return all(frame.function not in _SPINNING for frame in raised.frames)
 
-    What does not come in a calm time either, with nothing started between, would not have come without that delay.
+
+@dataclass
+class _Waits:
+    """Waits in vain since the last start of a program."""
+
+    #: Names that did not come while the machine delayed a process, with the length of the delay.
+    late: dict[str, str] = field(default_factory=dict)
+    #: Names that did not come in a calm time either.
+    missing: set[str] = field(default_factory=set)
+
+    def found(self) -> str | None:
+        """Return the length of the delay for a name that could have come without it."""
+        for wanted, how_long in self.late.items():
+            if wanted not in self.missing:
+                return how_long
+        return None
+
+
+def _stalled(recorded: Recorded) -> str | None:
+    """Say that something did not come in time while the machine delayed a process; None if all came.
+
+    A name that did not come in a calm time either, with no program started in between, would not have come without the
+    delay.
     """
-    late: dict[str, str] = {}
-    missing: set[str] = set()
+    waits = _Waits()
     came_ns = _came_ns(recorded)
     for step in recorded.record.steps:
         if step.kind == "start" and step.result.get("started", True):
-            if late.keys() - missing:
+            if waits.found() is not None:
                 break
-            late, missing = {}, set()
-        span, wanted = Span(step.started_ns, step.ended_ns), recorded.used(_wanted(step))
+            waits = _Waits()
+        span = Span(step.started_ns, step.ended_ns)
         if step.outcome != "timeout" or span.duration_s < _LEAST_STALL_S:
             continue
+        wanted = recorded.used(_wanted(step))
         delay_s = recorded.longest_delay_s(span) + recorded.recorder_delay_s(span)
-        if delay_s <= max(_LEAST_STALL_S, _STALLED * span.duration_s, span.duration_s - _ENOUGH_S):
-            # What was waited for before has not come since either.
-            missing |= {wanted, *(late.keys() - came_ns.keys())} - {""}
+        enough_s = span.duration_s - _ENOUGH_S
+        if delay_s <= max(_LEAST_STALL_S, _STALLED * span.duration_s, enough_s):
+            # A name of a previous wait has not come since either, unless it is in the graph.
+            waits.missing |= {wanted, *(waits.late.keys() - came_ns.keys())} - {""}
         elif not recorded.students_busy(span):
-            late[wanted] = f"for {min(delay_s, span.duration_s):.1f} s of {span.duration_s:.1f} s"
-    for wanted, how_long in late.items():
-        if wanted not in missing:
-            return (
-                f"Something did not appear in time while the grading computer was busy {how_long}."
-            )
-    return None
+            shown_s = min(delay_s, span.duration_s)
+            waits.late[wanted] = f"for {shown_s:.1f} s of {span.duration_s:.1f} s"
+    how_long = waits.found()
+    if how_long is None:
+        return None
+    return f"Something did not appear in time while the grading computer was busy {how_long}."
 
 
 def _was_refused_tasks(run: ProcessRun) -> bool:
-    """Whether a program ended with that complaint, without having reached a limit of the session."""
-    last = run.output[-1].text if run.output else ""
-    return (
-        run.ended_by == "itself"
-        and run.limit is None
-        and any(words in last for words in _NO_MORE_TASKS)
-    )
+    """Return whether a program ended because it could start no thread, without reaching a limit of the session."""
+    if run.ended_by != "itself" or run.limit is not None or not run.output:
+        return False
+    last = run.output[-1].text
+    return any(words in last for words in _NO_MORE_TASKS)
 
 
-def _nobody_came(
+def _was_killed_by_others(run: ProcessRun) -> bool:
+    """Return whether the system killed a program, and not this session."""
+    if run.exit_status not in _KILLED or run.ended_by != "itself":
+        return False
+    return not ended_by_limit(run)
+
+
+def _no_node_came(
     recorded: Recorded, students: Iterable[ProcessRun], reference_nodes: frozenset[str]
 ) -> bool:
-    """Whether something was waited for in vain while a program showed no node, had to be stopped, and hit no limit."""
-    waited = any(
-        step.kind == "wait_for" and step.outcome == "timeout" for step in recorded.record.steps
-    )
-    ran_on = [
-        run.name
-        for run in students
-        if run.ended_by in ("interrupt", "terminate", "kill") and run.limit is None
-    ]
-    asked = (
-        {claim.process for claim in recorded.record.claims}
-        if set(recorded.nodes) - reference_nodes
-        else set()
-    )
-    return waited and not asked.issuperset(ran_on)
+    """Return whether a session waited in vain for a node of a program that ran on, and hit no limit."""
+    if not any(_waited_in_vain(step) for step in recorded.record.steps):
+        return False
+    asked: set[str] = set()
+    if set(recorded.nodes) - reference_nodes:
+        asked = {claim.process for claim in recorded.record.claims}
+    for run in students:
+        ran_on = run.ended_by in _STOPPED_FROM_OUTSIDE and run.limit is None
+        if ran_on and run.name not in asked:
+            return True
+    return False
+
+
+def _waited_in_vain(step: StepRun) -> bool:
+    return step.kind == "wait_for" and step.outcome == "timeout"
 
 
 def _came_late(recorded: Recorded) -> str | None:
-    """Return what the session waited for, or called, in vain, although it came into the graph after that."""
+    """Return a name that came into the graph only after the session had waited for it, or called it, in vain."""
     came_ns = _came_ns(recorded)
     for step in recorded.record.steps:
         if step.outcome == "timeout" and step.kind in ("wait_for", "call", "send_goal"):
@@ -136,20 +176,26 @@ def _came_late(recorded: Recorded) -> str | None:
 
 
 def _came_ns(recorded: Recorded) -> dict[str, int]:
-    """Return when each name was first in the graph."""
+    """Return the time at which each name was first in the graph."""
     came_ns: dict[str, int] = {}
-    for graph in reversed(recorded.record.graph):
-        servers = [s.name for s in (*graph.services, *graph.actions, *graph.action_clients)]
-        names = [*graph.nodes, *(e.topic for e in graph.endpoints), *servers]
-        came_ns |= dict.fromkeys(names, graph.t_ns)
+    for graph in recorded.record.graph:
+        for name in graph.nodes:
+            came_ns.setdefault(name, graph.t_ns)
+        for endpoint in graph.endpoints:
+            came_ns.setdefault(endpoint.topic, graph.t_ns)
+        for server in (*graph.services, *graph.actions, *graph.action_clients):
+            came_ns.setdefault(server.name, graph.t_ns)
     return came_ns
 
 
 def _wanted(step: StepRun) -> str:
-    """Return the name of what a step waited for, unless that was up: what was sent to it then got no answer."""
-    sent = step.result.get("calls") or step.result.get("goals")
-    return (
-        ""
-        if sent
-        else next((str(step.parameters[k]) for k in AWAITED if step.parameters.get(k)), "")
-    )
+    """Return the name that a step waited for; empty if it was there, and only its answer was missing."""
+    if step.result.get("calls") or step.result.get("goals"):
+        return ""
+    return next(_awaited(step), "")
+
+
+def _awaited(step: StepRun) -> Iterator[str]:
+    for key in AWAITED:
+        if step.parameters.get(key):
+            yield str(step.parameters[key])

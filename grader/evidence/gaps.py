@@ -1,9 +1,9 @@
-"""What is missing in a recording: what the recorder left out, and what never reached it; and whose doing that is."""
+"""Gaps of a recording: messages that the recorder left out, and messages that never reached it; and their causes."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,47 +16,63 @@ from grader.recording.trusted_channel import digest
 
 #: The limit of a session's recording, as `ProcessRun.limit` names limits.
 RECORDING = "recording"
-#: The limit of what is decoded of a topic.
+#: The limit of the values that are decoded of a topic.
 DECODING = "decoding"
-#: What fills a recording takes long to look through, and each check of its session asks.
+#: Results that are kept, because a full recording takes long to search, and each check of its session asks.
 _MOST_KEPT = 4
+#: Share of missing messages that is accepted: more than a reliable connection on loopback loses, and too few to
+#: change a verdict.
+_HARMLESS = 0.05
+#: Longest time until the recorder's subscription is matched, in s. A volatile publisher that does not wait for it, or
+#: that ends before, publishes in vain.
+_MATCHED_WITHIN_S = 5.0
 
 
 def gaps_by_student(recorded: Recorded) -> list[RecordingGap]:
-    """Return the gaps of a recording that come of the student's processes; others cannot be laid at their door.
+    """Return the gaps of a recording that the student's processes caused.
 
-    Topics share the room of a recording, so that it counts who filled the whole. Where one of the grader's own
-    processes did not report what it published, nobody can say. A topic of which nothing was recorded is the student's
+    Topics share the space of a recording; the processes that filled most of it caused its limit. If a process of the
+    grader did not report its publications, the cause is unknown. A topic without any recorded message is the student's,
     unless the grader publishes it.
     """
+    if recorded.silent_references:
+        return []
     ours = {(entry.topic, entry.type) for entry in recorded.record.published}
-    known = [] if recorded.silent_references else recorded.record.unrecorded
-    unseen = [gap for gap in known if gap.messages == 0 and (gap.topic, gap.type) not in ours]
-    return [gap for gap in known if gap in unseen or (gap.limit and _student_wrote_more(recorded))]
+    found = []
+    for gap in recorded.record.unrecorded:
+        is_unseen = gap.messages == 0 and (gap.topic, gap.type) not in ours
+        if is_unseen or (gap.limit and _student_wrote_more(recorded)):
+            found.append(gap)
+    return found
 
 
 @functools.lru_cache(maxsize=_MOST_KEPT)
 def _student_wrote_more(recorded: Recorded) -> bool:
-    """Whether most of the recording is not the grader's own."""
+    """Return whether the student's messages take at least half of the recording."""
     bag = recorded.bag
-    own = 0
+    own_bytes = 0
     for entry in recorded.record.published:
-        digests = set(digests_of(entry))
-        own += sum(
-            len(data)
-            for data in bag.stream(entry.topic, entry.type).data
-            if digest(data) in digests
-        )
-    return own <= bag.size_bytes - own
+        data = bag.stream(entry.topic, entry.type).data
+        own_bytes += _size_of_known(data, set(digests_of(entry)))
+    return own_bytes <= bag.size_bytes - own_bytes
+
+
+def _size_of_known(data: Iterable[bytes], digests: Collection[str]) -> int:
+    """Return the size of the messages with one of some digests, in bytes."""
+    size_bytes = 0
+    for each in data:
+        if digest(each) in digests:
+            size_bytes += len(each)
+    return size_bytes
 
 
 @dataclass
 class UnreadGap(RecordingGap):
-    """Messages that are recorded, and not looked at: decoding them would take too long."""
+    """Recorded messages that are not read, because decoding them would take too long."""
 
 
 def unread(recorded: Recorded, topic: str) -> UnreadGap | None:
-    """Return which messages on a topic (of the graph) are not looked at; None if all are."""
+    """Return the gap of unread messages on a topic (of the graph); None if all are read."""
     stream = recorded.bag.stream(topic)
     if not stream.unread:
         return None
@@ -68,18 +84,24 @@ def unread(recorded: Recorded, topic: str) -> UnreadGap | None:
 
 
 def is_unread_by_student(recorded: Recorded, gap: UnreadGap) -> bool:
-    """Whether the student's messages are what makes a topic too long: none of the grader's is among the first ones."""
+    """Return whether at least half of the read messages of a topic are the student's."""
     if recorded.silent_references:
         return False
     ours = [entry for entry in recorded.record.published if entry.topic == gap.topic]
-    digests = {each for entry in ours for each in digests_of(entry)}
-    data = recorded.bag.stream(gap.topic).data
-    own_bytes = sum(len(each) for each in data if digest(each) in digests) if digests else 0
-    return not ours or own_bytes <= gap.size_bytes - own_bytes
+    if not ours:
+        return True
+    digests: set[str] = set()
+    for entry in ours:
+        digests.update(digests_of(entry))
+    own_bytes = 0
+    if digests:
+        data = recorded.bag.stream(gap.topic).data
+        own_bytes = _size_of_known(data, digests)
+    return own_bytes <= gap.size_bytes - own_bytes
 
 
 def describe_gap(gap: RecordingGap) -> str:
-    """Say what was left out, and why."""
+    """Describe the missing messages, and the reason."""
     if isinstance(gap, UnreadGap):
         many = f"the first {gap.messages}" if gap.messages else "none"
         return f"Of the messages on {gap.topic} {many} were looked at: {gap.reason} (limit: {DECODING})."
@@ -93,47 +115,49 @@ def describe_gap(gap: RecordingGap) -> str:
 
 
 def _in_words(size_bytes: float) -> str:
-    return f"{size_bytes / 1e6:.3g} MB" if size_bytes >= 1e6 else f"{size_bytes / 1e3:.3g} kB"
+    """Return a size with its unit, such as "1.5 MB"."""
+    if size_bytes >= 1e6:
+        return f"{size_bytes / 1e6:.3g} MB"
+    return f"{size_bytes / 1e3:.3g} kB"
 
 
 def limits_hit(recorded: Recorded) -> dict[str, str]:
     """Return the limits that a session's processes hit, by the process's name."""
-    found = {run.name: run.limit for run in recorded.record.processes if run.limit is not None}
+    found: dict[str, str] = {}
+    for run in recorded.record.processes:
+        if run.limit is not None:
+            found[run.name] = run.limit
     for gap in gaps_by_student(recorded):
-        if gap.limit and (run := _publisher_of(recorded, gap)) is not None:
-            found.setdefault(run.name, RECORDING)
+        publisher = _publisher_of(recorded, gap) if gap.limit else None
+        if publisher is not None:
+            found.setdefault(publisher.name, RECORDING)
     return found
 
 
 def _publisher_of(recorded: Recorded, gap: RecordingGap) -> ProcessRun | None:
-    """Return the student's process that published a topic, by what its nodes asked for; else the busiest one."""
-    students = [run for run in recorded.record.processes if run.role == "student"]
+    """Return the busiest student's process with a publisher on a topic, by its nodes' claims; else the busiest one."""
     asking = {claim.process for claim in recorded.claims_of("publisher", gap.topic)}
-    asked = [run for run in students if run.name in asking]
-    return max(
-        asked or students, key=lambda run: run.usage[-1].cpu_ns if run.usage else 0, default=None
-    )
+    asked = [run for run in recorded.students if run.name in asking]
+    return max(asked or recorded.students, key=_cpu_ns, default=None)
 
 
-#: So many may be missing: more than a reliable connection on loopback loses, and too few to change a verdict.
-_HARMLESS = 0.05
-#: For so long one that does not wait for the recorder's subscription may publish before it is matched: in vain, if it
-#: keeps nothing for those who come later, or is gone by then.
-_MATCHED_WITHIN_S = 5.0
+def _cpu_ns(run: ProcessRun) -> int:
+    return run.usage[-1].cpu_ns if run.usage else 0
 
 
 @functools.lru_cache(maxsize=_MOST_KEPT)
 def dropped(recorded: Recorded) -> Mapping[str, str]:
-    """Return the topics on which messages of the grader's own processes are missing, each with a sentence.
+    """Return the topics on which messages of the grader are missing, each with a sentence.
 
-    A process that can send packets there can pretend that messages are missing, or put others in their place.
-    Therefore the recorded messages are compared with the reports of the trusted channel.
+    A process that can send packets on a topic can pretend that messages are missing, or replace them. Therefore the
+    recorded messages are compared with the reports of the trusted channel.
     """
     found: dict[str, str] = {}
     for (topic, _), entries in _comparable(recorded).items():
         published = sum(len(digests_of(entry)) for entry in entries)
         apart = _set_apart(recorded, topic, entries)
-        there = early = 0
+        there = 0
+        early = 0
         if apart is not None:
             there = len(apart.own)
             early = _unseen_at_first(recorded, topic, entries, apart.own)
@@ -169,24 +193,35 @@ def _set_apart(recorded: Recorded, topic: str, entries: Sequence[Published]) -> 
 def _unseen_at_first(
     recorded: Recorded, topic: str, entries: Sequence[Published], own: Stream
 ) -> int:
-    """Return how many messages may precede the recorder, if a publisher did not wait for it."""
+    """Return the number of messages that can precede the recorder, if a publisher did not wait for it."""
     if all(entry.recorded for entry in entries):
         return 0
     return _before_match(recorded, topic, own)
 
 
 def _gone_at_once(recorded: Recorded, entry: Published) -> bool:
+    """Return whether a publisher did not wait for the recorder, and ended before it could be matched."""
     run = recorded.process(entry.process)
     if entry.recorded or run is None:
         return False
-    return (run.exited_ns or recorded.record.ended_ns) - run.started_ns <= _MATCHED_WITHIN_S * 1e9
+    exited_ns = run.exited_ns or recorded.record.ended_ns
+    return exited_ns - run.started_ns <= _MATCHED_WITHIN_S * 1e9
 
 
 def _before_match(recorded: Recorded, topic: str, own: Stream) -> int:
-    """Return how many messages may have been published before the recorder was there, by one who keeps none."""
-    publishers = [e for e in recorded.endpoints if e.topic == topic and recorded.is_trusted(e.gid)]
-    steps = np.diff(own.source_ns) / np.maximum(1, np.diff(own.sequence))
-    if not len(steps) or not any(e.qos.durability == "volatile" for e in publishers):
+    """Return the number of messages that a volatile publisher can have sent before the recorder was there."""
+    if len(own) < 2 or not _is_volatile(recorded, topic):
         return 0
-    first = int(own.sequence.min())
-    return first - 1 if (first - 1) * float(np.median(steps)) / 1e9 <= _MATCHED_WITHIN_S else 0
+    steps_ns = np.diff(own.source_ns) / np.maximum(1, np.diff(own.sequence))
+    early = int(own.sequence.min()) - 1
+    early_s = early * float(np.median(steps_ns)) / 1e9
+    return early if early_s <= _MATCHED_WITHIN_S else 0
+
+
+def _is_volatile(recorded: Recorded, topic: str) -> bool:
+    """Return whether an endpoint of the grader on a topic keeps no messages for later subscriptions."""
+    for endpoint in recorded.endpoints:
+        is_ours = endpoint.topic == topic and recorded.is_trusted(endpoint.gid)
+        if is_ours and endpoint.qos.durability == "volatile":
+            return True
+    return False

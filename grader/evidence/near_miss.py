@@ -1,21 +1,27 @@
-"""Near misses: which of a student's names was meant by one that the lab asks for.
+"""Near misses: the student's name that was meant for a name of the lab.
 
-A typo in a name is charged once; everything else is then measured on the name that the student used.
+A typo in a name costs points once; all other measurements then follow the student's name.
 """
 
 from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 
 from grader.recording.session import OF_ACTION, STANDARD_TOPICS, UNKNOWN_NODE, GraphSnapshot
 
-#: Below this likeness (difflib's ratio of the plain names) two names have nothing to do with each other.
+#: Likeness (difflib's ratio of the plain names) below which two names are unrelated.
 LEAST_RATIO = 0.5
-#: Services that every node has.
+#: Weight of the likeness of two names without their namespaces.
+_LAST_PART_WEIGHT = 0.95
+#: Types of services that every node has.
 _STANDARD_SERVICE_TYPES = ("rcl_interfaces/srv/", "type_description_interfaces/srv/")
+#: Words of a frame's name without a meaning of their own.
+_IDLE = frozenset({"link", "frame"})
+#: Likeness from which a word is a misspelt other one.
+_SLIP = 0.7
 
 
 @dataclass(frozen=True)
@@ -33,88 +39,122 @@ def candidates_in(
     references: Collection[str],
     forgotten: Collection[str] = (),
 ) -> list[Candidate]:
-    """Return what may be meant of the student's; what belongs to an action only where such a name is wanted.
+    """Return the student's names that can be meant by a wanted name.
 
-    The nodes of the lab offer nothing that is meant, nor do the endpoints that are forgotten, by their gids.
+    Names that belong to an action are candidates for such a name only.
+
+    Parameters
+    ----------
+    graph
+        The graph.
+    kind
+        "node", "publisher", "subscription", "service", "action" or "action_client".
+    wanted
+        The name of the lab.
+    references
+        Nodes of the lab, which offer no candidates.
+    forgotten
+        Gids of endpoints that offer no candidates.
     """
-    offers = {
+    if kind == "node":
+        return [Candidate(node, "") for node in graph.nodes if node not in references]
+    found = []
+    for candidate, node in _offers(graph, kind, forgotten):
+        if node in references or UNKNOWN_NODE in node or candidate.name in STANDARD_TOPICS:
+            continue
+        if (OF_ACTION in candidate.name) == (OF_ACTION in wanted):
+            found.append(candidate)
+    return found
+
+
+def _offers(
+    graph: GraphSnapshot, kind: str, forgotten: Collection[str]
+) -> Iterator[tuple[Candidate, str]]:
+    """Yield the names of a kind in the graph, with their nodes."""
+    servers = {
         "service": graph.services,
         "action": graph.actions,
         "action_client": graph.action_clients,
     }
-    if kind == "node":
-        return [Candidate(node, "") for node in graph.nodes if node not in references]
-    found = [
-        (s.name, s.type, s.node)
-        for s in offers.get(kind, ())
-        if not s.type.startswith(_STANDARD_SERVICE_TYPES)
-    ]
-    found += [
-        (e.topic, e.type, e.node)
-        for e in graph.endpoints
-        if e.kind == kind and e.gid not in forgotten
-    ]
-    return [
-        Candidate(name, its_type)
-        for name, its_type, node in found
-        if node not in references
-        and UNKNOWN_NODE not in node
-        and name not in STANDARD_TOPICS
-        and (OF_ACTION in name) == (OF_ACTION in wanted)
-    ]
+    for server in servers.get(kind, ()):
+        if not server.type.startswith(_STANDARD_SERVICE_TYPES):
+            yield Candidate(server.name, server.type), server.node
+    for endpoint in graph.endpoints:
+        if endpoint.kind == kind and endpoint.gid not in forgotten:
+            yield Candidate(endpoint.topic, endpoint.type), endpoint.node
+
+
+def _ratio(some: str, other: str) -> float:
+    return difflib.SequenceMatcher(None, some, other).ratio()
 
 
 def _plain(name: str) -> str:
     return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
+def _last_part(name: str) -> str:
+    return _plain(name.rsplit("/", 1)[-1])
+
+
 def likeness(wanted: str, name: str) -> float:
-    """Return how alike two ROS names are, from 0 to 1; a namespace more or less counts little."""
-    whole = difflib.SequenceMatcher(None, _plain(wanted), _plain(name)).ratio()
-    last = difflib.SequenceMatcher(
-        None, _plain(wanted.rsplit("/", 1)[-1]), _plain(name.rsplit("/", 1)[-1])
-    ).ratio()
-    return max(whole, 0.95 * last)
+    """Return the likeness of two ROS names, from 0 to 1; an additional namespace counts little."""
+    whole = _ratio(_plain(wanted), _plain(name))
+    last = _ratio(_last_part(wanted), _last_part(name))
+    return max(whole, _LAST_PART_WEIGHT * last)
 
 
 def is_misspelt(wanted: str, name: str) -> bool:
-    """Whether a frame's name is a wanted one with slips of the pen: word by word, where `left` is none of `right`."""
-    words, others = (re.findall(r"[a-z]+|\d+", each.lower()) for each in (wanted, name))
-    for kind, a, b, c, d in difflib.SequenceMatcher(None, words, others).get_opcodes():
-        left, right = words[a:b], others[c:d]
-        if kind in ("insert", "delete") and not _IDLE.issuperset(left + right):
+    """Return whether a frame's name is a misspelt wanted one.
+
+    Names are compared word by word: `left` is no misspelt `right`.
+    """
+    words = _words(wanted)
+    others = _words(name)
+    if not words or wanted == name:
+        return False
+    matcher = difflib.SequenceMatcher(None, words, others)
+    for kind, start, end, other_start, other_end in matcher.get_opcodes():
+        some = words[start:end]
+        other = others[other_start:other_end]
+        if kind in ("insert", "delete") and not _IDLE.issuperset(some + other):
             return False
-        pairs = (
-            zip(left, right, strict=True)
-            if len(left) == len(right)
-            else [("".join(left), "".join(right))]
-        )
-        if kind == "replace" and any(
-            difflib.SequenceMatcher(None, *pair).ratio() < _SLIP for pair in pairs
-        ):
+        if kind == "replace" and not _are_slips(some, other):
             return False
-    return bool(words) and wanted != name
+    return True
 
 
-#: Words of a frame's name that say nothing, and how alike a word is to one that was meant.
-_IDLE = frozenset({"link", "frame"})
-_SLIP = 0.7
+def _words(name: str) -> list[str]:
+    return re.findall(r"[a-z]+|\d+", name.lower())
+
+
+def _are_slips(words: list[str], others: list[str]) -> bool:
+    """Return whether words are misspelt others, one by one or, if their numbers differ, together."""
+    if len(words) != len(others):
+        words = ["".join(words)]
+        others = ["".join(others)]
+    for word, other in zip(words, others, strict=True):
+        if _ratio(word, other) < _SLIP:
+            return False
+    return True
 
 
 def near_miss(
     wanted: str, wanted_type: str | None, candidates: Iterable[Candidate]
 ) -> Candidate | None:
-    """Choose the candidate that was meant, or None.
+    """Return the candidate that was meant; None if there is none.
 
-    The only one of the wanted type is taken whatever its name: it can mean no other.
+    The only candidate of the wanted type is taken regardless of its name.
     """
-    found = sorted(
-        set(candidates), key=lambda c: (c.type != wanted_type, -likeness(wanted, c.name), c.name)
-    )
-    if not found:
-        return None
-    same_type = [c for c in found if c.type == wanted_type]
+    found = set(candidates)
+    same_type = {candidate for candidate in found if candidate.type == wanted_type}
     if len(same_type) == 1:
-        return same_type[0]
-    alike = [c for c in (same_type or found) if likeness(wanted, c.name) >= LEAST_RATIO]
-    return alike[0] if alike else None
+        return same_type.pop()
+    alike = []
+    for candidate in same_type or found:
+        ratio = likeness(wanted, candidate.name)
+        if ratio >= LEAST_RATIO:
+            alike.append((-ratio, candidate.name, candidate.type))
+    if not alike:
+        return None
+    _, name, its_type = min(alike)
+    return Candidate(name, its_type)

@@ -165,10 +165,13 @@ class _Rewriting:
         ends = [n for n, child in enumerate(inner) if child.type in _AFTER_EXPRESSION]
         if not ends:
             raise _Wrong
-        expression, after = inner[: ends[0]], inner[ends[0] :]
-        start, stop = brace.end_byte, after[0].start_byte
-        whole, first = node.text or b"", node.start_byte
-        text = whole[start - first : stop - first].decode("utf-8", "replace")
+        expression = inner[: ends[0]]
+        after = inner[ends[0] :]
+        start = brace.end_byte
+        stop = after[0].start_byte
+        first = node.start_byte
+        content = (node.text or b"")[start - first : stop - first]
+        text = content.decode("utf-8", "replace")
         signs = ("\\", "#", quotes, "\n" if len(quotes) == 1 else quotes)
         if not any(sign in text for sign in signs):
             return expression, after

@@ -1,4 +1,4 @@
-"""The lab's own functions beside the rubric: oracles, which give expected values for what was recorded, and checks."""
+"""Functions of a lab beside its rubric: checks, and oracles for the expected values of a recording."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ def load_oracle(lab_folder: Path, reference: str) -> Callable[..., Any]:
     file, _, function = reference.partition(":")
     module = load_file(lab_folder, file)
     oracle: Callable[..., Any] | None = getattr(module, function, None)
-    # What it imports is not its own: by that, a rubric from anywhere could call anything.
+    # A rubric must not call any function that its file imports.
     if getattr(oracle, "__module__", None) != module.__name__ or oracle is None:
         raise ValueError(f"{file} has no function {function}")
     return oracle
 
 
 def load_file(lab_folder: Path, file: str) -> ModuleType:
-    """Execute a Python file of a lab, as a module; raises ValueError if it is not there."""
+    """Execute a Python file of a lab, as a module; raises ValueError if it is missing."""
     path = (lab_folder / file).resolve()
     if not (path.is_relative_to(lab_folder.resolve()) and path.is_file()):
         raise ValueError(f"there is no file {file} beside the rubric")
-    # By its contents: copies of a lab may lie in several places, and a file may change. It is these that are executed,
-    # and no bytecode that lies beside the file.
+    # Named by its contents, because a lab can have copies, and a file can change. The contents are executed, never
+    # bytecode beside the file.
     text = path.read_bytes()
     name = "lab_oracles_" + hashlib.sha256(text).hexdigest()[:16]
     if name not in sys.modules:
@@ -43,14 +43,15 @@ def load_file(lab_folder: Path, file: str) -> ModuleType:
 
 
 def describe_failure(problem: BaseException, reference: str) -> str:
-    """Say what an exception is, with the line of the lab's file (`file.py:function`) where it came up."""
+    """Describe an exception with its line in the lab's file.
+
+    For example `describe_failure(problem, "oracle.py:expected")` gives "oracle.py, line 3: KeyError: 'x'".
+    """
     file = reference.partition(":")[0]
     if isinstance(problem, SyntaxError):
         return f"{file}, line {problem.lineno}: {problem.msg}"
-    lines = [
-        frame.lineno
-        for frame in traceback.extract_tb(problem.__traceback__)
-        if frame.filename == file
-    ]
-    line = f", line {lines[-1]}" if lines else ""
-    return f"{file}{line}: {type(problem).__name__}: {problem}"
+    place = file
+    for frame in traceback.extract_tb(problem.__traceback__):
+        if frame.filename == file:
+            place = f"{file}, line {frame.lineno}"
+    return f"{place}: {type(problem).__name__}: {problem}"

@@ -1,1 +1,1 @@
-"""What a student hands in: found, unpacked, never executed. Imports the lab and the recording's format."""
+"""Submissions: found and unpacked, never executed. Imports the lab and the recording's format."""

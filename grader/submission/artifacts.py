@@ -1,7 +1,4 @@
-"""An extracted submission → the artifacts that the rubric asks for, and static facts.
-
-Nothing is executed or imported here.
-"""
+"""Artifacts of the rubric in an extracted submission, and static facts. No student's file is executed or imported."""
 
 from __future__ import annotations
 
@@ -22,24 +19,29 @@ from grader.submission.file_names import TEXT_SUFFIXES, displayed
 from grader.submission.packages.colcon import find_packages
 from grader.submission.submission_time import set_submission_time
 
-#: A text beyond this, and the largest of those that are too much together, are not read by the judging half.
+#: Largest text that is read.
 MAX_TEXT_BYTES = 512 * 1024
+#: Characters of all texts that are read; the largest texts beyond are left out.
 MAX_TEXTS_CHARACTERS = 8 * 1024 * 1024
-#: How similar two file names must be for one to count as a misspelling of the other (difflib's ratio).
+#: Likeness (difflib's ratio) from which a file name counts as a misspelt other one.
 NEAR_MISS_RATIO = 0.75
 
 
 def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     """Find the rubric's artifacts in a submission and collect static facts.
 
-    Raises SubmissionError if it holds nothing that the rubric asks for, or something of it may not be read: that costs
-    nobody points.
+    Raises
+    ------
+    SubmissionError
+        If the submission holds nothing that the rubric asks for, or a file that grade may not read. This costs no
+        points.
     """
     source = intake.source
     record = SubmissionRecord(
         name=source.name, left_out=list(intake.left_out), source=source.origin
     )
-    record.student_id, record.identity = source.student_id, source.identity
+    record.student_id = source.student_id
+    record.identity = source.identity
     set_submission_time(record, source.submission_time)
     collect_files(intake.folder, record)
     if not record.files:
@@ -48,121 +50,145 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
             location=source.location,
             remedy="Put the lab's files into it.",
         )
-    paths = [PurePosixPath(f.path) for f in record.files]
-    record.packages = find_packages(record.texts, [f.path for f in record.files])
-    record.artifacts = find_artifacts(paths, record, rubric)
-    for fact in record.artifacts:
-        if fact.path is None:
-            fact.path = _by_entry_point(
-                rubric.artifacts[fact.name].executable,
-                sorted(record.packages, key=lambda package: package.name != rubric.lab.package),
-                record.texts,
-            )
-            fact.found_by = "near miss" if fact.path is not None else fact.found_by
-    for fact in record.artifacts:
-        fact.bonus = fact.name in rubric.bonus_artifacts
-    # What nobody has to hand in is not missing.
-    record.artifacts = [
-        fact for fact in record.artifacts if fact.path is not None or not fact.bonus
-    ]
+    names = [file.path for file in record.files]
+    record.packages = find_packages(record.texts, names)
+    record.artifacts = _artifacts(record, rubric)
     _require_readable(intake, record)
     if not any(_shows_lab(fact, record, rubric) for fact in record.artifacts):
-        wanted = ", ".join(
-            spec.file
-            for name, spec in rubric.artifacts.items()
-            if name not in rubric.bonus_artifacts
-        )
-        problem = f"nothing in it looks like a submission to lab {rubric.lab.id}; it may be of another lab"
-        remedy = f"At least one of these files is expected: {wanted}. "
-        remedy += "Another lab is given by --lab; for a folder of several submissions, add --each."
-        raise SubmissionError(problem, location=source.location, remedy=remedy)
-    digest = hashlib.sha256()
-    for file in sorted(record.files, key=lambda f: f.path):
-        digest.update(f"{file.path}\0{file.sha256}\n".encode())
-    record.sha256 = digest.hexdigest()
+        raise _foreign(source, rubric)
+    record.sha256 = _digest(record.files)
     return record
 
 
+def _artifacts(record: SubmissionRecord, rubric: Rubric) -> list[ArtifactFact]:
+    """Return the artifacts: those that were found, and the missing ones that are required."""
+    paths = [PurePosixPath(file.path) for file in record.files]
+    # The lab's package comes first.
+    packages = sorted(record.packages, key=lambda package: package.name != rubric.lab.package)
+    found = []
+    for fact in find_artifacts(paths, record, rubric):
+        fact.bonus = fact.name in rubric.bonus_artifacts
+        if fact.path is None:
+            executable = rubric.artifacts[fact.name].executable
+            fact.path = _by_entry_point(executable, packages, record.texts)
+            if fact.path is not None:
+                fact.found_by = "near miss"
+        if fact.path is not None or not fact.bonus:
+            found.append(fact)
+    return found
+
+
+def _foreign(source: SubmissionSource, rubric: Rubric) -> SubmissionError:
+    """Return the error of a submission without any of the lab's files."""
+    wanted = []
+    for name, spec in rubric.artifacts.items():
+        if name not in rubric.bonus_artifacts:
+            wanted.append(spec.file)
+    return SubmissionError(
+        f"nothing in it looks like a submission to lab {rubric.lab.id}; it may be of another lab",
+        location=source.location,
+        remedy=f"At least one of these files is expected: {', '.join(wanted)}. "
+        "Another lab is given by --lab; for a folder of several submissions, add --each.",
+    )
+
+
+def _digest(files: Iterable[FileFact]) -> str:
+    """Return a digest of the paths and contents of files."""
+    digest = hashlib.sha256()
+    for file in sorted(files, key=lambda file: file.path):
+        digest.update(f"{file.path}\0{file.sha256}\n".encode())
+    return digest.hexdigest()
+
+
 def names_of(spec: ArtifactSpec) -> frozenset[str]:
-    """Return the names by which the rubric asks for an artifact's file, word for word."""
-    names = (PurePosixPath(pattern).name for pattern in (spec.file, *spec.find))
-    return frozenset(name for name in names if not re.search(r"[*?\[]", name))
+    """Return the names that the rubric gives an artifact's file, without patterns."""
+    names = set()
+    for pattern in (spec.file, *spec.find):
+        name = PurePosixPath(pattern).name
+        if not re.search(r"[*?\[]", name):
+            names.add(name)
+    return frozenset(names)
 
 
 def _shows_lab(fact: ArtifactFact, record: SubmissionRecord, rubric: Rubric) -> bool:
-    """Whether a file that was found shows that this lab is meant.
+    """Return whether an artifact shows that a submission is one to this lab.
 
-    A launch file that only a pattern finds, and an extension found by its contents, may be of any lab: they show it
-    where they name one of its programs.
+    A launch file that only a pattern finds, and an extension found by its contents, can belong to any lab. They must
+    name one of the lab's programs.
     """
-    spec, programs = (
-        rubric.artifacts[fact.name],
-        {s.executable for s in rubric.artifacts.values()} - {None},
-    )
-    by_pattern = spec.executable is None and fact.found_by == "name"
-    if fact.path is None or not (by_pattern or (fact.bonus and fact.found_by != "name")):
-        return fact.path is not None
+    if fact.path is None:
+        return False
+    spec = rubric.artifacts[fact.name]
+    is_common = spec.executable is None and fact.found_by == "name"
+    is_common_extension = fact.bonus and fact.found_by != "name"
+    if not is_common and not is_common_extension:
+        return True
+    if PurePosixPath(fact.path).name in names_of(spec):
+        return True
+    programs = _programs_of(rubric)
     text = record.texts.get(fact.path, "")
-    return (
-        not programs
-        or PurePosixPath(fact.path).name in names_of(spec)
-        or any(str(p) in text for p in programs)
-    )
+    return not programs or any(program in text for program in programs)
+
+
+def _programs_of(rubric: Rubric) -> frozenset[str]:
+    """Return the names of the lab's programs."""
+    executables = (spec.executable for spec in rubric.artifacts.values())
+    return frozenset(filter(None, executables))
 
 
 def _require_readable(intake: Intake, record: SubmissionRecord) -> None:
-    """Raise if a grade may rest on what is there and may not be read.
+    """Raise SubmissionError if a grade may depend on a file or folder that may not be read.
 
-    That is a file that programs are made of or that people read, and a folder, where a file of the lab is missing.
+    A grade depends on a source or a text, and on a folder if a file of the lab is missing.
     """
-    missing = any(fact.path is None for fact in record.artifacts)
-    closed = [
-        name
-        for name in intake.unreadable
-        if (missing if name.endswith("/") else PurePosixPath(name).suffix.lower() in TEXT_SUFFIXES)
-    ]
-    if closed:
-        more = f" and {len(closed) - 1} more" if len(closed) > 1 else ""
-        raise SubmissionError(
-            f"{displayed(closed[0])}{more} may not be read, so that no fair score exists",
-            location=intake.source.location,
-            remedy="Give yourself the right to read it (chmod -R u+rX), or grade as the user that it belongs to.",
-        )
+    is_missing = any(fact.path is None for fact in record.artifacts)
+    closed = []
+    for name in intake.unreadable:
+        is_folder = name.endswith("/")
+        is_text = not is_folder and PurePosixPath(name).suffix.lower() in TEXT_SUFFIXES
+        if is_text or (is_folder and is_missing):
+            closed.append(name)
+    if not closed:
+        return
+    more = f" and {len(closed) - 1} more" if len(closed) > 1 else ""
+    raise SubmissionError(
+        f"{displayed(closed[0])}{more} may not be read, so that no fair score exists",
+        location=intake.source.location,
+        remedy="Give yourself the right to read it (chmod -R u+rX), or grade as the user that it belongs to.",
+    )
 
 
 def read_submission_folder(folder: Path, rubric: Rubric) -> SubmissionRecord:
     """Read a folder of the project's own as `read_submission` does; a student's is extracted first."""
-    return read_submission(
-        Intake(folder, SubmissionSource(folder.resolve().name, (), location=str(folder))), rubric
-    )
+    source = SubmissionSource(folder.resolve().name, (), location=str(folder))
+    return read_submission(Intake(folder, source), rubric)
 
 
 def collect_files(folder: Path, record: SubmissionRecord) -> None:
-    """Note the files of a folder with their hashes, and the texts that may be read."""
-    paths = [
-        path.relative_to(folder)
-        for path in folder.rglob("*")
-        if path.is_file() and not path.is_symlink()
-    ]
-    # The files of a folder come before those of the folders in it.
-    for path in sorted(
-        paths, key=lambda path: (*((True, part) for part in path.parts[:-1]), (False, path.name))
-    ):
+    """Add the files of a folder with their hashes to a record, and the texts that can be read."""
+    paths = []
+    for path in folder.rglob("*"):
+        if path.is_file() and not path.is_symlink():
+            paths.append(path.relative_to(folder))
+    for path in sorted(paths, key=_files_first):
         content = (folder / path).read_bytes()
-        record.files.append(
-            FileFact(path.as_posix(), len(content), hashlib.sha256(content).hexdigest())
-        )
-        if (
-            path.suffix.lower() in TEXT_SUFFIXES
-            and len(content) <= MAX_TEXT_BYTES
-            and b"\0" not in content
-        ):
+        digest = hashlib.sha256(content).hexdigest()
+        record.files.append(FileFact(path.as_posix(), len(content), digest))
+        is_text = path.suffix.lower() in TEXT_SUFFIXES and b"\0" not in content
+        if is_text and len(content) <= MAX_TEXT_BYTES:
             record.texts[path.as_posix()] = decode_text(content)
     _limit_texts(record.texts)
 
 
+def _files_first(path: Path) -> list[tuple[bool, str]]:
+    """Return a key that sorts the files of a folder before the folders in it."""
+    key = [(True, part) for part in path.parts[:-1]]
+    key.append((False, path.name))
+    return key
+
+
 def _limit_texts(texts: dict[str, str]) -> None:
-    """Drop the largest texts, which nobody has written, where all of them would be too much to judge."""
+    """Drop the largest texts if all of them would be too much to judge; people write smaller ones."""
     total = sum(map(len, texts.values()))
     for path in sorted(texts, key=lambda path: (-len(texts[path]), path)):
         if total <= MAX_TEXTS_CHARACTERS:
@@ -183,12 +209,13 @@ def find_artifacts(
 ) -> list[ArtifactFact]:
     """Find each artifact: by the rubric's patterns, else by a similar name, else by its contents.
 
-    One file may hold several, as nodes that are composed in one process do. A bonus artifact is not found by a similar
-    name: nobody has to hand it in, so that the file is more likely another.
+    One file can hold several artifacts, such as nodes in one process. A bonus artifact is not found by a similar name:
+    it is optional, and the file is more likely another one.
     """
-    specs, texts = rubric.artifacts, record.texts
-    executables = frozenset(filter(None, (spec.executable for spec in specs.values())))
-    found = {name: _candidates(spec, paths, texts, executables) for name, spec in specs.items()}
+    specs = rubric.artifacts
+    texts = record.texts
+    programs = _programs_of(rubric)
+    found = {name: _candidates(spec, paths, texts, programs) for name, spec in specs.items()}
     chooser = _chooser(found, record, rubric)
     facts = {name: ArtifactFact(name, spec.file) for name, spec in specs.items()}
     for name, candidates in found.items():
@@ -198,7 +225,9 @@ def find_artifacts(
         if facts[name].path is not None:
             continue
         free = _free_programs(paths, facts.values())
-        alike = _similar(spec, free) if name not in rubric.bonus_artifacts else []
+        alike: list[PurePosixPath] = []
+        if name not in rubric.bonus_artifacts:
+            alike = _similar(spec, free)
         near = alike or _by_contents(spec, free, paths, texts)
         if near:
             worded = frozenset(_holding(spec, near, texts))
@@ -211,7 +240,10 @@ def _chooser(found: dict[str, Candidates], record: SubmissionRecord, rubric: Rub
     """Return the choice among candidates, by contents and by the packages of the lab's name."""
     hashes = {PurePosixPath(file.path): file.sha256 for file in record.files}
     package = rubric.lab.package
-    folders = [PurePosixPath(p.path) for p in record.packages if p.name == package]
+    folders = []
+    for fact in record.packages:
+        if fact.name == package:
+            folders.append(PurePosixPath(fact.path))
     return Chooser(found, hashes, package, folders)
 
 
@@ -220,8 +252,11 @@ def _free_programs(
 ) -> list[PurePosixPath]:
     """Return the Python files and files without suffix that are no artifact yet."""
     taken = {fact.path for fact in facts}
-    programs = (path for path in paths if path.suffix in (".py", ""))
-    return [path for path in programs if str(path) not in taken]
+    free = []
+    for path in paths:
+        if path.suffix in (".py", "") and str(path) not in taken:
+            free.append(path)
+    return free
 
 
 def _by_contents(
@@ -243,7 +278,7 @@ def _ranks_of_near(
 ) -> dict[PurePosixPath, int]:
     """Return the rank of each file that was found without a pattern.
 
-    Names that are less like the wanted one are candidates still, but no rivals.
+    Names that are less like the wanted one remain candidates, but no rivals.
     """
     best = _plain(near[0].name)
     if alike:
@@ -257,16 +292,18 @@ def _candidates(
     texts: dict[str, str],
     programs: frozenset[str],
 ) -> Candidates:
-    """Return the files of an artifact's names, each with the rank of the best name that it has."""
+    """Return the files with a name of an artifact, each with the rank of its best name."""
     ranks: dict[PurePosixPath, int] = {}
     for rank, patterns in enumerate(_names_by_rank(spec)):
         for path in paths:
-            if path not in ranks and any(matches(pattern, path) for pattern in patterns):
+            if path not in ranks and _matches_any(patterns, path):
                 ranks[path] = rank
-    worded = _holding(spec, list(ranks), texts) if spec.contains else ranks
+    worded = list(ranks)
+    if spec.contains:
+        worded = _holding(spec, worded, texts)
     if spec.executable is not None:
         return Candidates(ranks, frozenset(worded))
-    # No program itself, such as a launch file: the lab's is known by the programs that it starts.
+    # A launch file, for example, is known by the programs that it starts.
     named = {path: _named_in(texts.get(str(path), ""), programs) for path in ranks}
     return Candidates(ranks, frozenset(worded), named)
 
@@ -275,8 +312,12 @@ def _named_in(text: str, programs: frozenset[str]) -> int:
     return sum(re.search(rf"\b{re.escape(program)}\b", text) is not None for program in programs)
 
 
+def _matches_any(patterns: Iterable[str], path: PurePosixPath) -> bool:
+    return any(matches(pattern, path) for pattern in patterns)
+
+
 def _names_by_rank(spec: ArtifactSpec) -> list[list[str]]:
-    """Return the patterns of an artifact, best first; one name in the root and in any folder has one rank."""
+    """Return the patterns of an artifact, best first; a name in the root and in any folder has one rank."""
     ranks: dict[str, list[str]] = {}
     for pattern in spec.find:
         ranks.setdefault(anywhere(pattern), []).append(pattern)
@@ -286,7 +327,7 @@ def _names_by_rank(spec: ArtifactSpec) -> list[list[str]]:
 def _chosen(
     fact: ArtifactFact, chooser: Chooser, files: Sequence[PurePosixPath], found_by: str
 ) -> ArtifactFact:
-    """Return where an artifact was found, with the other files that could have been meant."""
+    """Return an artifact with the chosen file, and the other files that could be meant."""
     choice = chooser.choose(fact.name, files)
     others = [str(path) for path in files if path != choice.path]
     passed_over = list(map(str, choice.others))
@@ -305,20 +346,22 @@ def _holding(
     spec: ArtifactSpec, paths: list[PurePosixPath], texts: dict[str, str]
 ) -> list[PurePosixPath]:
     """Return the files that hold an artifact by their contents."""
-    wanted = spec.contains
-    return [
-        path
-        for path in paths
-        if wanted and all(words in texts.get(str(path), "") for words in wanted)
-    ]
+    found: list[PurePosixPath] = []
+    if not spec.contains:
+        return found
+    for path in paths:
+        text = texts.get(str(path), "")
+        if all(words in text for words in spec.contains):
+            found.append(path)
+    return found
 
 
 def by_pattern(name: str, spec: ArtifactSpec, paths: Sequence[PurePosixPath]) -> ArtifactFact:
     """Find an artifact by the rubric's patterns, and the files of its name as candidates."""
     for patterns in _names_by_rank(spec):
-        hits = [path for path in paths if any(matches(pattern, path) for pattern in patterns)]
+        hits = [path for path in paths if _matches_any(patterns, path)]
         if hits:
-            first, *others = sorted(hits, key=lambda p: (len(p.parts), str(p)))
+            first, *others = sorted(hits, key=lambda path: (len(path.parts), str(path)))
             return ArtifactFact(name, spec.file, str(first), "name", list(map(str, others)))
     return ArtifactFact(name, spec.file)
 
@@ -326,7 +369,7 @@ def by_pattern(name: str, spec: ArtifactSpec, paths: Sequence[PurePosixPath]) ->
 def _by_entry_point(
     executable: str | None, packages: list[PackageFact], texts: dict[str, str]
 ) -> str | None:
-    """Return the file that a package runs as an executable of the artifact's name, whatever the file is called."""
+    """Return the file that a package runs as an executable with the artifact's name, regardless of the file's name."""
     for package in packages:
         target = package.executables.get(executable or "", "")
         module = PurePosixPath(package.path) / target.partition(":")[0].replace(".", "/")
@@ -341,9 +384,11 @@ def _plain(name: str) -> str:
 
 
 def _similar(spec: ArtifactSpec, free: list[PurePosixPath]) -> list[PurePosixPath]:
-    def ratio(path: PurePosixPath) -> float:
-        return difflib.SequenceMatcher(None, _plain(spec.file), _plain(path.name)).ratio()
-
-    return sorted(
-        (p for p in free if ratio(p) >= NEAR_MISS_RATIO), key=lambda p: (-ratio(p), str(p))
-    )
+    """Return the files with a similar name, the most similar one first."""
+    wanted = _plain(spec.file)
+    found = []
+    for path in free:
+        ratio = difflib.SequenceMatcher(None, wanted, _plain(path.name)).ratio()
+        if ratio >= NEAR_MISS_RATIO:
+            found.append((-ratio, str(path), path))
+    return [path for _, _, path in sorted(found)]

@@ -1,8 +1,8 @@
-"""Opens what somebody else has named, by descriptors: never anything outside of the folder in which it was named.
+"""Opening of files by untrusted paths, through descriptors: never outside of a given folder.
 
-Paths that come out of a launch plan, an archive, a repository or a workspace are a student's, and what they lead to
-may change between two looks at it. So no such path is looked at first and used afterwards: it is opened a folder at a
-time, each beneath the one before and none over a link, and what is done is done to what was opened (openat(2)).
+Paths in a launch plan, an archive, a repository or a workspace come from a student, and their targets can change between
+two accesses. Therefore no such path is checked first and used afterwards: each folder on it is opened beneath the
+previous one, without following links, and all work is done on the open descriptor (openat(2)).
 """
 
 from __future__ import annotations
@@ -21,9 +21,9 @@ _NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 _FOLDER_BY_NAME = getattr(os, "O_PATH", os.O_RDONLY) | _FOLDER | _NO_LINK
 #: Without waiting for a pipe's other end, and without becoming a terminal's owner.
 _WITHOUT_WAITING = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
-#: Folders within each other that are copied: nobody's workspace has more, and each takes a descriptor.
+#: Folders within each other that are copied: more than any workspace has. Each takes a descriptor.
 _DEEPEST = 100
-#: What the kernel says of a name that is gone, or that is a link, a folder, a pipe or none of it by now.
+#: Errors of the kernel for a name that is gone, or that became a link, a folder, a pipe or a file.
 _CHANGED = (
     errno.ENOENT,
     errno.ENOTDIR,
@@ -38,10 +38,9 @@ _CHANGED = (
 def open_beneath(
     top: int | Path, path: str | PurePath, flags: int = os.O_RDONLY, mode: int = 0
 ) -> int:
-    """Open what somebody else has named beneath a folder, which is open or a path of the grader's own.
+    """Open an untrusted path beneath a folder, given as a descriptor or as a trusted path.
 
-    It raises `OSError` if that cannot be opened, and where the path is absolute, has a step upwards or leads over a
-    link.
+    Raises OSError if it cannot be opened, or if the path is absolute, has a step upwards, or has a link on its way.
     """
     *way, last = _parts(path) or ["."]
     with ExitStack() as opened:
@@ -88,7 +87,7 @@ def open_regular_beneath(top: int | Path, path: str | PurePath) -> int:
 
 
 def is_regular_beneath(top: Path, path: str | PurePath) -> bool:
-    """Whether there is a regular file beneath a folder."""
+    """Return whether there is a regular file at an untrusted path beneath a folder."""
     try:
         os.close(open_regular_beneath(top, path))
     except OSError:
@@ -97,15 +96,16 @@ def is_regular_beneath(top: Path, path: str | PurePath) -> bool:
 
 
 def restore_way(top: Path, folder: PurePosixPath, rights: int) -> None:
-    """See to it that a folder is there, and that all folders on the way to it have some rights at least.
+    """Make a folder beneath another one, and give all folders on its way at least some rights.
 
-    It raises `OSError` if that cannot be done beneath `top`: what stands in the way is no folder.
+    Raises OSError if this is impossible, for example because a file is in the way.
     """
     with ExitStack() as opened:
         here = os.open(top, os.O_PATH | _FOLDER)
         opened.callback(os.close, here)
         for part in (*_parts(folder), None):
-            own = f"/proc/self/fd/{here}"  # what is open, wherever its name leads by now
+            # The open folder, even if its name has a new target.
+            own = f"/proc/self/fd/{here}"
             mode = stat.S_IMODE(os.stat(own).st_mode)  # noqa: PTH116
             if mode & rights != rights:
                 os.chmod(own, mode | rights)  # noqa: PTH101
@@ -118,9 +118,9 @@ def restore_way(top: Path, folder: PurePosixPath, rights: int) -> None:
 
 
 def copy_tree(source: Path, target: Path, owner: int | None = None) -> None:
-    """Copy a folder's files, folders and links into a folder, while somebody else may be changing the source.
+    """Copy a folder's files, folders and links into another folder, while the source may change.
 
-    Links are copied as links; what is neither, and folders too deep, are left out. The copies belong to `owner`.
+    Links are copied as links; special files, and folders too deep, are left out. The copies belong to `owner`.
     """
     with _opened(source) as here, _opened(target) as there:
         _copy_below(here, there, owner, _DEEPEST)
@@ -129,15 +129,13 @@ def copy_tree(source: Path, target: Path, owner: int | None = None) -> None:
 def _copy_below(source: int, target: int, owner: int | None, depth: int) -> None:
     _hand_over(target, 0o755, owner)
     with os.scandir(source) as entries:
-        names = [
-            (entry.name, entry.is_symlink(), entry.is_dir(follow_symlinks=False))
-            for entry in entries
-        ]
-    for name, is_link, is_folder in names:
+        listed = list(entries)
+    for entry in listed:
+        name = entry.name
         with _unless_it_changed():
-            if is_link:
+            if entry.is_symlink():
                 os.symlink(os.readlink(name, dir_fd=source), name, dir_fd=target)
-            elif not is_folder:
+            elif not entry.is_dir(follow_symlinks=False):
                 _copy_file(source, name, target, owner)
             elif depth:
                 os.mkdir(name, 0o700, dir_fd=target)
@@ -151,7 +149,7 @@ def _folder(above: int, name: str) -> AbstractContextManager[int]:
 
 @contextmanager
 def _unless_it_changed() -> Iterator[None]:
-    """Pass over what is gone by now, or something else than it was."""
+    """Ignore an entry that is gone, or became something else."""
     try:
         yield
     except OSError as error:
@@ -164,7 +162,8 @@ def _copy_file(source: int, name: str, target: int, owner: int | None) -> None:
         there = open_beneath(target, name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(there, "wb") as written:
             shutil.copyfileobj(read, written, 1024 * 1024)
-            _hand_over(there, stat.S_IMODE(os.fstat(read.fileno()).st_mode) & 0o777 | 0o644, owner)
+            mode = stat.S_IMODE(os.fstat(read.fileno()).st_mode)
+            _hand_over(there, mode & 0o777 | 0o644, owner)
 
 
 def _hand_over(file: int, mode: int, owner: int | None) -> None:

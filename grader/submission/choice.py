@@ -1,8 +1,8 @@
-"""Choose the student's work among files of one name: a tutorial lies beside it, or an earlier try.
+"""Choose the student's work among files of one name, beside a tutorial or an earlier version.
 
-The files' contents decide, the lab's package, the lab's programs that a launch file names, and which folder holds the
-most of the lab's files; never how deep a file lies. Nothing is read of what the student writes about their folders: it
-may say anything.
+The criteria are the files' contents, the lab's package, the lab's programs named in a launch file, and the number of
+the lab's files in each folder; never the depth of a file. A student's text about the folders is not read, because it
+can claim anything.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 
-#: Folders that say of themselves that the work is elsewhere.
+#: Names of folders without the final work.
 _LEFT_BEHIND = re.compile(
     r"(^|[^a-z])(old|older|backup|bak|archived?|attic|unused|drafts?|deprecated|obsolete|orig|copy|alt|kopie|sicherung"
     r"|tutorials?|demos?|examples?|samples?|templates?|starter|handout|tests?)([^a-z]|$)",
     re.IGNORECASE,
 )
-#: Two folders that hold so many of the same artifacts are two versions of the work, which are compared as wholes.
+#: Common artifacts from which two folders are versions of the work, and are compared as a whole.
 _VERSIONS = 2
 
 
@@ -39,36 +39,39 @@ class Candidates:
     """The files of one artifact's names: each with the rank of its name, 0 for the best."""
 
     ranks: Mapping[PurePosixPath, int] = field(default_factory=dict)
-    #: Files with all the words by which the rubric knows the artifact.
+    #: Files with all words that the rubric requires of the artifact.
     worded: frozenset[PurePosixPath] = frozenset()
-    #: How many of the lab's programs each file names.
+    #: Number of the lab's programs in each file.
     programs: Mapping[PurePosixPath, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class _Group:
-    """The files of one name in one folder, and what the folder holds of the lab."""
+    """The files of one name in one folder, and the lab's artifacts in the folder."""
 
     folder: str
     files: tuple[PurePosixPath, ...]
-    #: Artifacts of which a file is there, and those of which one holds the words.
+    #: Artifacts with a file in the folder.
     named: frozenset[str]
+    #: Artifacts with a file in the folder that has the required words.
     worded: frozenset[str]
+    #: Best rank of the files' names.
     rank: int
-    #: True if one of the files holds the words, and if one lies in the lab's package.
+    #: True if one of the files has the required words.
     own_words: bool
+    #: True if one of the files lies in the lab's package.
     in_package: bool
-    #: The most of the lab's programs that one of the files names.
+    #: Largest number of the lab's programs named in one of the files.
     programs: int
 
     @property
     def is_left_behind(self) -> bool:
-        """Tell whether the folder is called as those are that nobody means to hand in."""
+        """True if the folder has a name of folders without the final work."""
         return _LEFT_BEHIND.search(self.folder) is not None
 
     @property
     def shown(self) -> str:
-        """The folder as a reader is told of it."""
+        """The folder's name for a reader."""
         return f"{self.folder}/" if self.folder else "the folder above it"
 
 
@@ -88,25 +91,33 @@ class Chooser:
         self._package_folders = package_folders
 
     def choose(self, artifact: str, files: Sequence[PurePosixPath]) -> Choice:
-        """Choose one of an artifact's files, of which there is at least one; copies of it are no others."""
-        left, whys, is_open, depth = list(files), list[str](), False, 0
-        while len({self._digests.get(path, str(path)) for path in left}) > 1:
+        """Choose one of an artifact's files, at least one; copies of the chosen file do not count as others."""
+        left = list(files)
+        first_why = ""
+        is_open = False
+        depth = 0
+        while self._differ(left):
             groups = self._groups(artifact, left, depth)
             depth += 1
             if len(groups) == 1 and groups[0].folder:
                 continue
             best, why, tied = self._best(groups)
-            whys.append(why)
+            first_why = first_why or why
             is_open = is_open or tied
             left = list(best.files)
         taken = min(left, key=lambda path: (len(path.parts), path.parts))
         others = self._others(artifact, files, taken)
-        return Choice(taken, others, next(filter(None, whys), ""), is_open and bool(others))
+        return Choice(taken, others, first_why, is_open and bool(others))
+
+    def _differ(self, files: Sequence[PurePosixPath]) -> bool:
+        """Return whether some files have different contents."""
+        contents = {self._digests.get(path, str(path)) for path in files}
+        return len(contents) > 1
 
     def _others(
         self, artifact: str, files: Sequence[PurePosixPath], taken: PurePosixPath
     ) -> tuple[PurePosixPath, ...]:
-        """Return the files of the taken one's rank that are no copies of it."""
+        """Return the files with the rank of the taken one, without copies of it."""
         ranks = self._found[artifact].ranks
         found = []
         for path in files:
@@ -116,7 +127,7 @@ class Chooser:
         return tuple(found)
 
     def _groups(self, artifact: str, files: Sequence[PurePosixPath], depth: int) -> list[_Group]:
-        """Return files by the folders in which they lie at a depth; each file that lies in none is its own group."""
+        """Return groups of files by their folders at a depth; a file outside of folders is a group of its own."""
         by_folder: dict[str, list[PurePosixPath]] = {}
         for path in files:
             by_folder.setdefault(_folder_at(path, depth), []).append(path)
@@ -135,7 +146,8 @@ class Chooser:
     def _group(
         self, artifact: str, folder: str, files: list[PurePosixPath], within: _Within
     ) -> _Group:
-        named, worded = set(), set()
+        named = set()
+        worded = set()
         for name, candidates in self._found.items():
             if any(map(within.holds, candidates.ranks)):
                 named.add(name)
@@ -158,15 +170,13 @@ class Chooser:
         return below or self._package in path.parts[:-1]
 
     def _best(self, groups: Sequence[_Group]) -> tuple[_Group, str, bool]:
-        """Return the group to go on with, why, and whether another is as good."""
+        """Return the best group, the reason, and whether another group is as good."""
         measures = _VERSIONS_BY if _are_versions(groups) else _FILES_BY
         left = list(groups)
         for measure in measures:
-            most = max(measure.of(group) for group in left)
-            behind, ahead = list[_Group](), list[_Group]()
-            for group in left:
-                (ahead if measure.of(group) == most else behind).append(group)
-            left = ahead
+            most = max(map(measure.of, left))
+            behind = [group for group in left if measure.of(group) < most]
+            left = [group for group in left if measure.of(group) == most]
             if len(left) == 1:
                 return left[0], measure.why(left[0], behind), False
         return left[0], _TIED, True
@@ -176,7 +186,10 @@ _TIED = "nothing tells it from the others, so the first by its folder's name was
 
 
 def _folder_at(path: PurePosixPath, depth: int) -> str:
-    return path.parts[depth] if len(path.parts) > depth + 1 else ""
+    """Return the folder of a file at a depth; empty if the file is not so deep."""
+    if len(path.parts) <= depth + 1:
+        return ""
+    return path.parts[depth]
 
 
 @dataclass(frozen=True)
@@ -188,16 +201,18 @@ class _Within:
     rivals: frozenset[str]
 
     def holds(self, path: PurePosixPath) -> bool:
-        """Tell whether a file lies there."""
+        """Return whether a file lies in this part."""
         depth = len(self.above)
         if path.parts[:depth] != self.above:
             return False
         folder = _folder_at(path, depth)
-        return folder == self.folder if self.folder else folder not in self.rivals
+        if self.folder:
+            return folder == self.folder
+        return folder not in self.rivals
 
 
 def _are_versions(groups: Sequence[_Group]) -> bool:
-    """Tell whether several folders hold the same work; files beside each other share a folder."""
+    """Return whether several folders hold the same work; files beside each other share a folder."""
     by_folder = {group.folder: group.worded for group in groups}
     held: Counter[str] = Counter()
     for names in by_folder.values():
@@ -207,7 +222,7 @@ def _are_versions(groups: Sequence[_Group]) -> bool:
 
 @dataclass(frozen=True)
 class _Measure:
-    """A figure of a group, of which more is better, and the words where it decides."""
+    """A figure of a group; more is better. `why` words the decision of the figure."""
 
     of: Callable[[_Group], int]
     why: Callable[[_Group, Sequence[_Group]], str]
@@ -243,6 +258,7 @@ _KEPT = _Measure(
     lambda group: not group.is_left_behind,
     lambda best, others: f"the other lies in {others[0].shown}",
 )
-#: For files that only have the name in common, and for versions of the same work.
+#: Order of the measures for files with nothing but the name in common.
 _FILES_BY = (_NAME, _WORDS, _PACKAGE, _PROGRAMS, _WORDED, _NAMED, _KEPT)
+#: Order of the measures for versions of the same work.
 _VERSIONS_BY = (_WORDED, _PACKAGE, _WORDS, _NAMED, _NAME, _KEPT)

@@ -1,28 +1,30 @@
 """Tells one submission from a folder (or archive) of submissions, by the names in it.
 
-An *artifact's file* is one whose name the rubric asks for, word for word. A *part* is a folder named as parts of a
-workspace are (`src`, `launch`), or one of several named as versions, sections or demonstrations are (`old`, `task2`,
-`demo`). A *package* is a folder whose package.xml has the folder's own name. The first rule that applies decides:
+An *artifact's file* has exactly the name that the rubric asks for. A *part* is a folder with the usual name of a part
+of a workspace (`src`, `launch`), or one of several named as versions, sections or demonstrations (`old`, `task2`,
+`demo`). A *package* is a folder with its own name in its package.xml. The first rule that applies decides:
 
-1. Most names are those of a learning-management system's download (`grader.submission.lms`): each student is one.
-2. It is a git repository's root, or an artifact's file lies directly in it: one submission. In a folder with a name of
-   folders of submissions (`submissions`, `lab-09-submissions`, `Abgaben`), that does not matter if 3 holds: an
-   instructor's repository, a stray file.
+1. Most names are those of a learning-management system's download (`grader.submission.lms`): one submission for each
+   student.
+2. The folder is the root of a git repository, or directly contains an artifact's file: one submission. In a folder
+   named as a folder of submissions (`submissions`, `lab-09-submissions`, `Abgaben`), rule 3 has priority: the
+   repository can be an instructor's, and the file a stray one.
 3. The same artifact's file lies in two subfolders that are neither parts nor packages: each subfolder and archive is
-   one. In a single workspace each file lies in one package; in a class everyone has handed in the same names. Packages
-   count as students only if three hold the same file, or two hold all files that any of them holds, and more than one.
-4. It looks like a package or a workspace (`package.xml`, `setup.py`, `CMakeLists.txt`, or a part that holds an
+   a submission. In a single workspace, each file lies in one package; in a class, all students submit the same names.
+   Packages count as students only if three hold the same file, or two hold all files of all packages, and more than one.
+4. The folder looks like a package or a workspace (`package.xml`, `setup.py`, `CMakeLists.txt`, or a part with an
    artifact's file): one submission.
-5. Patterns of the rubric find the same artifact in two folders that are no parts nor all packages, one of which holds
-   no artifact's file and other programs, and no README lies beside: the launch files of two labs. Each is one.
-6. It holds a single folder, and no files but tables: a wrapper, of whatever name. The rules apply to that folder.
-7. There are several archives, or several folders that are no parts and hold archives and no programs, or its name is
-   that of folders of submissions: each subfolder and archive is one.
-8. An archive lies beside a folder with artifacts' files, without a README: each is one.
-9. One submission. In wrappers with a name of folders of submissions, it is the folder in the innermost of them.
+5. Patterns of the rubric find the same artifact in two folders that are neither parts nor all packages. One of them
+   holds no artifact's file, but other programs, and there is no README beside them: launch files of two labs. Each folder
+   is a submission.
+6. The folder holds a single folder, and no files except tables: a wrapper of any name. The rules apply to its folder.
+7. There are several archives; or several folders that are no parts hold archives and no programs; or the folder is named
+   as a folder of submissions: each subfolder and archive is a submission.
+8. An archive lies beside a folder with artifacts' files, without a README: each is a submission.
+9. One submission. In wrappers named as folders of submissions, it is the folder in the innermost of them.
 
-A folder named as a part that is alone in its place (`code/`) is a wrapper too if two folders in it, neither parts nor with
-a package.xml, hold the same artifact's file. `src` and folders named as workspaces never are.
+A single folder named as a part (`code/`) is a wrapper too if two folders in it, neither parts nor with a package.xml,
+hold the same artifact's file. `src` and folders named as workspaces are never wrappers.
 """
 
 from __future__ import annotations
@@ -44,7 +46,7 @@ from grader.submission.lms.systems import recognised
 _MOST_WRAPPERS = 50
 _WORKSPACE = re.compile(
     r"src|sources?|ros2?|workspace"
-    # Others before `_ws` are names of students.
+    # Other words before `_ws` are names of students.
     r"|((ros2?|colcon|catkin|ament|dev|my|old|new|final|backup|test|tutorial|robot\w*|lab[\w-]*)_)?ws",
     re.IGNORECASE,
 )
@@ -76,11 +78,11 @@ _MANY_PACKAGES = 3
 
 @dataclass(frozen=True)
 class Understood:
-    """How a folder or an archive was understood."""
+    """The meaning of a folder or an archive."""
 
-    #: The folder in which students lie beside each other; None if it is one submission.
+    #: The folder with an entry for each student; None for a single submission.
     students: Listing | None
-    #: Folders that hold the same artifact's file although it is one submission; at most two are named.
+    #: Up to two folders of a single submission with the same artifact's file.
     doubled: tuple[str, ...] = ()
 
 
@@ -92,9 +94,13 @@ class Collections:
         self._wanted = {name: names_of(spec) for name, spec in rubric.artifacts.items()}
 
     def artifacts(self, files: Iterable[str]) -> frozenset[str]:
-        """Return the artifacts whose file is among some paths."""
+        """Return the artifacts with a file among some paths."""
         names = {PurePosixPath(file).name for file in files}
-        return frozenset(artifact for artifact, wanted in self._wanted.items() if wanted & names)
+        found = set()
+        for artifact, wanted in self._wanted.items():
+            if not wanted.isdisjoint(names):
+                found.add(artifact)
+        return frozenset(found)
 
     def understood(self, listing: Listing) -> Understood:
         """Apply the rules to a folder or an archive."""
@@ -107,20 +113,21 @@ class Collections:
         return Understood(None, self._doubled(way[-1]))
 
     def each(self, listing: Listing) -> Listing:
-        """Return where submissions lie beside each other, of a folder or an archive of submissions.
+        """Return the folder with an entry for each student, of a folder or an archive of submissions.
 
-        Wrappers are passed as by the rules. If they end in a folder that can only be one submission, e.g.
-        `class/alice/talker.py`, it is the one in its wrapper.
+        Wrappers are entered as by the rules. If they end in a folder that can only be one submission, as in
+        `class/alice/talker.py`, its wrapper is returned.
         """
         way, decided = self._way_in(listing)
-        inner = way[-1].entries
-        several = sum(folder or is_packed(name) for name, folder in inner.items()) > 1
-        if decided or len(way) == 1 or (decided is None and several):
+        if decided or len(way) == 1:
+            return way[-1]
+        several = len(_submissions_in(way[-1])) > 1
+        if decided is None and several:
             return way[-1]
         return way[-2]
 
     def _way_in(self, listing: Listing) -> tuple[list[Listing], bool | None]:
-        """Return the wrappers from outside to the first folder that is none, and what the rules say of that."""
+        """Return the wrappers from outside to the first folder that is none, and the decision of the rules about it."""
         way = [listing]
         while True:
             decided = self._is_collection(way[-1])
@@ -130,7 +137,7 @@ class Collections:
             way.append(way[-1].entered(inner))
 
     def _is_collection(self, listing: Listing) -> bool | None:
-        """Apply the rules to the entries of a folder; None if none applies."""
+        """Apply the rules to the entries of a folder; returns None if no rule applies."""
         own = self._artifacts_beside(listing)
         if self._is_download(listing, bool(own)):
             return True
@@ -149,51 +156,53 @@ class Collections:
         return self._by_form(listing, students)
 
     def _artifacts_beside(self, listing: Listing) -> frozenset[str]:
-        """Return the artifacts whose file lies directly in a folder."""
-        return self.artifacts(name for name, folder in listing.entries.items() if not folder)
+        """Return the artifacts with a file directly in a folder."""
+        return self.artifacts(_files_in(listing))
 
     def _by_form(self, listing: Listing, students: Mapping[str, frozenset[str]]) -> bool | None:
-        """Apply the rules for folders in which no two hold the same artifact's file."""
+        """Apply the rules for folders with no artifact's file in two entries."""
         has_readme = any(name.lower().startswith("readme") for name in listing.entries)
-        if not has_readme and self._of_several_labs([listing.below(name) for name in students]):
+        folders = [listing.below(name) for name in students]
+        if not has_readme and self._of_several_labs(folders):
             return True
         if listing.only_folder is not None:
             return None
-        archives = _archives_in(listing)
-        if len(archives) > 1 or _are_sealed(listing, students):
+        archives = list(filter(is_packed, _files_in(listing)))
+        if len(archives) > 1 or _are_sealed(folders):
             return True
-        if _has_folder_or_archive(listing) and _is_named_as_collection(listing):
+        if _submissions_in(listing) and _is_named_as_collection(listing):
             return True
         if archives and any(students.values()):
             return not has_readme
         return None
 
     def _is_download(self, listing: Listing, has_artifacts: bool) -> bool:
-        """Whether a system named most entries.
+        """Return whether a system named most entries.
 
-        The files that a system writes beside submissions lie in no repository, and beside no student's files.
+        A system's own files lie neither in a repository nor beside a student's files.
         """
         download = recognised(listing.entries)
         if download is None or listing.is_repository:
             return False
-        return not (has_artifacts and download[0].own & listing.entries.keys())
+        system, _ = download
+        return not has_artifacts or system.own.isdisjoint(listing.entries)
 
     def _held(self, listing: Listing) -> dict[str, frozenset[str]]:
-        """Return each folder directly in one -> the artifacts that it holds."""
-        folders = [name for name, folder in listing.entries.items() if folder]
-        return {name: self.artifacts(listing.below(name).files) for name in folders}
+        """Return the artifacts in each folder of a folder."""
+        return {name: self.artifacts(listing.below(name).files) for name in listing.folders}
 
     def _are_alike(self, listing: Listing, held: Mapping[str, frozenset[str]]) -> bool:
-        """Whether folders hold the same artifact as those of students do, and not as packages of one workspace."""
+        """Return whether folders share an artifact as students' folders do, not as packages of one workspace."""
         if not _share_one(held.values()):
             return False
         packages = _packages_of(listing, held)
-        if _share_one(artifacts for name, artifacts in held.items() if name not in packages):
+        others = [artifacts for name, artifacts in held.items() if name not in packages]
+        if _share_one(others):
             return True
         return _share_one(held.values(), _MANY_PACKAGES) or _are_whole(held.values())
 
     def _wraps_students(self, listing: Listing) -> bool:
-        """Whether the only folder in one, though named as a part is, holds folders of students."""
+        """Return whether the only folder in a folder holds folders of students, although it is named as a part."""
         name = listing.only_folder
         if name is None or _WORKSPACE.fullmatch(name):
             return False
@@ -209,69 +218,83 @@ class Collections:
         return _share_one(students)
 
     def _doubled(self, listing: Listing) -> tuple[str, ...]:
-        """Name two folders that hold the same artifact's file."""
+        """Return two folders with the same artifact's file; empty if there are none."""
         holders: dict[str, list[str]] = {}
         for name, artifacts in self._held(listing).items():
             for artifact in artifacts:
                 holders.setdefault(artifact, []).append(name)
-        several = (names for names in holders.values() if len(names) > 1)
-        return tuple(next(several, [])[:2])
+        for names in holders.values():
+            if len(names) > 1:
+                return tuple(names[:2])
+        return ()
 
     def _of_several_labs(self, students: Sequence[Listing]) -> bool:
-        foreign, found = False, []
+        """Return whether folders hold the work for several labs, by rule 5."""
+        if all(_PACKAGE_MARKS & student.entries.keys() for student in students):
+            return False
+        found = []
+        foreign = False
         for student in students:
-            paths = [PurePosixPath(file) for file in student.files]
-            facts = [by_pattern(name, spec, paths) for name, spec in self._specs.items()]
-            found.append(frozenset(fact.name for fact in facts if fact.path is not None))
-            programs = {str(path) for path in paths if path.suffix in _PROGRAMS}
-            programs.difference_update(*([fact.path, *fact.candidates] for fact in facts))
-            foreign |= bool(found[-1] and programs) and not self.artifacts(student.files)
-        packages = all(_PACKAGE_MARKS & student.entries.keys() for student in students)
-        return foreign and not packages and _share_one(found)
+            artifacts, programs = self._by_patterns(student)
+            found.append(artifacts)
+            if artifacts and programs and not self.artifacts(student.files):
+                foreign = True
+        return foreign and _share_one(found)
+
+    def _by_patterns(self, listing: Listing) -> tuple[frozenset[str], set[str]]:
+        """Return the artifacts in a folder by the rubric's patterns, and its other programs."""
+        paths = list(map(PurePosixPath, listing.files))
+        programs = {str(path) for path in paths if path.suffix in _PROGRAMS}
+        found = set()
+        for name, spec in self._specs.items():
+            fact = by_pattern(name, spec, paths)
+            programs.difference_update(fact.candidates)
+            if fact.path is not None:
+                programs.discard(fact.path)
+                found.add(name)
+        return frozenset(found), programs
 
 
 def _is_named_as_collection(listing: Listing) -> bool:
-    """Tell whether a folder is called as folders of submissions are, e.g. `submissions` or `lab 9 abgaben`."""
+    """Return whether a folder is named as a folder of submissions, such as `submissions` or `lab 9 abgaben`."""
     return _COLLECTION.search(listing.name) is not None
 
 
-def _archives_in(listing: Listing) -> list[str]:
-    """Return the archives directly in a folder."""
-    files = (name for name, folder in listing.entries.items() if not folder)
-    return [name for name in files if is_packed(name)]
+def _files_in(listing: Listing) -> list[str]:
+    """Return the files directly in a folder."""
+    return [name for name, is_folder in listing.entries.items() if not is_folder]
 
 
-def _has_folder_or_archive(listing: Listing) -> bool:
-    """Tell whether an entry of a folder can be a submission."""
-    return any(folder or is_packed(name) for name, folder in listing.entries.items())
+def _submissions_in(listing: Listing) -> list[str]:
+    """Return the entries of a folder that can be submissions: folders and archives."""
+    return [name for name, is_folder in listing.entries.items() if is_folder or is_packed(name)]
 
 
-def _are_sealed(listing: Listing, students: Iterable[str]) -> bool:
-    """Tell whether several folders hold nothing but archives."""
-    sealed = [name for name in students if _holds_archives_only(listing.below(name).files)]
-    return len(sealed) > 1
+def _are_sealed(folders: Iterable[Listing]) -> bool:
+    """Return whether several folders hold archives and no programs."""
+    return sum(_is_sealed(folder) for folder in folders) > 1
 
 
 def _parts_of(entries: Mapping[str, bool]) -> frozenset[str]:
-    """Return the folders named as parts of one submission are; versions and sections only beside others."""
+    """Return the folders named as parts of one submission; versions and sections count only beside other entries."""
     found = set()
-    for name in (name for name, folder in entries.items() if folder):
+    for name, is_folder in entries.items():
         forms = [_WORKSPACE.fullmatch(name), _PART.fullmatch(name)]
         if len(entries) > 1:
             forms += [_SECTION.fullmatch(name), _VERSION.search(name)]
-        if any(forms):
+        if is_folder and any(forms):
             found.add(name)
     return frozenset(found)
 
 
 def _packages_of(listing: Listing, folders: Collection[str]) -> frozenset[str]:
-    """Return the folders whose package.xml has their own name."""
+    """Return the folders with their own name in their package.xml."""
     manifests = {f"{name}/package.xml": name for name in folders}
-    there = [file for file in manifests if file in set(listing.files)]
-    texts = listing.texts(there)
+    there = manifests.keys() & set(listing.files)
+    texts = listing.texts(sorted(there))
     packages = set()
     for file, text in texts.items():
-        # Not by a reader of XML: a student's text could keep it busy for ever.
+        # A student's text could keep a reader of XML busy for ever.
         stated = _PACKAGE_NAME.search(text[:_MOST_MANIFEST_CHARACTERS])
         if stated is not None and stated[1].strip() == manifests[file]:
             packages.add(manifests[file])
@@ -279,19 +302,22 @@ def _packages_of(listing: Listing, folders: Collection[str]) -> frozenset[str]:
 
 
 def _are_whole(held: Collection[frozenset[str]]) -> bool:
-    """Whether two hold all artifacts that any of them holds, and these are more than one."""
+    """Return whether two folders hold all artifacts of all folders, and these are more than one."""
     everything = frozenset(chain.from_iterable(held))
-    return len(everything) > 1 and sum(artifacts == everything for artifacts in held) > 1
+    if len(everything) < 2:
+        return False
+    return sum(artifacts == everything for artifacts in held) > 1
 
 
 def _share_one(held: Iterable[frozenset[str]], least: int = 2) -> bool:
-    """Whether the same artifact is in so many of them."""
-    return any(count >= least for count in Counter(chain.from_iterable(held)).values())
+    """Return whether a number of folders hold the same artifact."""
+    counts = Counter(chain.from_iterable(held))
+    return max(counts.values(), default=0) >= least
 
 
-def _holds_archives_only(files: Iterable[str]) -> bool:
-    """Whether files are those of somebody who hands in an archive: no program lies beside it."""
-    names = [PurePosixPath(file) for file in files]
-    return any(is_packed(name.name) for name in names) and not any(
-        name.suffix in _PROGRAMS for name in names
-    )
+def _is_sealed(folder: Listing) -> bool:
+    """Return whether a folder holds an archive, and no program."""
+    paths = list(map(PurePosixPath, folder.files))
+    if any(path.suffix in _PROGRAMS for path in paths):
+        return False
+    return any(is_packed(path.name) for path in paths)

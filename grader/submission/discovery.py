@@ -1,8 +1,8 @@
-"""Paths on the command line → the submissions that they stand for.
+"""Submissions at the paths of a command line.
 
-How one submission is told from a folder of submissions stands in `grader.submission.collection`; where that is wrong,
-`Shape.ONE` and `Shape.EACH` say what is meant. Hidden files and folders, those of tools, tables are passed over; earlier
-results (without any of the lab's files), and files that belong to nobody, are told.
+`grader.submission.collection` distinguishes one submission from a folder of submissions; `Shape.ONE` and `Shape.EACH`
+override it. Hidden files and folders, folders of tools, and tables are ignored. Earlier results (without any of the
+lab's files), and files without an owner, are reported.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import os
 import re
 import unicodedata
 from collections import Counter, defaultdict
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from enum import Enum
@@ -34,14 +34,23 @@ from grader.submission.listing import Listing, listing_of
 from grader.submission.lms.systems import Delivered, System, is_table, recognised
 from grader.submission.roster import Match, Student, matches, read_class_list
 
+#: Bytes of the longest name of a folder of results.
 _MOST_NAME_BYTES = 120
-#: Folders around those of versions.
+#: Characters of a student's name that are read.
+_MOST_NAME_CHARACTERS = 1000
+#: Folders around the folders of versions.
 _MOST_FOLDERS_OF_VERSIONS = 4
 _VERSION = re.compile(r"Version (\d{1,4})")
 
 
+#: A file in the results of an earlier grading.
+_RESULT = "recordings/submission.json"
+#: Names that a message lists.
+_MOST_LISTED = 3
+
+
 class Shape(Enum):
-    """What a path stands for, where the user says so."""
+    """The meaning of a path, as the user states it."""
 
     AUTO = "auto"
     ONE = "one"
@@ -52,15 +61,15 @@ class Shape(Enum):
 class Discovery:
     """The submissions that were found."""
 
-    #: In the order of their names, each under a name of its own.
+    #: In the order of their names, each with a unique name.
     submissions: tuple[SubmissionSource, ...]
-    #: What each path was taken for, in words.
+    #: A sentence about the meaning of each path.
     understood: tuple[str, ...] = ()
-    #: Files that belong to no submission; written by students, so not to be trusted.
+    #: Files that belong to no submission; the names are students', and must not be trusted.
     not_understood: tuple[str, ...] = ()
-    #: Who is in the class list and has not handed in.
+    #: Students of the class list without a submission.
     missing: tuple[str, ...] = ()
-    #: Paths that may stand for something else, with what to do then.
+    #: Paths that may mean something else, with a remedy.
     doubts: tuple[str, ...] = ()
 
 
@@ -73,12 +82,16 @@ def find_submissions(
 ) -> Discovery:
     """Find the submissions in folders, archives, and downloads of learning-management systems.
 
-    A path that is not there stands for itself: it is refused when it is graded, and does not keep the others from it.
-    Raises SubmissionError if the class list (see `grader.submission.roster`) is not usable, or a class is packed twice.
+    A missing path becomes a submission that is refused when it is graded, and does not affect the others.
 
-    A name is made from the student's alone and does not depend on who else has handed in, so that results are found
-    again. Only where two would be the same, they get a mark made from their paths. The time of submission is that of
-    the class list, else of the download, else of the last commit. An archive's own is found when it is extracted.
+    A submission's name is made from the student's name alone and does not depend on other submissions, so that results
+    are found again. Only equal names get a mark made from their paths. The time of submission comes from the class list,
+    else from the download, else from the last commit. The time of an archive is found when it is extracted.
+
+    Raises
+    ------
+    SubmissionError
+        If the class list (see `grader.submission.roster`) is not usable, or a class is packed twice.
     """
     search = _Search(rubric)
     for path in paths:
@@ -104,7 +117,7 @@ def find_submissions(
 
 
 class _Search:
-    """What has been found so far."""
+    """The submissions found so far."""
 
     def __init__(self, rubric: Rubric) -> None:
         self.submissions: list[SubmissionSource] = []
@@ -114,22 +127,27 @@ class _Search:
         self._collections = Collections(rubric)
 
     def look_at(self, path: Path, shape: Shape) -> None:
-        """Add the submissions that a path stands for."""
+        """Add the submissions at a path."""
         listing = listing_of(path)
         if listing is None:
-            self._add(SubmissionSource.of(path), SubmissionSource.of(path).name)
+            source = SubmissionSource.of(path)
+            self._add(source, source.name)
             return
         students = self._students(listing, shape)
         if students is None:
             self._add(_source_of(listing), listing.name)
             self.understood.append(f"{listing.location}: one submission")
-        elif not students.is_repository and (download := recognised(students.entries)) is not None:
+            return
+        download = None
+        if not students.is_repository:
+            download = recognised(students.entries)
+        if download is not None:
             self._add_download(students, *download)
         else:
             self._add_each(students)
 
     def _students(self, listing: Listing, shape: Shape) -> Listing | None:
-        """Return where students lie beside each other; None if it is one submission."""
+        """Return the folder with an entry for each student; None for a single submission."""
         if shape is Shape.ONE:
             return None
         if shape is Shape.EACH:
@@ -147,13 +165,15 @@ class _Search:
         return understood.students
 
     def _refuse_packed_class(self, listing: Listing) -> None:
-        """Raise if an archive holds only the archive of a class, all of which would be taken for one student's."""
+        """Raise SubmissionError if an archive holds only the archive of a class, which is no single submission."""
         if listing.within is None or list(listing.entries.values()) != [False]:
             return
         (packed,) = listing.entries
         names = names_in(listing.path, listing.within + packed)
-        inner = Listing(Path(packed), "", tuple(names)) if names is not None else None
-        if inner is not None and self._collections.understood(inner).students is not None:
+        if names is None:
+            return
+        inner = Listing(Path(packed), "", tuple(names))
+        if self._collections.understood(inner).students is not None:
             raise SubmissionError(
                 f"it holds an archive of several submissions, {displayed(packed)}",
                 location=str(listing.path),
@@ -167,69 +187,61 @@ class _Search:
 
     def _add_each(self, listing: Listing) -> None:
         before = len(self.submissions)
-        for name, folder in listing.entries.items():
-            if folder and self._is_earlier_result(listing.below(name)):
-                self.not_understood.append(
-                    f"{listing.location}: {displayed(name)}: results of an earlier grading"
-                )
-            elif folder:
-                # GitHub Classroom's `lab-09-submissions/lab-09-alice` names the user.
-                assignment = listing.name.removesuffix("-submissions")
-                user = name.removeprefix(f"{assignment}-") if assignment != listing.name else name
-                folder_of_one = self._last_version(listing.below(name))
-                self._doubt_several_in(folder_of_one)
-                source = _source_of(folder_of_one)
-                identity = Identity((Person(login=user),))
-                self._add(
-                    replace(source, student_id=user, identity=identity) if user != name else source,
-                    name,
-                )
+        for name, is_folder in listing.entries.items():
+            location = f"{listing.location}: {displayed(name)}"
+            if is_folder and self._is_earlier_result(listing.below(name)):
+                self.not_understood.append(f"{location}: results of an earlier grading")
+            elif is_folder:
+                self._add_folder(listing, name)
             elif is_packed(name):
                 piece = listing.piece(name, is_folder=False)
-                location, origin = (
-                    f"{listing.location}: {displayed(name)}",
-                    f"{listing.origin}/{name}",
-                )
+                origin = f"{listing.origin}/{name}"
                 source = SubmissionSource("", (piece,), location=location, origin=origin)
                 self._add(source, without_archive_suffix(name))
             elif not is_table(name):
-                self.not_understood.append(
-                    f"{listing.location}: {displayed(name)}: neither a folder nor an archive"
-                )
-        self.understood.append(
-            f"{listing.location}: {_submissions(len(self.submissions) - before)}"
-        )
+                self.not_understood.append(f"{location}: neither a folder nor an archive")
+        amount = _submissions(len(self.submissions) - before)
+        self.understood.append(f"{listing.location}: {amount}")
+
+    def _add_folder(self, listing: Listing, name: str) -> None:
+        """Add a folder among submissions, which can be one of GitHub Classroom with the user's login in its name."""
+        folder = self._last_version(listing.below(name))
+        self._doubt_several_in(folder)
+        source = _source_of(folder)
+        # For example `lab-09-submissions/lab-09-alice`.
+        assignment = listing.name.removesuffix("-submissions")
+        user = name.removeprefix(f"{assignment}-")
+        if assignment != listing.name and user != name:
+            identity = Identity((Person(login=user),))
+            source = replace(source, student_id=user, identity=identity)
+        self._add(source, name)
 
     def _doubt_several_in(self, listing: Listing) -> None:
-        """Tell of a folder among submissions that holds several itself, as that of a section or a group does."""
+        """Report a folder among submissions that seems to hold several, such as a folder of a section or a group."""
         students = self._collections.understood(listing).students
-        inner = [name for name, folder in students.entries.items() if folder] if students else []
+        inner = students.folders if students is not None else []
         if len(inner) > 1:
-            one, other, *_ = map(displayed, inner)
+            one = displayed(inner[0])
+            other = displayed(inner[1])
             self.doubts.append(
                 f"{listing.location}: taken as one submission, although {one}/ and {other}/ in it look like "
                 "submissions. If they are, grade that folder by its own path, unpacked."
             )
 
     def _is_earlier_result(self, listing: Listing) -> bool:
-        """Whether a folder holds results, and none of the lab's files, which a student may keep beside such."""
-        return any(
-            file.endswith(_RESULT) for file in listing.files
-        ) and not self._collections.artifacts(listing.files)
+        """Return whether a folder holds results, and none of the lab's files; students may keep results beside these."""
+        if self._collections.artifacts(listing.files):
+            return False
+        return any(file.endswith(_RESULT) for file in listing.files)
 
     def _last_version(self, listing: Listing) -> Listing:
-        """Return the last of the folders `Version 1`, `Version 2`, ... that Microsoft Teams makes, if it holds such."""
+        """Return the last of the folders `Version 1`, `Version 2`, ... of Microsoft Teams in a folder, else the folder."""
         inner = listing
         for _ in range(_MOST_FOLDERS_OF_VERSIONS):
-            versions = {name: _VERSION.fullmatch(name) for name in inner.entries}
-            numbers = {
-                name: int(version[1]) for name, version in versions.items() if version is not None
-            }
-            if numbers and len(numbers) == len(versions):
+            numbers = _version_numbers(inner)
+            if numbers and len(numbers) == len(inner.entries):
                 *earlier, last = sorted(numbers, key=lambda name: numbers[name])
-                self.not_understood += [
-                    f"{inner.location}: {displayed(name)}: an earlier version" for name in earlier
-                ]
+                self._note_each(inner, earlier, "an earlier version")
                 return inner.below(last)
             if list(inner.entries.values()) != [True]:
                 break
@@ -247,27 +259,32 @@ class _Search:
             if entry in known:
                 upload = known[entry]
                 students[upload.student, upload.student_id][entry] = upload
-        for (student, student_id), entries in students.items():
-            source = self._delivered(listing, entries)
-            people = next(iter(entries.values())).people
-            if not people:
-                people = (_person_in(system, student, student_id),)
-            named = student
-            if student_id and student_id != student:
-                named = f"{student}_{student_id}"
-            source = replace(
-                source,
-                student=student,
-                student_id=student_id or None,
-                identity=replace(source.identity, people=people, system=system.name),
-                location=f"{listing.location}: {displayed(named)}",
-                origin=listing.origin,
-            )
-            if source.submitted_at is not None:
-                source = replace(source, time_source=f"{system.name}'s download")
-            self._add(source, named)
+        for uploads in students.values():
+            self._add_delivered(listing, system, uploads)
         amount = _submissions(len(students))
         self.understood.append(f"{listing.location}: {system.name}'s download of {amount}")
+
+    def _add_delivered(
+        self, listing: Listing, system: System, uploads: Mapping[str, Delivered]
+    ) -> None:
+        """Add the submission of one student."""
+        first = next(iter(uploads.values()))
+        people = first.people or (_person_in(system, first.student, first.student_id),)
+        named = first.student
+        if first.student_id and first.student_id != first.student:
+            named = f"{first.student}_{first.student_id}"
+        source = self._delivered(listing, uploads)
+        source = replace(
+            source,
+            student=first.student,
+            student_id=first.student_id or None,
+            identity=replace(source.identity, people=people, system=system.name),
+            location=f"{listing.location}: {displayed(named)}",
+            origin=listing.origin,
+        )
+        if source.submitted_at is not None:
+            source = replace(source, time_source=f"{system.name}'s download")
+        self._add(source, named)
 
     def _note_foreign(
         self, listing: Listing, system: System, known: Mapping[str, Delivered]
@@ -281,62 +298,61 @@ class _Search:
                 self.not_understood.append(described)
 
     def _delivered(self, listing: Listing, entries: Mapping[str, Delivered]) -> SubmissionSource:
-        """Put together what one student has handed in: of several attempts, the last."""
-        last = max(
-            (upload.attempt_at for upload in entries.values() if upload.attempt_at is not None),
-            default=None,
-        )
+        """Return the submission of one student's uploads; of several attempts, the last."""
+        times = [upload.attempt_at for upload in entries.values() if upload.attempt_at is not None]
+        last = max(times, default=None)
         counted = {entry: upload for entry, upload in entries.items() if upload.attempt_at == last}
         earlier = [entry for entry in entries if entry not in counted]
-        self.not_understood += [
-            f"{listing.location}: {displayed(entry)}: an earlier attempt" for entry in earlier
-        ]
-        names = Counter(
-            name for upload in counted.values() for name in {upload.file, upload.first_called}
-        )
+        self._note_each(listing, earlier, "an earlier attempt")
+        names: Counter[str] = Counter()
+        handback = []
+        for upload in counted.values():
+            names.update({upload.file, upload.first_called})
+            if upload.handback:
+                handback.append(upload.handback)
         pieces = []
         for entry, upload in counted.items():
             if upload.file:
-                name = (
-                    upload.first_called
-                    if upload.first_called and names[upload.first_called] == 1
-                    else upload.file
-                )
+                name = upload.file
+                if upload.first_called and names[upload.first_called] == 1:
+                    name = upload.first_called
                 pieces.append(listing.piece(entry, is_folder=False, name=name))
             elif listing.entries[entry]:
                 pieces.append(listing.piece(entry))
-        identity = Identity(
-            handback=tuple(upload.handback for upload in counted.values() if upload.handback)
-        )
+        identity = Identity(handback=tuple(handback))
         late = any(upload.late for upload in entries.values())
         return SubmissionSource("", tuple(pieces), submitted_at=last, late=late, identity=identity)
 
+    def _note_each(self, listing: Listing, entries: Iterable[str], reason: str) -> None:
+        """Note entries of a folder that are not used."""
+        for entry in entries:
+            self.not_understood.append(f"{listing.location}: {displayed(entry)}: {reason}")
 
-#: By this, the results of an earlier grading are known.
-_RESULT = "recordings/submission.json"
+
+def _version_numbers(listing: Listing) -> dict[str, int]:
+    """Return the entries of a folder that are named as versions, such as `Version 2`, with their numbers."""
+    numbers: dict[str, int] = {}
+    for name in listing.entries:
+        version = _VERSION.fullmatch(name)
+        if version is not None:
+            numbers[name] = int(version[1])
+    return numbers
 
 
 def _person_in(system: System, student: str, student_id: str) -> Person:
-    """Return the person whom the names of a system's files tell, e.g. a name with a login."""
+    """Return the person in the names of a system's files, for example a name with a login."""
     own = {system.id_is: student_id} if system.id_is else {}
-    return Person(student if student != student_id else "", **own)
+    name = student if student != student_id else ""
+    return Person(name, **own)
 
 
 def _submissions(count: int) -> str:
-    return f"{count:,} submission{'' if count == 1 else 's'}"
+    return "1 submission" if count == 1 else f"{count:,} submissions"
 
 
 def _source_of(listing: Listing) -> SubmissionSource:
-    """Return a submission, with the time of its last commit unless that is yet to come: such a clock was wrong."""
-    time = None
-    if listing.within is None:
-        folders = [name for name, folder in listing.entries.items() if folder]
-        inner = [listing.path / folders[0]] if len(folders) == 1 else []
-        time = next(
-            (found for folder in (listing.path, *inner) if (found := last_commit_time(folder))),
-            None,
-        )
-        time = None if time is not None and time > datetime.now(timezone.utc) else time
+    """Return a submission, with the time of its last commit."""
+    time = _commit_time(listing)
     return SubmissionSource(
         "",
         (listing.piece(),),
@@ -347,16 +363,29 @@ def _source_of(listing: Listing) -> SubmissionSource:
     )
 
 
+def _commit_time(listing: Listing) -> datetime | None:
+    """Return the time of the last commit in a folder, or in its only folder; None if it lies in the future."""
+    if listing.within is not None:
+        return None
+    time = last_commit_time(listing.path)
+    if time is None and len(listing.folders) == 1:
+        time = last_commit_time(listing.path / listing.folders[0])
+    if time is None or time > datetime.now(timezone.utc):
+        return None
+    return time
+
+
 # -- names -----------------------------------------------------------------------------------------
 
 
 def _safe_name(text: str) -> str:
     """Return a name for a folder of results: letters, marks and numbers of any script, and `-_.+@`."""
-    composed = unicodedata.normalize("NFC", text[:1000].encode("utf-8", "replace").decode())
-    kept = "".join(
-        c if c in "-_.+@" or unicodedata.category(c)[0] in "LMN" else "_" for c in composed
-    )
-    name = re.sub(r"__+", "_", kept).strip("._- ")
+    valid = text[:_MOST_NAME_CHARACTERS].encode("utf-8", "replace").decode()
+    kept = []
+    for character in unicodedata.normalize("NFC", valid):
+        is_fit = character in "-_.+@" or unicodedata.category(character)[0] in "LMN"
+        kept.append(character if is_fit else "_")
+    name = re.sub(r"__+", "_", "".join(kept)).strip("._- ")
     if len(name.encode()) > _MOST_NAME_BYTES:
         cut = name.encode()[: _MOST_NAME_BYTES - 7].decode("utf-8", "ignore")
         name = f"{cut}-{_mark(text)}"
@@ -368,22 +397,26 @@ def _mark(text: str) -> str:
 
 
 def _origin(source: SubmissionSource) -> str:
-    """Return where a submission's pieces lie; the same however the path was typed."""
-    return "\n".join(f"{os.path.realpath(piece.path)}\n{piece.member}" for piece in source.pieces)
+    """Return the places of a submission's pieces, independent of the way that the path was typed."""
+    places = [f"{os.path.realpath(piece.path)}\n{piece.member}" for piece in source.pieces]
+    return "\n".join(places)
 
 
 def _uniquely_named(
     submissions: Sequence[SubmissionSource],
 ) -> tuple[list[SubmissionSource], list[str]]:
-    """Drop what was given twice, and tell those of the same name apart, and from what else lies among results.
+    """Drop repeated submissions, and mark equal names, and names of the grader's own files among results.
 
-    Returns the submissions, and for a person which of them got a mark.
+    Returns the submissions, and a remark about each mark.
     """
-    distinct = list(
-        {(_origin(source), source.name): source for source in reversed(submissions)}.values()
-    )[::-1]
+    last: dict[tuple[str, str], SubmissionSource] = {}
+    for source in reversed(submissions):
+        last[_origin(source), source.name] = source
+    distinct = list(last.values())
+    distinct.reverse()
     names = Counter(source.name.casefold() for source in distinct)
-    named, remarks = [], []
+    named = []
+    remarks = []
     for source in distinct:
         plain = source.name
         among_results = is_reserved(plain)
@@ -398,11 +431,10 @@ def _uniquely_named(
 
 
 def _refuse_unknown_students(submissions: Sequence[SubmissionSource], class_list: Path) -> None:
-    """Raise because nobody of a class list is among those that handed in: one of the two is not what it seems."""
-    some = ", ".join(source.name for source in submissions[:3])
-    more = ", ..." if len(submissions) > 3 else ""
+    """Raise SubmissionError because no student of a class list is among the submissions."""
+    some = _first_of([source.name for source in submissions])
     raise SubmissionError(
-        f"nobody on the class list is among the {_submissions(len(submissions))} ({some}{more})",
+        f"nobody on the class list is among the {_submissions(len(submissions))} ({some})",
         location=str(class_list),
         remedy="Is it the list of this class? If the submissions were told apart wrongly, add --each or --one; "
         "to grade without a list, leave --class-list out.",
@@ -412,43 +444,63 @@ def _refuse_unknown_students(submissions: Sequence[SubmissionSource], class_list
 def _with_class_list(
     submissions: Sequence[SubmissionSource], names: Mapping[str, str], students: Sequence[Student]
 ) -> tuple[list[SubmissionSource], tuple[str, ...], list[str]]:
-    """Add what a class list knows; returns who is missing, and whose lines are not told apart, too.
+    """Add the facts of a class list to submissions.
 
-    `names` are those without a mark, by where each submission lies.
+    Parameters
+    ----------
+    submissions
+        The submissions.
+    names
+        Names without a mark, by the places of the submissions.
+    students
+        The class list.
+
+    Returns
+    -------
+    The submissions; the missing students; a remark about each submission without a certain student.
     """
-    items = [
-        (
-            Student(s.name, s.student_id, s.submitted_at, time_source=s.time_source),
-            (s.student, names[_origin(s)], *s.identity.names),
+    items = []
+    for source in submissions:
+        bearer = Student(
+            source.name, source.student_id, source.submitted_at, time_source=source.time_source
         )
-        for s in submissions
-    ]
-    found = list(zip(submissions, matches(students, items), strict=True))
-    remarks = [_unclear(source, match, students) for source, match in found]
-    there = frozenset[int]().union(*(match.may_be for _, match in found))
-    missing = tuple(
-        displayed(student.shown) for n, student in enumerate(students) if n not in there
-    )
-    named = [
-        replace(
-            source,
-            student_id=match.student_id,
-            submitted_at=match.submitted_at,
-            time_source=match.time_source,
-            identity=match.completed(source.identity),
+        items.append((bearer, (source.student, names[_origin(source)], *source.identity.names)))
+    named = []
+    unclear = []
+    there: set[int] = set()
+    for source, match in zip(submissions, matches(students, items), strict=True):
+        there |= match.may_be
+        remark = _unclear(source, match, students)
+        if remark:
+            unclear.append(remark)
+        named.append(
+            replace(
+                source,
+                student_id=match.student_id,
+                submitted_at=match.submitted_at,
+                time_source=match.time_source,
+                identity=match.completed(source.identity),
+            )
         )
-        for source, match in found
-    ]
-    unclear = [remark for remark in remarks if remark]
-    return named, missing, unclear
+    missing = []
+    for index, student in enumerate(students):
+        if index not in there:
+            missing.append(displayed(student.shown))
+    return named, tuple(missing), unclear
+
+
+def _first_of(names: Sequence[str]) -> str:
+    """Return the first names of a list, such as "alice, bob, carol, ..."."""
+    first = ", ".join(names[:_MOST_LISTED])
+    return f"{first}, ..." if len(names) > _MOST_LISTED else first
 
 
 def _unread_times(students: Sequence[Student]) -> list[str]:
-    """Say which times in a worksheet could not be read."""
+    """Return a sentence about the times of a worksheet that could not be read; none if all were."""
     unread = [student.unread_time for student in students if student.unread_time]
     if not unread:
         return []
-    count = f"{len(unread)} time{'s' * (len(unread) != 1)}"
+    count = "1 time" if len(unread) == 1 else f"{len(unread)} times"
     first = displayed(unread[0])
     return [
         f"The class list has {count} that could not be read, such as {first!r}; a column "
@@ -457,14 +509,11 @@ def _unread_times(students: Sequence[Student]) -> list[str]:
 
 
 def _unclear(source: SubmissionSource, match: Match, students: Sequence[Student]) -> str:
-    """Say of whom in a class list a submission may be if that is not certain; empty if it is."""
+    """Name the possible students of a submission on a class list; empty if the student is certain."""
     if match.people:
         return ""
     if not match.may_be:
         return f"{source.location}: nobody on the class list has this name, login or id"
     names = [displayed(students[index].shown) for index in sorted(match.may_be)]
-    more = ", ..." if len(names) > 3 else ""
-    return (
-        f"{source.location}: the name alone does not say who of the class list this is "
-        f"({', '.join(names[:3])}{more})"
-    )
+    problem = "the name alone does not say who of the class list this is"
+    return f"{source.location}: {problem} ({_first_of(names)})"

@@ -1,8 +1,8 @@
-"""The one way in: every file that a student hands in passes the same rules into a clean folder.
+"""Extraction of submissions: every submitted file passes the same rules into a clean folder.
 
-A folder is copied as an archive is extracted. So what a student changes meanwhile does not matter, and the rest of the
-grader meets nothing but regular files under names that can be shown. The work is done in a process of its own, of which
-the kernel bounds time, memory and the size of files, whatever an archive makes its reader do.
+A folder is copied, as an archive is extracted. Later changes by the student have no effect, and the rest of the grader
+reads only regular files with displayable names. The work runs in a process of its own; the kernel bounds its time, its
+memory and the size of its files, for any archive.
 """
 
 from __future__ import annotations
@@ -37,8 +37,7 @@ from grader.submission.members import (
     too_much,
 )
 
-#: What submissions are made of. These files have room of their own, so that a student's recordings and pictures,
-#: however many, do not crowd them out.
+#: Suffixes of sources and texts. These files have limits of their own; recordings and pictures cannot crowd them out.
 _SOURCE_SUFFIXES = file_names.TEXT_SUFFIXES | frozenset(
     {
         ".c",
@@ -56,11 +55,11 @@ _SOURCE_SUFFIXES = file_names.TEXT_SUFFIXES | frozenset(
         ".xacro",
     }
 )
-#: Beside one of these, an archive is not what was meant to be handed in.
+#: Suffixes of programs; an archive beside a program is not the submission.
 _PROGRAM_SUFFIXES = frozenset({".py", ".c", ".cc", ".cpp", ".hpp", ".launch", ".sh"})
-#: How many archives within each other are unpacked: what a learning-management system packed, and what a student did.
+#: Archives within each other that are unpacked: that of a learning-management system, and that of a student.
 _MOST_NESTED = 2
-#: How compiled code begins: ELF, Mach-O, Java, WebAssembly, libraries of objects.
+#: First bytes of compiled code: ELF, Mach-O, Java, WebAssembly, libraries of objects.
 _COMPILED_MAGIC = (
     b"\x7fELF",
     b"\xfe\xed\xfa\xce",
@@ -71,8 +70,9 @@ _COMPILED_MAGIC = (
     b"\x00asm",
     b"!<arch>\n",
 )
-#: Left-out files that are named for one reason; of others, how many there are is said.
+#: Left-out files that are named for each reason; others are counted.
 _MOST_NAMED = 10
+#: Unreadable files that are kept.
 _MOST_UNREADABLE = 1000
 _WITHIN = "an archive within the submission"
 #: Files of a whole class in one archive.
@@ -81,20 +81,23 @@ _MOST_LISTED = 200_000
 
 @dataclass(frozen=True)
 class Limits:
-    """What is extracted at most; the rest is left out and listed."""
+    """Limits of an extraction; files beyond are left out and listed."""
 
-    #: Files and folders that are looked at; with more, the submission is refused.
+    #: Files and folders; a submission with more is refused.
     members: int = 50_000
-    #: Sources and texts; and as many files of other kinds.
+    #: Number of sources and texts, and number of other files.
     files: int = 2_000
-    #: Sources and texts in all; files of other kinds in all.
+    #: Size of all sources and texts.
     source_bytes: int = 32 * 1024**2
+    #: Size of all other files.
     other_bytes: int = 96 * 1024**2
+    #: Size of one file.
     file_bytes: int = 8 * 1024**2
-    #: An archive within an archive.
+    #: Size of an archive within an archive.
     archive_bytes: int = 128 * 1024**2
-    #: Folders within each other, and folders that hold what is extracted.
+    #: Folders within each other.
     depth: int = 20
+    #: Folders with extracted files.
     folders: int = 2_000
 
 
@@ -111,9 +114,9 @@ T = TypeVar("T")
 
 
 def in_bounds(work: Callable[[], T], location: str, bound: Bound = _BOUND) -> T:
-    """Return what work on a submission returns, done in a bounded process.
+    """Do some work on a submission in a bounded process, and return its result.
 
-    Raises SubmissionError if it raises that, or exceeds the bound; with where the submission comes from.
+    Raises SubmissionError, with the submission's location, if the work raises it or exceeds the bound.
     """
     try:
         return in_process(work, bound)
@@ -128,33 +131,35 @@ def in_bounds(work: Callable[[], T], location: str, bound: Bound = _BOUND) -> T:
 
 @dataclass(frozen=True)
 class Piece:
-    """Something that was handed in: a folder, an archive, a file, or a part of an archive."""
+    """A submitted folder, archive, file, or part of an archive."""
 
     path: Path
-    #: What of the archive is meant, as `names_in` tells it: a file, or a folder with a slash at its end; or everything.
+    #: File or folder in the archive, as `names_in` names it, a folder with a slash at its end; empty for everything.
     member: str = ""
-    #: What a single file is called in the submission, if not as its path says.
+    #: Name of a single file in the submission; empty for the name in its path.
     name: str = ""
 
 
 @dataclass(frozen=True)
 class SubmissionSource:
-    """Where a submission comes from, before it is extracted."""
+    """The origin of a submission, before it is extracted."""
 
-    #: Under which its results are known: fit for a file's name, and of one submission only.
+    #: Unique name of the submission and of its results, fit for a file's name.
     name: str
     pieces: tuple[Piece, ...]
-    #: What a learning-management system tells: its id of the student, whether it is marked as late, the student's name.
+    #: Id of the student in a learning-management system.
     student_id: str | None = None
-    #: When it was handed in, without offset from UTC if the source of the time names none.
+    #: Time of submission, without offset from UTC if its source has none.
     submitted_at: datetime | None = None
+    #: True if a learning-management system marks the submission as late.
     late: bool = False
+    #: Name of the student in a learning-management system.
     student: str = ""
-    #: All that is known of those who handed it in.
+    #: All known facts about the students.
     identity: Identity = field(default_factory=Identity)
-    #: Where it comes from, in words; written by students, so not to be trusted.
+    #: Location in words; students write parts of it, and it must not be trusted.
     location: str = ""
-    #: The path that it was found by, the same however that was typed; empty where nobody knows.
+    #: Path of the submission, independent of the way that it was typed; empty if unknown.
     origin: str = ""
     #: The source of the time of submission, in words.
     time_source: str = ""
@@ -163,12 +168,12 @@ class SubmissionSource:
 
     @property
     def submission_time(self) -> SubmissionTime:
-        """When it was handed in, and how that is known."""
+        """Time of submission, with its source."""
         return SubmissionTime(self.submitted_at, self.time_source, self.newest_file)
 
     @classmethod
     def of(cls, path: Path) -> SubmissionSource:
-        """Return the submission that a path stands for, called as the folder or archive is."""
+        """Return the submission at a path, with the name of its folder or archive."""
         name = Path(os.path.realpath(path)).name or "submission"
         named = name if is_folder(path) else file_names.without_archive_suffix(name)
         return cls(named, (Piece(path),), location=str(path), origin=os.path.realpath(path))
@@ -178,13 +183,13 @@ class SubmissionSource:
 class Intake:
     """An extracted submission."""
 
-    #: Holds regular files only.
+    #: Folder with regular files only.
     folder: Path
-    #: With the time of the newest file in the archive.
+    #: The source, with the time of the newest file in the archive.
     source: SubmissionSource
-    #: What was not extracted, a line each with its reason.
+    #: A line with the reason for each file that was not extracted.
     left_out: tuple[str, ...] = ()
-    #: Files, and folders with a slash at the end, that are there and may not be read; some of many.
+    #: Unreadable files, and folders with a slash at the end; some of many.
     unreadable: tuple[str, ...] = ()
 
 
@@ -192,13 +197,16 @@ class Intake:
 def open_submission(
     source: SubmissionSource | Path, *, prefix: str = "grade-", limits: Limits = LIMITS
 ) -> Iterator[Intake]:
-    """Extract a submission (a path stands for `SubmissionSource.of` it) for as long as the context lasts.
+    """Extract a submission (or `SubmissionSource.of` a path) while the context lasts.
 
-    Raises SubmissionError if there is nothing, or it cannot be read to its end, or is more than anyone hands in.
+    Of members with the same name the last counts, as for `unzip` and `tar`; of names that Windows and macOS cannot keep
+    apart, the first. Hard links in a tar are left out. A single archive without a program beside it is unpacked, also
+    within an archive; other archives are left out.
 
-    Of members with the same name the last counts, as it does for `unzip` and `tar`; of names that Windows and macOS
-    cannot keep apart, the first. Hard links in a tar are left out. One archive beside which no program lies is
-    unpacked, also within an archive; others are left out.
+    Raises
+    ------
+    SubmissionError
+        If the submission is empty, cannot be read to its end, or is absurdly large.
     """
     if isinstance(source, Path):
         source = SubmissionSource.of(source)
@@ -213,14 +221,13 @@ def _extracted(source: SubmissionSource, scratch: Path, limits: Limits) -> Intak
     for _ in range(_MOST_NESTED):
         extraction.unpack_single_archive()
     left_out = extraction.left_out()
+    if not extraction.kept and left_out:
+        first = "; ".join(left_out[:3])
+        raise SubmissionError(
+            "no file of the submission could be used", remedy=f"Left out: {first}."
+        )
     if not extraction.kept:
-        problem = (
-            "no file of the submission could be used" if left_out else "the submission is empty"
-        )
-        remedy = (
-            f"Left out: {'; '.join(left_out[:3])}." if left_out else "Put the lab's files into it."
-        )
-        raise SubmissionError(problem, remedy=remedy)
+        raise SubmissionError("the submission is empty", remedy="Put the lab's files into it.")
     source = replace(source, newest_file=extraction.newest)
     return Intake(extraction.folder, source, left_out, tuple(extraction.unreadable))
 
@@ -233,22 +240,27 @@ class _Extraction:
         self.folder.mkdir()
         self.newest: datetime | None = None
         self.unreadable: list[str] = []
-        self.kept: dict[str, str] = {}  # collision key -> the name it came under
+        #: Names of members in the submission, by collision key.
+        self.kept: dict[str, str] = {}
         self._limits = limits
         self._members = 0
-        self._reasons: dict[str, list[str]] = {}  # why something was left out -> its names
+        #: Names of left-out members, by reason.
+        self._reasons: dict[str, list[str]] = {}
         self._tool_folders: set[str] = set()
-        self._folders: set[str] = set()  # their collision keys
+        #: Collision keys of folders.
+        self._folders: set[str] = set()
+        #: Number and size of files that still fit: sources and texts (True), and others.
         self._room = {
             True: [limits.files, limits.source_bytes],
             False: [limits.files, limits.other_bytes],
         }
         self._has_programs = False
         self._archives: list[str] = []
-        self._partial, self._archive = scratch / "partial", scratch / "archive-0"
+        self._partial = scratch / "partial"
+        self._archive = scratch / "archive-0"
 
     def add_piece(self, piece: Piece, *, alone: bool) -> None:
-        """Add a piece; if it is the only one, an archive is the submission."""
+        """Add a piece; an archive that is the only piece is unpacked."""
         try:
             if is_folder(piece.path):
                 self._add_all(members_of_folder(piece.path, self._limits.depth))
@@ -263,33 +275,35 @@ class _Extraction:
             raise SubmissionError("the submission may not be read", remedy=remedy) from None
 
     def _add_file(self, file: BinaryIO, piece: Piece, *, alone: bool) -> None:
-        is_archive = format_of(file.read(HEAD_BYTES)) is not None or file_names.is_packed(
-            piece.path.name
-        )
+        is_archive = format_of(file.read(HEAD_BYTES)) is not None
+        if file_names.is_packed(piece.path.name):
+            is_archive = True
         file.seek(0)
         if piece.member:
             self._add_all(_part_of(members_of_archive(file), piece.member, piece.name))
         elif alone and is_archive:
             self._add_all(members_of_archive(file), timed=True)
         else:
-            size, name = os.fstat(file.fileno()).st_size, piece.name or piece.path.name
+            name = piece.name or piece.path.name
+            size = os.fstat(file.fileno()).st_size
             self._add_all([Member(name, Kind.FILE, size, pieces=partial(pieces_of, file))])
 
     def unpack_single_archive(self) -> None:
-        """Unpack an archive that was handed in within the archive or beside documents."""
+        """Unpack a single archive within the archive or beside documents."""
         if len(self._archives) == 1 and not self._has_programs:
             self._archives.clear()
             with self._archive.open("rb") as file:
-                self._archive.unlink()  # Another may be in it.
+                # The archive can hold another one.
+                self._archive.unlink()
                 self._add_all(members_of_archive(file), timed=True)
 
     def left_out(self) -> tuple[str, ...]:
-        """Return a line for each file that was left out; for those that would be too many, one for each reason."""
-        several = len(self._archives) > 1 and not self._has_programs
+        """Return a line for each file that was left out; many files with one reason share a line."""
+        reason = _WITHIN
+        if len(self._archives) > 1 and not self._has_programs:
+            reason += ", one of several; it is not clear which of them counts"
         for name in self._archives:
-            self._note(
-                name, _WITHIN + ", one of several; it is not clear which of them counts" * several
-            )
+            self._note(name, reason)
         lines = []
         for reason, left_out in self._reasons.items():
             lines += [f"{file_names.displayed(name)}: {reason}" for name in left_out[:_MOST_NAMED]]
@@ -315,66 +329,75 @@ class _Extraction:
                 self.newest = max(times, key=latest)
 
     def _add(self, member: Member, parts: tuple[str, ...]) -> bool:
-        """Add a file, if it is one that a student may have meant to hand in; returns whether it was."""
-        is_folder = member.kind is Kind.FOLDER
-        made = file_names.tool_folder((*parts, "") if is_folder else parts)
-        if made is not None and made not in self._tool_folders:
-            self._tool_folders.add(made)
-            self._note(f"{made}/", "made by a tool")
-        if made is not None or is_folder or file_names.is_litter(parts[-1]):
+        """Add a file, unless a tool or the system made it; returns whether it was added."""
+        if self._is_made_by_tool(member, parts):
             return False
-        if (
-            member.kind in (Kind.UNREADABLE, Kind.CLOSED)
-            and len(self.unreadable) < _MOST_UNREADABLE
-        ):
-            self.unreadable.append("/".join(parts) + "/" * (member.kind is Kind.CLOSED))
-        if member.kind is not Kind.FILE or len(parts) > self._limits.depth + 1:
-            raise file_names.UnfitError(
-                (Kind.DEEP if member.kind is Kind.FILE else member.kind).value
-            )
-        if self.kept.get(file_names.collision_key(parts), member.name) != member.name:
-            raise file_names.UnfitError(
-                "its name differs from another only in case or in the form of its letters"
-            )
+        self._require_fit(member, parts)
         pieces = member.pieces()
         head = next(pieces, b"")
-        suffix = PurePosixPath(parts[-1]).suffix.lower()
-        if (file_names.is_packed(parts[-1]) or suffix in ("", ".py")) and format_of(
-            head[:HEAD_BYTES]
-        ) is not None:
+        name = parts[-1]
+        suffix = PurePosixPath(name).suffix.lower()
+        can_be_archive = file_names.is_packed(name) or suffix in ("", ".py")
+        if can_be_archive and format_of(head[:HEAD_BYTES]) is not None:
             self._keep_archive(member, chain([head], pieces))
             return False
-        is_machine_code = head.startswith(_COMPILED_MAGIC) or (
-            head.startswith(b"MZ") and b"\0" in head
-        )
-        if is_machine_code or file_names.is_compiled(parts[-1]):
+        if _is_machine_code(head) or file_names.is_compiled(name):
             raise file_names.UnfitError("compiled code")
         self._copy(member, parts, chain([head], pieces), self._room[suffix in _SOURCE_SUFFIXES])
         self._has_programs = self._has_programs or suffix in _PROGRAM_SUFFIXES
         return True
 
+    def _is_made_by_tool(self, member: Member, parts: tuple[str, ...]) -> bool:
+        """Return whether a member is a folder, lies in a tool's folder, or is litter of a file manager."""
+        is_folder = member.kind is Kind.FOLDER
+        made = file_names.tool_folder((*parts, "") if is_folder else parts)
+        if made is not None and made not in self._tool_folders:
+            self._tool_folders.add(made)
+            self._note(f"{made}/", "made by a tool")
+        return made is not None or is_folder or file_names.is_litter(parts[-1])
+
+    def _require_fit(self, member: Member, parts: tuple[str, ...]) -> None:
+        """Raise UnfitError unless a member is a regular file in a free place; notes an unreadable one."""
+        path = "/".join(parts)
+        if len(self.unreadable) < _MOST_UNREADABLE:
+            if member.kind is Kind.UNREADABLE:
+                self.unreadable.append(path)
+            elif member.kind is Kind.CLOSED:
+                self.unreadable.append(f"{path}/")
+        if member.kind is not Kind.FILE:
+            raise file_names.UnfitError(member.kind.value)
+        if len(parts) > self._limits.depth + 1:
+            raise file_names.UnfitError(Kind.DEEP.value)
+        if self.kept.get(file_names.collision_key(parts), member.name) != member.name:
+            raise file_names.UnfitError(
+                "its name differs from another only in case or in the form of its letters"
+            )
+
     def _copy(
         self, member: Member, parts: tuple[str, ...], content: Iterator[bytes], room: list[int]
     ) -> None:
-        """Copy a file into the clean folder, as far as there is room for files and bytes of its kind."""
+        """Copy a file into the clean folder, within the limits for files of its kind."""
         if room[0] <= 0:
             raise file_names.UnfitError(f"more than {self._limits.files:,} files of its kind")
-        folders = {
-            file_names.collision_key(parts[:depth]) for depth in range(1, len(parts))
-        } - self._folders
+        folders = {file_names.collision_key(parts[:depth]) for depth in range(1, len(parts))}
+        folders -= self._folders
         if len(self._folders) + len(folders) > self._limits.folders:
             raise file_names.UnfitError(f"more than {self._limits.folders:,} folders")
-        most, why = self._limits.file_bytes, f"larger than {self._limits.file_bytes // 1024**2} MiB"
+        most = self._limits.file_bytes
+        why = f"larger than {most // 1024**2} MiB"
         if room[1] < most:
-            most, why = room[1], "files of its kind are too large together"
+            most = room[1]
+            why = "files of its kind are too large together"
         size = self._write(member, content, most, why)
-        target, key = self.folder.joinpath(*parts), file_names.collision_key(parts)
+        target = self.folder.joinpath(*parts)
+        key = file_names.collision_key(parts)
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
             self._partial.replace(target)
         except (FileExistsError, NotADirectoryError, IsADirectoryError):
             raise file_names.UnfitError("a file where another has a folder") from None
-        room[0], room[1] = room[0] - 1, room[1] - size
+        room[0] -= 1
+        room[1] -= size
         self._folders |= folders
         if key in self.kept:
             self._note(member.name, "an earlier file of the same name")
@@ -385,7 +408,7 @@ class _Extraction:
         self.kept[key] = member.name
 
     def _keep_archive(self, member: Member, content: Iterator[bytes]) -> None:
-        """Keep an archive until it is known whether it is the only one; of others the name is enough."""
+        """Keep the first archive, which can be the only one; of other archives, only the name is needed."""
         if not self._archives:
             most = self._limits.archive_bytes
             self._write(member, content, most, f"an archive larger than {most // 1024**2} MiB")
@@ -393,7 +416,7 @@ class _Extraction:
         self._archives.append(member.name)
 
     def _write(self, member: Member, content: Iterator[bytes], most: int, otherwise: str) -> int:
-        """Write a file of at most so many bytes, to be put in its place later; returns its size."""
+        """Write a file of limited size, which is moved to its place later; returns the size."""
         size = member.size_bytes
         with self._partial.open("wb") as file:
             for piece in content if size <= most else ():
@@ -404,6 +427,13 @@ class _Extraction:
         if size > most:
             raise file_names.UnfitError(otherwise)
         return size
+
+
+def _is_machine_code(head: bytes) -> bool:
+    """Return whether a file with some first bytes is compiled code."""
+    if head.startswith(_COMPILED_MAGIC):
+        return True
+    return head.startswith(b"MZ") and b"\0" in head
 
 
 def _opened(path: Path) -> BinaryIO:
@@ -419,7 +449,7 @@ def _opened(path: Path) -> BinaryIO:
 
 
 def _part_of(members: Iterable[Member], part: str, name: str) -> Iterator[Member]:
-    """Pick a file, or all that lies in a folder, out of an archive; under the names that they have without it."""
+    """Yield a file, or the contents of a folder, of an archive, with names relative to it."""
     for member in members:
         path = file_names.slashed(member.name)
         if path == part and not part.endswith("/"):
@@ -428,13 +458,13 @@ def _part_of(members: Iterable[Member], part: str, name: str) -> Iterator[Member
             yield replace(member, name=path[len(part) :])
 
 
-# -- what a system packed for a whole class --------------------------------------------------------
+# -- archives of a whole class ---------------------------------------------------------------------
 
 
 def names_in(path: Path, within: str = "") -> list[str] | None:
-    """Return the names of the files in an archive, or in one `within` it, with slashes; folders end with one.
+    """Return the names in an archive, or in an archive `within` it, with slashes; folders end with a slash.
 
-    None if it is no archive, or cannot be read, or holds more than a class hands in.
+    Returns None for another file, an unreadable archive, or more files than a class submits.
     """
     with suppress(OSError, SubmissionError):
         return in_bounds(partial(_names_in, path, within), str(path))
@@ -465,16 +495,16 @@ def _listed(member: Member) -> str:
 
 
 def text_of(folder: Path, name: str, most_bytes: int) -> str | None:
-    """Return the text of a file that a system wrote beside submissions; None if it cannot be read or lies elsewhere."""
+    """Return the text of a system's file beside submissions; None if it cannot be read or lies elsewhere."""
     with suppress(OSError), os.fdopen(open_regular_beneath(folder, name), "rb") as file:
         return file.read(most_bytes).decode("utf-8", "replace")
     return None
 
 
 def texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str, str]:
-    """Return the texts of members of an archive that a system wrote beside submissions, as `names_in` names them.
+    """Return the texts of a system's files in an archive, by names as in `names_in`.
 
-    What cannot be read is left out; the members' sizes together are limited.
+    Unreadable files are left out; the size of all files is limited.
     """
     with suppress(OSError, SubmissionError):
         return in_bounds(partial(_texts_in, path, wanted, most_bytes), str(path))
@@ -495,7 +525,7 @@ def _texts_in(path: Path, wanted: Collection[str], most_bytes: int) -> dict[str,
 
 
 def _neighbours(path: Path) -> str:
-    """Name what lies where something was looked for."""
+    """Name entries beside a missing path, the most similar ones if there are any."""
     found = []
     with suppress(OSError):
         found = [p for p in path.parent.iterdir() if not p.name.startswith(".")]

@@ -1,4 +1,4 @@
-"""Names of files as students, their tools and attackers write them → parts of a path that is safe and can be shown."""
+"""Names of files, as students, their tools and attackers write them, and safe, displayable paths for them."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ TOOL_FOLDERS = frozenset(
     | {".git", ".hg", ".svn", ".mypy_cache", ".pytest_cache", ".ruff_cache", ".vscode", ".idea"}
     | {"__MACOSX", "$RECYCLE.BIN", "System Volume Information"}
 )
-#: Files that file managers and version control leave behind, and that nobody means to hand in.
+#: Files that file managers and version control leave behind.
 _LITTER = frozenset(
     {".ds_store", "thumbs.db", "desktop.ini", "icon", ".git", ".gitkeep", ".directory"}
 )
-#: Kinds of files whose text the judging half may read.
+#: Suffixes of text files that the judging half reads.
 TEXT_SUFFIXES = frozenset(
     {
         ".py",
@@ -50,28 +50,27 @@ _PACKED = re.compile(
     r"(\.tar)?\.(zip|tar|gz|tgz|bz2|tbz2?|xz|txz|zst|7z|rar|whl|egg|jar)$", re.IGNORECASE
 )
 
-#: Characters of a raw name beyond which nobody looks at it.
+#: Characters of the longest raw name that is read.
 _MOST_CHARACTERS = 1_000
 _MOST_PART_BYTES = 200
 _MOST_PATH_BYTES = 500
 _MOST_SHOWN = 160
 #: Control, format, surrogate and unassigned characters, line and paragraph separators.
 _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Cn", "Zl", "Zp"})
-#: With these, some scripts and emoji are written.
+#: Invisible characters that some scripts and emoji need.
 _JOINERS = "\u200c\u200d"
 _DRIVE = re.compile(r"[A-Za-z]:")
 
 
 class UnfitError(ValueError):
-    """Something that is not extracted; its text says why."""
+    """Raised with the reason for a member that is not extracted."""
 
 
 def clean_parts(name: str) -> tuple[str, ...]:
-    """Return the parts of the path under which a file is kept; raises UnfitError if there is none.
+    """Return the parts of a safe path for a file; raises UnfitError if there is none.
 
-    Backslashes separate folders, since some Windows tools write them so. Text is brought to Unicode's form NFC, as
-    Python's imports expect it. Characters that nobody sees or that reorder what is shown, and dots and spaces at the
-    end of a name, are dropped.
+    Backslashes separate folders, because some Windows tools write them. Text is converted to Unicode's form NFC, as
+    Python's imports expect. Invisible and reordering characters, and dots and spaces at the end of a name, are dropped.
     """
     if len(name) > _MOST_CHARACTERS:
         raise UnfitError("its path is too long")
@@ -100,7 +99,7 @@ def _clean_part(part: str) -> str:
 
 
 def _decoded(name: str) -> str:
-    """Read bytes that are no UTF-8 as Western Windows writes them."""
+    """Return a name with bytes that are no UTF-8 decoded as Western Windows encodes them."""
     try:
         raw = name.encode("utf-8", "surrogateescape")
     except UnicodeEncodeError:
@@ -112,49 +111,55 @@ def _decoded(name: str) -> str:
 
 
 def differ(name: str, parts: tuple[str, ...]) -> bool:
-    """Whether a name came with characters that its clean parts do not have; how folders are separated is no matter."""
+    """Return whether cleaning dropped characters of a name; separators of folders do not matter."""
     return parts != _parts(name)
 
 
 def collision_key(parts: tuple[str, ...]) -> str:
-    """Return what two paths have in common that Windows or macOS cannot keep apart."""
+    """Return a key that is equal for paths that Windows or macOS cannot keep apart."""
     return unicodedata.normalize("NFC", "/".join(parts).casefold())
 
 
 def slashed(name: str) -> str:
-    """Return a member's name as other archives would write it: with slashes, and without `./` before it."""
+    """Return a member's name with slashes, and without a leading `./`."""
     return re.sub(r"^(\./+)+", "", name.replace("\\", "/"))
 
 
 def tool_folder(parts: tuple[str, ...]) -> str | None:
-    """Return the outermost folder of a file's path that a tool has made, if there is one."""
-    made = (depth for depth, part in enumerate(parts[:-1], 1) if part in TOOL_FOLDERS)
-    return next(("/".join(parts[:depth]) for depth in made), None)
+    """Return the outermost folder of a file's path that a tool made, if there is one."""
+    for depth, part in enumerate(parts[:-1], 1):
+        if part in TOOL_FOLDERS:
+            return "/".join(parts[:depth])
+    return None
 
 
 def is_litter(name: str) -> bool:
-    """Whether a file's name is one that file managers or version control give."""
+    """Return whether file managers or version control made a file, by its name."""
     return name.lower() in _LITTER or name.startswith("._")
 
 
 def is_compiled(name: str) -> bool:
-    """Whether a file's name says that it holds compiled code."""
+    """Return whether a file holds compiled code, by its name."""
     return _COMPILED.search(name) is not None
 
 
 def is_packed(name: str) -> bool:
-    """Whether a file's name says that it is an archive, or a file that is packed in some way."""
+    """Return whether a file is an archive or otherwise packed, by its name."""
     return _PACKED.search(name) is not None
 
 
 def without_archive_suffix(name: str) -> str:
-    """Return a file's name without the suffixes that archives have."""
+    """Return a file's name without the suffixes of archives: `alice.tar.gz` becomes `alice`."""
     return _PACKED.sub("", name) or name
 
 
 def displayed(name: str) -> str:
-    """Return any name as one line of text that can be written to any file, escapes standing for what is not shown."""
-    cut = name if len(name) <= _MOST_SHOWN else name[: _MOST_SHOWN - 1] + "…"
-    return "".join(
-        c if c.isprintable() else c.encode("unicode_escape").decode("ascii") for c in cut
-    )
+    """Return any name as one displayable line of text, with escapes for other characters."""
+    if len(name) > _MOST_SHOWN:
+        name = name[: _MOST_SHOWN - 1] + "…"
+    shown = []
+    for character in name:
+        if not character.isprintable():
+            character = character.encode("unicode_escape").decode("ascii")
+        shown.append(character)
+    return "".join(shown)

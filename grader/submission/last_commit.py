@@ -1,6 +1,6 @@
-"""When the last commit of a git repository was made.
+"""Time of the last commit of a git repository.
 
-`git` itself is not asked: a repository's configuration, which is the student's, can make it run programs.
+`git` itself is not called, because a student's repository can configure it to run programs.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ from pathlib import Path
 from grader.bounded import Bound, in_process
 from grader.errors import BoundError
 
-#: A commit is read in some 10 ms; damaged objects and named pipes in the place of files would never end.
+#: Bounds for reading a commit, which takes 10 ms; damaged objects, and named pipes instead of files, would never end.
 _BOUND = Bound(what="reading the last commit", cpu_s=2.0, wall_s=3.0, memory_bytes=1024**3)
 
 
 def last_commit_time(folder: Path) -> datetime | None:
-    """Return the time of the commit that is checked out, as its committer's clock said; None if there is none.
+    """Return the time of the current commit, by its committer's clock; None if there is none.
 
-    Repositories that lie elsewhere than at the root of the working tree (worktrees, links) are not looked for.
+    Only repositories at the root of the working tree are read (no worktrees, no links).
     """
     with suppress(OSError, BoundError):
         if (folder / ".git").is_dir() and not (folder / ".git").is_symlink():
@@ -27,7 +27,7 @@ def last_commit_time(folder: Path) -> datetime | None:
             from dulwich.repo import Repo
 
             def committed() -> datetime | None:
-                # Whatever a damaged repository makes of the reader, it has no time.
+                # A damaged repository has no time.
                 with suppress(Exception), Repo(str(folder)) as repository:
                     commit = repository[repository.head()]
                     if isinstance(commit, Commit):

@@ -1,11 +1,10 @@
-"""The names in a folder, or in an archive as if it were unpacked: enough to tell whose files they are."""
+"""The names in a folder, or in an archive as if it were unpacked; they are enough to tell the owner of each file."""
 
 from __future__ import annotations
 
 import os
 from collections import defaultdict, deque
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
@@ -21,10 +20,11 @@ from grader.submission.file_names import (
 from grader.submission.lms.systems import is_table
 from grader.submission.members import is_folder
 
-#: Names in one submission that are looked at to tell what it is.
+#: Names in one submission that are read.
 _MOST_NAMES = 5_000
+#: Folders within each other that are entered.
 _MOST_DEPTH = 12
-#: Names directly in a folder of submissions.
+#: Names directly in a folder of submissions that are read.
 _MOST_ENTRIES = 1_000_000
 #: Bytes that are read of the files beside submissions.
 _MOST_NOTES_BYTES = 64 * 1024**2
@@ -32,17 +32,17 @@ _MOST_NOTES_BYTES = 64 * 1024**2
 
 @dataclass(frozen=True)
 class Listing:
-    """A folder, or one within an archive, and the names of the files in it."""
+    """A folder, or a folder within an archive, and the names of its files."""
 
     path: Path
     #: The folder within the archive, with a slash at its end; empty for the archive itself, None for a folder.
     within: str | None
-    #: Paths relative to it.
+    #: Paths relative to the folder.
     files: tuple[str, ...]
 
     @property
     def name(self) -> str:
-        """The folder's name; of an archive, without the ending."""
+        """The folder's name, or the archive's without its suffix."""
         if self.within:
             return PurePosixPath(self.within).name
         name = Path(os.path.realpath(self.path)).name
@@ -50,96 +50,121 @@ class Listing:
 
     @property
     def location(self) -> str:
-        """Where it lies, for a person."""
-        return f"{self.path}: {displayed(self.within)}" if self.within else str(self.path)
+        """The place of the folder, for a person."""
+        if not self.within:
+            return str(self.path)
+        return f"{self.path}: {displayed(self.within)}"
 
     @property
     def origin(self) -> str:
-        """Where it lies, the same however the path was typed."""
+        """The place of the folder, independent of the way that the path was typed."""
         path = os.path.realpath(self.path)
         return f"{path}: {self.within}" if self.within else path
 
     @property
     def is_repository(self) -> bool:
-        """Whether it is the root of a git repository."""
+        """True for the root of a git repository."""
         return any(file.startswith(".git/") for file in self.files)
 
     @cached_property
     def _grouped(self) -> dict[str, tuple[str, ...]]:
-        """What lies directly in it -> the paths below that; none below a file."""
+        """Paths below each entry; a file has none."""
         groups: dict[str, list[str]] = defaultdict(list)
         for file in self.files:
             first, slash, rest = file.partition("/")
-            if first:
-                groups[first] += [rest] if slash else []
+            if not first:
+                continue
+            below = groups[first]
+            if slash:
+                below.append(rest)
         return {name: tuple(below) for name, below in groups.items()}
 
     @cached_property
     def entries(self) -> dict[str, bool]:
-        """What lies directly in it -> whether that is a folder; without what nobody hands in."""
-        return {
-            name: bool(below)
-            for name, below in sorted(self._grouped.items())
-            if not (name.startswith(".") or is_litter(name) or (below and name in TOOL_FOLDERS))
-        }
+        """Entries that students can have submitted, by name: True for a folder."""
+        found: dict[str, bool] = {}
+        for name, below in sorted(self._grouped.items()):
+            is_of_tool = name in TOOL_FOLDERS and bool(below)
+            if not (name.startswith(".") or is_litter(name) or is_of_tool):
+                found[name] = bool(below)
+        return found
+
+    @property
+    def folders(self) -> list[str]:
+        """Entries that are folders."""
+        return [name for name, is_folder in self.entries.items() if is_folder]
 
     @property
     def only_folder(self) -> str | None:
-        """The folder that it holds, if it holds nothing else but tables."""
-        inner = [name for name, folder in self.entries.items() if folder or not is_table(name)]
-        return inner[0] if len(inner) == 1 and self.entries[inner[0]] else None
+        """The folder in a folder without other entries except tables."""
+        inner = []
+        for name, is_a_folder in self.entries.items():
+            if is_a_folder or not is_table(name):
+                inner.append(name)
+        if len(inner) != 1 or not self.entries[inner[0]]:
+            return None
+        return inner[0]
 
     def entered(self, folder: str) -> Listing:
-        """Return a folder in it, looked at as closely as one that was given itself."""
+        """Return a folder in this one, read as completely as a folder of the command line."""
         if self.within is not None:
             return self.below(folder)
         return listing_of(self.path / folder) or self.below(folder)
 
     def below(self, folder: str) -> Listing:
-        """Return a folder in it."""
+        """Return a folder in this one."""
         inside = self._grouped[folder]
         if self.within is None:
             return Listing(self.path / folder, None, inside)
         return Listing(self.path, f"{self.within}{folder}/", inside)
 
     def texts(self, files: Sequence[str]) -> dict[str, str]:
-        """Read files below it; what cannot be read is left out."""
+        """Return the texts of files in the folder; unreadable ones are left out."""
+        found: dict[str, str] = {}
         if self.within is not None:
             members = {self.within + file: file for file in files}
-            return {
-                members[m]: text
-                for m, text in texts_in(self.path, members, _MOST_NOTES_BYTES).items()
-            }
-        read = {file: text_of(self.path, file, _MOST_NOTES_BYTES) for file in files}
-        return {file: text for file, text in read.items() if text is not None}
+            for member, text in texts_in(self.path, members, _MOST_NOTES_BYTES).items():
+                found[members[member]] = text
+            return found
+        for file in files:
+            read = text_of(self.path, file, _MOST_NOTES_BYTES)
+            if read is not None:
+                found[file] = read
+        return found
 
     def piece(self, entry: str = "", *, is_folder: bool = True, name: str = "") -> Piece:
-        """Return what lies in it, or one entry."""
+        """Return the whole folder, or one entry, as a piece of a submission."""
         if self.within is None:
-            return Piece(self.path / entry if entry else self.path, name=name)
-        member = self.within + entry + ("/" if entry and is_folder else "")
+            return Piece(self.path / entry, name=name)
+        member = self.within + entry
+        if entry and is_folder:
+            member += "/"
         return Piece(self.path, member, name)
 
 
 def listing_of(path: Path) -> Listing | None:
-    """Look at a path; None if it is neither a folder nor an archive that can be read."""
+    """Return the listing of a path; None if it is neither a folder nor a readable archive."""
     if is_folder(path):
         return Listing(path, None, tuple(_names_below(path)))
     inside = names_in(path)
-    return None if inside is None else Listing(path, "", tuple(inside))
+    if inside is None:
+        return None
+    return Listing(path, "", tuple(inside))
 
 
 def _names_below(path: Path) -> Iterator[str]:
-    for name, inside in _listed(path, _MOST_ENTRIES):
-        if not inside:
+    for name, is_a_folder in _listed(path, _MOST_ENTRIES):
+        if not is_a_folder:
             yield name
         else:
             yield from list(_walk(path / name, f"{name}/")) or [f"{name}/"]
 
 
 def _walk(folder: Path, above: str) -> Iterator[str]:
-    """Name the files of a folder, as many as it takes to tell what it is."""
-    waiting = deque([(folder, above, 1)] if folder.name not in TOOL_FOLDERS else [])
+    """Yield the names of a folder's files, as many as are read."""
+    if folder.name in TOOL_FOLDERS:
+        return
+    waiting = deque([(folder, above, 1)])
     seen = 0
     while waiting and seen < _MOST_NAMES:
         folder, above, depth = waiting.popleft()
@@ -152,9 +177,12 @@ def _walk(folder: Path, above: str) -> Iterator[str]:
 
 
 def _listed(folder: Path, most: int = _MOST_NAMES) -> list[tuple[str, bool]]:
-    """Return the names in a folder, and whether each is a folder; none if it may not be read."""
-    with suppress(OSError), os.scandir(folder) as entries:
-        return sorted(
-            (entry.name, entry.is_dir(follow_symlinks=False)) for entry in islice(entries, most)
-        )
-    return []
+    """Return the names in a folder, with True for a folder; none if it may not be read."""
+    found = []
+    try:
+        with os.scandir(folder) as entries:
+            for entry in islice(entries, most):
+                found.append((entry.name, entry.is_dir(follow_symlinks=False)))
+    except OSError:
+        return []
+    return sorted(found)

@@ -1,7 +1,7 @@
-"""What a folder, a zip or a tar holds, one member after another, as the standard library reads them.
+"""Members of a folder, a zip or a tar, one after another, read by the standard library.
 
-Its readers take directories and extended headers into memory whatever their size, and unpack whatever is claimed.
-So they run only where the kernel bounds time and memory: as in `grader.submission.extraction`.
+The library's readers load directories and extended headers of any size into memory, and unpack any claimed size.
+Therefore they run only in processes with bounded time and memory, as in `grader.submission.extraction`.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ from grader.errors import GraderError, SubmissionError
 from grader.submission.beneath import open_regular_beneath
 from grader.submission.file_names import TOOL_FOLDERS, displayed
 
-#: Bytes of a file by which `format_of` tells what it is.
+#: First bytes of a file that `format_of` examines.
 HEAD_BYTES = 512
 _PIECE_BYTES = 64 * 1024
-#: Of a tar, which can only be read from its beginning to its end.
+#: Unpacked bytes of a tar, which can only be read from start to end.
 _MOST_UNPACKED_BYTES = 512 * 1024 * 1024
 _GET_ANOTHER = "Download it again, or unpack it."
-#: The time that zip tools write when they know none.
+#: The time that zip tools write for an unknown time.
 _ZIP_EPOCH = (1980, 1, 1, 0, 0, 0)
 _ZIP_METHODS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA)
 
 
 class Kind(Enum):
-    """What a member is; for what is not extracted, the value says why."""
+    """Kinds of members; the value of a kind that is not extracted is the reason."""
 
     FILE = "a file"
     FOLDER = "a folder"
@@ -58,14 +58,14 @@ class Kind(Enum):
 class Member:
     """A file or something else in a folder or an archive."""
 
-    #: As it stands there; not to be trusted.
+    #: The name in the archive; untrusted.
     name: str
     kind: Kind
-    #: What is claimed.
+    #: The claimed size.
     size_bytes: int = 0
-    #: As the machine that packed it says, without offset from UTC if only its local time is known.
+    #: Time on the packing machine, without offset from UTC if only its local time is known.
     modified: datetime | None = None
-    #: Gives the content, piece by piece; only until the next member is asked for.
+    #: Returns the content, piece by piece; valid until the next member is read.
     pieces: Callable[[], Iterator[bytes]] = lambda: iter(())
 
 
@@ -75,7 +75,7 @@ def pieces_of(file: IO[bytes]) -> Iterator[bytes]:
 
 
 def too_much(what: str) -> SubmissionError:
-    """Return the error of a submission that holds more of something than anyone hands in."""
+    """Return the error of a submission with an absurd amount of something."""
     return SubmissionError(
         f"the submission holds {what}",
         remedy="Hand it in without recordings, build folders and the like.",
@@ -86,7 +86,7 @@ def too_much(what: str) -> SubmissionError:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a path leads to a folder; never fails."""
+    """Return whether a path leads to a folder; never fails."""
     try:
         return stat.S_ISDIR(path.stat().st_mode)
     except (OSError, ValueError):
@@ -94,7 +94,7 @@ def is_folder(path: Path) -> bool:
 
 
 def members_of_folder(path: Path, most_depth: int) -> Iterator[Member]:
-    """Go through a folder, up to so many folders within each other. Those that tools made are named, not entered.
+    """Yield the members of a folder, up to a depth. Folders of tools are yielded, but not entered.
 
     Raises OSError if the folder itself cannot be read.
     """
@@ -134,7 +134,7 @@ def _entry(folder: int, name: str, path: str, is_deepest: bool) -> Iterator[Memb
 # -- archives --------------------------------------------------------------------------------------
 
 
-#: How an archive begins -> what it is.
+#: Formats by the first bytes of an archive.
 _MAGIC = {
     b"PK\x03\x04": "zip",
     b"PK\x05\x06": "zip",
@@ -166,10 +166,10 @@ def format_of(head: bytes) -> str | None:
 
 
 def members_of_archive(file: BinaryIO) -> Iterator[Member]:
-    """Go through an archive, a regular file open at its beginning, in its own order.
+    """Yield the members of an archive, a regular file open at its start, in their order.
 
-    Raises SubmissionError if it is none that is read here, truncated, damaged, has a password, or is larger than
-    anything handed in.
+    Raises SubmissionError if the archive has an unknown format, is truncated or damaged, has a password, or is absurdly
+    large.
     """
     kind = format_of(file.read(HEAD_BYTES))
     file.seek(0)
@@ -187,7 +187,7 @@ def members_of_archive(file: BinaryIO) -> Iterator[Member]:
 
 @contextmanager
 def _damage_reported() -> Iterator[None]:
-    """Report whatever the readers raise on what they did not expect."""
+    """Report any exception of the readers as a damaged archive."""
     try:
         yield
     except (GraderError, MemoryError):
@@ -223,7 +223,7 @@ def _open_zipped(archive: zipfile.ZipFile, info: zipfile.ZipInfo) -> IO[bytes]:
 
 
 def zip_name(info: zipfile.ZipInfo) -> str:
-    """Return a member's name; bytes of which nothing says how to read them are UTF-8, as macOS writes, or CP437."""
+    """Return a member's name; bytes without a known encoding are read as UTF-8, as macOS writes, else as CP437."""
     name = info.orig_filename
     if not info.flag_bits & 0x800 and not name.isascii():
         with suppress(UnicodeError):
@@ -241,7 +241,7 @@ def _zip_kind(info: zipfile.ZipInfo) -> Kind:
 
 
 def _zip_time(info: zipfile.ZipInfo) -> datetime | None:
-    """Return a member's time: from Unix's or NTFS's field, which are in UTC, else as some local time."""
+    """Return a member's time: in UTC from the field of Unix or NTFS, else as local time."""
     extra = info.extra
     while len(extra) >= 4:
         field, length = struct.unpack_from("<HH", extra)
@@ -265,7 +265,7 @@ def _members_of_tar(stream: IO[bytes]) -> Iterator[Member]:
             _require_at_most(archive.offset)
             pieces = partial(_pieces, partial(archive.extractfile, info))
             yield Member(info.name, _tar_kind(info), info.size, _utc(info.mtime), pieces)
-        # What follows the last file is nothing but zeros at first, then goes on to the checksum of what is packed.
+        # Zeros follow the last file; the rest up to the packed data's checksum is read too.
         stream.seek(archive.offset)
         if stream.read(tarfile.BLOCKSIZE).strip(b"\0"):
             raise ValueError("a header is not valid")

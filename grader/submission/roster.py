@@ -1,13 +1,13 @@
-"""A class list: who is in the class, as whom systems know them, and when they handed in.
+"""A class list: the students of a class, their names in other systems, and their times of submission.
 
     name,student_id,submitted_at
     alice,20260017,2026-03-02T23:41:00+01:00
 
-`name` is the submission's name, or the one that a learning-management system wrote. All other columns may be missing:
-`student_id`, `login`, `email`, `section`, `team` (those of one team hand in together), `submitted_at`. A time without
-offset from UTC is one of the time zone that the rubric's policy names. Of several lines of a student with an id, the
-last time counts. What the grade books of Moodle (a grading worksheet, in any language), Canvas, Blackboard and
-Brightspace export is such a list too, with a form of its own for each.
+`name` is the submission's name, or the name in a learning-management system. All other columns are optional:
+`student_id`, `login`, `email`, `section`, `team` (a team submits together), `submitted_at`. A time without offset from
+UTC is in the time zone of the rubric's policy. Of several lines of a student with an id, the last time counts. Exports
+of the grade books of Moodle (a grading worksheet, in any language), Canvas, Blackboard and Brightspace are class lists
+too, each in its own form.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import re
 import unicodedata
 from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections import Counter, defaultdict
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime, timezone
 from itertools import islice
@@ -29,9 +29,9 @@ from grader.recording.submission import Identity, Person
 from grader.submission.lms.worksheet import WORKSHEET_TIME, columns_of, worksheet_time
 
 _MOST_BYTES = 4 * 1024 * 1024
-#: Lines by which columns are known.
+#: Lines by which columns are recognised.
 _SAMPLE_LINES = 50
-#: What is known of a person -> how columns with it are called, in lower case, with underscores for blanks.
+#: Columns for each fact about a person, in lower case, with underscores for blanks.
 _COLUMNS = {
     "name": ("name", "full_name", "student"),
     "student_id": ("student_id", "id_number", "sis_user_id", "orgdefinedid"),
@@ -41,9 +41,12 @@ _COLUMNS = {
     "moodle": ("identifier",),
     "canvas": ("id",),
 }
-_FIRST, _LAST = ("first_name", "firstname"), ("last_name", "lastname", "surname")
-#: What stands in the column of names in a line of Canvas' export that is about no student.
+_FIRST = ("first_name", "firstname")
+_LAST = ("last_name", "lastname", "surname")
+#: Name in a line of Canvas' export that describes no student.
 _POINTS_POSSIBLE = "Points Possible"
+#: Characters from which a login, an id or a single name counts; shorter ones are often words of something else.
+_LEAST_CHARACTERS = 3
 
 
 @dataclass(frozen=True)
@@ -52,11 +55,11 @@ class Student:
 
     name: str
     student_id: str | None = None
-    #: Without offset from UTC if the list names none.
+    #: Without offset from UTC if the list has none.
     submitted_at: datetime | None = None
-    #: All that the list knows of them.
+    #: All facts of the list.
     person: Person = field(default_factory=Person)
-    #: Who hands in together is of one team.
+    #: Name of the team that submits together.
     team: str = ""
     #: The source of the time, in words.
     time_source: str = ""
@@ -65,41 +68,23 @@ class Student:
 
     @property
     def shown(self) -> str:
-        """The name, or the id or login of a student without."""
+        """The name, or the id or login of a student without a name."""
         return self.name or self.student_id or self.person.login
 
 
 def read_class_list(path: Path) -> list[Student]:
-    """Read a class list, of values separated by commas, semicolons or tabs.
+    """Read a class list of values separated by commas, semicolons or tabs.
 
-    Raises SubmissionError if it cannot be read, with the first line that is wrong.
+    Raises SubmissionError, with the first wrong line, if it cannot be read.
     """
-    try:
-        with path.open("rb") as file:
-            content = file.read(_MOST_BYTES)
-        text = content.decode(
-            "utf-16" if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "utf-8-sig"
-        )
-    except (OSError, UnicodeDecodeError) as problem:
-        raise SubmissionError(
-            "the class list cannot be read",
-            location=str(path),
-            remedy=f"It is a CSV file in UTF-8. {problem}",
-        ) from None
+    text = _text_of(path)
     first = text.partition("\n")[0]
     delimiter = max(",;\t", key=first.count)
     rows = csv.reader(text.splitlines(), delimiter=delimiter)
     try:
-        sample = [*islice(csv.reader(text.splitlines(), delimiter=delimiter), 1, _SAMPLE_LINES)]
-        columns = columns_of(next(rows, []), sample)
-        if not {*_COLUMNS["name"], *_COLUMNS["login"], *_COLUMNS["student_id"]} & {*columns}:
-            raise ValueError("there is no column 'name'")
-        listed = []
-        for row in rows:
-            cells = {c: v.strip() for c, v in zip(columns, row, strict=False)}
-            if any(cells.values()):
-                listed.append(_listed(cells))
-        return _once_each(student for student in listed if student.name != _POINTS_POSSIBLE)
+        sample = islice(csv.reader(text.splitlines(), delimiter=delimiter), 1, _SAMPLE_LINES)
+        columns = columns_of(next(rows, []), list(sample))
+        return _once_each(_students_in(rows, columns))
     except (ValueError, OverflowError, csv.Error) as problem:
         raise SubmissionError(
             f"the class list is not usable: {problem}",
@@ -109,39 +94,72 @@ def read_class_list(path: Path) -> list[Student]:
         ) from None
 
 
+def _text_of(path: Path) -> str:
+    """Return the text of a class list; raises SubmissionError if it cannot be read."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(_MOST_BYTES)
+        is_utf_16 = content.startswith((BOM_UTF16_LE, BOM_UTF16_BE))
+        return content.decode("utf-16" if is_utf_16 else "utf-8-sig")
+    except (OSError, UnicodeDecodeError) as problem:
+        raise SubmissionError(
+            "the class list cannot be read",
+            location=str(path),
+            remedy=f"It is a CSV file in UTF-8. {problem}",
+        ) from None
+
+
+def _students_in(rows: Iterable[Sequence[str]], columns: Sequence[str]) -> Iterator[Student]:
+    """Yield the students of a list; raises ValueError for the first wrong row."""
+    naming = {*_COLUMNS["name"], *_COLUMNS["login"], *_COLUMNS["student_id"]}
+    if naming.isdisjoint(columns):
+        raise ValueError("there is no column 'name'")
+    for row in rows:
+        cells = dict(zip(columns, map(str.strip, row), strict=False))
+        if any(cells.values()):
+            student = _listed(cells)
+            if student.name != _POINTS_POSSIBLE:
+                yield student
+
+
 def _once_each(listed: Iterable[Student]) -> list[Student]:
-    """Return each student with an id once, with the last time, as of a list with a line for each hand-in."""
+    """Return each student with an id once, with the last time; a list can have a line for each submission."""
     found: dict[tuple[str, str | None, int], Student] = {}
     for number, student in enumerate(listed):
-        key = (student.name, student.student_id, 0 if student.student_id else number)
-        before = found.get(key)
-        if before is not None and before.submitted_at is not None:
-            own = student.submitted_at
-            if own is None or latest(own) < latest(before.submitted_at):
-                student = replace(
-                    student, submitted_at=before.submitted_at, time_source=before.time_source
-                )
+        line = 0 if student.student_id else number
+        key = (student.name, student.student_id, line)
+        previous = found.get(key)
+        if previous is not None:
+            student = _with_last_time(student, previous)
         found[key] = student
     return list(found.values())
 
 
+def _with_last_time(student: Student, previous: Student) -> Student:
+    """Return a student with the later of the times in two lines."""
+    own = student.submitted_at
+    time = previous.submitted_at
+    if time is None or (own is not None and latest(own) >= latest(time)):
+        return student
+    return replace(student, submitted_at=time, time_source=previous.time_source)
+
+
 def _listed(row: Mapping[str, str]) -> Student:
-    known = {fact: _value(row, columns) for fact, columns in _COLUMNS.items()}
-    name = known["name"] or f"{_value(row, _FIRST)} {_value(row, _LAST)}".strip()
-    person = Person(**(known | {"name": name, "moodle": _number_in(known["moodle"])}))
+    facts = {fact: _value(row, columns) for fact, columns in _COLUMNS.items()}
+    if not facts["name"]:
+        facts["name"] = f"{_value(row, _FIRST)} {_value(row, _LAST)}".strip()
+    facts["moodle"] = _number_in(facts["moodle"])
+    person = Person(**facts)
     if not (person.name or person.student_id or person.login):
         raise ValueError("neither a name nor a student_id")
     time, source = _submission_time(row)
-    unread = row.get(WORKSHEET_TIME, "") if time is None else ""
-    return Student(
-        name,
-        person.student_id or None,
-        time,
-        person,
-        row.get("team", ""),
-        source,
-        "" if unread == "-" else unread,
-    )
+    unread = ""
+    if time is None:
+        unread = row.get(WORKSHEET_TIME, "")
+    if unread == "-":
+        unread = ""
+    team = row.get("team", "")
+    return Student(person.name, person.student_id or None, time, person, team, source, unread)
 
 
 def _number_in(participant: str) -> str:
@@ -151,41 +169,47 @@ def _number_in(participant: str) -> str:
 
 
 def _submission_time(row: Mapping[str, str]) -> tuple[datetime | None, str]:
-    """Return when a student handed in, by a column of the list's own or of Moodle's worksheet, and which of the two."""
+    """Return a student's time of submission, from a column of the list itself or of Moodle's worksheet, and its source."""
     text = row.get("submitted_at", "")
     if text:
         time = parse_time(text)
         if time is None:
             raise ValueError(f"{text!r} is not a time")
-        time.astimezone(timezone.utc)  # Raises OverflowError for a time that no clock shows.
+        # Raises OverflowError for a time that no clock shows.
+        time.astimezone(timezone.utc)
         return time, "the class list"
     time = worksheet_time(row.get(WORKSHEET_TIME, ""))
-    return time, "Moodle's grading worksheet" if time is not None else ""
+    if time is None:
+        return None, ""
+    return time, "Moodle's grading worksheet"
 
 
 def _value(row: Mapping[str, str], columns: Iterable[str]) -> str:
-    return next((row[column].removeprefix("#") for column in columns if row.get(column)), "")
+    """Return the first value of a row in some columns; ids of Brightspace begin with `#`."""
+    for column in columns:
+        if row.get(column):
+            return row[column].removeprefix("#")
+    return ""
 
 
-# -- whose what is -----------------------------------------------------------------------------
+# -- owners of submissions ---------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class Match:
-    """Whose something that was handed in is, by a class list."""
+    """The owner of a submission, by a class list."""
 
     student_id: str | None
     submitted_at: datetime | None
     time_source: str
-    #: Places in the list of all that it may belong to.
+    #: Places in the list of all possible owners.
     may_be: frozenset[int]
-    #: Of whom it is, if that is certain: the student, and the others of the team; or a team of whom nobody is known to
-    #: be the one who handed it in.
+    #: Certain owners: a student with their team, or a team without a known submitter.
     people: tuple[Person, ...] = ()
     is_of_team: bool = False
 
     def completed(self, identity: Identity) -> Identity:
-        """Return with what the list knows who handed something in."""
+        """Return an identity with the facts of the list."""
         if self.is_of_team:
             return replace(identity, people=self.people)
         return Identity(self.people).completed(identity)
@@ -194,30 +218,34 @@ class Match:
 def matches(
     students: Sequence[Student], items: Sequence[tuple[Student, Sequence[str]]]
 ) -> list[Match]:
-    """Find the student of each thing that was handed in, by the id, the name and others that it bears, however written.
+    """Find the owner of each submission by its id, its name and other names, in any notation.
 
-    A name that two students have, or that two things bear under different ids, does not tell whose they are. All of a
-    student's team, or of the team whose name it bears, have a share in it, unless that team handed in another too.
+    A name of two students, or of two submissions with different ids, does not tell the owner. The members of the
+    student's team, or of a team with the submission's name, own it too, unless the team has another submission.
+
+    Parameters
+    ----------
+    students
+        The class list.
+    items
+        Facts and other names of each submission.
     """
-    teams: dict[str, list[int]] = defaultdict(list)
-    for index, student in enumerate(students):
-        if student.team:
-            teams[_plain(student.team)].append(index)
+    teams = _members_of_teams(students)
     owners = _owners(students, items)
-    of_team = [
-        _plain(students[sure].team)
-        if sure is not None
-        else next((t for t in map(_plain, names) if t in teams), "")
-        for (sure, _), (item, others) in zip(owners, items, strict=True)
-        for names in [(item.name, *others)]
-    ]
+    of_team = []
+    for (item, others), (owner, _) in zip(items, owners, strict=True):
+        if owner is not None:
+            of_team.append(_plain(students[owner].team))
+        else:
+            of_team.append(_team_named((item.name, *others), teams))
     found = []
-    for (item, _), (sure, may_be), team in zip(items, owners, of_team, strict=True):
-        known = students[sure] if sure is not None else Student("")
-        members = teams[team] if team and of_team.count(team) == 1 else ()
-        shares = dict.fromkeys([*([] if sure is None else [sure]), *members])
+    for (item, _), (owner, may_be), team in zip(items, owners, of_team, strict=True):
+        shares = [] if owner is None else [owner]
+        if team and of_team.count(team) == 1:
+            shares += teams[team]
+        known = students[owner] if owner is not None else Student("")
+        people = tuple(person_of(students[index]) for index in dict.fromkeys(shares))
         dated = known if known.submitted_at is not None else item
-        people = tuple(person_of(students[index]) for index in shares)
         found.append(
             Match(
                 known.student_id or item.student_id,
@@ -225,31 +253,48 @@ def matches(
                 dated.time_source,
                 frozenset({*may_be, *shares}),
                 people,
-                bool(people) and sure is None,
+                bool(people) and owner is None,
             )
         )
     return found
 
 
-#: Shorter logins, ids and single names are words of other things too often.
-_LEAST_CHARACTERS = 3
+def _members_of_teams(students: Sequence[Student]) -> dict[str, list[int]]:
+    """Return the places of each team's members."""
+    teams: dict[str, list[int]] = defaultdict(list)
+    for index, student in enumerate(students):
+        if student.team:
+            teams[_plain(student.team)].append(index)
+    return teams
 
-#: Something that was handed in, and the names that it bears.
+
+def _team_named(names: Iterable[str], teams: Mapping[str, object]) -> str:
+    """Return the first of some names that is a team's; empty if none is."""
+    for name in map(_plain, names):
+        if name in teams:
+            return name
+    return ""
+
+
+#: Facts of a submission, and its other names.
 _Item = tuple[Student, Sequence[str]]
+#: Place of the owner in the class list if it is certain, and the places of all possible owners.
+_Owner = tuple[int | None, set[int]]
 
 
-def _owners(
-    students: Sequence[Student], items: Sequence[_Item]
-) -> list[tuple[int | None, set[int]]]:
-    """Return the place of each thing's student, None if that does not tell, and of all to whom it may belong."""
+def _owners(students: Sequence[Student], items: Sequence[_Item]) -> list[_Owner]:
+    """Return the owner of each submission, by whole names, else by words."""
     found = _by_whole_names(students, items)
     words = _by_words(students, items)
-    certain = {sure for sure, _ in found if sure is not None}
-    taken = Counter(sure for (whole, _), (sure, _) in zip(found, words, strict=True) if not whole)
-    for n, (sure, may_be) in enumerate(found):
-        by_words, candidates = words[n]
-        if sure is not None or may_be:
+    certain = {owner for owner, _ in found if owner is not None}
+    taken: Counter[int | None] = Counter()
+    for (whole, _), (by_words, _) in zip(found, words, strict=True):
+        if not whole:
+            taken[by_words] += 1
+    for n, (owner, may_be) in enumerate(found):
+        if owner is not None or may_be:
             continue
+        by_words, candidates = words[n]
         if by_words is None or taken[by_words] > 1 or by_words in certain:
             found[n] = None, candidates
         else:
@@ -257,34 +302,32 @@ def _owners(
     return found
 
 
-def _by_whole_names(
-    students: Sequence[Student], items: Sequence[_Item]
-) -> list[tuple[int | None, set[int]]]:
-    """Find owners by names, logins, ids and addresses that are all of a name that something bears."""
+def _by_whole_names(students: Sequence[Student], items: Sequence[_Item]) -> list[_Owner]:
+    """Find owners by names, logins, ids and addresses that equal a whole name of a submission."""
     called = _students_by_key(students)
     bearing = _bearers_by_key(items)
-    found: list[tuple[int | None, set[int]]] = []
+    found: list[_Owner] = []
     for item, names in items:
         own = _keys(item.student_id)
-        sure: int | None = None
+        certain: int | None = None
         may_be: set[int] = set()
         for key in _keys(item.student_id, item.name, *names):
             owners = called.get(key, set())
             may_be |= owners
             is_telling = len(bearing[key]) == 1 or key in own
-            if sure is None and is_telling and len(owners) == 1:
-                sure = min(owners)
-        found.append((sure, may_be))
+            if certain is None and is_telling and len(owners) == 1:
+                certain = min(owners)
+        found.append((certain, may_be))
     return found
 
 
 def _students_by_key(students: Sequence[Student]) -> dict[str, set[int]]:
-    """Return the places of the students for each key that they are known by."""
+    """Return the places of the students with each key."""
     called: dict[str, set[int]] = defaultdict(set)
     for index, student in enumerate(students):
         keys = _keys(student.student_id, student.name, *student.person.names)
         if student.name and student.student_id:
-            # Folders of a download have the name and the id, e.g. "Ann Lee 4711".
+            # Folders of a download have the name and the id, such as "Ann Lee 4711".
             keys += _keys(f"{student.name} {student.student_id}")
         for key in keys:
             called[key].add(index)
@@ -292,7 +335,7 @@ def _students_by_key(students: Sequence[Student]) -> dict[str, set[int]]:
 
 
 def _bearers_by_key(items: Sequence[_Item]) -> dict[str, set[str]]:
-    """Return the ids, or else the names, of the things that bear each key."""
+    """Return the ids, or else the names, of the submissions with each key."""
     bearing: dict[str, set[str]] = defaultdict(set)
     for item, names in items:
         for key in _keys(item.student_id, item.name, *names):
@@ -300,19 +343,20 @@ def _bearers_by_key(items: Sequence[_Item]) -> dict[str, set[str]]:
     return bearing
 
 
-def _by_words(
-    students: Sequence[Student], items: Sequence[_Item]
-) -> list[tuple[int | None, set[int]]]:
-    """Find owners by a login or id among the words of a name that something bears, or by all words of their names.
+def _by_words(students: Sequence[Student], items: Sequence[_Item]) -> list[_Owner]:
+    """Find owners by a login or id among the words of a submission's names, or by all words of the owner's name.
 
-    `Müller_Änne_aemuell_4711` has the login aemuell and the words of "Änne Müller". Logins and names of different
-    students do not tell. A login or id among the words of several things, as a year is, tells nothing.
+    For example `Müller_Änne_aemuell_4711` has the login aemuell and the words of "Änne Müller". Logins and names of
+    different students tell no owner. Neither does a login or id among the words of several submissions, such as a year.
     """
-    spoken = [f" {' '.join(map(_plain, (item.name, *names)))} " for item, names in items]
+    spoken = []
+    for item, others in items:
+        words = " ".join(map(_plain, (item.name, *others)))
+        spoken.append(f" {words} ")
     names = [frozenset(_plain(student.name).split()) for student in students]
     numbers = [_numbers_of(student) for student in students]
     common = _times_spoken(numbers, spoken)
-    found: list[tuple[int | None, set[int]]] = []
+    found: list[_Owner] = []
     for text in spoken:
         by_number, unclear = _numbered_in(text, numbers, common)
         by_name = _named_in(frozenset(text.split()), names)
@@ -321,7 +365,7 @@ def _by_words(
 
 
 def _times_spoken(numbers: Sequence[frozenset[str]], spoken: Sequence[str]) -> dict[str, int]:
-    """Return for each login and id among how many texts' words it is."""
+    """Return the number of texts with each login and id among their words."""
     common: dict[str, int] = {}
     for number in frozenset[str]().union(*numbers):
         common[number] = sum(f" {number} " in text for text in spoken)
@@ -331,7 +375,7 @@ def _times_spoken(numbers: Sequence[frozenset[str]], spoken: Sequence[str]) -> d
 def _numbered_in(
     text: str, numbers: Sequence[frozenset[str]], common: Mapping[str, int]
 ) -> tuple[set[int], set[int]]:
-    """Return the students with a login or id in one text only, and those with others that it has."""
+    """Return the students with a login or id in this text only, and students with one in other texts too."""
     certain: set[int] = set()
     unclear: set[int] = set()
     for index, known in enumerate(numbers):
@@ -346,7 +390,7 @@ def _numbered_in(
 def _owner_of(
     by_number: set[int], by_name: set[int], unclear: set[int]
 ) -> tuple[int | None, set[int]]:
-    """Return the one student to whom logins or ids, and names, point; None and all of them if there is no such one."""
+    """Return the only student named by logins or ids, and by names; None and all named students without one."""
     both = (by_number | unclear) & by_name
     if len(both) == 1 and by_number <= both:
         return min(both), both
@@ -365,7 +409,7 @@ def _numbers_of(student: Student) -> frozenset[str]:
 
 
 def _named_in(words: frozenset[str], names: Sequence[frozenset[str]]) -> set[int]:
-    """Return the students all of whose names are among some words, without names that are a part of another one's."""
+    """Return the students with their whole name among some words; a name within another student's does not count."""
     found = set()
     for index, name in enumerate(names):
         if name and name <= words and len("".join(name)) >= _LEAST_CHARACTERS:
@@ -374,29 +418,29 @@ def _named_in(words: frozenset[str], names: Sequence[frozenset[str]]) -> set[int
 
 
 def person_of(student: Student) -> Person:
-    """Return all that a list says of a student."""
+    """Return all facts of a list about a student."""
     return Person(student.name, student.student_id or "").completed(student.person)
 
 
 def _keys(*texts: str | None) -> list[str]:
-    """Return by what a student is known: first each text as it is written, then what a folder's name keeps of it.
+    """Return the keys of a student: each text as it is written, then each as the name of a folder keeps it.
 
-    "Surname, First" is the same as "First Surname".
+    "Surname, First" has the keys of "First Surname" too.
     """
     given = [unicodedata.normalize("NFC", text) for text in texts if text]
-    given += [
-        f"{first} {last}"
-        for last, comma, first in (text.partition(", ") for text in given)
-        if comma
-    ]
-    return [
-        *(f"={text.casefold()}" for text in given),
-        *(plain for text in given if (plain := _plain(text))),
-    ]
+    for text in tuple(given):
+        last, comma, first = text.partition(", ")
+        if comma:
+            given.append(f"{first} {last}")
+    keys = [f"={text.casefold()}" for text in given]
+    keys += filter(None, map(_plain, given))
+    return keys
 
 
 def _plain(text: str) -> str:
-    """Return the words of a text, of letters with their marks, and of digits."""
-    return " ".join(
-        "".join(c if unicodedata.category(c)[0] in "LMN" else " " for c in text).split()
-    ).casefold()
+    """Return the words of a text: letters with their marks, and digits."""
+    kept = []
+    for character in text:
+        is_of_word = unicodedata.category(character)[0] in "LMN"
+        kept.append(character if is_of_word else " ")
+    return " ".join("".join(kept).split()).casefold()

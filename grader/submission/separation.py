@@ -1,8 +1,8 @@
-"""Keeps what a grader decides and writes apart from what a student handed in.
+"""Separation of an instructor's decisions and results from a student's submission.
 
-In a student's repository, results lie within the submission. What lies there may have come with it: nothing in it is
-taken for anybody's decision, and no link in it is written through. And since a submission says itself what it is
-called, results remember the path that they were made from, and another path's do not take their place unawares.
+In a student's repository, results lie within the submission, and any file there can be part of the submission. No such
+file counts as an instructor's decision, and nothing is written through its links. Because a submission chooses its own
+name, results record the path of their submission, and results of another path do not replace them unnoticed.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from itertools import chain
 from pathlib import Path
 
 from grader.errors import UsageError
@@ -22,44 +21,48 @@ from grader.submission.extraction import SubmissionSource
 
 
 def lies_within(folder: Path, sources: Iterable[str]) -> bool:
-    """Whether a folder lies in one of the submissions; so does one that a link in a submission leads to."""
-    known = [source for source in sources if source]
-    return any(place.is_relative_to(source) for place in _way_to(folder) for source in known)
+    """Return whether a folder lies in one of the submissions, or behind a link in one."""
+    known = list(filter(None, sources))
+    return any(_is_below(place, known) for place in _way_to(folder))
+
+
+def _is_below(place: Path, folders: Iterable[str]) -> bool:
+    return any(place.is_relative_to(folder) for folder in folders)
 
 
 def _way_to(folder: Path) -> Iterator[Path]:
-    """Yield a folder and those above it as they lie, each without links before its own name."""
+    """Yield a folder and the folders above it, each without links before its own name."""
     whole = Path(os.path.abspath(folder))  # noqa: PTH100 - `resolve` follows links
     for path in (whole, *whole.parents):
         yield Path(os.path.realpath(path.parent)) / path.name
 
 
 def require_no_links(results: Path, sources: Iterable[str], *, inside: bool = True) -> None:
-    """Raise UsageError if a submission brought a link along where results go, or anywhere `inside` of that."""
-    known = [source for source in sources if source]
+    """Raise UsageError if a submission has a link on the way to its results, or anywhere `inside` of them."""
+    known = list(filter(None, sources))
     if not lies_within(results, known):
         return
-    way = [
-        place for place in _way_to(results) if any(place.is_relative_to(source) for source in known)
-    ]
-    below = (
-        Path(above, name)
-        for above, folders, files in os.walk(results)
-        for name in (*folders, *files)
-    )
-    link = next(
-        (str(path) for path in (chain(way, below) if inside else way) if path.is_symlink()), None
-    )
-    if link is not None:
-        raise UsageError(
-            "the submission holds a link where its results are to be written",
-            location=link,
-            remedy="Write results to another folder with -o, or remove the link.",
-        )
+    paths = [place for place in _way_to(results) if _is_below(place, known)]
+    if inside:
+        paths += _paths_below(results)
+    for path in paths:
+        if path.is_symlink():
+            raise UsageError(
+                "the submission holds a link where its results are to be written",
+                location=str(path),
+                remedy="Write results to another folder with -o, or remove the link.",
+            )
+
+
+def _paths_below(folder: Path) -> Iterator[Path]:
+    """Yield the folders and files in a folder, at any depth."""
+    for above, folders, files in os.walk(folder):
+        for name in (*folders, *files):
+            yield Path(above, name)
 
 
 def uncounted_overrides(results: Path, sources: Iterable[str]) -> str | None:
-    """Say which file of overrides is there and does not count, since it may have come with the submission."""
+    """Name a file of overrides that does not count, because it can be part of the submission; None without one."""
     path = results / OVERRIDES_FILE
     if not os.path.lexists(path) or not lies_within(results, sources):
         return None
@@ -67,13 +70,13 @@ def uncounted_overrides(results: Path, sources: Iterable[str]) -> str | None:
 
 
 def made_from(folder: Path) -> str:
-    """Return the path that a submission's results were made from; empty where that is not known."""
+    """Return the path of the submission that results were made from; empty if it is unknown."""
     record = _record_of(folder)
     return record.source if record is not None else ""
 
 
 def _record_of(folder: Path) -> SubmissionRecord | None:
-    # Where results lie in a submission, this too may be anything.
+    # In a submission, this file too can be anything.
     if not is_regular_beneath(folder, f"{RECORDINGS}/{SUBMISSION_FILE}"):
         return None
     try:
@@ -83,7 +86,7 @@ def _record_of(folder: Path) -> SubmissionRecord | None:
 
 
 def with_earlier(source: SubmissionSource, results: Path) -> SubmissionSource:
-    """Return a submission with what its earlier results know of who handed it in, if they were made from its path."""
+    """Return a submission with the identity in its earlier results, if they were made from its path."""
     record = _record_of(results / source.name)
     if record is None or record.source != source.origin or lies_within(results, [source.origin]):
         return source

@@ -1,4 +1,4 @@
-"""When a submission was handed in, as its record keeps it."""
+"""Time of a submission in its record."""
 
 from __future__ import annotations
 
@@ -9,19 +9,21 @@ from grader.recording.submission import SubmissionRecord
 
 
 def set_submission_time(record: SubmissionRecord, submission_time: SubmissionTime) -> None:
-    """Keep in a record when its submission was handed in."""
+    """Store the time of a submission in its record."""
     record.submitted_at = _text(submission_time.at)
     record.time_source = submission_time.source
     record.newest_file = _text(submission_time.newest_file)
 
 
 def submission_time_of(record: SubmissionRecord) -> SubmissionTime:
-    """Return when a recorded submission was handed in.
+    """Return the time of a recorded submission.
 
-    Records of earlier versions do not name the source of their time, which may be a file's.
+    Records of earlier versions do not name the source of their time; it can be a file's.
     """
     at = _time(record.submitted_at)
-    source = record.time_source or ("an earlier version of grade" if at is not None else "")
+    source = record.time_source
+    if not source and at is not None:
+        source = "an earlier version of grade"
     return SubmissionTime(at, source, _time(record.newest_file))
 
 

@@ -1,1 +1,1 @@
-"""Why a process ended or went wrong, in words for a student. Imports the recording's format."""
+"""Causes of the end or the failure of a process, in words for a student. Imports the recording's format."""

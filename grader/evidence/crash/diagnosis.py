@@ -1,6 +1,6 @@
-"""Why a process died or went wrong, told from what it wrote, with the student's own line and a remedy.
+"""Diagnosis of a process that died or went wrong: the cause, the student's line and a remedy, from its output.
 
-What only happens because a node was stopped is no mistake: it yields no diagnosis, at most an advisory.
+Effects of stopping a node are no mistake: they yield no diagnosis, at most an advisory.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import Any
 
 from grader.evidence.crash.causes import Diagnosis, cause_of, cause_of_line, table
 from grader.evidence.crash.tracebacks import (
@@ -21,84 +22,117 @@ from grader.evidence.crash.tracebacks import (
 from grader.recording.session import OutputLine, ProcessRun
 
 _KILLED = (-9, 137)
-
-
-def explain(
-    output: Sequence[OutputLine], root_files: Collection[str], interrupted_ns: int | None = None
-) -> Diagnosis | None:
-    """What went wrong in a process that wrote `output`, None if nothing can be seen to have.
-
-    The last exception is told, by its first cause; without one, other signs of trouble. Once the process has been
-    interrupted, using a context that is already shut down is no mistake. `root_files` are as in `cause_of`.
-    """
-    for chain in reversed(chains(tracebacks(output))):
-        if (raised := _mistake_in(chain, interrupted_ns)) is not None:
-            frames = (student_frame(each.frames, root_files) for each in (raised, *chain))
-            file, line = next(filter(None, frames), (None, None))
-            return replace(
-                cause_of(raised, root_files), file=file, line=line, exception_type=raised.type
-            )
-    found = next(filter(None, (cause_of_line(line.text) for line in plain_lines(output))), None)
-    return (
-        replace(found, file=student_file(found.subject, root_files)) if found is not None else None
-    )
-
-
-def advisories(output: Sequence[OutputLine]) -> tuple[str, ...]:
-    """What the process wrote that costs nothing, but can be done better."""
-    raised = tracebacks(output)
-    last = raised[-1].name if raised else ""
-    text = "\n".join(line.text for line in plain_lines(output))
-    return tuple(
-        row["problem"].format(last=last)
-        for row in table()["advisories"]
-        if re.fullmatch(row.get("last", ".*"), last)
-        and re.search(row.get("text", ""), text)
-        and not ("unless" in row and re.search(row["unless"], text))
-    )
-
-
-def _mistake_in(chain: Sequence[Raised], interrupted_ns: int | None) -> Raised | None:
-    """The first exception of a chain that is a mistake."""
-    stopped = any(
-        exception.name in ("KeyboardInterrupt", "ExternalShutdownException") for exception in chain
-    )
-    for exception in chain:
-        after = stopped or (interrupted_ns is not None and exception.t_ns >= interrupted_ns)
-        # A program that is stopped ends with these; so it does where it shuts down what is shut down already.
-        is_stop = exception.name in _STOPS or any(
-            words in exception.message for words in _SECOND_SHUTDOWN
-        )
-        by_stop = (
-            HIT_IN_A_CALL in exception.message or cause_of(exception, ()).kind in _AFTER_SHUTDOWN
-        )
-        if not (exception.ignored or is_stop or (after and by_stop)):
-            return exception
-    return None
-
-
-#: What pybind11 says when a signal's exception strikes while it converts an argument.
+#: Message of pybind11 about a signal's exception while it converts an argument.
 HIT_IN_A_CALL = "Unable to convert call argument"
-#: What comes of using rclpy or a node after it has been shut down.
+#: Causes of errors in a program that uses rclpy or a node after its shutdown.
 _AFTER_SHUTDOWN = ("context-shut-down", "not-initialised")
-_STOPS = ("KeyboardInterrupt", "ExternalShutdownException", "SystemExit")
+#: Exceptions by which a program is stopped.
+_STOPPING = ("KeyboardInterrupt", "ExternalShutdownException")
+#: Exceptions with which a stopped program ends.
+_STOPS = (*_STOPPING, "SystemExit")
 _SECOND_SHUTDOWN = (
     "rcl_shutdown already called",
     "Context must be initialized before it can be shutdown",
 )
 
 
+def explain(
+    output: Sequence[OutputLine], root_files: Collection[str], interrupted_ns: int | None = None
+) -> Diagnosis | None:
+    """Return the diagnosis of a process, None without a sign of a failure.
+
+    The last exception counts, by its first cause; without an exception, other signs count.
+
+    Parameters
+    ----------
+    output
+        Lines of the process.
+    root_files
+        Files of the submission, relative to its root.
+    interrupted_ns
+        Time of Ctrl-C; after it, using a context that is shut down is no mistake.
+    """
+    for chain in reversed(chains(tracebacks(output))):
+        raised = _mistake_in(chain, interrupted_ns)
+        if raised is not None:
+            cause = replace(cause_of(raised, root_files), exception_type=raised.type)
+            return _located(cause, [raised, *chain], root_files)
+    for line in plain_lines(output):
+        found = cause_of_line(line.text)
+        if found is not None:
+            return replace(found, file=student_file(found.subject, root_files))
+    return None
+
+
+def _located(cause: Diagnosis, chain: Sequence[Raised], root_files: Collection[str]) -> Diagnosis:
+    """Return a cause with the student's line of the first exception that has one."""
+    for exception in chain:
+        frame = student_frame(exception.frames, root_files)
+        if frame is not None:
+            return replace(cause, file=frame[0], line=frame[1])
+    return cause
+
+
+def advisories(output: Sequence[OutputLine]) -> tuple[str, ...]:
+    """Return advice about the output of a process that costs no points."""
+    raised = tracebacks(output)
+    last = raised[-1].name if raised else ""
+    text = "\n".join(line.text for line in plain_lines(output))
+    found = []
+    for row in table()["advisories"]:
+        if _is_due(row, last, text):
+            found.append(row["problem"].format(last=last))
+    return tuple(found)
+
+
+def _is_due(row: dict[str, Any], last: str, text: str) -> bool:
+    """Return whether an advisory is due, by the type of the last exception and the whole output."""
+    if not re.fullmatch(row.get("last", ".*"), last):
+        return False
+    if "unless" in row and re.search(row["unless"], text):
+        return False
+    return re.search(row.get("text", ""), text) is not None
+
+
+def _mistake_in(chain: Sequence[Raised], interrupted_ns: int | None) -> Raised | None:
+    """Return the first exception of a chain that is a mistake, if there is one."""
+    stopped = any(exception.name in _STOPPING for exception in chain)
+    for exception in chain:
+        if exception.ignored or _is_stop(exception):
+            continue
+        is_late = interrupted_ns is not None and exception.t_ns >= interrupted_ns
+        if (stopped or is_late) and _can_follow_stop(exception):
+            continue
+        return exception
+    return None
+
+
+def _is_stop(exception: Raised) -> bool:
+    """Return whether an exception ends a stopped program, or a program that shuts down twice."""
+    if exception.name in _STOPS:
+        return True
+    return any(words in exception.message for words in _SECOND_SHUTDOWN)
+
+
+def _can_follow_stop(exception: Raised) -> bool:
+    """Return whether a stop can cause an exception."""
+    if HIT_IN_A_CALL in exception.message:
+        return True
+    return cause_of(exception, ()).kind in _AFTER_SHUTDOWN
+
+
 def ended_by_limit(run: ProcessRun) -> bool:
-    """Whether a process was ended because of a limit."""
-    return run.limit is not None and (run.ended_by == "limit" or run.exit_status in _KILLED)
+    """Return whether a process was ended because of a limit."""
+    if run.limit is None:
+        return False
+    return run.ended_by == "limit" or run.exit_status in _KILLED
 
 
 def hit_limit(run: ProcessRun) -> tuple[str, str] | None:
-    """Return (what happened, how to fix it) of a process that hit a limit; None of one that did not."""
+    """Return the problem and the remedy of a process that hit a limit; None for another process."""
     if run.limit is None:
         return None
-    what, remedy = table()["limits"].get(
-        run.limit, (f"exceeded the limit '{run.limit}'", "Use less of it.")
-    )
+    unknown = (f"exceeded the limit '{run.limit}'", "Use less of it.")
+    problem, remedy = table()["limits"].get(run.limit, unknown)
     how = "was ended" if ended_by_limit(run) else "went on"
-    return f"The program {what} (limit: {run.limit}), and {how}.", remedy
+    return f"The program {problem} (limit: {run.limit}), and {how}.", remedy

@@ -1,11 +1,10 @@
-"""Python tracebacks read out of a process's output lines.
+"""Python tracebacks in a process's output lines.
 
-Other output may stand between their lines. All styles from Python 3.10 to 3.14 are read, with chains and groups.
+Other output can stand between their lines. All styles from Python 3.10 to 3.14 are read, with chains and groups.
 """
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -14,13 +13,15 @@ from grader.recording.session import OutputLine
 
 #: Characters of a line that are read.
 LINE_LIMIT = 4000
-#: Lines from the start and from the end of an output that are read.
-HEAD_LINES, TAIL_LINES = 2_000, 20_000
-#: Tracebacks of one process that are kept, the last ones.
+#: First lines of an output that are read.
+HEAD_LINES = 2_000
+#: Last lines of an output that are read.
+TAIL_LINES = 20_000
+#: Last tracebacks of a process that are kept.
 TRACEBACK_LIMIT = 200
-#: Frames of one traceback that are looked at, the deepest ones.
+#: Innermost frames of a traceback that are examined.
 FRAME_LIMIT = 200
-
+#: Lines of the longest message.
 _MESSAGE_LINES = 12
 _ANSI = re.compile(r"\x1b\[[0-9;]{0,20}[A-Za-z]")
 _LAUNCH_PREFIX = re.compile(r"^\[[\w.-]{1,100}-\d{1,4}\] ?")
@@ -33,12 +34,13 @@ _FINAL = re.compile(r"^([A-Za-z_][\w.]{0,200})(?:: (.*))?$")
 _SYNTAX = frozenset(["SyntaxError", "IndentationError", "TabError"])
 _CAUSE = "The above exception was the direct cause of the following exception:"
 _DURING = "During handling of the above exception, another exception occurred:"
+_IGNORED = "Exception ignored in"
 _LIBRARY_FOLDERS = re.compile(r"^(?:site-packages|dist-packages|python3(?:\.\d+)?)$")
 
 
 @dataclass(frozen=True)
 class Frame:
-    """A line of code on the way to an exception."""
+    """A line of code that led to an exception."""
 
     path: str
     line: int
@@ -47,21 +49,21 @@ class Frame:
 
 @dataclass
 class Raised:
-    """One exception as its traceback tells it."""
+    """One exception, read from its traceback."""
 
-    #: With its module where Python prints it.
+    #: Type, with its module if Python prints it.
     type: str = ""
-    #: All its lines.
+    #: All lines of the message.
     message: str = ""
     #: Outermost first.
     frames: list[Frame] = field(default_factory=list)
-    #: Whether it came of the one before it ("direct cause" or "during handling").
+    #: True if the previous exception caused this one ("direct cause" or "during handling").
     linked: bool = False
-    #: Whether Python went on regardless ("Exception ignored in").
+    #: True if Python continued ("Exception ignored in").
     ignored: bool = False
-    #: When the line with the type was read.
+    #: Time at which the line with the type was read.
     t_ns: int = 0
-    #: Whether "Traceback (most recent call last)" stands above it.
+    #: True if "Traceback (most recent call last)" stands above it.
     headed: bool = False
 
     @property
@@ -71,35 +73,36 @@ class Raised:
 
 
 def without_colours(text: str) -> str:
-    """Return a text without the sequences by which terminals are told of colours."""
-    return _ANSI.sub("", text) if "\x1b" in text else text
+    """Return a text without the colour sequences of terminals."""
+    if "\x1b" not in text:
+        return text
+    return _ANSI.sub("", text)
 
 
 def plain_lines(output: Sequence[OutputLine]) -> list[OutputLine]:
-    """Lines without colours and the prefixes of a launch."""
-    kept = (
-        output
-        if len(output) <= HEAD_LINES + TAIL_LINES
-        else [*output[:HEAD_LINES], *output[-TAIL_LINES:]]
-    )
-    texts = (without_colours(line.text[:LINE_LIMIT]).rstrip("\r\n") for line in kept)
-    stripped = (_LAUNCH_PREFIX.sub("", text) for text in texts)
-    return [
-        OutputLine(line.t_ns, line.stream, text) for line, text in zip(kept, stripped, strict=True)
-    ]
+    """Return the first and last lines of an output, without colours and the prefixes of a launch."""
+    kept = list(output)
+    if len(kept) > HEAD_LINES + TAIL_LINES:
+        del kept[HEAD_LINES:-TAIL_LINES]
+    lines = []
+    for line in kept:
+        text = without_colours(line.text[:LINE_LIMIT]).rstrip("\r\n")
+        lines.append(OutputLine(line.t_ns, line.stream, _LAUNCH_PREFIX.sub("", text)))
+    return lines
 
 
 def tracebacks(output: Sequence[OutputLine]) -> list[Raised]:
-    """The exceptions of a process in their order; from standard output only where standard error has none."""
+    """Return the exceptions of a process in their order; from standard output if standard error has none."""
     lines = plain_lines(output)
-    found = (
-        [*_read(line for line in lines if line.stream == stream)] for stream in ("stderr", "stdout")
-    )
-    return next(filter(None, found), [])[-TRACEBACK_LIMIT:]
+    for stream in ("stderr", "stdout"):
+        found = list(_read(line for line in lines if line.stream == stream))
+        if found:
+            return found[-TRACEBACK_LIMIT:]
+    return []
 
 
 def chains(raised: Sequence[Raised]) -> list[list[Raised]]:
-    """Exceptions that came of each other together, the first cause first."""
+    """Return lists of exceptions that caused each other, the first cause first."""
     linked: list[list[Raised]] = []
     for exception in raised:
         if exception.linked and linked:
@@ -110,91 +113,127 @@ def chains(raised: Sequence[Raised]) -> list[list[Raised]]:
 
 
 def student_frame(frames: Sequence[Frame], root_files: Collection[str]) -> tuple[str, int] | None:
-    """File and line of the deepest of `frames`, outermost first, that lies in the submission."""
+    """Return file and line of the innermost of some frames, outermost first, that lies in the submission."""
     meant: dict[str, str | None] = {}
     for frame in reversed(frames[-FRAME_LIMIT:]):
         if frame.path not in meant:
             meant[frame.path] = student_file(frame.path, root_files)
-        if (found := meant[frame.path]) is not None:
+        found = meant[frame.path]
+        if found is not None:
             return found, frame.line
     return None
 
 
 def student_file(path: str, root_files: Collection[str]) -> str | None:
-    """The file of the submission that `path` means, judged by the longest common end; None if none does."""
-    parts = path.split("/")[::-1]
-    # What is installed for an interpreter is the student's only with a folder of theirs.
-    least = 2 if any(_LIBRARY_FOLDERS.match(part) for part in parts[1:]) else 1
-    namesakes = [file.split("/")[::-1] for file in root_files if file.endswith(parts[0])]
-    ends = (
-        itertools.takewhile(lambda pair: pair[0] == pair[1], zip(own, parts, strict=False))
-        for own in namesakes
-    )
-    ranked = [
-        (len(list(end)), -len(own), "/".join(own[::-1]))
-        for end, own in zip(ends, namesakes, strict=True)
-    ]
-    best = max(ranked, default=(0, 0, ""))
-    return best[2] if best[0] >= least else None
+    """Return the file of the submission with the longest common end with a path; None if there is none."""
+    parts = path.split("/")
+    is_installed = any(map(_LIBRARY_FOLDERS.match, parts[:-1]))
+    # An installed file is the student's only if its folder is too.
+    least = 2 if is_installed else 1
+    best = (0, 0, "")
+    for file in root_files:
+        if file.endswith(parts[-1]):
+            own = file.split("/")
+            best = max(best, (_common_end(own, parts), -len(own), file))
+    if best[0] < least:
+        return None
+    return best[2]
+
+
+def _common_end(some: Sequence[str], others: Sequence[str]) -> int:
+    """Return the number of equal last parts of two paths."""
+    count = 0
+    for part, other in zip(reversed(some), reversed(others), strict=False):
+        if part != other:
+            break
+        count += 1
+    return count
 
 
 def _read(lines: Iterable[OutputLine]) -> Iterator[Raised]:
-    current: Raised | None = None
-    linked = ignored = False
-    for raw in lines:
-        if _LOG.match(raw.text):
-            continue
+    """Yield the exceptions of some lines."""
+    reader = _Reader()
+    for line in lines:
+        if not _LOG.match(line.text):
+            yield from reader.read(line)
+    yield from reader.finished()
+
+
+class _Reader:
+    """Reads lines, and keeps the exception that is being read."""
+
+    def __init__(self) -> None:
+        self._current: Raised | None = None
+        #: True if the next exception is caused by the previous one.
+        self._linked = False
+        #: True if Python ignored the next exception.
+        self._ignored = False
+
+    def finished(self) -> Iterator[Raised]:
+        """Yield the exception being read, if its type is known."""
+        if self._current is not None and self._current.type:
+            yield self._current
+
+    def read(self, raw: OutputLine) -> Iterator[Raised]:
+        """Read a line, and yield the exception that it ends."""
         line = _GROUP_MARGIN.sub("", raw.text)
-        is_rule, is_header = (
-            _GROUP_RULE.match(raw.text) is not None,
-            _HEADER.match(line) is not None,
-        )
-        starts = is_header or line.startswith(("Exception ignored in", _CAUSE, _DURING))
-        if current is not None and (starts or is_rule or _is_over(current, line)):
-            if current.type:
-                yield current
-            current = None if current.type or starts else current
+        is_rule = _GROUP_RULE.match(raw.text) is not None
+        is_header = _HEADER.match(line) is not None
+        is_link = line.startswith((_CAUSE, _DURING))
+        is_ignored = line.startswith(_IGNORED)
+        starts = is_header or is_link or is_ignored
+        if starts or is_rule or self._is_over(line):
+            ended = list(self.finished())
+            yield from ended
+            if starts or ended:
+                self._current = None
         if is_header:
-            current, linked, ignored = (
-                Raised(linked=linked, ignored=ignored, headed=True),
-                False,
-                False,
-            )
+            self._current = Raised(linked=self._linked, ignored=self._ignored, headed=True)
+            self._linked = False
+            self._ignored = False
         elif starts:
-            linked, ignored = (
-                linked or line.startswith((_CAUSE, _DURING)),
-                line.startswith("Exception ignored in"),
-            )
+            self._linked = self._linked or is_link
+            self._ignored = is_ignored
         elif not is_rule:
-            current = _taken(current, line, raw.t_ns)
-    if current is not None and current.type:
-        yield current
+            self._take(line, raw.t_ns)
 
+    def _is_over(self, line: str) -> bool:
+        """Return whether a line ends the message of the current exception."""
+        if self._current is None or not self._current.type:
+            return False
+        is_full = self._current.message.count("\n") + 1 >= _MESSAGE_LINES
+        return is_full or not line.strip() or _FRAME.match(line) is not None
 
-def _is_over(current: Raised, line: str) -> bool:
-    """Whether the exception's message has ended."""
-    if not current.type:
-        return False
-    return (
-        not line.strip()
-        or current.message.count("\n") + 1 >= _MESSAGE_LINES
-        or _FRAME.match(line) is not None
-    )
+    def _take(self, line: str, t_ns: int) -> None:
+        """Add a line that can belong to the current exception, or drop the exception."""
+        frame = _FRAME.match(line)
+        if frame is not None:
+            current = self._current or Raised()
+            current.frames.append(Frame(frame[1], int(frame[2]), frame[3]))
+            self._current = current
+            return
+        if self._current is not None and self._current.type:
+            self._current.message += f"\n{line}".rstrip()
+            return
+        final = _FINAL.match(line)
+        if final is not None:
+            self._end(final, t_ns)
 
-
-def _taken(current: Raised | None, line: str, t_ns: int) -> Raised | None:
-    """Take in a line that may belong to a traceback; the traceback being read after it."""
-    frame, final = _FRAME.match(line), _FINAL.match(line)
-    if frame is not None:
-        current = current or Raised()
-        current.frames.append(Frame(frame[1], int(frame[2]), frame[3]))
-    elif current is not None and current.type:
-        current.message += f"\n{line}".rstrip()
-    elif final is not None and (final[1] in _SYNTAX or (current is not None and current.headed)):
-        if current is None and not final[2]:
-            return None
-        current = current or Raised()
-        current.type, current.message, current.t_ns = final[1], (final[2] or "").strip(), t_ns
-    elif final is not None:
-        return None
-    return current
+    def _end(self, final: re.Match[str], t_ns: int) -> None:
+        """Take type and message of the current exception from its last line, or drop the exception."""
+        current = self._current
+        message = final[2] or ""
+        is_headed = current is not None and current.headed
+        is_syntax = final[1] in _SYNTAX
+        if not is_headed and not is_syntax:
+            self._current = None
+            return
+        if current is None:
+            # A syntax error in a file has no traceback, but a message.
+            if not message:
+                return
+            current = Raised()
+        current.type = final[1]
+        current.message = message.strip()
+        current.t_ns = t_ns
+        self._current = current

@@ -1,4 +1,4 @@
-"""Names of packages that programs for ROS import, as data: what is missing here is not misspelt for that."""
+"""Names of packages that programs for ROS import, as data: a missing package need not be misspelt."""
 
 from __future__ import annotations
 
@@ -16,10 +16,13 @@ def ros_packages() -> frozenset[str]:
 
 @functools.cache
 def known_packages() -> frozenset[str]:
-    """Return these, and the libraries of Python that students know."""
+    """Return the packages of ROS 2 Jazzy and the Python libraries that students know."""
     return ros_packages() | _names("python.txt")
 
 
 def _names(file: str) -> frozenset[str]:
-    lines = (_FOLDER / file).read_text(encoding="utf-8").splitlines()
-    return frozenset(name for line in lines if not line.startswith("#") for name in line.split())
+    names: set[str] = set()
+    for line in (_FOLDER / file).read_text(encoding="utf-8").splitlines():
+        if not line.startswith("#"):
+            names.update(line.split())
+    return frozenset(names)

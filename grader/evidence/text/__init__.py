@@ -1,1 +1,1 @@
-"""What texts say: programs, comments, READMEs, printed results. Imports the rest of the evidence."""
+"""Texts of programs, comments, READMEs and printed results. Imports the rest of the evidence."""

@@ -1,7 +1,7 @@
-"""Which comments of a Python text are code that was switched off, and which are there for programs.
+"""Comments of a Python text that are commented-out code, and comments for programs.
 
-A comment is prose until shown otherwise: prose of any language must not be taken for code because it happens
-to parse (`x` and `not used` are Python as well as English).
+A comment counts as prose until shown otherwise, because prose of any language can parse: `x` and `not used` are Python
+as well as English.
 """
 
 from __future__ import annotations
@@ -9,14 +9,18 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Sequence
-from itertools import accumulate
 
 from grader.evidence.text.syntax import expression_tree
 
-#: Fragments tried as Python in one file; more commented-out lines than that are prose to us.
+#: Fragments of a file that are tried as Python; commented-out lines beyond that count as prose.
 PARSE_BUDGET = 2000
-#: Lines over which a bracket that is open in a comment is followed.
+#: Lines over which an open bracket of a comment is followed.
 SPAN_LINES = 25
+#: Characters of a comment that are examined for tools and licences.
+_START = 300
+#: Characters of a line that are examined for code.
+_LINE_START = 400
+_LONGEST_FRAGMENT = 4000
 
 _FOR_PROGRAMS = re.compile(
     r"!|\s*-\*-|\s*(?:vim?|emacs|ex)?:.*\b(?:set|coding)\b|\s*coding[:=]|\s*(?:type:|noqa\b|pylint:|flake8:|mypy:|ruff:"
@@ -30,47 +34,56 @@ _CODE_HINT = re.compile(
 )
 #: The first bracket behind a blank, or at the beginning.
 _BRACKET_IN_PROSE = re.compile(r"(?:[^(]*\s)?\(")
-_LONGEST_FRAGMENT = 4000
+#: Heads that complete the second part of a compound statement.
+_HEADS = {"else": "if x: pass\n", "except": "try: pass\n", "finally": "try: pass\n"}
+#: Statements that prose never looks like.
+_SURELY_CODE = (
+    ast.FunctionDef,
+    ast.AsyncFunctionDef,
+    ast.ClassDef,
+    ast.ImportFrom,
+    ast.Raise,
+    ast.AugAssign,
+)
 
 
 def is_for_programs(body: str) -> bool:
-    """Whether what stands behind a `#` is a shebang, an encoding, or a word to a tool."""
-    return _FOR_PROGRAMS.match(body[:300]) is not None
+    """Return whether the text behind a `#` is a shebang, an encoding, or an instruction to a tool."""
+    return _FOR_PROGRAMS.match(body[:_START]) is not None
 
 
 def is_licence(bodies: Sequence[str]) -> bool:
-    """Whether lines of comments are the head of a licence."""
-    return any(_LICENCE.search(body[:300]) for body in bodies)
+    """Return whether lines of comments are the head of a licence."""
+    return any(_LICENCE.search(body[:_START]) for body in bodies)
 
 
 class CodeFinder:
-    """Tells code from prose in the lines of one file's comments, and tries only so many of them."""
+    """Separates code from prose in the comments of one file, within a budget of attempts."""
 
     def __init__(self) -> None:
         self._left = PARSE_BUDGET
 
     def lines_of_code(self, lines: Sequence[str]) -> set[int]:
-        """Return which of consecutive lines of comments are code: what surely is, and what parses beside it."""
-        depths = [
-            sum(map(line[:400].count, "([{")) - sum(map(line[:400].count, ")]}")) for line in lines
-        ]
+        """Return the indices of the lines that are code: clearly code, or next to code and Python too."""
+        depths = [_depth(line[:_LINE_START]) for line in lines]
         parses: list[int] = []
         code: set[int] = set()
         at = 0
         while at < len(lines):
-            size, statement = 1, None
-            if _CODE_HINT.search(lines[at][:400]):
-                # Up to the line that closes what the first one opens.
-                open_brackets = enumerate(accumulate(depths[at : at + SPAN_LINES]), 1)
-                for size in dict.fromkeys(
-                    (next((size for size, depth in open_brackets if depth <= 0), 1), 1)
-                ):
+            statement = None
+            size = 1
+            fragment = ""
+            if _CODE_HINT.search(lines[at][:_LINE_START]):
+                for size in _sizes(depths[at : at + SPAN_LINES]):
                     fragment = "\n".join(lines[at : at + size])
-                    if (statement := self._last_statement(_completed(fragment))) is not None:
+                    statement = self._last_statement(_completed(fragment))
+                    if statement is not None:
                         break
+            span = range(at, at + size)
             if statement is not None:
-                parses += range(at, at + size)
-                code |= set(range(at, at + size)) if _is_surely_code(statement, fragment) else set()
+                parses += span
+                if _is_surely_code(statement, fragment):
+                    code.update(span)
             at += size
         for index in (*parses, *reversed(parses)):
             if code & {index - 1, index + 1}:
@@ -79,44 +92,69 @@ class CodeFinder:
 
     def _last_statement(self, text: str) -> ast.stmt | None:
         self._left -= 1
-        tree = expression_tree(text) if self._left >= 0 and len(text) <= _LONGEST_FRAGMENT else None
-        return tree.body[-1] if tree is not None and tree.body else None
+        if self._left < 0 or len(text) > _LONGEST_FRAGMENT:
+            return None
+        tree = expression_tree(text)
+        if tree is None or not tree.body:
+            return None
+        return tree.body[-1]
+
+
+def _depth(line: str) -> int:
+    """Return the number of brackets that a line opens, less those that it closes."""
+    opened = sum(map(line.count, "([{"))
+    closed = sum(map(line.count, ")]}"))
+    return opened - closed
+
+
+def _sizes(depths: Sequence[int]) -> Sequence[int]:
+    """Return the sizes in which a fragment is tried: up to the line that closes its brackets, then one line."""
+    depth = 0
+    for size, change in enumerate(depths, 1):
+        depth += change
+        if depth <= 0:
+            return (size, 1) if size > 1 else (1,)
+    return (1,)
 
 
 def _completed(fragment: str) -> str:
-    """The head of a compound statement completed to a whole one, an item of a list taken out of it."""
+    """Return a fragment with a body behind a head, a head before a body, and without the comma of a list."""
     fragment = re.sub(r"^elif\b", "if", fragment.rstrip(", "))
+    if fragment.startswith("@") and not fragment.endswith(":"):
+        return f"{fragment}\ndef f(): pass"
     if not fragment.endswith(":"):
-        return f"{fragment}\ndef f(): pass" if fragment.startswith("@") else fragment
-    before = {"else": "if x: pass\n", "except": "try: pass\n", "finally": "try: pass\n"}
+        return fragment
     first = fragment.split(None, 1)[0].rstrip(":")
-    return f"{before.get(first, '')}{fragment} pass" + ("\nfinally: pass" if first == "try" else "")
+    completed = f"{_HEADS.get(first, '')}{fragment} pass"
+    if first == "try":
+        completed += "\nfinally: pass"
+    return completed
 
 
 def _is_surely_code(statement: ast.stmt, fragment: str) -> bool:
-    """Whether a statement is none that may be prose or a formula, as `return value` or `error = command - state`.
+    """Return whether a statement can be neither prose nor a formula.
 
-    It is one where it defines, imports from, raises or adds up, and where it calls something or looks into an object,
-    but for a call as in `rms = sqrt(mean(error**2))` and a bracket behind a blank as in prose.
+    For example `return value` and `error = command - state` can be both. A definition, an import from a module or a
+    raise is code. A call or an attribute is code too, except in a formula as `rms = sqrt(mean(error**2))`, or with
+    a bracket behind a blank as in prose.
     """
     nodes = list(ast.walk(statement))
-    names = (getattr(node, "attr", "") or str(getattr(node, "id", "")) for node in nodes)
-    if not all(map(str.isascii, names)):
+    if not all(map(_has_ascii_name, nodes)):
         return False
-    match statement:
-        case (
-            ast.FunctionDef()
-            | ast.AsyncFunctionDef()
-            | ast.ClassDef()
-            | ast.ImportFrom()
-            | ast.Raise()
-        ):
+    if isinstance(statement, _SURELY_CODE):
+        return True
+    if isinstance(statement, ast.Expr):
+        value = statement.value
+        if isinstance(value, ast.Await):
             return True
-        case ast.AugAssign() | ast.Expr(ast.Await()):
-            return True
-        case ast.Expr(value) if not isinstance(value, ast.Call) or _BRACKET_IN_PROSE.match(
-            fragment
-        ):
+        if not isinstance(value, ast.Call) or _BRACKET_IN_PROSE.match(fragment):
             return False
-    kinds = {type(node) for node in nodes}
-    return ast.Attribute in kinds or (ast.Call in kinds and ast.BinOp not in kinds)
+    kinds = set(map(type, nodes))
+    if ast.Attribute in kinds:
+        return True
+    return ast.Call in kinds and ast.BinOp not in kinds
+
+
+def _has_ascii_name(node: ast.AST) -> bool:
+    name = getattr(node, "attr", "") or getattr(node, "id", "")
+    return str(name).isascii()

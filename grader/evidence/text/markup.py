@@ -1,6 +1,6 @@
-"""The outline of a README: Markdown, and of reStructuredText and plain text what can be written in Markdown too.
+"""The outline of a README in Markdown, and in reStructuredText or plain text as far as Markdown can express it.
 
-Tolerant on purpose: students mix the three. Nothing raises, and the time grows with the length of the text.
+The reader is tolerant because students mix the three. Nothing raises, and the time is linear in the length of the text.
 """
 
 from __future__ import annotations
@@ -10,16 +10,17 @@ import re
 from dataclasses import dataclass, field
 
 from markdown_it import MarkdownIt
+from markdown_it.token import Token
 
 #: Characters that are read; no README written by hand comes near.
 SIZE_LIMIT = 200_000
-
+#: Characters of a line that are read.
 LINE_LIMIT = 20_000
 
-#: Its rules for what stands within a line are not used, nor those for tables and HTML, which say where lines break.
+#: Parser without the rules for the inside of lines, and for tables and HTML, which decide about line breaks.
 _MARKDOWN = MarkdownIt("commonmark").disable(["inline", "html_block"])
 
-#: Comments, and what a text tells programs in its first lines.
+#: Comments, and metadata for programs in the first lines.
 _NOT_SEEN = re.compile(
     r"<!--.*?(?:-->|\Z)|\A---\n(?:(?:\w[\w-]*:|[ #-])[^\n]*\n){1,60}?---\n", re.DOTALL
 )
@@ -41,17 +42,17 @@ class Block:
 
     #: "paragraph", "item" (of a list), "row" (of a table) or "code".
     kind: str
-    #: Its text; markup inside the line is left as it is, a row's cells are parted by ` | `.
+    #: The text with its inline markup; cells of a row are separated by ` | `.
     text: str
-    #: Its first line, counted from 1.
+    #: First line, counted from 1.
     line: int
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with what stands below it, up to the next heading of any level."""
+    """A heading with the blocks below it, up to the next heading of any level."""
 
-    #: Empty for what stands above the first heading.
+    #: Empty above the first heading.
     title: str
     #: From 1; 0 above the first heading.
     level: int
@@ -63,90 +64,137 @@ class Section:
 
 def read_markdown(text: str) -> tuple[Section, ...]:
     """Return the sections of a README in Markdown, reStructuredText or plain text. Never raises."""
-    text = _as_markdown(text)
-    sections = [Section("", 0, 1)]
-    items = level = 0
-    for token in _MARKDOWN.parse(text):
+    outline = _Outline()
+    for token in _MARKDOWN.parse(_as_markdown(text)):
+        outline.read(token)
+    return tuple(section for section in outline.sections if section.level or section.blocks)
+
+
+class _Outline:
+    """The sections of the tokens that were read."""
+
+    def __init__(self) -> None:
+        self.sections = [Section("", 0, 1)]
+        #: Number of the open items of lists.
+        self._items = 0
+        #: Level of the heading that is open; 0 outside headings.
+        self._level = 0
+
+    def read(self, token: Token) -> None:
         line = token.map[0] + 1 if token.map else 0
         if token.type in ("list_item_open", "list_item_close"):
-            items += token.nesting
+            self._items += token.nesting
         elif token.type == "heading_open":
-            level = int(token.tag[1:])
+            self._level = int(token.tag[1:])
         elif token.type == "fence":
-            sections[-1].blocks.append(Block("code", token.content.rstrip("\n"), line + 1))
+            # The line above the code opens the fence.
+            self._read_code(token.content, line + 1)
         elif token.type == "code_block" and not _is_sentence(token.content):
-            sections[-1].blocks.append(Block("code", token.content.rstrip("\n"), line))
+            self._read_code(token.content, line)
         elif token.type in ("inline", "code_block"):
-            # Several lines above a rule are a paragraph, whatever Markdown makes of them.
-            if level and "\n" not in token.content:
-                sections.append(Section(plain_text(token.content), level, line))
-            else:
-                _read_lines(token.content, line, "item" if items else "paragraph", sections)
-            level = 0
-    return tuple(s for s in sections if s.level or s.blocks)
+            self._read_text(token.content, line)
+
+    def _read_code(self, content: str, line: int) -> None:
+        self.sections[-1].blocks.append(Block("code", content.rstrip("\n"), line))
+
+    def _read_text(self, content: str, line: int) -> None:
+        # Markdown takes several lines above a rule for a heading; they are a paragraph.
+        if self._level and "\n" not in content:
+            self.sections.append(Section(plain_text(content), self._level, line))
+        else:
+            kind = "item" if self._items else "paragraph"
+            _read_lines(content, line, kind, self.sections)
+        self._level = 0
 
 
 def _is_sentence(code: str) -> bool:
-    """Whether what is indented like code begins with a sentence, as in a text that is laid out with blanks."""
+    """Return whether text that is indented like code begins with a sentence, as in a layout made with blanks."""
     first = code.strip().partition("\n")[0]
-    return len(first.split()) >= _SENTENCE_WORDS and not first.startswith(("$", "ros2 ", "python"))
+    if first.startswith(("$", "ros2 ", "python")):
+        return False
+    return len(first.split()) >= _SENTENCE_WORDS
 
 
 def _read_lines(content: str, first: int, kind: str, sections: list[Section]) -> None:
     """Add the lines of a paragraph: headings, rows of tables, and the text between them."""
     held: list[str] = []
+    # The empty line ends the last text.
     for number, line in enumerate([*content.split("\n"), ""], first):
         line = line.strip()
-        tag = _HTML_HEADING.match(line)
-        bold = _BOLD_HEADING.fullmatch(line) if number == first and kind == "paragraph" else None
-        is_row, is_rule = (
-            line.count("|") > 1 or " | " in line,
-            _TABLE_RULE.fullmatch(line) is not None,
-        )
-        if line and not (tag or bold or is_row or is_rule):
+        can_be_bold = number == first and kind == "paragraph"
+        heading = _heading(line, number, can_be_bold=can_be_bold)
+        is_row = line.count("|") > 1 or " | " in line
+        is_rule = _TABLE_RULE.fullmatch(line) is not None
+        is_text = heading is None and not is_row and not is_rule
+        if line and is_text:
             held.append(line)
             continue
         if held:
-            sections[-1].blocks.append(Block(kind, "\n".join(held), number - len(held)))
+            text = "\n".join(held)
+            sections[-1].blocks.append(Block(kind, text, number - len(held)))
             held = []
-        if tag is not None:
-            sections.append(Section(plain_text(tag[2]), int(tag[1]), number))
-        elif bold is not None:
-            sections.append(Section(plain_text(bold[1]), 6, number))
+        if heading is not None:
+            sections.append(heading)
         elif is_row and not is_rule:
-            cells = [cell.strip() for cell in line.strip("|").split("|")]
+            cells = map(str.strip, line.strip("|").split("|"))
             sections[-1].blocks.append(Block("row", " | ".join(cells), number))
 
 
+def _heading(line: str, number: int, *, can_be_bold: bool) -> Section | None:
+    """Return the section of a heading in HTML, or in bold; None for another line."""
+    tag = _HTML_HEADING.match(line)
+    if tag is not None:
+        return Section(plain_text(tag[2]), int(tag[1]), number)
+    bold = _BOLD_HEADING.fullmatch(line) if can_be_bold else None
+    if bold is not None:
+        return Section(plain_text(bold[1]), 6, number)
+    return None
+
+
 def _as_markdown(text: str) -> str:
-    """Return a text whose headings, lists and code are written as Markdown has them, line for line."""
-    text = (
-        text[:SIZE_LIMIT]
-        .removeprefix("\ufeff")
-        .replace("\r\n", "\n")
-        .replace("\r", "\n")
-        .replace("\0", "")
-    )
+    """Return a text with its headings, lists and code written in Markdown, line for line."""
+    text = text[:SIZE_LIMIT].removeprefix("\ufeff")
+    text = text.replace("\r\n", "\n").replace("\r", "\n").replace("\0", "")
     text = _NOT_SEEN.sub(lambda match: "\n" * match[0].count("\n"), text)
-    text = _OPTION.sub("", _BULLET.sub(r"\1-", _HEADING_WITHOUT_BLANK.sub(r"\1 ", text)))
+    text = _HEADING_WITHOUT_BLANK.sub(r"\1 ", text)
+    text = _BULLET.sub(r"\1-", text)
+    text = _OPTION.sub("", text)
     lines = [line[:LINE_LIMIT].rstrip() for line in text.split("\n")]
     for at, line in enumerate(lines):
-        if (directive := _DIRECTIVE.fullmatch(line)) is not None:
+        directive = _DIRECTIVE.fullmatch(line)
+        if directive is not None:
             lines[at] = directive[2] if " " in directive[2] else ""
             if directive[1].lower() in _CODE_DIRECTIVES:
-                end = next(
-                    (n for n in range(at + 1, len(lines)) if lines[n] and lines[n][0] not in " \t"),
-                    len(lines),
-                )
-                if end - 1 > at and (end == len(lines) or not lines[end - 1]):
-                    lines[at], lines[end - 1] = "```", lines[end - 1] or "```"
-        elif (rule := _UNDERLINE.fullmatch(line)) is not None:
-            above, over = (lines[at - n] if at >= n else "" for n in (1, 2))
-            if line in lines[at + 2 : at + 3] and lines[at + 1]:
-                lines[at] = ""
-            elif rule[1] not in "=-" and 0 < len(above) <= len(line) and not over:
-                lines[at - 1 : at + 1] = [f"### {above}", ""]
+                _fence(lines, at)
+            continue
+        rule = _UNDERLINE.fullmatch(line)
+        if rule is not None:
+            _mark_heading(lines, at, rule[1])
     return "\n".join(lines)
+
+
+def _fence(lines: list[str], at: int) -> None:
+    """Turn the code below a directive into a fenced block, in the lines of the directive and of the blank behind it."""
+    end = at + 1
+    while end < len(lines) and (not lines[end] or lines[end][0] in " \t"):
+        end += 1
+    is_last = end == len(lines)
+    if end - 1 > at and (is_last or not lines[end - 1]):
+        lines[at] = "```"
+        lines[end - 1] = lines[end - 1] or "```"
+
+
+def _mark_heading(lines: list[str], at: int, sign: str) -> None:
+    """Remove a line over a heading, or mark the heading above a line that Markdown does not know."""
+    rule = lines[at]
+    if rule in lines[at + 2 : at + 3] and lines[at + 1]:
+        lines[at] = ""
+        return
+    above = lines[at - 1] if at >= 1 else ""
+    before = lines[at - 2] if at >= 2 else ""
+    if sign not in "=-" and 0 < len(above) <= len(rule) and not before:
+        lines[at - 1] = f"### {above}"
+        lines[at] = ""
 
 
 _IMAGE = re.compile(r"!\[([^\[\]]{0,300})\]\([^()]{0,1000}\)")
@@ -159,17 +207,17 @@ _ROLE = re.compile(r":[a-z]{2,20}:(?=`)")
 
 
 def plain_text(text: str) -> str:
-    """`text` without markup, link targets and images; the words of code spans stay."""
+    """Return a text without markup, link targets and images; the words of code spans stay."""
     return _strip(text, keep_code=True)
 
 
 def own_text(text: str) -> str:
-    """`text` without markup, links, images and code spans: what its author put into words."""
+    """Return a text without markup, links, images and code spans: the author's own words."""
     return _strip(text, keep_code=False)
 
 
 def code_spans(text: str) -> list[str]:
-    """The code that stands between backquotes in `text`."""
+    """Return the code between backquotes in a text."""
     return [match[2].strip() for match in _CODE_SPAN.finditer(text)]
 
 

@@ -1,9 +1,8 @@
-"""Numbers that a process printed or logged. They are claims: checks compare them with what was recorded."""
+"""Numbers that a process printed or logged. They are claims: checks compare them with the recording."""
 
 from __future__ import annotations
 
 import functools
-import itertools
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,94 +12,120 @@ from grader.evidence.recorded import Recorded
 from grader.lab.patterns import search
 from grader.recording.session import OutputLine
 
-#: A decimal number. Behind a digit it does not begin anew, and it ends in one way only: who looks for it is done after
-#: one look at each character, also where what must follow is not there.
+#: A decimal number. A match neither starts behind a digit nor can end in two ways; a search therefore looks at each
+#: character once, even if the text behind the number does not fit.
 NUMBER = r"[+-]?(?:(?<!\d)\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"{NUMBER}|[+-]?\b(?:nan|inf)\b", re.IGNORECASE)
 _LONG_RUN = re.compile(r"(\d{40})\d+|([^\S\n]{20})[^\S\n]+|([.=_*~+#-]{100})[.=_*~+#-]+")
+_WRAPPING = re.compile(r"np\.float\d*\(|array\(|dtype=\w+|[()]")
+#: Text that may stand between numbers and behind them.
+_ONLY_NUMBERS = re.compile(r"(?:[\s,;|│┃║'\"\[\]{}]|\b(?:rad|deg|m|mm|s|ms)\b|°)*")
+#: A letter of any script.
+_LETTER = r"[^\W\d_]"
+#: The name of an element, with its number, before its value.
+_ELEMENT_NAME = re.compile(rf"['\"]?{_LETTER}{{0,10}}[ _]?\d{{1,2}}['\"]?\s?[:=]\s?", re.IGNORECASE)
+#: A unit behind a label, as in ``Mean (rad): 0.1`` or ``Mean [rad]: [0.1]``.
+_LABEL_UNIT = r"(?: ?[(\[][A-Za-z°]{1,9}[)\]])?"
+#: The label at the start of a line.
+_LINE_LABEL = re.compile(r"([^:=\[]*)[:=\[]")
+_CELLS = re.compile(r"\s{2,}|\s*[|,;\t│┃║]\s*")
+_NARROW_CELLS = re.compile(r"[\s|,;│┃║]+")
+#: Bars of an absolute value in a title, as in ``mean |e|``; they are no borders.
+_MAGNITUDE = re.compile(
+    r"(?<=[^\s|]) ?\|(?:e|d|x|q|err|errors?|diff|delta|fehler|erreur|Δ\w?)\|(?=\s|$)", re.IGNORECASE
+)
+_ELEMENT = re.compile(
+    rf"\W{{0,9}}(?:[^\n]{{0,30}}?[:=：\s]\s{{0,9}})?({_NUMBER.pattern})\s?(?:rad|deg|°)?\W{{0,3}}$",
+    re.IGNORECASE,
+)
+
+#: Characters of a line that a pattern is searched in.
+_LINE_LIMIT = 2000
+#: Characters of a vector, and of a line of other forms, that are read.
+_MAX_VECTOR_TEXT = 4000
+#: Last occurrences of a label that are read for a vector.
+_LAST_LABELS = 200
+#: Last lines, and characters of them, that are read for other forms; no program prints more statistics.
+_LAST_LINES = 500
+_LAST_CHARACTERS = 50_000
+#: Lines below a label that are read.
+_MOST_ELEMENTS = 64
+#: Largest half unit of the last place of a number that counts as rounded.
+_COARSEST = 0.005
+#: A time after every output, in ns.
+_NEVER_NS = 2**63
 
 
 @functools.lru_cache(maxsize=4096)
 def with_short_runs(text: str) -> str:
-    """Return a text whose numbers, blanks and rules have the length that people print, at most.
+    """Return a text with its numbers, blanks and rules cut to the length that people print.
 
-    So what is looked for in it is found, or not, in a time that grows with its length and not with the square of it.
+    Searching the result takes a time linear in its length.
     """
     return _LONG_RUN.sub(r"\1\2\3", text)
 
 
-_WRAPPING = re.compile(r"np\.float\d*\(|array\(|dtype=\w+|[()]")
-#: What may stand between numbers and behind them.
-_ONLY_NUMBERS = re.compile(r"(?:[\s,;|│┃║'\"\[\]{}]|\b(?:rad|deg|m|mm|s|ms)\b|°)*")
-
-#: A letter of any script, and an element's name with its number before its value.
-_LETTER = r"[^\W\d_]"
-_ELEMENT_NAME = re.compile(rf"['\"]?{_LETTER}{{0,10}}[ _]?\d{{1,2}}['\"]?\s?[:=]\s?", re.IGNORECASE)
-
-#: A unit behind a label, as in ``Mean (rad): 0.1`` or ``Mean [rad]: [0.1]``.
-_LABEL_UNIT = r"(?: ?[(\[][A-Za-z°]{1,9}[)\]])?"
-
-_MAX_VECTOR_TEXT = 4000
-#: Labels from the last on behind which a vector is sought, and lines from the last on that are read for other forms.
-_LAST_LABELS, _LAST_LINES = 200, 500
-#: Nobody prints more statistics than this.
-_LAST_CHARACTERS = 50_000
-
-
 @dataclass(frozen=True)
 class Report:
-    """A number that a process reported, and when the grader read it."""
+    """A number that a process reported, and the time at which the grader read it."""
 
     t_ns: int
     value: float
-    #: Half a unit of the last place that was printed, 0 where that is coarser than the second.
+    #: Half a unit of the last printed place; 0 if that is coarser than the second place.
     rounding: float = 0.0
-    #: What stands before the number, as far as the pattern reads it.
+    #: Text before the number, as far as the pattern reads it.
     lead_in: str = ""
 
 
 def reports(recorded: Recorded, artifact: str, patterns: Sequence[str]) -> list[Report]:
-    """Return the number that a pattern finds in each line of an artifact's output, until it was interrupted.
+    """Return the numbers that a pattern finds in the lines of an artifact's output, until it was interrupted.
 
-    Where it shows none, the node's log on /rosout is read instead. The first of the patterns counts that finds any.
+    If the output has none, the node's log on /rosout is read. The first pattern with a number counts.
     """
-    return next(
-        (found for pattern in patterns if (found := _reports(recorded, artifact, pattern))), []
-    )
+    for pattern in patterns:
+        found = _reports(recorded, artifact, pattern)
+        if found:
+            return found
+    return []
 
 
 @functools.lru_cache(maxsize=16)
 def _reports(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
-    found: list[Report] = []
+    return _printed(recorded, artifact, pattern) or _logged(recorded, pattern)
+
+
+def _printed(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
+    found = []
     for process in recorded.processes_of(artifact):
-        until_ns = process.interrupted_ns or process.exited_ns or 2**63
-        found += [
-            r
-            for line in process.output
-            if line.t_ns < until_ns and (r := _report(pattern, line.t_ns, line.text))
-        ]
-    if found:
-        return found
+        until_ns = process.interrupted_ns or process.exited_ns or _NEVER_NS
+        for line in process.output:
+            if line.t_ns >= until_ns:
+                continue
+            report = _report(pattern, line.t_ns, line.text)
+            if report is not None:
+                found.append(report)
+    return found
+
+
+def _logged(recorded: Recorded, pattern: str) -> list[Report]:
     log = recorded.bag.stream("/rosout", "rcl_interfaces/msg/Log")
-    texts = log.field("msg")
-    return [
-        r
-        for t_ns, text in zip(log.received_ns.tolist(), texts, strict=True)
-        if text and (r := _report(pattern, t_ns, text))
-    ]
+    found = []
+    for t_ns, text in zip(log.received_ns.tolist(), log.field("msg"), strict=True):
+        report = _report(pattern, t_ns, text) if text else None
+        if report is not None:
+            found.append(report)
+    return found
 
 
 def _report(pattern: str, t_ns: int, text: str) -> Report | None:
-    text = without_colours(text[:2000])
+    text = without_colours(text[:_LINE_LIMIT])
     match = search(pattern, text)
     if match is None or match.lastindex is None:
         return None
+    number = match[match.lastindex]
+    lead_in = text[match.start() : match.start(match.lastindex)]
     try:
-        value, lead_in = (
-            match[match.lastindex],
-            text[match.start() : match.start(match.lastindex)].rstrip(),
-        )
-        return Report(t_ns, float(value), _rounding([value]), lead_in)
+        return Report(t_ns, float(number), _rounding([number]), lead_in.rstrip())
     except ValueError:
         return None
 
@@ -110,7 +135,7 @@ class PrintedVector:
     """Numbers that were printed for a label."""
 
     values: tuple[float, ...]
-    #: Half a unit of the last place that was printed, 0 where that is coarser than the second.
+    #: Half a unit of the last printed place; 0 if that is coarser than the second place.
     rounding: float = 0.0
     #: "vector" (behind the label), "table" (a column of one) or "lines" (a number in each of several).
     form: str = "vector"
@@ -122,74 +147,104 @@ def printed_vector(
     after_ns: int | None = None,
     unless: str | None = None,
 ) -> PrintedVector | None:
-    """Return the last vector printed behind a label, as ``Mean: [0.1 0.2]``; it may run over several lines.
+    """Return the last vector printed behind a label, as ``Mean: [0.1 0.2]``, on one line or several.
 
-    Of several labels, matched in any case, the first counts that has numbers. In what was printed after a time other
-    forms count too: numbers without brackets as in ``Mean: 0.1, 0.2``, a table with the label over a column or before a
-    row, or lines that say ``mean = 0.1`` of one element each. Where the regular expression `unless` is found between
-    the beginning of the line and the numbers, they are of something else.
+    Parameters
+    ----------
+    output
+        Lines of a process.
+    labels
+        Labels in any case; the first one with numbers counts.
+    after_ns
+        Time after which other forms count too: numbers without brackets as in ``Mean: 0.1, 0.2``, a table with the
+        label above a column or before a row, or lines as ``mean = 0.1`` for one element each.
+    unless
+        Regular expression of text, from the start of the line to the numbers, that tells of another quantity.
     """
-    output = [
-        OutputLine(line.t_ns, line.stream, with_short_runs(without_colours(line.text)))
-        for line in output
-    ]
-    there = "\n".join(line.text for line in output).lower()
-    found = (
-        _labelled(output, re.escape(label), after_ns, unless)
-        for label in labels
-        if label.lower() in there
-    )
-    return next((vector for vector in found if vector is not None), None)
+    lines = []
+    for line in output:
+        text = with_short_runs(without_colours(line.text))
+        lines.append(OutputLine(line.t_ns, line.stream, text))
+    there = "\n".join(line.text for line in lines).lower()
+    for label in labels:
+        if label.lower() not in there:
+            continue
+        found = _labelled(lines, re.escape(label), after_ns, unless)
+        if found is not None:
+            return found
+    return None
 
 
 def _labelled(
     output: Sequence[OutputLine], label: str, after_ns: int | None, other: str | None
 ) -> PrintedVector | None:
+    for stream in ("stdout", "stderr"):
+        text = "\n".join(line.text for line in output if line.stream == stream)
+        found = _bracketed(text, label, other)
+        if found:
+            return _numbers_of(found, "vector")
+    if after_ns is None:
+        return None
+    lines = _last_lines(output, after_ns)
+    for at, line in enumerate(lines):
+        own_label = _LINE_LABEL.match(line)
+        if own_label is not None and _tells(other, own_label[1]):
+            lines[at] = ""
+    return _unbracketed(lines, label)
+
+
+def _bracketed(text: str, label: str, other: str | None) -> list[str]:
+    """Return the numbers of the last vector in brackets behind a label."""
     head = (
         rf"\b{label}\w*\b[^\[\n]{{0,60}}(?:\[[A-Za-z°]{{1,9}}\][^\[\n]{{0,20}})?"
         r"(?:\n[ \t]*(?:np\.)?(?:array\()?)?\["
     )
-    for stream in ("stdout", "stderr"):
-        text = "\n".join(line.text for line in output if line.stream == stream)
-        heads = list(re.finditer(head, text, re.IGNORECASE))[-_LAST_LABELS:]
-        begins = [
-            max(text.rfind("\n", 0, head.start()) + 1, head.start() - _MAX_VECTOR_TEXT)
-            for head in heads
-        ]
-        own = [
-            h.end()
-            for h, begin in zip(heads, begins, strict=True)
-            if not _tells(other, text[begin : h.end()])
-        ]
-        vectors = (_vector(text[end : end + _MAX_VECTOR_TEXT]) for end in reversed(own))
-        if found := next(filter(None, vectors), None):
-            return _numbers_of(found, "vector")
-    if after_ns is None:
-        return None
-    last = [line.text[:_MAX_VECTOR_TEXT].rstrip() for line in output if line.t_ns >= after_ns][
-        -_LAST_LINES:
-    ]
-    room = itertools.accumulate(len(line) for line in reversed(last))
-    lines = last[-sum(size <= _LAST_CHARACTERS for size in room) or len(last) :]
-    lines = [
-        "" if (own_label := _LINE_LABEL.match(line)) and _tells(other, own_label[1]) else line
-        for line in lines
-    ]
-    behind = next((numbers for line in reversed(lines) if (numbers := _behind(line, label))), [])
+    heads = list(re.finditer(head, text, re.IGNORECASE))
+    for match in reversed(heads[-_LAST_LABELS:]):
+        end = match.end()
+        line_start = text.rfind("\n", 0, match.start()) + 1
+        begin = max(line_start, match.start() - _MAX_VECTOR_TEXT)
+        if _tells(other, text[begin:end]):
+            continue
+        inside, closed, _ = text[end : end + _MAX_VECTOR_TEXT].partition("]")
+        numbers = _only_numbers(inside) if closed else []
+        if numbers:
+            return numbers
+    return []
+
+
+def _last_lines(output: Sequence[OutputLine], after_ns: int) -> list[str]:
+    """Return the last lines printed after a time, as far as they are read."""
+    found: list[str] = []
+    characters = 0
+    for line in reversed(output):
+        if line.t_ns < after_ns:
+            continue
+        text = line.text[:_MAX_VECTOR_TEXT].rstrip()
+        characters += len(text)
+        if len(found) == _LAST_LINES or characters > _LAST_CHARACTERS:
+            break
+        found.append(text)
+    found.reverse()
+    return found
+
+
+def _unbracketed(lines: Sequence[str], label: str) -> PrintedVector | None:
+    """Return numbers for a label in one of the other forms; a single number behind the label is the last choice."""
+    behind = _last_behind(lines, label)
     if len(behind) > 1:
         return _numbers_of(behind, "vector")
     for read, form in ((_column, "table"), (_each, "lines"), (_listed, "lines")):
-        if len(numbers := read(lines, label)) > 1:
+        numbers = read(lines, label)
+        if len(numbers) > 1:
             return _numbers_of(numbers, form)
-    return _numbers_of(behind, "vector") if behind else None
-
-
-#: The label with which a line begins.
-_LINE_LABEL = re.compile(r"([^:=\[]*)[:=\[]")
+    if behind:
+        return _numbers_of(behind, "vector")
+    return None
 
 
 def _tells(other: str | None, text: str) -> bool:
-    """Whether a text tells that the numbers behind it are of something else."""
+    """Return whether a text tells of another quantity."""
     return other is not None and search(other, text, ignore_case=True) is not None
 
 
@@ -197,70 +252,73 @@ def _numbers_of(texts: Sequence[str], form: str) -> PrintedVector:
     return PrintedVector(tuple(map(float, texts)), _rounding(texts), form)
 
 
-#: Numbers that are printed more coarsely are not taken for rounded ones.
-_COARSEST = 0.005
-
-
 def _rounding(texts: Sequence[str]) -> float:
-    """Return half a unit of the last place of any of the numbers, since numpy leaves out trailing zeros."""
-    places = [len(text.partition(".")[2]) for text in texts if "e" not in text.lower()]
-    unit = 10.0 ** -max(places) if places and len(places) == len(texts) else 0.0
-    return unit / 2 if unit and unit / 2 <= _COARSEST else 0.0
+    """Return half a unit of the last place of the longest number, because numpy leaves out trailing zeros."""
+    places = 0
+    for text in texts:
+        if "e" in text.lower():
+            return 0.0
+        places = max(places, len(text.partition(".")[2]))
+    rounding = 10.0**-places / 2
+    if not texts or rounding > _COARSEST:
+        return 0.0
+    return rounding
 
 
-def _behind(line: str, label: str) -> list[str]:
-    """Return the numbers that stand behind a label of one or two words, each by its element's name or not."""
+def _last_behind(lines: Sequence[str], label: str) -> list[str]:
+    """Return the numbers behind a label of one or two words, in the last line with some.
+
+    Each number may have the name of its element, as in ``mean: joint1=0.1, joint2=0.2``.
+    """
     words = rf"(?:^|[\W_]){label}{_LETTER}*(?:[ _-]?(?:{_LETTER}|\|){{1,20}})?{_LABEL_UNIT}"
-    match = re.search(rf"{words}(?:\s{{0,9}}[:=：|│┃║]|\s)(.*)", line, re.IGNORECASE)
-    return _only_numbers(_ELEMENT_NAME.sub(" ", match[1])) if match is not None else []
+    pattern = re.compile(rf"{words}(?:\s{{0,9}}[:=：|│┃║]|\s)(.*)", re.IGNORECASE)
+    for line in reversed(lines):
+        match = pattern.search(line)
+        if match is None:
+            continue
+        numbers = _only_numbers(_ELEMENT_NAME.sub(" ", match[1]))
+        if numbers:
+            return numbers
+    return []
 
 
 def _only_numbers(text: str) -> list[str]:
-    """Return the numbers of a text that has nothing else in it."""
+    """Return the numbers of a text without other contents; empty if it has some."""
     text = _WRAPPING.sub(" ", text)
-    return _NUMBER.findall(text) if _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", text)) else []
-
-
-_CELLS = re.compile(r"\s{2,}|\s*[|,;\t│┃║]\s*")
-
-
-#: Bars of an absolute value in a title, as in ``mean |e|``, are no borders.
-_MAGNITUDE = re.compile(
-    r"(?<=[^\s|]) ?\|(?:e|d|x|q|err|errors?|diff|delta|fehler|erreur|Δ\w?)\|(?=\s|$)", re.IGNORECASE
-)
+    if _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", text)) is None:
+        return []
+    return _NUMBER.findall(text)
 
 
 def _cells(line: str, *, apart: bool) -> list[str]:
-    """Return the cells of a line of a table: apart by two spaces or by lines, else by each space."""
+    """Return the cells of a line of a table: separated by two spaces or by lines if apart, else by each space."""
     line = _MAGNITUDE.sub("", line)
-    return [
-        cell
-        for cell in (_CELLS.split(line.strip()) if apart else re.split(r"[\s|,;│┃║]+", line))
-        if cell
-    ]
+    cells = _CELLS.split(line.strip()) if apart else _NARROW_CELLS.split(line)
+    return list(filter(None, cells))
 
 
 def _column(lines: Sequence[str], label: str) -> list[str]:
     """Return the numbers of the last table below a cell that begins with a label."""
+    title = re.compile(rf"{label}(?![a-z])", re.IGNORECASE)
     found: list[str] = []
     for at, line in enumerate(lines):
         for apart in (True, False):
-            cells = _cells(line, apart=apart)
-            titled = [
-                n
-                for n, cell in enumerate(cells)
-                if re.match(rf"{label}(?![a-z])", cell, re.IGNORECASE)
-            ]
-            if (
-                len(titled) == 1
-                and len(cells) > 1
-                and not any(_NUMBER.fullmatch(cell) for cell in cells)
-            ):
-                column = _below(lines[at + 1 :], titled[0] - len(cells), apart=apart)
-                if len(column) > 1:
-                    found = column
-                    break
+            place = _title_place(_cells(line, apart=apart), title)
+            column = _below(lines[at + 1 :], place, apart=apart) if place else []
+            if len(column) > 1:
+                found = column
+                break
     return found
+
+
+def _title_place(cells: Sequence[str], title: re.Pattern[str]) -> int:
+    """Return the place of a title in the header of a table, counted from the right as -1; 0 if it has none."""
+    if len(cells) < 2 or any(map(_NUMBER.fullmatch, cells)):
+        return 0
+    places = [number for number, cell in enumerate(cells) if title.match(cell)]
+    if len(places) != 1:
+        return 0
+    return places[0] - len(cells)
 
 
 def _below(lines: Sequence[str], place: int, *, apart: bool) -> list[str]:
@@ -268,9 +326,10 @@ def _below(lines: Sequence[str], place: int, *, apart: bool) -> list[str]:
     numbers: list[str] = []
     for line in lines:
         if not re.search(r"[^\W_]", line):
-            if numbers and not re.search(r"[-=─━═]", line):
+            is_rule = re.search(r"[-=─━═]", line) is not None
+            if numbers and not is_rule:
                 break
-            continue  # a rule of dashes
+            continue
         cells = _cells(line, apart=apart)
         if len(cells) < -place or not _NUMBER.fullmatch(cells[place]):
             break
@@ -279,39 +338,33 @@ def _below(lines: Sequence[str], place: int, *, apart: bool) -> list[str]:
 
 
 def _each(lines: Sequence[str], label: str) -> list[str]:
-    """Return the number behind a label in each line that has one, as in ``joint 3: mean = 0.1 rad, max = 0.2 rad``."""
+    """Return the number behind a label in each line, as in ``joint 3: mean = 0.1 rad, max = 0.2 rad``."""
     words = rf"(?:^|[\W_]){label}{_LETTER}*(?:[ _-]{_LETTER}{{1,20}})?{_LABEL_UNIT}"
-    head = rf"{words}(?:\s{{0,9}}[:=：]\s{{0,9}}|\s{{1,9}})({_NUMBER.pattern})(?![\w.])"
-    return [
-        match[1] for line in lines if (match := re.search(head, line, re.IGNORECASE)) is not None
-    ]
-
-
-_ELEMENT = re.compile(
-    rf"\W{{0,9}}(?:[^\n]{{0,30}}?[:=：\s]\s{{0,9}})?({_NUMBER.pattern})\s?(?:rad|deg|°)?\W{{0,3}}$",
-    re.IGNORECASE,
-)
+    number = rf"(?:\s{{0,9}}[:=：]\s{{0,9}}|\s{{1,9}})({_NUMBER.pattern})(?![\w.])"
+    pattern = re.compile(words + number, re.IGNORECASE)
+    return [match[1] for match in map(pattern.search, lines) if match is not None]
 
 
 def _listed(lines: Sequence[str], label: str) -> list[str]:
-    """Return the numbers of the lines below the last one that is a label alone, one number behind a name in each."""
+    """Return the numbers below the last line that holds a label alone, one behind a name in each line."""
     title = rf"(?:^|[\W_]){label}(?:{_LETTER}|[ ()_|°-]){{0,60}}[:：]?\s*$"
+    pattern = re.compile(title, re.IGNORECASE)
     found: list[str] = []
     for at, line in enumerate(lines):
-        if not re.search(title, line, re.IGNORECASE):
-            continue
-        below = (_ELEMENT.match(each) for each in lines[at + 1 : at + 1 + _MOST_ELEMENTS])
-        # A whole number is rather a count of something.
-        numbers = [match[1] if match and not match[1].isdecimal() else "" for match in below]
-        numbers = list(itertools.takewhile(bool, numbers))
-        found = numbers if len(numbers) > 1 else found
+        if pattern.search(line):
+            numbers = _elements(lines[at + 1 : at + 1 + _MOST_ELEMENTS])
+            if len(numbers) > 1:
+                found = numbers
     return found
 
 
-#: Lines below a label that are read.
-_MOST_ELEMENTS = 64
-
-
-def _vector(text: str) -> list[str]:
-    inside, closed, _ = text.partition("]")
-    return _only_numbers(inside) if closed else []
+def _elements(lines: Sequence[str]) -> list[str]:
+    """Return the number at the end of each line, up to the first line without one."""
+    numbers = []
+    for line in lines:
+        match = _ELEMENT.match(line)
+        # A whole number is more likely a count of something else.
+        if match is None or match[1].isdecimal():
+            break
+        numbers.append(match[1])
+    return numbers

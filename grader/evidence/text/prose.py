@@ -1,7 +1,7 @@
-"""What a student put into words: how to run the work, what each part does, why it is as it is.
+"""Texts of a student: how to run the work, the task of each part, the reasons for its design.
 
-A text counts by its own words: not by headings, names, links, code, places held for a later text, or the same sentence
-said of everything. Any language counts; what to look for is given by the rubric.
+A text counts by its own words. Headings, names, links, code, placeholders, and a sentence repeated for each part add
+none. The language does not matter; the rubric gives the terms to look for.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import re
 import unicodedata
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, groupby
+from itertools import groupby
 
 from grader.evidence.text.markup import Block, Section, code_spans, own_text, plain_text
 from grader.evidence.text.source import SourceFacts
@@ -27,16 +27,27 @@ from grader.evidence.text.words import (
 )
 from grader.lab.patterns import search
 
+#: Characters of a line that are read as a command.
 COMMAND_LIMIT = 500
-_OPENING_WORDS, _OPENING_LENGTH = 3, 40
+#: Words, and characters of them, in which a sentence names its action.
+_OPENING_WORDS = 3
+_OPENING_LENGTH = 40
+#: Statements of source code that prose does not have.
 _OF_SOURCE = (ast.Import, ast.ImportFrom, ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)
+#: Names of concepts per own word above which a text lists them only.
 _STUFFING_RATIO = 1.5
 _COMMAND_START = re.compile(r"^[\s>*+-]{0,8}(?:[$#%]\s+)?")
+#: Average words between two punctuation marks from which words are only strung together.
+_LONG_STRETCH = 8
+#: Share of connectives below which words are only strung together.
+_FEW_CONNECTIVES = 0.1
+_MARKS = re.compile(r"[.,;:!?()|/\"“”„«»—–\n]+")
+_SCRIPTS = ("LATIN", "CYRILLIC")
 
 
 @dataclass(frozen=True)
 class Passage:
-    """A piece of connected text, with the file and line where it begins, and the heading above it."""
+    """A piece of connected text, with its file, its first line, and the heading above it."""
 
     text: str
     file: str
@@ -46,85 +57,114 @@ class Passage:
 
 @dataclass(frozen=True)
 class Discussion:
-    """Which concepts are discussed, and how they are weighed against each other."""
+    """Concepts that are discussed, and passages that weigh them against each other."""
 
     #: Concepts in the order of the lexicon, each with the first passage that discusses it.
     discussed: Mapping[str, Passage]
-    #: Passages that set two or more concepts in relation: with a word of reason or comparison, or at length.
+    #: Passages that relate two or more concepts, with a word of reason or comparison, or at length.
     related: tuple[Passage, ...]
-    #: Passages whose words are strung together without sentences, see `lacks_sentences`.
+    #: Passages with words strung together without sentences, see `lacks_sentences`.
     strung: tuple[Passage, ...]
-    #: Distinct own words of all passages that discuss, besides the concepts' names.
+    #: Distinct own words of all passages that discuss, without the concepts' names.
     words: int
 
 
-# -- what a reader sees --------------------------------------------------------------------------------
+# -- visible text ---------------------------------------------------------------------------------------
 
 
 def is_source(text: str) -> bool:
-    """Whether a text is Python source: it parses, and imports or defines something."""
+    """Return whether a text is Python source: it parses, and imports or defines something."""
     tree = tree_of(normalise(text))
-    return tree is not None and any(isinstance(node, _OF_SOURCE) for node in tree.body)
+    if tree is None:
+        return False
+    return any(isinstance(node, _OF_SOURCE) for node in tree.body)
 
 
 def visible(
     document: Sequence[Section], names: Terms, placeholders: Sequence[str]
 ) -> tuple[list[Block], list[Section]]:
-    """Return the pieces of a document that say something, in order, and the headings with nothing below them.
+    """Return the blocks of a document that carry information, in order, and its headings without text below.
 
-    A heading says something where something stands below it, and is a block of kind "heading" or, if it is the title
-    of it all, "title". Pasted source code says nothing, and neither does what only holds the place of a text, be it
-    behind the name of a part.
+    A heading with text below becomes a block of kind "heading", or "title" if it is the heading of the whole document.
+    Pasted source code and placeholders carry no information, not even behind the name of a part.
+
+    Parameters
+    ----------
+    document
+        The sections.
+    names
+        Names of the parts.
+    placeholders
+        Regular expressions of placeholders.
     """
     shown: list[Block] = []
     empty: list[Section] = []
     below: list[tuple[int, bool]] = []
-    least = min((s.level for s in document if s.level), default=0)
-    tops = [s for s in document if s.level == least]
+    title = _title_of(document)
     for section in reversed(document):
-        blocks = [block for block in section.blocks if _says_something(block, names, placeholders)]
+        blocks = [block for block in section.blocks if _is_informative(block, names, placeholders)]
         filled = bool(blocks)
         while below and below[-1][0] > section.level:
             filled |= below.pop()[1]
         below.append((section.level, filled))
         shown += reversed(blocks)
-        if section.level and filled:
-            is_title = len(tops) == 1 and section is tops[0]
-            shown.append(Block("title" if is_title else "heading", section.title, section.line))
-        elif section.level:
+        if not section.level:
+            continue
+        if filled:
+            kind = "title" if section is title else "heading"
+            shown.append(Block(kind, section.title, section.line))
+        else:
             empty.append(section)
-    return shown[::-1], empty[::-1]
+    shown.reverse()
+    empty.reverse()
+    return shown, empty
 
 
-def _says_something(block: Block, names: Terms, placeholders: Sequence[str]) -> bool:
+def _title_of(document: Sequence[Section]) -> Section | None:
+    """Return the only section of the highest level, if there is one."""
+    levels = [section.level for section in document if section.level]
+    highest = min(levels, default=0)
+    tops = [section for section in document if section.level == highest]
+    return tops[0] if len(tops) == 1 else None
+
+
+def _is_informative(block: Block, names: Terms, placeholders: Sequence[str]) -> bool:
     if is_source(block.text):
         return False
     if block.kind == "code":
         return bool(block.text.strip())
     plain = plain_text(block.text)
     own = names.without(plain)
-    is_bare_name = not any(character.isalnum() for character in own) and names.found(plain)
-    return is_bare_name or not is_placeholder(own, placeholders)
+    has_own_words = any(map(str.isalnum, own))
+    if not has_own_words and names.found(plain):
+        # The bare name of a part.
+        return True
+    return not is_placeholder(own, placeholders)
 
 
 def mention(blocks: Sequence[Block], names: Terms, synonyms: Terms) -> int | None:
-    """Return the line in which a part is mentioned by one of its names, or else by a synonym; None if it is in none."""
-    by_name = ((block, names.place(block.text)) for block in blocks)
-    by_synonym = ((block, synonyms.place(block.text)) for block in blocks if block.kind != "title")
-    found = ((block, place) for block, place in chain(by_name, by_synonym) if place is not None)
-    return next(
-        (block.line + fold(block.text).count("\n", 0, place) for block, place in found), None
-    )
+    """Return the line with the first of a part's names, or else the first of its synonyms; None without one."""
+    line = _first_line(blocks, names)
+    if line is None:
+        line = _first_line([block for block in blocks if block.kind != "title"], synonyms)
+    return line
 
 
-# -- how to run it -------------------------------------------------------------------------------------
+def _first_line(blocks: Iterable[Block], terms: Terms) -> int | None:
+    for block in blocks:
+        place = terms.place(block.text)
+        if place is not None:
+            return block.line + fold(block.text).count("\n", 0, place)
+    return None
+
+
+# -- commands and instructions ---------------------------------------------------------------------------
 
 
 def command_line(blocks: Sequence[Block], patterns: Sequence[str]) -> tuple[int, str] | None:
-    """Return the first line with a command that matches one of `patterns`, and the command.
+    """Return the first line with a command that matches one of the patterns, and the command.
 
-    Lines of code, code spans and lines of text are searched, regardless of case: many a README has its commands
-    unmarked.
+    Code, code spans and plain lines are searched, regardless of case, because many READMEs do not mark commands.
     """
     for block in blocks:
         for offset, line in enumerate(block.text.split("\n")):
@@ -135,19 +175,27 @@ def command_line(blocks: Sequence[Block], patterns: Sequence[str]) -> tuple[int,
 
 
 def instruction_line(blocks: Sequence[Block], run_words: Sequence[str]) -> int | None:
-    """Return the line of a heading, or of a sentence that begins so, by which the work seems to be run."""
+    """Return the line of the first heading with a word for running, or sentence that begins with one."""
     terms = Terms.of(f"{word}$" for word in run_words)
     for block in blocks:
-        for line, sentence in _lines_of(block) if block.kind != "code" else ():
-            opening = " ".join(plain_text(sentence).split()[:_OPENING_WORDS])[:_OPENING_LENGTH]
-            if terms.found(block.text if block.kind == "heading" else opening):
+        if block.kind == "code":
+            continue
+        for line, sentence in _lines_of(block):
+            text = block.text if block.kind == "heading" else _opening(sentence)
+            if terms.found(text):
                 return line
     return None
 
 
+def _opening(sentence: str) -> str:
+    first = plain_text(sentence).split()[:_OPENING_WORDS]
+    return " ".join(first)[:_OPENING_LENGTH]
+
+
 def _lines_of(block: Block) -> Iterator[tuple[int, str]]:
-    """Sentences of a block with the lines that they begin on, roughly where a sentence spans lines."""
-    line, position = block.line, 0
+    """Yield the sentences of a block with their first lines, which are approximate if a sentence spans lines."""
+    line = block.line
+    position = 0
     for sentence in sentences(block.text):
         start = block.text.find(sentence, position)
         if start >= 0:
@@ -165,34 +213,38 @@ def _commands(kind: str, line: str) -> Iterator[str]:
     yield _COMMAND_START.sub("", plain_text(line[:COMMAND_LIMIT])).strip()
 
 
-# -- what is discussed ---------------------------------------------------------------------------------
+# -- discussed concepts ----------------------------------------------------------------------------------
 
 
 def document_passages(document: Sequence[Section], file: str) -> tuple[Passage, ...]:
-    """Text of a document as passages: paragraphs, each list and each table as a whole, with their headings.
+    """Return the text of a document as passages: paragraphs, lists and tables, with their headings.
 
-    A heading helps to tell what a passage is about; it has no words of its own.
+    A heading helps to tell the subject of a passage; its words do not count.
     """
     passages: list[Passage] = []
     for section in document:
-        runs = groupby(
-            section.blocks,
-            lambda block: block.kind if block.kind in ("item", "row") else block.line,
-        )
-        for blocks in (list(run) for _, run in runs):
+        for _, run in groupby(section.blocks, _passage_key):
+            blocks = list(run)
             if blocks[0].kind != "code":
                 text = "\n\n".join(block.text for block in blocks)
                 passages.append(Passage(text, file, blocks[0].line, section.title))
     return tuple(passages)
 
 
+def _passage_key(block: Block) -> str | int:
+    """Return a key that consecutive items of a list, or rows of a table, share."""
+    if block.kind in ("item", "row"):
+        return block.kind
+    return block.line
+
+
 def source_passages(facts: SourceFacts) -> tuple[Passage, ...]:
-    """Docstrings and comments of a source that explain something, as passages below the code that they stand beside."""
-    return tuple(
-        Passage(note.text, facts.path, note.line, note.beside)
-        for note in facts.notes
-        if not note.fault
-    )
+    """Return the explaining docstrings and comments of a source as passages, with their code as heading."""
+    passages = []
+    for note in facts.notes:
+        if not note.fault:
+            passages.append(Passage(note.text, facts.path, note.line, note.beside))
+    return tuple(passages)
 
 
 def concepts(
@@ -203,62 +255,84 @@ def concepts(
     min_words: int = 8,
     connectives: Sequence[str] = (),
 ) -> Discussion:
-    """Which concepts of `lexicon` the passages discuss; its words and all others are `Terms` in any languages.
+    """Find the concepts that passages discuss. All words are `Terms` in any languages.
 
-    A concept is discussed where a passage names it and has at least `min_words` distinct own words besides
-    the names of all concepts, and not more names than words. Passages that repeat another do not count. Where `anchors`
-    are given, only passages that have one of them in them or in their heading are about the matter at all. In a
-    language without any of the `reasons`, a passage of twice `min_words` that names two concepts relates them too.
+    Parameters
+    ----------
+    passages
+        The passages; repetitions do not count.
+    lexicon
+        Words for each concept. A passage discusses a concept if it names it, and does not name more concepts than it
+        has words.
+    reasons
+        Words of reason or comparison. Without one, a passage relates two concepts if it has twice `min_words`.
+    anchors
+        Words of the subject; if there are any, a passage must have one in its text or its heading.
+    min_words
+        Distinct own words, besides the names of all concepts, that a passage must have.
+    connectives
+        Words that connect others, see `lacks_sentences`.
     """
-    anchor = Terms.of(anchors)
-    on_topic = (
-        p for p in passages if not anchors or anchor.found(plain_text(f"{p.heading}\n{p.text}"))
-    )
     every = Terms.of(stem for stems in lexicon.values() for stem in stems)
-    terms, reasoning = {name: Terms.of(stems) for name, stems in lexicon.items()}, Terms.of(reasons)
+    terms = {name: Terms.of(stems) for name, stems in lexicon.items()}
+    reasoning = Terms.of(reasons)
     discussed: dict[str, Passage] = {}
     related: list[Passage] = []
     strung: list[Passage] = []
     said: set[str] = set()
-    for passage, text, own in _discussing(on_topic, every, min_words):
-        said.update(own)
-        named = [name for name in lexicon if terms[name].found(text)]
+    for own in _discussing(_on_topic(passages, anchors), every, min_words):
+        said.update(own.words)
+        named = [name for name in lexicon if terms[name].found(own.text)]
         for name in named:
-            discussed.setdefault(name, passage)
-        if len(named) > 1 and (reasoning.found(text) or measure(own) >= 2 * min_words):
-            related.append(passage)
-        if lacks_sentences(passage.text, connectives):
-            strung.append(passage)
+            discussed.setdefault(name, own.passage)
+        if len(named) > 1:
+            is_long = measure(own.words) >= 2 * min_words
+            if is_long or reasoning.found(own.text):
+                related.append(own.passage)
+        if lacks_sentences(own.passage.text, connectives):
+            strung.append(own.passage)
     in_order = {name: discussed[name] for name in lexicon if name in discussed}
     return Discussion(in_order, tuple(related), tuple(strung), measure(said))
 
 
-#: Words that stand between two marks, on average, and how few of them connect others, where they are only strung.
-_LONG_STRETCH, _FEW_CONNECTIVES = 8, 0.1
-_MARKS = re.compile(r"[.,;:!?()|/\"“”„«»—–\n]+")
+def _on_topic(passages: Iterable[Passage], anchors: Sequence[str]) -> Iterator[Passage]:
+    anchor = Terms.of(anchors)
+    for passage in passages:
+        if not anchors or anchor.found(plain_text(f"{passage.heading}\n{passage.text}")):
+            yield passage
 
 
 def lacks_sentences(text: str, connectives: Sequence[str]) -> bool:
-    """Whether a text is words in long rows, of which next to none connects others; unknown scripts never are."""
-    spoken = words(plain_text(text))
-    known = [
-        word for word in spoken if unicodedata.name(word[0], "").startswith(("LATIN", "CYRILLIC"))
-    ]
-    rows = [row for row in _MARKS.split(plain_text(text)) if row.strip()]
-    if (
-        not connectives
-        or len(known) < len(spoken)
-        or len(spoken) < _LONG_STRETCH * max(1, len(rows))
-    ):
+    """Return whether a text is long rows of words with hardly a connective; False for unknown scripts."""
+    if not connectives:
+        return False
+    plain = plain_text(text)
+    spoken = words(plain)
+    if not all(map(_is_known, spoken)):
+        return False
+    rows = list(filter(str.strip, _MARKS.split(plain)))
+    if len(spoken) < _LONG_STRETCH * max(1, len(rows)):
         return False
     connecting = {fold(word) for word in connectives}
-    return sum(word in connecting for word in known) < _FEW_CONNECTIVES * len(known)
+    found = sum(word in connecting for word in spoken)
+    return found < _FEW_CONNECTIVES * len(spoken)
 
 
-def _discussing(
-    passages: Iterable[Passage], every: Terms, min_words: int
-) -> Iterator[tuple[Passage, str, list[str]]]:
-    """Passages with enough own words, with their text and these words; each sentence counts once in all."""
+def _is_known(word: str) -> bool:
+    return unicodedata.name(word[0], "").startswith(_SCRIPTS)
+
+
+@dataclass(frozen=True)
+class _Own:
+    """A passage with its text, without sentences of previous passages, and its own words."""
+
+    passage: Passage
+    text: str
+    words: list[str]
+
+
+def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> Iterator[_Own]:
+    """Yield the passages with enough own words; a repeated sentence counts once in all of them."""
     seen: set[str] = set()
     for passage in passages:
         fresh: list[str] = []
@@ -267,10 +341,11 @@ def _discussing(
             if form and form not in seen:
                 seen.add(form)
                 fresh.append(sentence)
-        text = plain_text("\n".join(fresh))
-        own = words(every.without(own_text("\n".join(fresh))))
-        # The concepts' names stand among words, rather than being strewn or listed.
-        if 0 < every.count(text) <= measure(own) * _STUFFING_RATIO and measure(own) >= max(
-            min_words, 1
-        ):
-            yield passage, text, own
+        joined = "\n".join(fresh)
+        text = plain_text(joined)
+        own = words(every.without(own_text(joined)))
+        amount = measure(own)
+        names = every.count(text)
+        # Names must stand among words, rather than be strewn or listed.
+        if amount >= max(min_words, 1) and 0 < names <= amount * _STUFFING_RATIO:
+            yield _Own(passage, text, own)

@@ -1,7 +1,7 @@
-"""What a student's Python source says of itself: which of its files, classes and functions are explained, and by what.
+"""Explanations in a student's Python source: files, classes and functions, and the notes that explain them.
 
-Text is parsed, never imported or run. A text that Python refuses is read without the lines that it refuses, so that a
-typing error is not charged a second time as missing documentation.
+Text is parsed, never imported or run. Lines that Python refuses are left out, because a typing error must not cost
+points a second time as missing documentation.
 """
 
 from __future__ import annotations
@@ -10,8 +10,6 @@ import ast
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import groupby
-from operator import itemgetter
 from pathlib import PurePosixPath
 
 from grader.evidence.text.comments import CodeFinder, is_for_programs, is_licence
@@ -21,22 +19,31 @@ from grader.submission.python_source import parse_python
 
 _DEFINITION_LINE = re.compile(r" *(?:async +)?(?:def|class) +[^\W\d]\w*")
 _HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
-#: Lines of a file that are left out for being no Python, and characters that are parsed to find them.
-_MOST_REPAIRS, _MOST_PARSED = 20, 400_000
+#: Lines of a file that are left out because they are no Python.
+_MOST_REPAIRS = 20
+#: Characters that are parsed to find these lines.
+_MOST_PARSED = 400_000
 _EMPTY_BLOCK = re.compile(r"expected an indented block after .* on line (\d+)")
-#: A licence stands in the first lines of a file.
+#: First lines of a file that can hold a licence.
 _LAST_LICENCE_LINE = 10
+#: Characters of a note that are read for its words.
+_NOTE_START = 2000
+#: Characters of a line of code beside a note that are read.
+_CODE_START = 1000
+_COMMENTED_OUT = "commented-out code"
+_FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+_Definition = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
 
 @dataclass(frozen=True)
 class Rules:
-    """What a rubric asks of an explanation."""
+    """Requirements of a rubric for an explanation."""
 
     #: Distinct words from which a text explains.
     min_words: int = 2
-    #: A function whose body has fewer lines speaks for itself.
+    #: Lines of a body from which a function needs an explanation.
     function_lines: int = 5
-    #: Regular expressions of texts that hold the place of one to come.
+    #: Regular expressions of placeholders.
     placeholders: tuple[str, ...] = ()
     #: Words that add nothing to a name.
     fillers: tuple[str, ...] = ()
@@ -49,234 +56,323 @@ class Note:
     #: "docstring" or "comment".
     kind: str
     text: str
-    #: Its first and last line.
+    #: First line.
     line: int
+    #: Last line.
     last: int
-    #: Whether code stands before it on its line.
+    #: True if code stands before the note on its line.
     inline: bool = False
-    #: Why it explains nothing, e.g. "commented-out code"; empty if it explains.
+    #: The reason why the note explains nothing, such as "commented-out code"; empty if it explains.
     fault: str = ""
-    #: The line of code that it is about, or the file's name.
+    #: The line of code next to the note, or the file's name.
     beside: str = ""
 
 
 @dataclass
 class Unit:
-    """A file, class or function, with what is said about it."""
+    """A file, class or function, with the notes about it."""
 
-    #: Its name; a file's is that of the file.
+    #: Name of the file, class or function.
     name: str
     line: int
     notes: list[Note] = field(default_factory=list)
-    #: Whether it should be explained.
+    #: True if an explanation is required.
     needed: bool = True
 
     @property
     def explained_by(self) -> Note | None:
-        """The first of its notes that explains, if any does."""
-        return next((note for note in self.notes if not note.fault), None)
+        """The first note that explains the unit, if there is one."""
+        for note in self.notes:
+            if not note.fault:
+                return note
+        return None
 
 
 @dataclass(frozen=True)
 class SourceFacts:
-    """What the text of one Python file says of itself."""
+    """Units and notes of one Python file."""
 
     path: str
     #: The file first, then its classes and functions.
     units: tuple[Unit, ...]
     #: In the order of their lines.
     notes: tuple[Note, ...]
-    #: Whether the definitions are known: Python takes the file, or all of it but for a few lines.
+    #: True if the definitions are known: Python accepts the file, possibly without a few lines.
     readable: bool = True
 
 
 def read_sources(texts: Mapping[str, str], rules: Rules | None = None) -> list[SourceFacts]:
-    """Read Python files, given by their paths. What is said twice in the same words explains once. Never raises.
+    """Read Python files by their paths. A text that is repeated in the same words explains once. Never raises.
 
-    A note explains the innermost unit that it stands in or directly above. A constructor, a short or nested function
-    and a file's only class are one with what they stand in, and so is the only function of a file without classes.
-    `main` needs no explanation where there is anything else.
+    A note explains the innermost unit around it or directly below it. Some units share the notes of the unit around
+    them: a constructor, a short or nested function, the only class of a file, and the only function of a file without
+    classes. `main` needs no explanation if there is another unit.
     """
+    rules = rules or Rules()
     said: set[str] = set()
-    return [_read(path, text, rules or Rules(), said) for path, text in texts.items()]
-
-
-def _read(path: str, text: str, rules: Rules, said: set[str]) -> SourceFacts:
-    whole = normalise(text)
-    blank = blank_out(whole)
-    tree = tree_of(whole) or _repaired(whole, blank)
-    code = [*blank.split("\n"), ""]
-    file = Unit(PurePosixPath(path).name, 1, needed=bool(blank.strip("_ \n")))
-    scopes = list(_scopes(tree, file, rules)) if tree is not None else []
-    owners: list[_Scope | None] = [None] * (len(code) + 1)
-    for scope in scopes:
-        owners[scope.first : scope.last + 1] = [scope] * (scope.last + 1 - scope.first)
-    below = _next_lines_of_code(code)
-    begins = {scope.first: scope for scope in scopes}
-    notes = sorted([*_comments(whole, code), *_strings(tree)], key=lambda note: note.line)
-    for note in notes:
-        is_above = note.kind == "comment" and not note.inline
-        owner = begins.get(below[note.last]) if is_above else None
-        owner = owner or owners[note.line]
-        if note.kind == "docstring":
-            note.beside = code[owner.head - 1] if owner is not None else PurePosixPath(path).stem
-        else:
-            note.beside = code[(below[note.last] if is_above else note.line) - 1]
-        note.fault = note.fault or _fault(note.text, note.beside, rules, said)
-        (owner.unit if owner is not None else file).notes.append(note)
-    return SourceFacts(path, _units(file, scopes), tuple(notes), tree is not None)
+    return [_Reader(path, text, rules).read(said) for path, text in texts.items()]
 
 
 @dataclass(frozen=True)
 class _Scope:
-    """The lines of a class or function, the first with its decorators, and the line of its name."""
+    """The lines of a class or function."""
 
+    #: First line, with the decorators.
     first: int
     last: int
+    #: Line of the name.
     head: int
     unit: Unit
     is_class: bool
 
 
+class _Reader:
+    """Reads one file."""
+
+    def __init__(self, path: str, text: str, rules: Rules) -> None:
+        self._path = path
+        self._rules = rules
+        self._whole = normalise(text)
+        blank = blank_out(self._whole)
+        self._tree = tree_of(self._whole) or _repaired(self._whole, blank)
+        self._code = [*blank.split("\n"), ""]
+        self._below = _next_lines_of_code(self._code)
+        is_empty = not blank.strip("_ \n")
+        self._file = Unit(PurePosixPath(path).name, 1, needed=not is_empty)
+        self._scopes: list[_Scope] = []
+        if self._tree is not None:
+            self._scopes += _scopes(self._tree, self._file, rules)
+        #: The innermost scope of each line, from 1.
+        self._owners: list[_Scope | None] = [None] * (len(self._code) + 1)
+        self._begins: dict[int, _Scope] = {}
+        for scope in self._scopes:
+            size = scope.last + 1 - scope.first
+            self._owners[scope.first : scope.last + 1] = [scope] * size
+            self._begins[scope.first] = scope
+
+    def read(self, said: set[str]) -> SourceFacts:
+        """Return the facts of the file, and add the texts of its notes to those already said."""
+        notes = [*_comments(self._whole, self._code), *_strings(self._tree)]
+        notes.sort(key=lambda note: note.line)
+        for note in notes:
+            owner = self._owner(note)
+            note.beside = self._beside(note, owner)
+            if not note.fault:
+                note.fault = _fault(note.text, note.beside, self._rules, said)
+            unit = owner.unit if owner is not None else self._file
+            unit.notes.append(note)
+        units = _units(self._file, self._scopes)
+        return SourceFacts(self._path, units, tuple(notes), self._tree is not None)
+
+    def _owner(self, note: Note) -> _Scope | None:
+        """Return the scope that begins below a comment, or else the innermost scope around a note."""
+        if _is_above_code(note):
+            owner = self._begins.get(self._below[note.last])
+            if owner is not None:
+                return owner
+        return self._owners[note.line]
+
+    def _beside(self, note: Note, owner: _Scope | None) -> str:
+        """Return the line of code that a note is about, or the file's name."""
+        if note.kind == "docstring":
+            if owner is None:
+                return PurePosixPath(self._path).stem
+            return self._code[owner.head - 1]
+        line = self._below[note.last] if _is_above_code(note) else note.line
+        return self._code[line - 1]
+
+
+def _is_above_code(note: Note) -> bool:
+    return note.kind == "comment" and not note.inline
+
+
 def _scopes(tree: ast.Module, file: Unit, rules: Rules) -> Iterator[_Scope]:
-    """Yield classes and functions, the outer ones first; without recursion, as trees may be deep."""
-    classes = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
-    functions = [node for node in tree.body if isinstance(node, _FUNCTIONS) and node.name != "main"]
-    alone = (
-        classes if len(classes) == 1 else functions if not classes and len(functions) == 1 else []
-    )
+    """Yield classes and functions, the outer ones first; without recursion, because trees can be deep."""
+    alone = _only_unit(tree)
     stack: list[tuple[ast.AST, Unit, bool]] = [(tree, file, False)]
     while stack:
         node, unit, within = stack.pop()
-        if isinstance(node, (*_FUNCTIONS, ast.ClassDef)):
-            is_function = not isinstance(node, ast.ClassDef)
-            is_one_with = (
-                node in alone or within or (is_function and _speaks_for_itself(node, rules))
-            )
-            owner, unit = (
-                unit,
-                unit if is_one_with else Unit(node.name, node.lineno, needed=node.name != "main"),
-            )
+        if isinstance(node, _Definition):
+            is_function = isinstance(node, _FUNCTIONS)
+            is_class_of_file = unit is file and not is_function
+            shares_notes = within or node is alone
+            if is_function and _speaks_for_itself(node, rules):
+                shares_notes = True
+            if not shares_notes:
+                unit = Unit(node.name, node.lineno, needed=node.name != "main")
             within = within or is_function
-            first = min([node.lineno, *(decorator.lineno for decorator in node.decorator_list)])
             yield _Scope(
-                first,
+                _first_line(node),
                 node.end_lineno or node.lineno,
                 node.lineno,
                 unit,
-                owner is file and not is_function,
+                is_class_of_file,
             )
-        inner = [child for child in ast.iter_child_nodes(node) if not isinstance(child, ast.expr)]
-        stack += [(child, unit, within) for child in reversed(inner)]
+        inner = []
+        for child in ast.iter_child_nodes(node):
+            if not isinstance(child, ast.expr):
+                inner.append((child, unit, within))
+        stack += reversed(inner)
 
 
-_FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+def _only_unit(tree: ast.Module) -> ast.AST | None:
+    """Return the only class of a file, or the only function of a file without classes, `main` left out."""
+    found: list[ast.AST] = [node for node in ast.walk(tree) if isinstance(node, ast.ClassDef)]
+    if not found:
+        for node in tree.body:
+            if isinstance(node, _FUNCTIONS) and node.name != "main":
+                found.append(node)
+    return found[0] if len(found) == 1 else None
 
 
-def _speaks_for_itself(
-    node: ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef, rules: Rules
-) -> bool:
-    body = node.body[1:] if ast.get_docstring(node) is not None else node.body
-    lines = (body[-1].end_lineno or 0) - body[0].lineno + 1 if body else 0
-    is_special = node.name.startswith("__") and node.name.endswith("__")
-    return is_special or (lines < rules.function_lines and node.name != "main")
+def _first_line(node: _Definition) -> int:
+    """Return the first line of a definition, with its decorators."""
+    first = node.lineno
+    for decorator in node.decorator_list:
+        first = min(first, decorator.lineno)
+    return first
+
+
+def _speaks_for_itself(node: _Definition, rules: Rules) -> bool:
+    if node.name.startswith("__") and node.name.endswith("__"):
+        return True
+    body = node.body
+    if ast.get_docstring(node) is not None:
+        body = body[1:]
+    lines = 0
+    if body:
+        lines = (body[-1].end_lineno or 0) - body[0].lineno + 1
+    return lines < rules.function_lines and node.name != "main"
 
 
 def _units(file: Unit, scopes: Sequence[_Scope]) -> tuple[Unit, ...]:
-    """Return all units; a file is explained by its classes too, and by `main` where it has nothing else."""
-    others = list(
-        {id(scope.unit): scope.unit for scope in scopes if scope.unit is not file}.values()
-    )
+    """Return all units. Classes explain their file too, and so does `main` if it is the only unit."""
+    by_id: dict[int, Unit] = {}
+    for scope in scopes:
+        if scope.unit is not file:
+            by_id[id(scope.unit)] = scope.unit
+    others = by_id.values()
     if not any(unit.needed for unit in others):
-        file.notes += [note for unit in others for note in unit.notes]
-    file.notes += [
-        note
-        for scope in scopes
-        if scope.is_class and scope.unit is not file
-        for note in scope.unit.notes
-    ]
+        for unit in others:
+            file.notes += unit.notes
+    for scope in scopes:
+        if scope.is_class and scope.unit is not file:
+            file.notes += scope.unit.notes
     return file, *others
 
 
 def _next_lines_of_code(code: list[str]) -> list[int]:
-    """Return for each line, counted from 1, the first one behind it that holds code; else the last of all."""
+    """Return for each line, counted from 1, the next line with code; the last line if there is none."""
     found = [len(code)] * (len(code) + 1)
     for number in range(len(code) - 1, 0, -1):
-        found[number] = number + 1 if code[number].strip() else found[number + 1]
+        found[number] = found[number + 1]
+        if code[number].strip():
+            found[number] = number + 1
     return found
 
 
 def _strings(tree: ast.Module | None) -> Iterator[Note]:
     """Yield the strings that stand alone: docstrings, and strings that are used as comments."""
+    if tree is None:
+        return
     finder = CodeFinder()
-    for node in ast.walk(tree) if tree is not None else ():
+    for node in ast.walk(tree):
         match node:
             case ast.Expr(ast.Constant(str(text))):
                 lines = [line.strip() for line in text.strip().split("\n")]
                 is_code = len(finder.lines_of_code(lines)) == len(lines)
-                fault = "commented-out code" if is_code else ""
-                yield Note(
-                    "docstring", text, node.lineno, node.end_lineno or node.lineno, fault=fault
-                )
+                fault = _COMMENTED_OUT if is_code else ""
+                last = node.end_lineno or node.lineno
+                yield Note("docstring", text, node.lineno, last, fault=fault)
 
 
 def _comments(text: str, code: list[str]) -> Iterator[Note]:
-    """Yield the comments of a normalised text; consecutive lines at one column are one, but for code among them."""
+    """Yield the comments of a normalised text.
+
+    Consecutive lines at one column are one comment, except for commented-out code among them.
+    """
     finder = CodeFinder()
     for block in _blocks(text, code):
-        bodies = [body for _, _, body in block]
-        first = block[0][0]
+        bodies = [comment.body for comment in block]
+        first = block[0].line
         if first <= _LAST_LICENCE_LINE and is_licence(bodies):
-            yield Note(
-                "comment", "\n".join(bodies), first, first + len(block) - 1, fault="a licence"
-            )
+            last = first + len(block) - 1
+            yield Note("comment", "\n".join(bodies), first, last, fault="a licence")
             continue
         switched_off = finder.lines_of_code([body.lstrip("#!:").strip() for body in bodies])
-        marked = [(number in switched_off, number, body) for number, body in enumerate(bodies)]
-        for is_code, run in groupby(marked, key=itemgetter(0)):
-            _, numbers, lines = zip(*run, strict=True)
-            said = "\n".join(line.strip() for line in lines if not is_for_programs(line))
-            if any(character.isalnum() for character in said):
-                line, last = first + numbers[0], first + numbers[-1]
+        for start, end in _runs(len(bodies), switched_off):
+            said = []
+            for body in bodies[start:end]:
+                if not is_for_programs(body):
+                    said.append(body.strip())
+            joined = "\n".join(said)
+            if any(map(str.isalnum, joined)):
+                line = first + start
                 inline = bool(code[line - 1].strip())
-                yield Note(
-                    "comment", said, line, last, inline, "commented-out code" if is_code else ""
-                )
+                fault = _COMMENTED_OUT if start in switched_off else ""
+                yield Note("comment", joined, line, first + end - 1, inline, fault)
 
 
-def _blocks(text: str, code: list[str]) -> Iterator[list[tuple[int, int, str]]]:
-    """Yield line, column and text of comments, block by block; one behind code is a block of its own."""
-    block: list[tuple[int, int, str]] = []
-    line, position = 1, 0
+def _runs(count: int, marked: set[int]) -> Iterator[tuple[int, int]]:
+    """Yield start and end of each run of numbers below a count that are all marked, or all unmarked."""
+    start = 0
+    for number in range(1, count + 1):
+        if number == count or (number in marked) != (start in marked):
+            yield start, number
+            start = number
+
+
+@dataclass(frozen=True)
+class _Comment:
+    """A comment on one line."""
+
+    line: int
+    column: int
+    body: str
+
+
+def _blocks(text: str, code: list[str]) -> Iterator[list[_Comment]]:
+    """Yield blocks of comments on consecutive lines at one column; a comment behind code is a block of its own."""
+    block: list[_Comment] = []
+    line = 1
+    position = 0
     for span in spans(text):
-        line += text.count("\n", position, position := span.start())
-        if (body := span["comment"]) is None:
+        start = span.start()
+        line += text.count("\n", position, start)
+        position = start
+        body = span["comment"]
+        if body is None:
             continue
         column = position - text.rfind("\n", 0, position) - 1
-        follows = bool(block) and (line, column) == (block[-1][0] + 1, block[-1][1])
-        if block and not (
-            follows and not code[line - 1].strip() and not code[block[-1][0] - 1].strip()
-        ):
+        comment = _Comment(line, column, body[1:])
+        if block and not _continues(block[-1], comment, code):
             yield block
             block = []
-        block.append((line, column, body[1:]))
+        block.append(comment)
     if block:
         yield block
 
 
+def _continues(previous: _Comment, comment: _Comment, code: list[str]) -> bool:
+    """Return whether a comment belongs to the block of the previous one."""
+    if (comment.line, comment.column) != (previous.line + 1, previous.column):
+        return False
+    is_behind_code = code[comment.line - 1].strip() or code[previous.line - 1].strip()
+    return not is_behind_code
+
+
 def _fault(text: str, beside: str, rules: Rules, said: set[str]) -> str:
-    """Return why a text beside some code explains nothing, empty if it does. Adds it to what was `said`."""
-    found = words(text[:2000])
+    """Return why a text beside some code explains nothing; if it explains, return nothing and add it to `said`."""
+    found = words(text[:_NOTE_START])
     if is_placeholder(text, rules.placeholders):
         return "a placeholder"
     if measure(found) < rules.min_words:
         return f"fewer than {rules.min_words} words"
-    known = {
-        *words(beside[:1000]),
-        *words(_HUMP.sub(" ", beside[:1000])),
-        *map(fold, rules.fillers),
-    }
-    if set(found) <= known:
+    code = beside[:_CODE_START]
+    known = set(words(code))
+    known.update(words(_HUMP.sub(" ", code)))
+    known.update(map(fold, rules.fillers))
+    if known.issuperset(found):
         return "repeats the code"
     form = " ".join(found)
     if form in said:
@@ -286,32 +382,45 @@ def _fault(text: str, beside: str, rules: Rules, said: set[str]) -> str:
 
 
 def _repaired(text: str, blank: str) -> ast.Module | None:
-    """Tree of a text that Python refuses, without what it refuses; None where that is more than slips of typing."""
-    lines, bare = text.replace("\0", " ").expandtabs(4).split("\n"), blank.split("\n")
+    """Return the tree of a text without the lines that Python refuses; None if there are too many of them."""
+    lines = text.replace("\0", " ").expandtabs(4).split("\n")
+    bare = blank.split("\n")
     replaced: set[int] = set()
-    for _ in range(min(_MOST_REPAIRS, 1 + _MOST_PARSED // (len(text) + 1))):
+    affordable = 1 + _MOST_PARSED // (len(text) + 1)
+    for _ in range(min(_MOST_REPAIRS, affordable)):
         try:
             return parse_python("\n".join(lines))
         except SyntaxError as problem:
             empty = _EMPTY_BLOCK.search(problem.msg)
-            at = int(empty[1]) - 1 if empty else (problem.lineno or 0) - 1
+            number = int(empty[1]) if empty else problem.lineno or 0
         except (ValueError, RecursionError, MemoryError):
             return None
+        at = number - 1
         if not 0 <= at < len(lines):
             return None
-        head = _DEFINITION_LINE.match(lines[at])
-        indent = _indent(lines[at])
         if empty:
             lines[at] = f"{bare[at]} pass"
         elif at in replaced:
             lines[at] = ""
-        elif head is not None:
-            lines[at] = f"{head[0]}():"
         else:
-            below = next((line for line in lines[at + 1 :] if line.strip()), "")
-            lines[at] = " " * indent + ("if 1:" if _indent(below) > indent else "pass")
+            lines[at] = _replacement(lines, at)
         replaced.add(at)
     return None
+
+
+def _replacement(lines: Sequence[str], at: int) -> str:
+    """Return correct Python for a line that Python refuses, with the same indentation."""
+    head = _DEFINITION_LINE.match(lines[at])
+    if head is not None:
+        return f"{head[0]}():"
+    indent = _indent(lines[at])
+    statement = "pass"
+    for below in lines[at + 1 :]:
+        if below.strip():
+            if _indent(below) > indent:
+                statement = "if 1:"
+            break
+    return " " * indent + statement
 
 
 def _indent(line: str) -> int:

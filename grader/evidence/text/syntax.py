@@ -1,6 +1,6 @@
 """Python text taken apart without running it: its tree, its comments, its string literals.
 
-The text may be anything that a student hands in. Nothing here raises on it, and all is bounded in time.
+Students can submit any text. No function raises, and each is bounded in time.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from grader.submission.python_source import parse_python
 #: Characters that are read; no file written by hand comes near.
 SIZE_LIMIT = 200_000
 
-#: A comment or a string literal; one that is not closed goes to the end of its line, or of the text.
+#: A comment or a string literal; an unclosed literal ends with its line, or with the text.
 _SPAN = re.compile(
     r"""(?P<comment>\#[^\n]*)
     | \"{3} (?: [^"\\] | \\. | "(?!"") )* (?:\"{3}|\\?\Z)  | \'{3} (?: [^'\\] | \\. | '(?!'') )* (?:\'{3}|\\?\Z)
@@ -25,9 +25,9 @@ _SPAN = re.compile(
 
 
 def normalise(text: str) -> str:
-    """`text` as Python reads it (no byte order mark, line feeds only), cut off at `SIZE_LIMIT`.
+    """Return a text as Python reads it (no byte order mark, line feeds only), cut off at `SIZE_LIMIT`.
 
-    Lone surrogates, which come from undecodable bytes, become replacement characters.
+    Lone surrogates (from undecodable bytes) become replacement characters.
     """
     text = text[: 4 * SIZE_LIMIT].removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
     if len(text) > SIZE_LIMIT:
@@ -39,7 +39,7 @@ def normalise(text: str) -> str:
 
 
 def expression_tree(text: str) -> ast.Module | None:
-    """Syntax tree of a fragment of Python; None for what its parser refuses, and for what nobody has written."""
+    """Return the syntax tree of a fragment of Python; None if the parser refuses it, or if it is absurdly deep."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
@@ -48,20 +48,24 @@ def expression_tree(text: str) -> ast.Module | None:
         return None
 
 
-#: The same for a whole normalised file; each is read for several checks, one after the other.
+#: Syntax tree of a whole normalised file; several checks in a row read each file.
 tree_of = functools.lru_cache(maxsize=8)(expression_tree)
 
 
 def spans(text: str) -> list[re.Match[str]]:
-    """Comments (whose group `comment` matches) and string literals of normalised `text`, whether it is Python or not.
+    """Return comments (with the group `comment`) and string literals of a normalised text, which may be no Python.
 
-    A literal within an f-string that reuses its quotes (Python 3.12) is taken for its end, until the line ends.
+    A literal in an f-string with the same quotes (Python 3.12) counts as the end of the f-string.
     """
     return list(_SPAN.finditer(text))
 
 
 def blank_out(text: str) -> str:
-    """`text` without comments, and with strings replaced by underscores, line for line."""
-    return _SPAN.sub(
-        lambda span: "" if span["comment"] else "_" + "\n_" * span[0].count("\n"), text
-    )
+    """Return a text without comments, and with underscores for strings, line for line."""
+    return _SPAN.sub(_blank, text)
+
+
+def _blank(span: re.Match[str]) -> str:
+    if span["comment"]:
+        return ""
+    return "_" + "\n_" * span[0].count("\n")

@@ -1,7 +1,7 @@
 """Words in any script: counting them, folding them, and finding terms among them.
 
-Words are counted alike for scripts that part words by spaces and for those that do not, and terms are found regardless
-of case and accents. Every function is linear in the length of its text.
+Counts are comparable between scripts with and without spaces between words. Terms are found regardless of case and
+accents. Every function is linear in the length of its text.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ import regex
 
 from grader.lab.patterns import search
 
-#: Han and kana characters that say as much as one spaced word.
+#: Han and kana characters with as much meaning as one spaced word.
 IDEOGRAPHS_PER_WORD = 2
-#: Letters of Thai, Lao, Khmer and Burmese that say as much as one word.
+#: Letters of Thai, Lao, Khmer and Burmese with as much meaning as one word.
 LETTERS_PER_UNSPACED_WORD = 4
 
 _IDEOGRAPH = (
@@ -27,17 +27,20 @@ _UNSPACED = "\u0e00-\u0eff\u1000-\u109f\u1780-\u17ff"
 _WORD = re.compile(rf"[{_IDEOGRAPH}]|[{_UNSPACED}]+|(?:(?![{_IDEOGRAPH}{_UNSPACED}])[^\W_])+")
 _IS_IDEOGRAPH = re.compile(f"[{_IDEOGRAPH}]").match
 _IS_UNSPACED = re.compile(f"[{_UNSPACED}]").match
-#: Combining marks of scripts where leaving one out keeps the letter (not Indic vowels).
+#: Combining marks without which a letter stays the same (not Indic vowels).
 _ACCENT = re.compile("[\u0300-\u036f\u064b-\u0652]")
 _SENTENCE_END = re.compile(r"(?<=[.!?])\s+|[。！？；।؟۔]+|\n[ \t]*\n")
+#: Characters of the longest sentence; longer ones are split.
 _SENTENCE_LIMIT = 20_000
+#: Characters of a text that are examined for a placeholder.
+_START = 400
 _BRACKETED = re.compile(r"^\W{0,80}[<\[{][^<>\[\]{}]{0,80}[>\]}]\W*$")
 
 
 def fold(text: str) -> str:
-    """Lower case without accents, for comparisons; dotless and dotted i are the same letter.
+    """Return a text in lower case without accents, for comparisons; dotless and dotted i become the same letter.
 
-    The result may differ from `text` in length.
+    The length can change.
     """
     if text.isascii():
         return text.lower()
@@ -46,9 +49,9 @@ def fold(text: str) -> str:
 
 
 def words(text: str) -> list[str]:
-    """Words of `text`, folded; each ideograph is an item of its own.
+    """Return the words of a text, folded; each ideograph is an item of its own.
 
-    Marks inside a word (as Indic vowel signs) do not part it.
+    Marks inside a word, such as Indic vowel signs, do not split it.
     """
     folded = fold(text)
     if folded.isascii():
@@ -58,93 +61,96 @@ def words(text: str) -> list[str]:
 
 
 def measure(items: Iterable[str]) -> int:
-    """Amount of text in `items` of `words`, counting each distinct item once, in words of a spaced script.
+    """Return the amount of text in distinct items of `words`, as a number of words of a spaced script.
 
     Numbers and single Latin letters do not count.
     """
-    unique = set(items)
-    ideographs = sum(1 for item in unique if _IS_IDEOGRAPH(item))
-    unspaced = sum(len(item) for item in unique if _IS_UNSPACED(item))
-    others = (
-        item
-        for item in unique
-        if not _IS_IDEOGRAPH(item) and not _IS_UNSPACED(item) and not item[0].isdigit()
-    )
-    spaced = sum(1 for item in others if len(item) > 1 or not item.isascii())
+    ideographs = 0
+    unspaced = 0
+    spaced = 0
+    for item in set(items):
+        if _IS_IDEOGRAPH(item):
+            ideographs += 1
+        elif _IS_UNSPACED(item):
+            unspaced += len(item)
+        elif not item[0].isdigit() and (len(item) > 1 or not item.isascii()):
+            spaced += 1
     return spaced + ideographs // IDEOGRAPHS_PER_WORD + unspaced // LETTERS_PER_UNSPACED_WORD
 
 
 def substance(text: str) -> int:
-    """Distinct words in `text`; two ideographs count as a word. See `measure`."""
+    """Return the number of distinct words of a text; two ideographs count as a word. See `measure`."""
     return measure(words(text))
 
 
 def normal_form(text: str) -> str:
-    """`text` reduced to its folded words, so that repeats are seen whatever their punctuation."""
+    """Return a text reduced to its folded words, so that repetitions are equal regardless of their punctuation."""
     return " ".join(words(text))
 
 
 def is_placeholder(text: str, patterns: Sequence[str] = ()) -> bool:
-    """Whether `text` only holds the place of a text: dots, a template's field, or what one of the patterns finds."""
-    stripped = text.strip()[:400]
-    if not any(c.isalnum() for c in stripped) or _BRACKETED.match(stripped):
+    """Return whether a text is a placeholder: dots, a template's field, or a match of one of the patterns."""
+    stripped = text.strip()[:_START]
+    if not any(map(str.isalnum, stripped)) or _BRACKETED.match(stripped):
         return True
     return any(search(pattern, stripped, ignore_case=True) for pattern in patterns)
 
 
 def sentences(text: str) -> list[str]:
-    """Sentences of `text`, without empty ones; a paragraph without full stops is one sentence."""
-    parts = _SENTENCE_END.split(text)
-    pieces = (
-        part[i : i + _SENTENCE_LIMIT]
-        for part in parts
-        for i in range(0, len(part), _SENTENCE_LIMIT)
-    )
-    return [piece.strip() for piece in pieces if piece.strip()]
+    """Return the sentences of a text, without empty ones; a paragraph without full stops is one sentence."""
+    found = []
+    for part in _SENTENCE_END.split(text):
+        for start in range(0, len(part), _SENTENCE_LIMIT):
+            sentence = part[start : start + _SENTENCE_LIMIT].strip()
+            if sentence:
+                found.append(sentence)
+    return found
 
 
 @dataclass(frozen=True)
 class Terms:
     """A set of terms to be found in texts of any language.
 
-    A term in a spaced script is found where a word begins; one that starts with `*`, also inside a word
-    (German compounds); one that ends with `$`, only as a whole word. Blanks, hyphens and underscores in a
+    A term in a spaced script is found at the start of a word; a term that starts with `*`, also inside a word
+    (German compounds); a term that ends with `$`, only as a whole word. Blanks, hyphens and underscores in a
     term stand for each other or for nothing. A term of ideographs, or of a script that joins articles and
     particles to its words, is found anywhere.
     """
 
-    #: Matches in folded text; nothing when there is no term.
+    #: Pattern for folded text; without a term it matches nothing.
     pattern: regex.Pattern[str]
 
     @classmethod
     def of(cls, terms: Iterable[str], ending: int | None = None) -> Terms:
-        """Terms from their spellings; up to `ending` letters may follow one, None for any number."""
-        unique = sorted({fold(term).strip() for term in terms}, key=lambda term: (-len(term), term))
+        """Return terms from their spellings; up to `ending` letters may follow each, or any number."""
+        unique = {fold(term).strip() for term in terms}
         shapes: dict[tuple[str, str], list[str]] = {}
-        for term in unique:
+        for term in sorted(unique, key=lambda term: (-len(term), term)):
             if term.strip("*$ \t\n_-"):
-                shapes.setdefault(_surroundings(term, ending), []).append(_body(term))
-        # Terms of one shape share their surroundings: each class of letters is costly to compile (by `re` some 6 ms).
-        patterns = [
-            f"{before}(?:{'|'.join(bodies)}){after}" for (before, after), bodies in shapes.items()
-        ]
+                bodies = shapes.setdefault(_surroundings(term, ending), [])
+                bodies.append(_body(term))
+        # Terms of one shape share their surroundings, because a class of letters takes `re` about 6 ms to compile.
+        patterns = []
+        for (before, after), bodies in shapes.items():
+            choices = "|".join(bodies)
+            patterns.append(f"{before}(?:{choices}){after}")
         return cls(regex.compile("|".join(patterns) or r"(?!)"))
 
     def count(self, text: str) -> int:
-        """How often any of the terms occurs in `text`."""
-        return sum(1 for _ in self.pattern.finditer(fold(text)))
+        """Return the number of occurrences of terms in a text."""
+        return len(self.pattern.findall(fold(text)))
 
     def found(self, text: str) -> bool:
-        """Whether any of the terms occurs in `text`."""
+        """Return whether any of the terms occurs in a text."""
         return self.pattern.search(fold(text)) is not None
 
     def place(self, text: str) -> int | None:
-        """Where in the folded `text` the first of the terms begins, None if there is none."""
+        """Return the start of the first term in the folded text, None without one."""
         match = self.pattern.search(fold(text))
         return match.start() if match is not None else None
 
     def without(self, text: str) -> str:
-        """Folded `text` with every term blanked out, to the end of the word that it begins."""
+        """Return the folded text with every term blanked out, to the end of its word."""
         return self.pattern.sub(" ", fold(text))
 
 
@@ -154,12 +160,12 @@ _SPACED_WORD = rf"[^\W_{_JOINED}]"
 
 
 def _body(term: str) -> str:
-    parts = [re.escape(part) for part in re.split(r"[\s_-]+", term.strip("*$")) if part]
-    return r"[\s_-]{0,2}".join(parts)
+    parts = filter(None, re.split(r"[\s_-]+", term.strip("*$")))
+    return r"[\s_-]{0,2}".join(map(re.escape, parts))
 
 
 def _surroundings(term: str, ending: int | None) -> tuple[str, str]:
-    """What may stand before and after a term."""
+    """Return the patterns before and after a term."""
     if re.search(f"[{_JOINED}]", term):
         return "", ""
     before = "" if term.startswith("*") else f"(?<!{_SPACED_WORD})"

@@ -1,1 +1,1 @@
-"""Downloads of learning-management systems: how each names what students handed in. Imports the lab."""
+"""Downloads of learning-management systems, and their names for submissions. Imports the lab."""

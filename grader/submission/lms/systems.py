@@ -1,4 +1,4 @@
-"""Which learning-management system a download of a class comes from: a row a system, each by how it names things."""
+"""Learning-management systems by the names in their downloads of a class: a row for each system."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from itertools import takewhile
 from pathlib import PurePosixPath
 
 import yaml
@@ -18,12 +17,12 @@ from grader.lab.overrides import moment_of
 from grader.recording.submission import Person
 
 _TABLES = frozenset({".csv", ".xlsx", ".xls", ".ods", ".tsv"})
-#: Longer names are none that these systems make.
+#: Characters of the longest name that these systems make.
 _MOST_CHARACTERS = 500
 
-#: Names -> whether it is a folder.
+#: Names of entries: True for a folder.
 Entries = Mapping[str, bool]
-#: Gives the texts of those files that can be read.
+#: Returns the texts of readable files.
 Read = Callable[[Sequence[str]], Mapping[str, str]]
 
 
@@ -33,20 +32,20 @@ class Delivered:
 
     #: The student's name, as the system writes it.
     student: str
-    #: By which the system knows the student.
+    #: The student's id in the system.
     student_id: str
-    #: What the student called the file; empty for a folder, and for what the system itself wrote.
+    #: The student's name for the file; empty for a folder, and for a file of the system itself.
     file: str = ""
-    #: What it was called before the system marked it as handed in once more.
+    #: Name of the file before the system marked it as a repeated submission.
     first_called: str = ""
-    #: Whether the system marked it so.
+    #: True if the system marked it as late.
     late: bool = False
-    #: When it was handed in, if the download says so; without offset from UTC if it names none.
+    #: Time of the submission, if the download has it; without offset from UTC if it has none.
     attempt_at: datetime | None = None
-    #: Where in an archive the system takes something back for the student: a file of this name and kind or, behind a
-    #: slash or an underscore, one of any name. Empty if it takes nothing back so.
+    #: Place of the student's feedback in an archive for the system: a file of this name and kind or, behind a slash or
+    #: an underscore, a file of any name. Empty if the system accepts no such archive.
     handback: str = ""
-    #: Who handed it in together, where the system says so.
+    #: Members of a joint submission, if the system names them.
     people: tuple[Person, ...] = ()
 
 
@@ -55,53 +54,53 @@ class System:
     """A learning-management system."""
 
     name: str
-    #: Returns what the system says of each entry that it named.
+    #: Returns the description of each entry with a name of the system.
     match: Callable[[Entries], dict[str, Delivered]]
-    #: Entries that it makes for itself.
+    #: Entries that the system adds.
     own: frozenset[str] = frozenset()
-    #: Which fact of a `Person` its ids are, if a grade book knows them.
+    #: Attribute of `Person` for the system's ids, if a grade book has them.
     id_is: str = ""
-    #: Adds to what is known what it wrote down in files beside the entries.
+    #: Adds facts from the system's own files to the descriptions.
     details: Callable[[Mapping[str, Delivered], Read], Mapping[str, Delivered]] = (
         lambda known, read: known
     )
 
 
 def is_table(name: str) -> bool:
-    """Whether a file is a table, such as a system writes of grades."""
+    """Return whether a file is a table, such as a table of grades."""
     return PurePosixPath(name).suffix.lower() in _TABLES
 
 
 def recognised(entries: Entries) -> tuple[System, Mapping[str, Delivered]] | None:
-    """Determine which system a download comes from, and what it says of each entry that it named after a student.
+    """Return the system of a download, and its description of each entry that is named after a student.
 
-    None unless most entries are named as one of the systems does; tables are not counted.
+    Returns None unless most entries, without tables, have names of one of the systems.
     """
     fit = {name: is_folder for name, is_folder in entries.items() if len(name) <= _MOST_CHARACTERS}
     for system in SYSTEMS:
         known = system.match(fit)
-        others = [
-            name
-            for name in entries
-            if name not in known and name not in system.own and not is_table(name)
-        ]
-        if len(known) > len(others):
+        others = 0
+        for name in entries:
+            if name not in known and name not in system.own and not is_table(name):
+                others += 1
+        if len(known) > others:
             return system, known
     return None
 
 
 def _matches(pattern: str, entries: Entries, *, folders: bool) -> list[re.Match[str]]:
-    """Return how the names of all folders, or all files, fit a pattern; without those that do not."""
-    found = (
-        re.fullmatch(pattern, name, re.DOTALL)
-        for name, is_folder in entries.items()
-        if is_folder is folders
-    )
-    return [match for match in found if match is not None]
+    """Return the matches of a pattern with the whole names of folders, or of files."""
+    found = []
+    for name, is_folder in entries.items():
+        if is_folder is folders:
+            match = re.fullmatch(pattern, name, re.DOTALL)
+            if match is not None:
+                found.append(match)
+    return found
 
 
 def _time(text: str, form: str) -> datetime | None:
-    """Read a time, without offset from UTC if it names none; None if it is not of that form."""
+    """Read a time, without offset from UTC if it has none; None for another form."""
     try:
         return datetime.strptime(text, form)
     except ValueError:
@@ -110,31 +109,31 @@ def _time(text: str, form: str) -> datetime | None:
 
 # -- Moodle: `Full Name_12345_assignsubmission_file_/lab.zip`, or without folders `..._file_lab.zip` -----------------
 
-# Underscores in names have become spaces, and a group's name may stand before. The number is the participant's in this
+# Underscores in names become spaces, and the name of a group can come first. The number is the participant's in this
 # assignment. A file has its own name behind the student's, a folder has none.
 _MOODLE = r"(?P<name>[^_]+)_(?P<id>\d+)_assignsubmission_(?P<kind>[a-z]+)_?(?P<file>.*)"
 
 
 def _moodle(entries: Entries) -> dict[str, Delivered]:
-    return {
-        match[0]: Delivered(
-            match["name"].strip(),
-            match["id"],
-            match["file"],
-            handback=f"{match[0]}/" if folders else match[0][: match.start("file")],
-        )
-        for folders in (False, True)
-        for match in _matches(_MOODLE, entries, folders=folders)
-        if folders != bool(match["file"])
-    }
+    delivered = {}
+    for match in _matches(_MOODLE, entries, folders=False):
+        if match["file"]:
+            before = match[0][: match.start("file")]
+            name = match["name"].strip()
+            delivered[match[0]] = Delivered(name, match["id"], match["file"], handback=before)
+    for match in _matches(_MOODLE, entries, folders=True):
+        if not match["file"]:
+            name = match["name"].strip()
+            delivered[match[0]] = Delivered(name, match["id"], handback=f"{match[0]}/")
+    return delivered
 
 
 # -- Canvas: `surnamefirstname_67_890_lab.zip`, with `_LATE` behind the name where it was (once `_late`) -------------
 
-# `anon_Xy3z` stands for name and user where graders are not to know, `..._67_text.html` for what was typed in. A file
-# handed in again is `lab-1.zip`. The first number is the user's, the second the file's, and no two files of a student
-# have the same: those that do are students' own, who number theirs by labs and tasks.
-# A number that begins with 0, as that of a lab may, is no id of Canvas.
+# `anon_Xy3z` replaces name and user in anonymous grading, `..._67_text.html` holds text that was typed in. A file
+# that is submitted again is `lab-1.zip`. The first number is the user's, the second the file's, and no two files of a
+# student have the same one; equal numbers come from students that number their files by labs and tasks.
+# A number that begins with 0, as a lab's can, is no id of Canvas.
 _CANVAS = (
     r"(?:(?!(?i:LATE)_)(?P<name>\w+?)_)?(?:(?P<late>(?i:LATE))_)?(?P<id>[1-9]\d*|anon_[^\W_]+)_"
     r"(?:(?P<number>0|[1-9]\d*)_(?P<file>.+)|(?P<typed>(?:text|link)\.html))"
@@ -143,29 +142,31 @@ _CANVAS_AGAIN = re.compile(r"-\d{1,3}(?=(\.[^.]+)?$)")
 
 
 def _canvas(entries: Entries) -> dict[str, Delivered]:
-    found = {
-        match: match.group("name", "id", "number", "typed")
-        for match in _matches(_CANVAS, entries, folders=False)
-    }
-    times = Counter(found.values())
+    found = _matches(_CANVAS, entries, folders=False)
+    numbers = [match.group("name", "id", "number", "typed") for match in found]
+    times = Counter(numbers)
     delivered = {}
-    for match, numbers in found.items():
-        if times[numbers] == 1:
-            file, late = match["file"] or match["typed"], match["late"] is not None
-            student = match["name"] or match["id"]
-            # It shows what comes back under the name of what was handed in.
-            back = match[0] if match["file"] else ""
-            first_called = _CANVAS_AGAIN.sub("", file)
-            delivered[match[0]] = Delivered(
-                student, match["id"], file, first_called, late, handback=back
-            )
+    for match, number in zip(found, numbers, strict=True):
+        if times[number] > 1:
+            continue
+        file = match["file"] or match["typed"]
+        # Canvas shows feedback under the name of the submitted file.
+        handback = match[0] if match["file"] else ""
+        delivered[match[0]] = Delivered(
+            match["name"] or match["id"],
+            match["id"],
+            file,
+            _CANVAS_AGAIN.sub("", file),
+            match["late"] is not None,
+            handback=handback,
+        )
     return delivered
 
 
 # -- Blackboard: `Lab 9_username_attempt_2026-03-01-12-30-00_lab.zip`, and a `.txt` about each attempt ---------------
 
-# Titles, user names and names of groups may hold underscores themselves: the student is what is left without the
-# assignment's title, which nothing else tells than that all begin with it.
+# Titles, user names and names of groups can have underscores. The student's name is the rest behind the assignment's
+# title, the common beginning of all names.
 _BLACKBOARD = r"(?P<head>.[^_]*_.+?)_attempt_(?P<time>\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d)(?:_(?P<file>.+)|(?P<about>\.txt))"
 
 
@@ -174,22 +175,27 @@ def _blackboard(entries: Entries) -> dict[str, Delivered]:
     title = _common_title({match["head"] for match in found})
     delivered = {}
     for match in found:
-        student = match["head"].removeprefix(title) if title else match["head"].rpartition("_")[2]
-        if (time := _time(match["time"], "%Y-%m-%d-%H-%M-%S")) is not None:
-            delivered[match[0]] = Delivered(student, student, match["file"] or "", attempt_at=time)
+        head = match["head"]
+        student = head.removeprefix(title) if title else head.rpartition("_")[2]
+        time = _time(match["time"], "%Y-%m-%d-%H-%M-%S")
+        if time is not None:
+            file = match["file"] or ""
+            delivered[match[0]] = Delivered(student, student, file, attempt_at=time)
     return delivered
 
 
 def _common_title(heads: Collection[str]) -> str:
-    """Return how all of them begin, up to an underscore."""
-    first, last = min(heads, default=""), max(heads, default="")
-    alike = sum(
-        1 for _ in takewhile(lambda pair: pair[0] == pair[1], zip(first, last, strict=False))
-    )
+    """Return the common beginning of all names, up to an underscore."""
+    first = min(heads, default="")
+    alike = 0
+    for sign, other in zip(first, max(heads, default=""), strict=False):
+        if sign != other:
+            break
+        alike += 1
     return first[: first.rfind("_", 0, alike) + 1]
 
 
-# -- Brightspace: `67-890 - Full Name - Mar 1, 2026 1230 PM/lab.zip`, a folder for each time that one handed in ------
+# -- Brightspace: `67-890 - Full Name - Mar 1, 2026 1230 PM/lab.zip`, a folder for each submission -------------------
 
 # The first number is the user's, the second the assignment's. `index.html` lies beside them.
 _BRIGHTSPACE = r"(?P<id>\d+)-\d+ - (?P<name>.+) - (?P<time>(?:(?! - ).)*\b\d{4}\b(?:(?! - ).)*)"
@@ -197,25 +203,28 @@ _CLOCK = re.compile(r"(\d{1,2}):?(\d\d)( ?[AP]M)?$")
 
 
 def _brightspace(entries: Entries) -> dict[str, Delivered]:
-    return {
-        match[0]: Delivered(match["name"], match["id"], attempt_at=_brightspace_time(match["time"]))
-        for match in _matches(_BRIGHTSPACE, entries, folders=True)
-    }
+    delivered = {}
+    for match in _matches(_BRIGHTSPACE, entries, folders=True):
+        time = _brightspace_time(match["time"])
+        delivered[match[0]] = Delivered(match["name"], match["id"], attempt_at=time)
+    return delivered
 
 
 def _brightspace_time(text: str) -> datetime | None:
-    """Read a time such as `Mar 1, 2026 1230 PM`; None if it is written in another way."""
+    """Read a time such as `Mar 1, 2026 1230 PM`; None for another form."""
     clock = _CLOCK.search(text)
     if clock is None:
         return None
-    # Two digits each, or `121 PM` could be read as 12:01.
-    day, half = text[: clock.start()].strip(), (clock[3] or "").strip()
-    forms = [
-        f"{day_form} {'%I%M%p' if half else '%H%M'}"
-        for day_form in ("%b %d, %Y", "%B %d, %Y", "%d %b, %Y")
-    ]
-    read = (_time(f"{day} {int(clock[1]):02}{clock[2]}{half}", form) for form in forms)
-    return next((time for time in read if time is not None), None)
+    day = text[: clock.start()].strip()
+    half = (clock[3] or "").strip()
+    # With one digit, `121 PM` could be read as 12:01.
+    padded = f"{day} {int(clock[1]):02}{clock[2]}{half}"
+    clock_form = "%I%M%p" if half else "%H%M"
+    for day_form in ("%b %d, %Y", "%B %d, %Y", "%d %b, %Y"):
+        time = _time(padded, f"{day_form} {clock_form}")
+        if time is not None:
+            return time
+    return None
 
 
 # -- Sakai: `Surname, First(username)/Submission attachment(s)/lab.zip`, with `timestamp.txt` beside the attachments --
@@ -231,23 +240,22 @@ def _sakai(entries: Entries) -> dict[str, Delivered]:
 def _sakai_times(known: Mapping[str, Delivered], read: Read) -> Mapping[str, Delivered]:
     files = {entry: f"{entry}/timestamp.txt" for entry in known}
     texts = read(list(files.values()))
-    return {
-        entry: replace(one, attempt_at=_sakai_time(texts.get(files[entry], "")))
-        for entry, one in known.items()
-    }
+    dated = {}
+    for entry, delivered in known.items():
+        time = _sakai_time(texts.get(files[entry], ""))
+        dated[entry] = replace(delivered, attempt_at=time)
+    return dated
 
 
 def _sakai_time(text: str) -> datetime | None:
     """Read digits in UTC, such as `20260302224105123`, or ISO 8601 with an offset."""
     digits = re.fullmatch(r"\s*(\d{14})\d*\s*", text)
-    return (
-        _time(f"{digits[1]}+0000", "%Y%m%d%H%M%S%z")
-        if digits is not None
-        else moment_of(text.strip())
-    )
+    if digits is None:
+        return moment_of(text.strip())
+    return _time(f"{digits[1]}+0000", "%Y%m%d%H%M%S%z")
 
 
-# -- Gradescope: `submission_123/`, and who and when in `submission_metadata.yml` ------------------------------------
+# -- Gradescope: `submission_123/`, and names and times in `submission_metadata.yml` ---------------------------------
 
 _METADATA = "submission_metadata.yml"
 _KEY = re.compile(r"(?P<key>[^\s:#-][^:]*):\s*")
@@ -274,28 +282,32 @@ def _gradescope_people(known: Mapping[str, Delivered], read: Read) -> Mapping[st
 
 
 def _by(submitted: _Submitted, known: Delivered) -> Delivered:
-    """Name those who handed something in together after all of them, with the number of the submission."""
-    people = tuple(
-        Person(p.get("name", ""), p.get("sid", ""), email=p.get("email", ""))
-        for p in submitted.people
-    )
-    ids = [person.student_id or person.email for person in people]
-    names = [person.name or one for person, one in zip(people, ids, strict=True)]
+    """Return a folder with its people; a joint submission is named after all of them, with its number."""
+    people = []
+    ids = []
+    names = []
+    for fact in submitted.people:
+        person = Person(fact.get("name", ""), fact.get("sid", ""), email=fact.get("email", ""))
+        person_id = person.student_id or person.email
+        people.append(person)
+        ids.append(person_id)
+        names.append(person.name or person_id)
     if len(names) > 1:
         known = replace(known, student=", ".join([*names, known.student]), student_id="")
     elif names:
         known = replace(known, student=names[0], student_id=ids[0])
-    return replace(known, attempt_at=submitted.at, people=people)
+    return replace(known, attempt_at=submitted.at, people=tuple(people))
 
 
 def _submitted_in(text: str) -> dict[str, _Submitted]:
-    """Read who handed in which folder, and when.
+    """Read the people and the time of each folder.
 
-    It is read by its lines, as Gradescope always writes it: of its megabytes most are students', who could break a
-    reader of YAML.
+    The file is read line by line, in Gradescope's fixed form: most of its megabytes come from students, and could break
+    a reader of YAML.
     """
     found: dict[str, _Submitted] = {}
-    folder, part = _Submitted(), ""
+    folder = _Submitted()
+    part = ""
     for line in text.splitlines():
         if key := _KEY.fullmatch(line):
             folder = found[key["key"]] = _Submitted()
@@ -303,7 +315,7 @@ def _submitted_in(text: str) -> dict[str, _Submitted]:
         elif key := _PART.fullmatch(line):
             part = key["key"]
             if part == ":created_at":
-                folder.at = moment_of(re.sub(r"(\.\d{6})\d+", r"\1", _scalar(key["value"] or "")))
+                folder.at = _created_at(key["value"] or "")
         elif part == ":submitters" and (fact := _FACT.fullmatch(line)):
             if fact["new"] or not folder.people:
                 folder.people.append({})
@@ -311,7 +323,13 @@ def _submitted_in(text: str) -> dict[str, _Submitted]:
     return found
 
 
+def _created_at(text: str) -> datetime | None:
+    """Read a time such as `2026-03-02 22:41:05.123456789 Z`, without the digits beyond microseconds."""
+    return moment_of(re.sub(r"(\.\d{6})\d+", r"\1", _scalar(text)))
+
+
 def _scalar(text: str) -> str:
+    """Return a scalar of YAML without its quotation marks."""
     text = text.strip()
     if text[:1] in ("'", '"'):
         with suppress(yaml.YAMLError, RecursionError, ValueError):

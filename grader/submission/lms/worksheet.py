@@ -1,9 +1,9 @@
-"""Moodle's grading worksheet: its columns and times, in whatever language it was downloaded.
+"""Moodle's grading worksheet: its columns and times, in any language.
 
-Facts from Moodle's source (`mod/assign/gradingtable.php`, `lib/moodlelib.php`): headings are those of the language of
-the user who downloads. "Last modified (submission)" stands before "Last modified (grade)" and differs from it by the
-words in brackets only, in every language. Its times are those of `userdate` in the language's long form and the user's
-time zone, which is not written: "Monday, 2 March 2026, 11:41 PM", "Montag, 2. März 2026, 23:41". The first column is
+Facts from Moodle's source (`mod/assign/gradingtable.php`, `lib/moodlelib.php`): headings are in the language of the
+downloading user. "Last modified (submission)" stands before "Last modified (grade)" and differs from it by the
+words in brackets only, in every language. Times are written by `userdate` in the language's long form and the user's
+time zone, without the zone: "Monday, 2 March 2026, 11:41 PM", "Montag, 2. März 2026, 23:41". The first column is
 the participant's number behind a word ("Participant 12", "Teilnehmer/in12"), the second the full name unless hidden.
 """
 
@@ -23,19 +23,27 @@ _YEAR = re.compile(r"\b\d{4}\b|\d{4}年")
 _TWO_DAYS = re.compile(r"\b\d{1,2}[-/.]\d{1,2}[-/.]\d{4}")
 _MOST_CHARACTERS = 100
 _ADDRESS = re.compile(r"\s*[^@\s]{1,100}@[^@\s]{1,200}\s*")
-#: Columns before those of grades: the participant, the name, and what else an instructor may see of a person.
+#: Columns before the grades: the participant, the name, and other facts about a person.
 _MOST_IDENTITY_COLUMNS = 6
 _KNOWN = frozenset({"full_name", "id_number", "email_address"})
 _NAME = re.compile(r"(?i)name|nom|naam|nimi|jméno|név|имя|氏名|姓名|名前")
 
 
 def columns_of(headings: Sequence[str], sample: Sequence[Sequence[str]] = ()) -> list[str]:
-    """Return the columns of a class list: in lower case, with underscores for blanks, and those of a worksheet in English.
+    """Return the columns of a class list in lower case, with underscores for blanks; a worksheet's in English.
 
-    Addresses in some of its lines tell more than headings in a language that is not known here.
+    Parameters
+    ----------
+    headings
+        The headings.
+    sample
+        Some lines; addresses in them tell more than headings in an unknown language.
     """
     columns = [heading.strip().lower().replace(" ", "_") for heading in headings]
-    heads = [match["head"] if (match := _BRACKETED.fullmatch(c)) else "" for c in columns]
+    heads = []
+    for column in columns:
+        match = _BRACKETED.fullmatch(column)
+        heads.append(match["head"] if match is not None else "")
     pairs = [head for head, count in Counter(heads).items() if head and count == 2]
     if len(pairs) != 1:
         return columns
@@ -51,7 +59,7 @@ def columns_of(headings: Sequence[str], sample: Sequence[Sequence[str]] = ()) ->
 
 
 def _name_by_addresses(columns: list[str], sample: Sequence[Sequence[str]]) -> None:
-    """Name the column of addresses by what stands in it; a worksheet that has one has full names in its second column."""
+    """Name the column of addresses by its contents; a worksheet with addresses has full names in its second column."""
     beside = range(2, min(len(columns), _MOST_IDENTITY_COLUMNS))
     lines = [line for line in sample if len(line) == len(columns)]
     for n in beside:
@@ -62,7 +70,7 @@ def _name_by_addresses(columns: list[str], sample: Sequence[Sequence[str]]) -> N
 
 
 def _translate(columns: list[str]) -> None:
-    """Name the columns of ID numbers and addresses, as far as a heading in another language tells them."""
+    """Name the columns of ID numbers and addresses by their headings in other languages."""
     for n, column in enumerate(columns[1:5], 1):
         if "mail" in column or "correo" in column or "courriel" in column:
             columns[n] = "email_address"
@@ -71,9 +79,9 @@ def _translate(columns: list[str]) -> None:
 
 
 def worksheet_time(text: str) -> datetime | None:
-    """Read a time such as "Montag, 2. März 2026, 23:41"; without offset from UTC. None if it tells no time for certain.
+    """Read a time such as "Montag, 2. März 2026, 23:41", without offset from UTC; None if it is not certain.
 
-    A date of numbers alone, such as 3/2/2026, may mean two days, and tells none.
+    A date of numbers alone, such as 3/2/2026, can mean two days, and is not certain.
     """
     import dateparser
 

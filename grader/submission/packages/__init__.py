@@ -1,1 +1,1 @@
-"""ROS packages of students; only here are their build files read. Imports the recording's format."""
+"""ROS packages of students; no other package reads their build files. Imports the recording's format."""

@@ -1,7 +1,7 @@
-"""What a `CMakeLists.txt` installs, by parsing alone.
+"""Files that a `CMakeLists.txt` installs, by parsing alone.
 
-Variables that `set` gives are put in. A word that keeps a `$` holds something that only CMake could tell, such as what
-loops and patterns give; it is for the caller to hold nothing against that.
+Variables of `set` are substituted. A word that still has a `$` depends on CMake itself, as values of loops and patterns
+do; callers must not count such a word against a student.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import posixpath
 import re
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 _COMMAND = re.compile(r"\b([A-Za-z_]\w*)\s*\(([^()]{0,10000})\)")
@@ -17,76 +18,138 @@ _VARIABLE = re.compile(r"\$\{(\w+)\}")
 _HERE = re.compile(
     r"\$\{(?:CMAKE_CURRENT_SOURCE_DIR|CMAKE_CURRENT_LIST_DIR|CMAKE_SOURCE_DIR|PROJECT_SOURCE_DIR)\}(/?)"
 )
-_MOST_COMMANDS, _MOST_WORDS, _LONGEST_WORD = 2000, 500, 1000
-#: Commands after which nothing is known of the variable that they name in this place.
+_MOST_COMMANDS = 2000
+_MOST_WORDS = 500
+_LONGEST_WORD = 1000
+#: Commands that change a variable in an unknown way, with the place of its name.
 _CHANGING = {"list": 1, "file": 1, "foreach": 0}
+_KINDS = ("DIRECTORY", "FILES", "PROGRAMS")
+#: Words that select files of a folder.
+_SELECTING = frozenset({"PATTERN", "REGEX", "FILES_MATCHING"})
 
 
 class Installed(NamedTuple):
-    """What one command installs: path below the prefix -> path below the package, whether it is there or not.
+    """Files that one command installs."""
 
-    `files` is None where that is not recognised. `is_programs` is whether it goes to where `ros2 run` looks.
-    """
-
+    #: True if the files go to the folder that `ros2 run` searches.
     is_programs: bool
+    #: Path below the prefix, and path below the package, which may be missing; None if the command is not recognised.
     files: dict[str, str] | None
 
 
-def installs_of(text: str, package: str, paths: Sequence[str]) -> Iterator[Installed]:
-    """Give what the `install` and `ament_auto_package(INSTALL_TO_SHARE ...)` commands of a `CMakeLists.txt` copy.
+@dataclass(frozen=True)
+class _Command:
+    """A command that installs files or folders."""
 
-    The paths are those of the package's files, relative to its folder.
+    #: "DIRECTORY", "FILES" or "PROGRAMS".
+    kind: str
+    names: list[str]
+    #: Folder below the prefix.
+    folder: str
+    #: All words of the command.
+    words: list[str]
+    #: New name of a single file; empty without one.
+    new_name: str = ""
+
+    @property
+    def is_unknown(self) -> bool:
+        """True if only CMake can tell the installed files."""
+        if self.kind == "DIRECTORY" and not _SELECTING.isdisjoint(self.words):
+            return True
+        return any("$" in word for word in (*self.names, self.folder))
+
+
+def installs_of(text: str, package: str, paths: Sequence[str]) -> Iterator[Installed]:
+    """Yield the files that each command of a `CMakeLists.txt` installs.
+
+    The commands are `install` and `ament_auto_package(INSTALL_TO_SHARE ...)`.
+
+    Parameters
+    ----------
+    text
+        The script.
+    package
+        Name of the package.
+    paths
+        The package's files, relative to its folder.
     """
     named = 0
     for name, words in commands_of(text, package):
-        kind, at = words[0] if words else "", len(words)
-        if name == "ament_auto_package" and "INSTALL_TO_SHARE" in words:
-            kind, names, folder = (
-                "DIRECTORY",
-                words[words.index("INSTALL_TO_SHARE") + 1 :],
-                f"share/{package}",
-            )
-        elif (
-            name == "install"
-            and kind in ("DIRECTORY", "FILES", "PROGRAMS")
-            and "DESTINATION" in words[:-1]
-        ):
-            at = words.index("DESTINATION")
-            names, folder = words[1:at], words[at + 1]
-        else:
+        command = _installing(name, words, package)
+        if command is None:
             continue
-        named += len(names)
-        unknown = named > _MOST_WORDS or any("$" in word for word in (*names, folder))
-        unknown |= kind == "DIRECTORY" and not {"PATTERN", "REGEX", "FILES_MATCHING"}.isdisjoint(
-            words
-        )
-        is_programs = kind == "PROGRAMS" or folder.strip("/") == f"lib/{package}"
-        copied = (
-            {}
-            if unknown
-            else {target: file for n in names for target, file in _copied(n, kind, folder, paths)}
-        )
-        if len(copied) == 1 and "RENAME" in words[at:-1]:
-            copied = {
-                posixpath.join(folder, words[words.index("RENAME") + 1]): file
-                for file in copied.values()
-            }
-        yield Installed(is_programs, None if unknown else copied)
+        is_programs = command.kind == "PROGRAMS" or command.folder.strip("/") == f"lib/{package}"
+        named += len(command.names)
+        files = None
+        if named <= _MOST_WORDS and not command.is_unknown:
+            files = _files_of(command, paths)
+        yield Installed(is_programs, files)
+
+
+def _installing(name: str, words: list[str], package: str) -> _Command | None:
+    """Return a command that installs; None for another one."""
+    if name == "ament_auto_package" and "INSTALL_TO_SHARE" in words:
+        names = words[words.index("INSTALL_TO_SHARE") + 1 :]
+        return _Command("DIRECTORY", names, f"share/{package}", words)
+    if name != "install" or not words or words[0] not in _KINDS:
+        return None
+    if "DESTINATION" not in words[:-1]:
+        return None
+    at = words.index("DESTINATION")
+    new_name = ""
+    if "RENAME" in words[at:-1]:
+        new_name = words[words.index("RENAME") + 1]
+    return _Command(words[0], words[1:at], words[at + 1], words, new_name)
+
+
+def _files_of(command: _Command, paths: Sequence[str]) -> dict[str, str]:
+    """Return the files that a command copies: path below the prefix, and path below the package."""
+    copied: dict[str, str] = {}
+    for name in command.names:
+        if command.kind == "DIRECTORY":
+            copied.update(_files_in(name, command.folder, paths))
+        else:
+            copied.update(_file(name, command.folder))
+    if len(copied) == 1 and command.new_name:
+        target = posixpath.join(command.folder, command.new_name)
+        (file,) = copied.values()
+        return {target: file}
+    return copied
+
+
+def _files_in(name: str, folder: str, paths: Sequence[str]) -> dict[str, str]:
+    """Return the files of a copied folder; the folder itself if it has none."""
+    root = posixpath.normpath(name)
+    inside = list(paths)
+    if root != ".":
+        inside = [path for path in paths if path.startswith(f"{root}/")]
+    if not inside:
+        return _file(name, folder)
+    above = root if name.endswith("/") else posixpath.dirname(root)
+    skipped = 0 if above in ("", ".") else len(above) + 1
+    return {posixpath.join(folder, path[skipped:]): path for path in inside}
+
+
+def _file(name: str, folder: str) -> dict[str, str]:
+    path = posixpath.normpath(name)
+    return {posixpath.join(folder, posixpath.basename(path)): path}
 
 
 def commands_of(text: str, package: str) -> Iterator[tuple[str, list[str]]]:
-    """Give the commands in order: name in lower case, and words without their quotation marks, with variables put in.
+    """Yield the commands in order: name in lower case, and words without quotation marks, with variables substituted.
 
     `${PROJECT_NAME}` is the package's name.
     """
-    text = _HERE.sub(lambda match: "" if match[1] else ".", re.sub(r"#[^\n]*", "", text))
+    text = re.sub(r"#[^\n]*", "", text)
+    text = _HERE.sub(lambda match: "" if match[1] else ".", text)
     variables: dict[str, list[str]] = {"PROJECT_NAME": [package]}
     for command, inside in _COMMAND.findall(text)[:_MOST_COMMANDS]:
-        name, words = command.lower(), _words(inside, variables)
+        name = command.lower()
+        words = _words(inside, variables)
         yield name, words
         if name == "set" and words:
             variables[words[0]] = words[1:]
-        elif len(words) > _CHANGING.get(name, len(words)):
+        elif name in _CHANGING and len(words) > _CHANGING[name]:
             variables.pop(words[_CHANGING[name]], None)
 
 
@@ -97,28 +160,15 @@ def _words(inside: str, variables: dict[str, list[str]]) -> list[str]:
         if whole is not None and whole[1] in variables:
             found += variables[whole[1]]
         else:
-            found.append(_put_in(quoted or bare, variables))
+            found.append(_substituted(quoted or bare, variables))
     return found[:_MOST_WORDS]
 
 
-def _put_in(word: str, variables: dict[str, list[str]]) -> str:
-    """Return a word with the variables in it that hold one word each."""
+def _substituted(word: str, variables: dict[str, list[str]]) -> str:
+    """Return a word with the values of its variables that hold one word each."""
 
     def value(match: re.Match[str]) -> str:
         words = variables.get(match[1], [])
         return words[0] if len(words) == 1 else match[0]
 
     return _VARIABLE.sub(value, word[:_LONGEST_WORD])[:_LONGEST_WORD]
-
-
-def _copied(name: str, kind: str, folder: str, paths: Sequence[str]) -> Iterator[tuple[str, str]]:
-    root = posixpath.normpath(name)
-    inside = (
-        [path for path in paths if root == "." or path.startswith(f"{root}/")]
-        if kind == "DIRECTORY"
-        else []
-    )
-    above = root if name.endswith("/") else posixpath.dirname(root)
-    for path in inside or [root]:
-        below = path if not inside or above in ("", ".") else path[len(above) + 1 :]
-        yield posixpath.join(folder, below if inside else posixpath.basename(path)), path

@@ -1,4 +1,4 @@
-"""ROS packages in a submission: what `colcon build` would install, read by parsing alone.
+"""ROS packages in a submission: files that `colcon build` would install, by parsing alone.
 
 `setup.py` is read as a syntax tree, and never executed.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import configparser
 import re
+from dataclasses import dataclass, field
 from pathlib import PurePosixPath
 from xml.etree import ElementTree
 
@@ -22,44 +23,50 @@ from grader.submission.packages.setup_script import (
 _MOST_SCRIPTS = 200
 _MOST_PACKAGES = 100
 _MOST_PROBLEMS = 20
+#: Missing files of one build file that are named.
+_MOST_GONE = 3
 _LONGEST_LINE = 500
 
 
 def find_packages(texts: dict[str, str], paths: list[str]) -> list[PackageFact]:
-    """Find the packages by their `package.xml`, among all files' relative paths, of which some have texts."""
+    """Find the packages by their `package.xml`.
+
+    Parameters
+    ----------
+    texts
+        Texts of files, by their paths.
+    paths
+        Relative paths of all files.
+    """
+    manifests = [path for path in paths if PurePosixPath(path).name == "package.xml"]
     packages = []
-    for path in sorted(p for p in paths if PurePosixPath(p).name == "package.xml")[:_MOST_PACKAGES]:
+    for path in sorted(manifests)[:_MOST_PACKAGES]:
         folder = str(PurePosixPath(path).parent).removeprefix(".")
         package = _read_manifest(folder, texts.get(path, ""))
         above = _inside(package.path, "")
-        inside = [
-            path.removeprefix(above) for path in paths if path.startswith(above)
-        ]  # relative to its folder
+        inside = [path.removeprefix(above) for path in paths if path.startswith(above)]
         if package.build_type == "ament_python":
             _read_setup(package, texts, inside)
         else:
             _read_cmake(package, texts, inside)
         more = len(package.problems) - _MOST_PROBLEMS
-        package.problems[_MOST_PROBLEMS:] = [f"and {more} more of the kind"] if more > 0 else []
+        if more > 0:
+            package.problems[_MOST_PROBLEMS:] = [f"and {more} more of the kind"]
         packages.append(package)
     return packages
 
 
 def _read_manifest(folder: str, text: str) -> PackageFact:
     fallback = PurePosixPath(folder).name or "package"
+    unread = PackageFact(fallback, folder, "ament_python")
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        return PackageFact(
-            fallback,
-            folder,
-            "ament_python",
-            problems=["package.xml declares entities; it is not read"],
-        )
+        unread.problems.append("package.xml declares entities; it is not read")
+        return unread
     try:
         root = ElementTree.fromstring(text)
     except (ElementTree.ParseError, ValueError) as problem:
-        return PackageFact(
-            fallback, folder, "ament_python", problems=[f"package.xml is not valid XML: {problem}"]
-        )
+        unread.problems.append(f"package.xml is not valid XML: {problem}")
+        return unread
     name = (root.findtext("name") or "").strip()
     build_type = (root.findtext("export/build_type") or "ament_cmake").strip()
     package = PackageFact(name or fallback, folder, build_type)
@@ -74,12 +81,24 @@ def _inside(folder: str, name: str) -> str:
 
 
 def _read_setup(package: PackageFact, texts: dict[str, str], inside: list[str]) -> None:
-    scripts: list[str] = []
     setup_text = texts.get(_inside(package.path, "setup.py"))
     config_text = texts.get(_inside(package.path, "setup.cfg"))
     if setup_text is None and config_text is None:
         package.problems.append("there is no setup.py beside package.xml, so nothing is installed")
         return
+    _add_declared(package, setup_text, config_text, inside)
+    if setup_text is None or "options.data_files" in (config_text or ""):
+        return
+    if not any("cannot be read" in problem for problem in package.problems):
+        installed = data_files_of_setup(setup_text, inside)
+        _note_shared(package, "setup.py", installed, inside)
+
+
+def _add_declared(
+    package: PackageFact, setup_text: str | None, config_text: str | None, inside: list[str]
+) -> None:
+    """Add the executables that a setup.py and a setup.cfg declare."""
+    scripts: list[str] = []
     if setup_text is not None:
         declared = _console_scripts(setup_text, package, inside)
         if declared is None:
@@ -92,9 +111,6 @@ def _read_setup(package: PackageFact, texts: dict[str, str], inside: list[str]) 
         package.problems.append(
             "setup.py declares no console_scripts, so `ros2 run` finds no executable"
         )
-    is_broken = any("cannot be read" in problem for problem in package.problems)
-    if setup_text is not None and not is_broken and "options.data_files" not in (config_text or ""):
-        _note_shared(package, "setup.py", data_files_of_setup(setup_text, inside), inside)
 
 
 def _add_scripts(package: PackageFact, scripts: list[str]) -> None:
@@ -115,8 +131,7 @@ def _add_scripts(package: PackageFact, scripts: list[str]) -> None:
 def _note_shared(
     package: PackageFact, name: str, installed: dict[str, str] | None, inside: list[str]
 ) -> None:
-    """Note what a file of a name installs below the prefix, and launch files that it does not."""
-    by_cmake = package.build_type != "ament_python"
+    """Note the files that a build file installs below the prefix, and the launch files that it does not install."""
     if installed is None:
         package.problems.append(
             f"{name} installs files in a way that the grader does not follow; it takes every launch and data file for "
@@ -124,34 +139,39 @@ def _note_shared(
         )
         return
     there = set(inside)
-    package.shared = {
-        target: _inside(package.path, file) for target, file in installed.items() if file in there
-    }
-    gone = sorted(
-        file for file in installed.values() if file not in there and "resource/" not in file
-    )
-    package.problems += [f"{name} installs {file}, which is not there" for file in gone[:3]]
-    for file in (f for f in inside if is_launch_file(f) and f not in installed.values()):
-        folder = str(PurePosixPath(file).parent).removeprefix(".")
-        entry = f"('share/{package.name}/{folder or 'launch'}', ['{file}'])"
-        line = (
-            f"install(DIRECTORY {folder or '.'} DESTINATION share/${{PROJECT_NAME}})"
-            if by_cmake
-            else entry
-        )
-        package.problems.append(
-            f"{name} does not install {file}, so `ros2 launch {package.name} {PurePosixPath(file).name}` "
-            f"does not find it; add {line}" + ("" if by_cmake else " to data_files")
-        )
+    gone = []
+    package.shared = {}
+    for target, file in installed.items():
+        if file in there:
+            package.shared[target] = _inside(package.path, file)
+        elif "resource/" not in file:
+            gone.append(file)
+    for file in sorted(gone)[:_MOST_GONE]:
+        package.problems.append(f"{name} installs {file}, which is not there")
+    for file in inside:
+        if is_launch_file(file) and file not in installed.values():
+            command = f"ros2 launch {package.name} {PurePosixPath(file).name}"
+            package.problems.append(
+                f"{name} does not install {file}, so `{command}` does not find it; "
+                f"add {_installing_line(package, file)}"
+            )
+
+
+def _installing_line(package: PackageFact, file: str) -> str:
+    """Return the line of a build file that installs a launch file."""
+    folder = str(PurePosixPath(file).parent).removeprefix(".")
+    if package.build_type != "ament_python":
+        return f"install(DIRECTORY {folder or '.'} DESTINATION share/${{PROJECT_NAME}})"
+    return f"('share/{package.name}/{folder or 'launch'}', ['{file}']) to data_files"
 
 
 def is_launch_file(path: str) -> bool:
-    """Whether a file's name is one that `ros2 launch` completes."""
+    """Return whether `ros2 launch` completes a file's name."""
     return re.search(r"[._-]launch\.(py|xml|ya?ml)$", path) is not None
 
 
 def _console_scripts(text: str, package: PackageFact, inside: list[str]) -> list[str] | None:
-    """Return what a setup.py declares as console scripts; None if it is written in a way that is not followed."""
+    """Return the console scripts that a setup.py declares; None if they are not recognised."""
     try:
         return _scripts_of(keyword_of_setup(text, "entry_points", inside))
     except NotRecognisedError:
@@ -162,29 +182,32 @@ def _console_scripts(text: str, package: PackageFact, inside: list[str]) -> list
 
 
 def _scripts_of(points: object) -> list[str]:
+    """Return the console scripts of entry points, given as a dictionary or as a text with a section for each group."""
     if isinstance(points, dict):
         scripts = points.get("console_scripts", [])
         if isinstance(scripts, list):
-            return [s for s in scripts if isinstance(s, str)]
+            return [script for script in scripts if isinstance(script, str)]
     if not isinstance(points, str):
         return []
-    parser = _sections_of(points)  # a section a group, a line a script
-    written = parser.items("console_scripts") if parser.has_section("console_scripts") else []
-    return [f"{name} = {target}" for name, target in written]
+    parser = _sections_of(points)
+    if not parser.has_section("console_scripts"):
+        return []
+    return [f"{name} = {target}" for name, target in parser.items("console_scripts")]
 
 
 def _scripts_of_config(text: str) -> list[str]:
     lines = _sections_of(text).get("options.entry_points", "console_scripts", fallback="")
-    return [line for line in lines.splitlines() if line.strip()]
+    return list(filter(str.strip, lines.splitlines()))
 
 
 def _sections_of(text: str) -> configparser.ConfigParser:
-    """Read a text of sections; one that is none has no section."""
+    """Read a text with sections; another text has none."""
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     parser.optionxform = str  # type: ignore[method-assign,assignment]
+    # The parser's time grows with the square of the blanks in a line.
+    lines = [line[:_LONGEST_LINE] for line in text.splitlines()]
     try:
-        # It takes time by the square of the blanks in a line.
-        parser.read_string("\n".join(line[:_LONGEST_LINE] for line in text.splitlines()))
+        parser.read_string("\n".join(lines))
     except configparser.Error:
         parser.clear()
     return parser
@@ -197,39 +220,62 @@ def _read_cmake(package: PackageFact, texts: dict[str, str], inside: list[str]) 
             "there is no CMakeLists.txt beside package.xml, so nothing is installed"
         )
         return
-    of_python = (
-        words
-        for name, words in commands_of(text, package.name)
-        if name == "ament_python_install_package"
-    )
-    if any("SCRIPTS_DESTINATION" in words for words in of_python):
-        _add_scripts(package, _scripts_of_config(texts.get(_inside(package.path, "setup.cfg"), "")))
-    installs = list(installs_of(text, package.name, inside))
-    if any(files is None for is_programs, files in installs if is_programs):
+    if _installs_scripts(text, package):
+        config = texts.get(_inside(package.path, "setup.cfg"), "")
+        _add_scripts(package, _scripts_of_config(config))
+    programs = _Files()
+    shared = _Files()
+    for is_programs, files in installs_of(text, package.name, inside):
+        if is_programs:
+            programs.add(files)
+        else:
+            shared.add(files)
+    if not programs.complete:
         _take_all(package, "CMakeLists.txt installs programs", inside)
-    for target, file in (
-        (t, f) for is_programs, files in installs if is_programs for t, f in (files or {}).items()
-    ):
+    for target, file in programs.known:
         if file in inside:
             package.executables[PurePosixPath(target).name] = _inside(package.path, file)
         else:
             package.problems.append(f"CMakeLists.txt installs {file}, which is not there")
     package.problems += interface_problems(package, texts)
-    others = [files for is_programs, files in installs if not is_programs]
-    known = {target: file for files in others for target, file in (files or {}).items()}
-    _note_shared(package, "CMakeLists.txt", None if None in others else known, inside)
+    installed = dict(shared.known) if shared.complete else None
+    _note_shared(package, "CMakeLists.txt", installed, inside)
+
+
+@dataclass
+class _Files:
+    """Files of several commands: path below the prefix, and path below the package."""
+
+    known: list[tuple[str, str]] = field(default_factory=list)
+    #: False if a command is not recognised.
+    complete: bool = True
+
+    def add(self, files: dict[str, str] | None) -> None:
+        if files is None:
+            self.complete = False
+        else:
+            self.known += files.items()
+
+
+def _installs_scripts(text: str, package: PackageFact) -> bool:
+    """Return whether a CMakeLists.txt installs the scripts of a setup.cfg."""
+    for name, words in commands_of(text, package.name):
+        if name == "ament_python_install_package" and "SCRIPTS_DESTINATION" in words:
+            return True
+    return False
 
 
 def _take_all(package: PackageFact, what: str, inside: list[str]) -> None:
-    """Take each Python file for an executable where nobody can say which are, and note it."""
+    """Take each Python file for an executable, because the executables are not recognised, and note it."""
     package.problems.append(
         f"{what} in a way that the grader does not follow; it takes every Python file for one"
     )
-    files = [
-        PurePosixPath(path) for path in inside if path.endswith(".py") and not is_launch_file(path)
-    ]
-    for path in [file for file in files if file.name not in ("setup.py", "__init__.py")][
-        :_MOST_SCRIPTS
-    ]:
+    files = []
+    for name in inside:
+        path = PurePosixPath(name)
+        is_program = name.endswith(".py") and not is_launch_file(name)
+        if is_program and path.name not in ("setup.py", "__init__.py"):
+            files.append(path)
+    for path in files[:_MOST_SCRIPTS]:
         package.executables.setdefault(path.name, _inside(package.path, str(path)))
         package.executables.setdefault(path.stem, _inside(package.path, str(path)))

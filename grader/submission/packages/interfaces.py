@@ -1,4 +1,4 @@
-"""What a student's packages define as interfaces, by parsing their `CMakeLists.txt` alone."""
+"""Interfaces that a student's packages define, by parsing their `CMakeLists.txt` alone."""
 
 from __future__ import annotations
 
@@ -14,64 +14,71 @@ _SUFFIXES = tuple(f".{kind}" for kind in PARTS)
 
 
 def interface_packages(submission: SubmissionRecord) -> Iterator[InterfacePackage]:
-    """Give the packages whose `CMakeLists.txt` has interfaces generated, with the definitions that it lists.
+    """Yield the packages with generated interfaces, with the definitions that their `CMakeLists.txt` lists.
 
-    Where the list holds what only CMake could tell, all definitions in the package stand for it.
+    If only CMake can tell a listed word, all definitions of the package are taken.
     """
     for package in submission.packages:
-        defined = _defined(package, submission.texts)
+        files = _defined(package, submission.texts)
         listed = _listed(package, submission.texts)
-        unknown = any("$" in word for word in listed or ())
         if listed is None:
             continue
-        files = {file: text for file, text in defined.items() if unknown or file in listed}
+        if not _has_unknown(listed):
+            files = {file: text for file, text in files.items() if file in listed}
         if files:
             yield InterfacePackage(package.name, files)
 
 
 def interface_problems(package: PackageFact, texts: Mapping[str, str]) -> list[str]:
-    """Return what keeps `colcon build` from making interfaces of a package's definitions, as far as its list tells."""
-    defined, listed = _defined(package, texts), _listed(package, texts)
+    """Return the reasons why `colcon build` makes no interfaces of a package's definitions, as far as its list tells."""
+    defined = _defined(package, texts)
+    listed = _listed(package, texts)
     if not defined and not listed:
         return []
     if listed is None:
         return [
             "CMakeLists.txt does not call rosidl_generate_interfaces, so nothing is made of its definitions"
         ]
-    if any("$" in word for word in listed):
+    if _has_unknown(listed):
         return []
-    gone = [
-        f"CMakeLists.txt lists {file}, which is not there" for file in listed if file not in defined
-    ]
-    left = [
-        f"CMakeLists.txt does not list {file}, so it is not made"
-        for file in defined
-        if file not in listed
-    ]
-    return gone + left
+    problems = []
+    for file in listed:
+        if file not in defined:
+            problems.append(f"CMakeLists.txt lists {file}, which is not there")
+    for file in defined:
+        if file not in listed:
+            problems.append(f"CMakeLists.txt does not list {file}, so it is not made")
+    return problems
+
+
+def _has_unknown(listed: list[str]) -> bool:
+    """Return whether only CMake can tell a word of a list."""
+    return any("$" in word for word in listed)
 
 
 def _defined(package: PackageFact, texts: Mapping[str, str]) -> dict[str, str]:
+    """Return the texts of a package's definitions, by their paths in it, such as `msg/State.msg`."""
     above = f"{package.path}/" if package.path else ""
-    inside = {
-        path.removeprefix(above): text for path, text in texts.items() if path.startswith(above)
-    }
-    return {
-        path: text
-        for path, text in inside.items()
-        if path.endswith(_SUFFIXES) and path.count("/") == 1
-    }
+    found: dict[str, str] = {}
+    for path, text in texts.items():
+        inside = path.removeprefix(above)
+        is_definition = inside.endswith(_SUFFIXES) and inside.count("/") == 1
+        if path.startswith(above) and is_definition:
+            found[inside] = text
+    return found
 
 
 def _listed(package: PackageFact, texts: Mapping[str, str]) -> list[str] | None:
-    """Return the files of which interfaces are generated, with words that hold variables; None if none are."""
-    script = texts.get(f"{package.path}/CMakeLists.txt" if package.path else "CMakeLists.txt", "")
-    calls = [
-        words
-        for name, words in commands_of(script, package.name)
-        if name == "rosidl_generate_interfaces"
-    ]
-    # The first word is the target's name; one may be a list, or a file behind the folder that it is relative to.
-    words = [part for call in calls for word in call[1:] for part in re.split("[;:]", word)]
-    named = [posixpath.normpath(word) for word in words if word.endswith(_SUFFIXES) or "$" in word]
-    return named if calls else None
+    """Return the files with generated interfaces, and words with variables; None if nothing is generated."""
+    path = f"{package.path}/CMakeLists.txt" if package.path else "CMakeLists.txt"
+    found: list[str] = []
+    is_called = False
+    for name, words in commands_of(texts.get(path, ""), package.name):
+        if name != "rosidl_generate_interfaces":
+            continue
+        is_called = True
+        # The first word is the target's name. A word can be a list, or have the folder in front of a file.
+        for word in re.split("[;:]", ";".join(words[1:])):
+            if word.endswith(_SUFFIXES) or "$" in word:
+                found.append(posixpath.normpath(word))
+    return found if is_called else None
