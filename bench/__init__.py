@@ -1,1 +1,1 @@
-"""What the grader costs and how sure it is, measured; not shipped with it."""
+"""Measurements of the grader's speed, accuracy and repeatability; not shipped with it."""

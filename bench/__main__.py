@@ -24,27 +24,27 @@ def report(runs: int, gradings: Path) -> str:
     """Measure, and return the tables as Markdown."""
     parts = [
         f"Measured on {cores()} cores, Linux {platform.release().split('-')[0]}, Python {platform.python_version()}. "
-        "Medians, with least and greatest.",
+        "Values are medians, with the range in brackets.",
         table(["", "measured", "compared with", "ratio"], grading.rows(runs)),
-        "Greatest rate of a topic of which nothing is lost:",
+        "Highest rate of a topic without a lost message:",
         table(
             ["this recorder", "a callback that writes with `rosbags`", "ratio"], recording.rows()
         ),
-        "Measured rate of a topic, by a receiver that is idle, or that computes half of the time:",
+        "Measured rate of a topic, by an idle receiver and by a busy one (it computes half of the time):",
         table(
-            ["true rate", "receiver", "this recorder", "the way of `ros2 topic hz`"], rates.rows()
+            ["true rate", "receiver", "this recorder", "the method of `ros2 topic hz`"],
+            rates.rows(),
         ),
     ]
-    if collected := stability.read(gradings):
-        parts += [
-            "The same submissions graded again and again, alone and beside loads (`bench/load.py`):"
-        ]
-        parts += [stability.table(collected)]
+    collected = stability.read(gradings)
+    if collected:
+        parts.append("The same submissions graded repeatedly, beside the loads of `bench/load.py`:")
+        parts.append(stability.table(collected))
     return "\n\n".join(parts) + "\n"
 
 
 def main() -> int:
-    """Print the tables, and keep them."""
+    """Print the tables, and keep them in bench/results.md."""
     parser = argparse.ArgumentParser(prog="python -m bench", description=__doc__)
     parser.add_argument("--runs", type=int, default=3, help="gradings of each kind (default: 3)")
     parser.add_argument(
@@ -52,7 +52,7 @@ def main() -> int:
         type=Path,
         default=Path(__file__).with_name("stability.jsonl"),
         metavar="FILE",
-        help="gradings that `python -m bench.stability` collected, if any",
+        help="gradings collected by `python -m bench.stability`, if any",
     )
     options = parser.parse_args()
     text = report(options.runs, options.stability)

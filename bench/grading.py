@@ -1,4 +1,4 @@
-"""What a grading costs: against the student's slowest tool alone, against one session after another, in CPU time."""
+"""Costs of a grading: compared with the student's slowest tool, with sessions one after another, and in CPU time."""
 
 from __future__ import annotations
 
@@ -13,11 +13,12 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from bench.load import load_average
 from bench.submissions import SOLUTION
 
-#: The session whose one process is the student's own tool that takes longest.
+#: Session of the student's slowest tool, its only process.
 _TOOL = "qos"
 _CLASS = 20
 _SIDE_BY_SIDE = 8
@@ -26,7 +27,7 @@ _SESSION_FILE = "session.json"
 
 @dataclass(frozen=True)
 class Command:
-    """A run of `grade`: wall time, and CPU time of it with all processes that it started."""
+    """A run of `grade`: its wall time, and its CPU time including child processes."""
 
     wall_s: float
     cpu_s: float
@@ -39,7 +40,7 @@ class Full:
     Attributes
     ----------
     again : int
-        Recordings made again, since the machine disturbed the first.
+        Number of recordings made again because the machine disturbed the first.
     """
 
     command: Command
@@ -58,7 +59,7 @@ def run_grade(*arguments: str) -> Command:
     Raises
     ------
     RuntimeError
-        If it fails.
+        If the command fails.
     """
     begun_s = time.monotonic()
     with subprocess.Popen(
@@ -80,28 +81,30 @@ def full(results: Path, *more: str) -> Full:
     """Grade the solution in all sessions."""
     command = run_grade(str(SOLUTION), "-o", str(results), *more)
     folder = results / SOLUTION.name
-    sessions = json.loads((folder / "result.json").read_text(encoding="utf-8"))["provenance"][
-        "sessions"
-    ]
-    attempts = [
-        json.loads(f.read_text(encoding="utf-8"))["attempt"]
-        for f in folder.glob(f"recordings/*/{_SESSION_FILE}")
-    ]
+    result = _read(folder / "result.json")
+    sessions = result["provenance"]["sessions"]
     students_cpu_s = sum(session["cpu_s"]["student"] for session in sessions.values())
-    return Full(command, students_cpu_s, sum(attempt - 1 for attempt in attempts))
+    again = 0
+    for file in folder.glob(f"recordings/*/{_SESSION_FILE}"):
+        again += _read(file)["attempt"] - 1
+    return Full(command, students_cpu_s, again)
+
+
+def _read(file: Path) -> Any:
+    return json.loads(file.read_text(encoding="utf-8"))
 
 
 def tool_alone_s(results: Path) -> float:
-    """Return how long the tool takes in its sandbox while nothing else runs."""
+    """Return the time that the tool takes alone in its sandbox."""
     run_grade(str(SOLUTION), "-o", str(results), "--sessions", _TOOL)
     file = results / SOLUTION.name / "recordings" / _TOOL / _SESSION_FILE
-    processes = json.loads(file.read_text(encoding="utf-8"))["processes"]
-    tool = next(process for process in processes if process["name"] == _TOOL)
+    processes = {process["name"]: process for process in _read(file)["processes"]}
+    tool = processes[_TOOL]
     return float(tool["exited_ns"] - tool["started_ns"]) / 1e9
 
 
 def regrades_s(results: Path, runs: int) -> tuple[list[float], list[float]]:
-    """Return the wall times of regrading one submission as a command, and of each one in a class."""
+    """Return wall times of regrading: one submission by a command, and one of many given to a command."""
     one = results / SOLUTION.name
     many = results / "many"
     copies = [many / f"student_{number:02}" for number in range(_CLASS)]
@@ -118,7 +121,7 @@ def class_of_eight_s(results: Path) -> float:
     Raises
     ------
     RuntimeError
-        If they are not all given the same score.
+        If the scores of the copies differ.
     """
     submissions = results / "submissions"
     for number in range(_SIDE_BY_SIDE):
@@ -128,22 +131,17 @@ def class_of_eight_s(results: Path) -> float:
             ignore=shutil.ignore_patterns("__pycache__"),
         )
     took_s = run_grade(str(submissions), "--each", "-o", str(results / "class")).wall_s
-    scores = {
-        json.loads(file.read_text(encoding="utf-8"))["score"]["earned"]
-        for file in (results / "class").glob("student_*/result.json")
-    }
+    files = (results / "class").glob("student_*/result.json")
+    scores = {_read(file)["score"]["earned"] for file in files}
     if len(scores) != 1:
-        raise RuntimeError(f"copies of one submission are given {sorted(scores)} points")
+        raise RuntimeError(f"copies of one submission have different scores: {sorted(scores)}")
     return took_s
 
 
 def spread(values: Sequence[float], unit: str = "s") -> str:
-    """Return median, least and greatest."""
-    return (
-        f"{statistics.median(values):.2f} {unit} ({min(values):.2f} – {max(values):.2f})".replace(
-            "  ", " "
-        )
-    )
+    """Return median and range, e.g. `1.50 s (1.20 – 1.90)`."""
+    median = statistics.median(values)
+    return f"{median:.2f} {unit} ({min(values):.2f} – {max(values):.2f})".replace("  ", " ")
 
 
 def ratio(of: Sequence[float], to: Sequence[float]) -> str:
@@ -152,7 +150,7 @@ def ratio(of: Sequence[float], to: Sequence[float]) -> str:
 
 
 def rows(runs: int) -> list[list[str]]:
-    """Return the rows of the table: what, measured, compared with, ratio."""
+    """Return the rows of the table: subject, measured, compared with, ratio."""
     with tempfile.TemporaryDirectory(prefix="bench-grading-") as scratch:
         results = Path(scratch)
         few = max(1, runs // 3)
@@ -167,7 +165,7 @@ def rows(runs: int) -> list[list[str]]:
     return [
         *_rows(tool, fulls, sequential, alone, each, f"{before:.1f} – {after:.1f}"),
         [
-            f"{_SIDE_BY_SIDE} submissions as a class, all the same score",
+            f"{_SIDE_BY_SIDE} submissions as a class, all with the same score",
             f"{60 * _SIDE_BY_SIDE / eight_s:.1f} a minute",
             f"one after another, {60 / one_s:.1f} a minute",
             f"{_SIDE_BY_SIDE * one_s / eight_s:.2f}",
@@ -188,7 +186,7 @@ def _rows(
     ours = [run.command.cpu_s - run.students_cpu_s for run in undisturbed]
     students = [run.students_cpu_s for run in undisturbed]
     again = sum(run.again for run in fulls)
-    note = f"load average {load}; {again} recordings made again"
+    note = f"load average {load}; {again} sessions recorded again"
     whole = spread(walls)
     return [
         [

@@ -1,4 +1,4 @@
-"""Other work on the machine while something is measured, and how busy it is."""
+"""Loads beside a measurement, and the load average."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from pathlib import Path
 
-#: Each ends with the process that started it.
+#: Start of a program that ends with its parent process.
 _WHILE_WANTED = "import os\nparent = os.getppid()\nwhile os.getppid() == parent:\n    "
 _SPIN = _WHILE_WANTED + "sum(range(100_000))\n"
 _START = (
@@ -29,12 +29,12 @@ _INSTALL = (
     + "    subprocess.run([sys.executable, '-m', 'venv', into], stdout=subprocess.DEVNULL)\n"
     + "    shutil.rmtree(into)\n"
 )
-#: A host takes this share of the time, in pieces of so many s.
+#: Share of the time that a host takes, and range of each stop, in s.
 _STOLEN, _STOP_S = 0.25, (0.005, 0.030)
 
 
 def cores() -> int:
-    """Return how many cores this process may use."""
+    """Return the number of cores for this process."""
     return len(os.sched_getaffinity(0))
 
 
@@ -45,7 +45,7 @@ def _running(*programs: str) -> Iterator[None]:
             tempfile.TemporaryDirectory(prefix="bench-load-", ignore_cleanup_errors=True)
         )
         for program in programs:
-            # Each in a session of its own: Linux may weigh sessions, and those of one would count as one.
+            # Each program has a session of its own, because Linux may weigh sessions and not processes.
             command = [sys.executable, "-I", "-S", "-c", program, scratch]
             process = stack.enter_context(subprocess.Popen(command, start_new_session=True))
             stack.callback(process.wait)
@@ -60,7 +60,7 @@ def busy() -> AbstractContextManager[None]:
 
 @contextmanager
 def stolen() -> Iterator[None]:
-    """Stop all that this process's children started, a quarter of the time, as a host does with a virtual machine."""
+    """Stop the processes started by this process's children, a quarter of the time, as a host stops a virtual machine."""
     ended = threading.Event()
     thread = threading.Thread(target=_steal, args=(ended,))
     thread.start()
@@ -80,7 +80,7 @@ def _steal(ended: threading.Event) -> None:
     while not ended.wait(chance.expovariate(1 / (mean_s * (1 / _STOLEN - 1)))):
         until_s = time.monotonic() + chance.uniform(*_STOP_S)
         _signal(pids, signal.SIGSTOP)
-        # While they stand still: else the search would take a core from them, for up to 29 ms before each stop.
+        # Search while the processes are stopped: otherwise the search takes a core from them, for up to 29 ms.
         pids = _grandchildren()
         _signal(pids, signal.SIGSTOP)
         time.sleep(max(0.0, until_s - time.monotonic()))
@@ -94,18 +94,19 @@ def _signal(pids: list[int], number: signal.Signals) -> None:
 
 
 def _grandchildren() -> list[int]:
-    """Return all descendants of this process but its children: they would be seen as stopped."""
+    """Return all descendants of this process except its children, which it would see as stopped."""
     children: dict[int, list[int]] = {}
     for stat in Path("/proc").glob("[0-9]*/stat"):
         with suppress(OSError):
             parent = int(stat.read_bytes().rsplit(b")", 1)[1].split()[1])
             children.setdefault(parent, []).append(int(stat.parent.name))
-    found, waiting = (
-        list[int](),
-        [pid for child in children.get(os.getpid(), ()) for pid in children.get(child, ())],
-    )
+    found: list[int] = []
+    waiting: list[int] = []
+    for child in children.get(os.getpid(), ()):
+        waiting += children.get(child, ())
     while waiting:
-        found.append(pid := waiting.pop())
+        pid = waiting.pop()
+        found.append(pid)
         waiting += children.get(pid, ())
     return found
 
@@ -116,7 +117,7 @@ def idle() -> Iterator[None]:
     yield
 
 
-#: Name -> what makes the load.
+#: Loads by name.
 LOADS: dict[str, Callable[[], AbstractContextManager[None]]] = {
     "idle": idle,
     "busy": busy,
@@ -125,5 +126,5 @@ LOADS: dict[str, Callable[[], AbstractContextManager[None]]] = {
 
 
 def load_average() -> float:
-    """Return how many processes wanted a core over the last minute."""
+    """Return the load average of the last minute."""
     return os.getloadavg()[0]

@@ -1,4 +1,4 @@
-"""How far a measured rate is off the true one: ours against the estimator of `ros2 topic hz`."""
+"""Errors of measured rates: our recorder compared with the estimator of `ros2 topic hz`."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ _CASES = ((10.0, 80), (100.0, 600), (1000.0, 4000))
 
 
 def rows() -> list[list[str]]:
-    """Return the rows of the table: true rate, receiver, error of ours and of the other."""
+    """Return the rows of the table: true rate, receiver, our rate, the other's rate."""
     table = []
     for rate_hz, count in _CASES:
         for receiver in ("idle", "busy"):

@@ -1,9 +1,8 @@
-"""How long a class takes by the scheduler's rules, from what one grading took: for classes too large to try.
+"""Simulates the scheduler, to predict the time of a class from one grading, for classes too large to try.
 
-So many submissions are under way at a time as there may be slots. Each starts, has its sessions recorded, the longest
-first, and is judged; each of these holds a slot, and one more is given, one after another, while a part of the cores'
-time is idle. What wants more than the cores have all goes on more slowly, except for the time in which it waits for
-nothing but a clock.
+As many submissions are under way as there may be slots. Each submission starts, has its sessions recorded, the longest
+first, and is judged. Each of these pieces holds a slot. While a part of the cores' time is idle, spare slots are given
+one after another. If the pieces want more than all cores, they all slow down.
 """
 
 from __future__ import annotations
@@ -17,16 +16,16 @@ from pathlib import Path
 from bench.load import cores
 from grader.classroom.scheduler import MOST_SLOTS, ROOM_S, ROOM_SHARE
 
-#: What a submission's own process takes of a core before its sessions and after them, in s.
+#: Work of a submission's own process before and after its sessions: name, time and CPU time in s.
 _BEFORE, _AFTER = ("start", 0.1, 0.1), ("judging", 0.5, 0.5)
 _STEP_S = 0.05
-#: What the grader's own processes take beside those that are in a recording.
+#: Factor for CPU time of the grader's processes outside of a recording.
 _UNRECORDED = 1.15
 
 
 @dataclass
 class Piece:
-    """A piece of work that holds a slot: how long it takes alone, and what it computes meanwhile."""
+    """A piece of work in a slot: its name, its remaining time when alone, and its CPU time, both in s."""
 
     what: str
     left_s: float
@@ -41,21 +40,19 @@ def pieces_of(recordings: Path) -> list[Piece]:
     found = []
     for file in recordings.glob("*/session.json"):
         session = json.loads(file.read_text(encoding="utf-8"))
-        used = sum(p["usage"][-1]["cpu_ns"] for p in session["processes"] if p["usage"])
-        found.append(
-            Piece(
-                file.parent.name,
-                (session["ended_ns"] - session["started_ns"]) / 1e9,
-                _UNRECORDED * used / 1e9,
-            )
-        )
+        used_ns = sum(p["usage"][-1]["cpu_ns"] for p in session["processes"] if p["usage"])
+        took_s = (session["ended_ns"] - session["started_ns"]) / 1e9
+        found.append(Piece(file.parent.name, took_s, _UNRECORDED * used_ns / 1e9))
     return sorted(found, key=lambda piece: -piece.left_s)
 
 
 def simulate(
     count: int, sessions: Sequence[Piece], slots: int, most: int, core_count: int
 ) -> float:
-    """Return how long a class of so many equal submissions takes, in s."""
+    """Return the time of a class of equal submissions, in s.
+
+    `slots` are given at once, and up to `most` while cores are idle.
+    """
     waiting = [_submission(sessions) for _ in range(count)]
     under_way: list[Iterator[list[Piece]]] = []
     ready: list[Piece] = []
@@ -66,26 +63,44 @@ def simulate(
         while waiting and len(under_way) < most:
             under_way.append(waiting.pop())
             _next(under_way[-1], open_pieces, ready)
-        while ready and (
-            len(running) < slots
-            or (len(running) < most and now_s - admitted_s > ROOM_S and idle > ROOM_SHARE)
-        ):
+        has_room = now_s - admitted_s > ROOM_S and idle > ROOM_SHARE
+        if _admit(ready, running, slots, most if has_room else slots):
             admitted_s = now_s
-            running.append(ready.pop(0))
         wanted = sum(piece.share for piece in running)
         pace = min(1.0, core_count / wanted) if wanted else 1.0
-        # Over the last second or so.
+        # The average of about the last second.
         idle += (max(0.0, 1 - wanted / core_count) - idle) * _STEP_S
         now_s += _STEP_S
         for piece in running:
             piece.left_s -= _STEP_S * pace
         running = [piece for piece in running if piece.left_s > 0]
-        for submission in tuple(under_way):
-            if all(piece.left_s <= 0 for piece in open_pieces[id(submission)]):
-                del open_pieces[id(submission)]
-                if not _next(submission, open_pieces, ready):
-                    under_way.remove(submission)
+        _go_on(under_way, open_pieces, ready)
     return now_s
+
+
+def _admit(ready: list[Piece], running: list[Piece], slots: int, most: int) -> bool:
+    """Move pieces to the free slots, or one piece to a spare slot; returns True if a piece was moved."""
+    free = slots - len(running)
+    if free <= 0 and len(running) < most:
+        free = 1
+    begun = ready[: max(0, free)]
+    del ready[: len(begun)]
+    running += begun
+    return bool(begun)
+
+
+def _go_on(
+    under_way: list[Iterator[list[Piece]]],
+    open_pieces: dict[int, list[Piece]],
+    ready: list[Piece],
+) -> None:
+    """Begin the next pieces of submissions with finished pieces, and drop finished submissions."""
+    for submission in tuple(under_way):
+        if any(piece.left_s > 0 for piece in open_pieces[id(submission)]):
+            continue
+        del open_pieces[id(submission)]
+        if not _next(submission, open_pieces, ready):
+            under_way.remove(submission)
 
 
 def _submission(sessions: Sequence[Piece]) -> Iterator[list[Piece]]:
@@ -105,17 +120,16 @@ def _next(
 
 
 def main() -> None:
-    """Print how long classes take on this machine."""
+    """Print the times of classes of three sizes."""
     parser = argparse.ArgumentParser(prog="python -m bench.simulation", description=__doc__)
-    parser.add_argument(
-        "recordings", type=Path, help="recordings/ of a submission that was graded alone"
-    )
+    parser.add_argument("recordings", type=Path, help="recordings/ of a submission graded alone")
     parser.add_argument("--cores", type=int, nargs="+", default=[cores()])
     options = parser.parse_args()
     sessions = pieces_of(options.recordings)
     for number in options.cores:
         for count in (8, 40, 200):
-            slots, most = (min(n * number, MOST_SLOTS) for n in (2, 4))
+            slots = min(2 * number, MOST_SLOTS)
+            most = min(4 * number, MOST_SLOTS)
             took_s = simulate(count, sessions, slots, most, number)
             print(
                 f"{number} cores, {count} submissions: {took_s / 60:.1f} min, {60 * count / took_s:.1f} a minute"

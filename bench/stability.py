@@ -1,13 +1,14 @@
-"""Tells whether the same submission is given the same score whatever else the machine does, and how long that takes.
+"""Measures the repeatability of scores beside other work, and the time of the gradings.
 
-Correct submissions in different styles, and some near a limit, are graded one at a time, again and again, on a quiet
-machine, on a busy one, and on one whose host takes a quarter of the time. Each grading adds a line to a JSON-lines
-file, so that a run can be interrupted and gone on with.
+Correct submissions in different styles, and some near a limit, are graded repeatedly, one at a time, on three machines:
+idle, busy, and with a host that takes a quarter of the time. Each grading adds a line to a JSON-lines file, from which
+an interrupted run continues.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import os
 import shutil
@@ -17,10 +18,9 @@ import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 from bench import submissions
 from bench.load import LOADS, load_average
@@ -36,13 +36,13 @@ class Grading:
     Attributes
     ----------
     load : str
-        What else the machine did: a name of `bench.load.LOADS`.
+        Name of the load in `bench.load.LOADS`.
     decided : dict
-        Check -> points, of the checks that were decided.
+        Points of the decided checks, by the check's id.
     undecided : dict
-        The others -> what was measured, and why that decides nothing.
+        Measured value and reason of the undecided checks, by the check's id.
     retries : dict
-        Session -> how often it was recorded again, where it was.
+        Number of retries of sessions recorded again, by the session's name.
     """
 
     submission: str
@@ -56,29 +56,35 @@ class Grading:
 
 
 def read_grading(results: Path, load: str, took_s: float) -> Grading:
-    """Read what a results folder says of its submission."""
+    """Read the grading in a results folder."""
     plain = json.loads((results / "result.json").read_text(encoding="utf-8"))
-    checks: list[dict[str, Any]] = [
-        check for criterion in plain["criteria"] for check in criterion["checks"]
-    ]
-    attempts = {
-        file.parent.name: int(json.loads(file.read_text(encoding="utf-8"))["attempt"])
-        for file in sorted((results / "recordings").glob("*/session.json"))
-    }
+    decided: dict[str, float] = {}
+    undecided: dict[str, str] = {}
+    for criterion in plain["criteria"]:
+        for check in criterion["checks"]:
+            if check["outcome"] in _UNDECIDED:
+                undecided[check["id"]] = f"{check['measured']} | {check['reason']}"
+            else:
+                decided[check["id"]] = check["earned"]
+    retries: dict[str, int] = {}
+    for file in sorted((results / "recordings").glob("*/session.json")):
+        attempt = int(json.loads(file.read_text(encoding="utf-8"))["attempt"])
+        if attempt > 1:
+            retries[file.parent.name] = attempt - 1
     return Grading(
-        plain["submission"],
-        load,
-        round(took_s, 2),
-        plain["score"]["earned"],
-        {check["id"]: check["earned"] for check in checks if check["outcome"] not in _UNDECIDED},
-        {c["id"]: f"{c['measured']} | {c['reason']}" for c in checks if c["outcome"] in _UNDECIDED},
-        {session: attempt - 1 for session, attempt in attempts.items() if attempt > 1},
-        round(load_average(), 2),
+        submission=plain["submission"],
+        load=load,
+        took_s=round(took_s, 2),
+        earned=plain["score"]["earned"],
+        decided=decided,
+        undecided=undecided,
+        retries=retries,
+        load_average=round(load_average(), 2),
     )
 
 
 def grade(submission: Path, load: str, before: Iterable[Grading], keep: Path) -> Grading:
-    """Grade a submission beside a load; results that decide anything otherwise than before are kept."""
+    """Grade a submission beside a load, and keep results that contradict earlier ones in a folder."""
     with tempfile.TemporaryDirectory(prefix="bench-stability-") as scratch:
         command = [
             sys.executable,
@@ -90,10 +96,11 @@ def grade(submission: Path, load: str, before: Iterable[Grading], keep: Path) ->
             "-o",
             scratch,
         ]
-        environment = {name: value for name, value in os.environ.items() if name != "CI"}
+        environment = dict(os.environ)
+        environment.pop("CI", None)
         with LOADS[load]():
             begun_s = time.monotonic()
-            # In a session of its own, as a person's terminal is: Linux may weigh sessions.
+            # A session of its own, like a person's terminal, because Linux may weigh sessions.
             subprocess.run(
                 command,
                 stdout=subprocess.DEVNULL,
@@ -104,13 +111,14 @@ def grade(submission: Path, load: str, before: Iterable[Grading], keep: Path) ->
             took_s = time.monotonic() - begun_s
         results = Path(scratch) / submission.name
         grading = read_grading(results, load, took_s)
-        if differing([*(g for g in before if g.submission == grading.submission), grading]):
+        earlier = [g for g in before if g.submission == grading.submission]
+        if differing([*earlier, grading]):
             shutil.copytree(results, keep / f"{grading.submission}-{load}-{time.time_ns()}")
         return grading
 
 
 def differing(gradings: Iterable[Grading]) -> dict[str, list[float]]:
-    """Return the different points of each check that was decided in more than one way, by submission and check."""
+    """Return the points of checks with contradictory outcomes, by submission and check."""
     points: dict[str, set[float]] = {}
     for grading in gradings:
         for check, earned in grading.decided.items():
@@ -119,25 +127,32 @@ def differing(gradings: Iterable[Grading]) -> dict[str, list[float]]:
 
 
 def table(gradings: Sequence[Grading]) -> str:
-    """Return the summary as Markdown: a line for each load."""
+    """Return the summary as Markdown, with a line for each load."""
     lines = [
-        "| the machine | gradings | with something undecided | sessions recorded again | median time | to idle |",
+        "| machine | gradings | with an undecided check | sessions recorded again | median time | ratio to idle |",
         "|---|---|---|---|---|---|",
     ]
-    whole = {load: [g for g in gradings if g.load == load] for load in LOADS}
-    times = {load: _usual_times(some) for load, some in whole.items()}
-    for load, some in whole.items():
+    by_load: dict[str, list[Grading]] = {load: [] for load in LOADS}
+    for grading in gradings:
+        by_load[grading.load].append(grading)
+    idle = _usual_times(by_load["idle"])
+    for load, some in by_load.items():
         if some:
-            both = times[load].keys() & times["idle"].keys()
-            ratios = [times[load][name] / times["idle"][name] for name in both]
-            lines.append(
-                f"| {load} | {len(some)} | {sum(bool(g.undecided) for g in some)} "
-                f"| {sum(sum(g.retries.values()) for g in some)} | {statistics.median(g.took_s for g in some):.1f} s "
-                f"| {f'{statistics.median(ratios):.2f}' if ratios else ''} |"
-            )
-    ways = differing(gradings)
-    said = "; ".join(f"{check}: {points}" for check, points in ways.items()) if ways else "nothing"
-    return "\n".join([*lines, "", f"Decided in two ways: {said}."])
+            lines.append(_line(load, some, idle))
+    contradictions = [f"{check}: {points}" for check, points in differing(gradings).items()]
+    listed = "; ".join(contradictions) or "none"
+    return "\n".join([*lines, "", f"Contradictory outcomes: {listed}."])
+
+
+def _line(load: str, gradings: Sequence[Grading], idle: Mapping[str, float]) -> str:
+    """Return the line of a load; `idle` has the usual time of each submission on the idle machine, in s."""
+    times = _usual_times(gradings)
+    ratios = [times[name] / idle[name] for name in times.keys() & idle.keys()]
+    undecided = sum(bool(grading.undecided) for grading in gradings)
+    retries = sum(sum(grading.retries.values()) for grading in gradings)
+    median_s = statistics.median(grading.took_s for grading in gradings)
+    ratio = f"{statistics.median(ratios):.2f}" if ratios else ""
+    return f"| {load} | {len(gradings)} | {undecided} | {retries} | {median_s:.1f} s | {ratio} |"
 
 
 def _usual_times(gradings: Iterable[Grading]) -> dict[str, float]:
@@ -148,56 +163,56 @@ def _usual_times(gradings: Iterable[Grading]) -> dict[str, float]:
 
 
 def read(file: Path) -> list[Grading]:
-    """Read the gradings that a file holds; none if there is no such file."""
+    """Read the gradings in a file; none if the file is missing."""
     if not file.is_file():
         return []
     return [Grading(**json.loads(line)) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
 def collect(times: int, into: Path, loads: Sequence[str], until_s: float | None = None) -> None:
-    """Grade until each submission was graded so often beside each load; loads and submissions take turns.
+    """Grade each submission a number of times beside each load; loads and submissions alternate.
 
     Parameters
     ----------
     until_s : float, optional
-        Begin no grading after this time of the system clock.
+        Latest time of the system clock for the start of a grading.
     """
     gradings = read(into)
     there = Counter((grading.submission, grading.load) for grading in gradings)
+    kept = into.with_suffix(".kept")
     with tempfile.TemporaryDirectory(prefix="bench-") as scratch:
-        submissions.write(Path(scratch) / _SUBMISSIONS)
-        for number in range(times):
-            for name in submissions.NAMES:
-                for load in loads:
-                    if there[name, load] > number or (
-                        until_s is not None and time.time() > until_s
-                    ):
-                        continue
-                    kept = into.with_suffix(".kept")
-                    gradings.append(
-                        grade(Path(scratch) / _SUBMISSIONS / name, load, gradings, kept)
-                    )
-                    with into.open("a", encoding="utf-8") as stream:
-                        stream.write(json.dumps(asdict(gradings[-1])) + "\n")
+        folder = Path(scratch) / _SUBMISSIONS
+        submissions.write(folder)
+        for number, name, load in itertools.product(range(times), submissions.NAMES, loads):
+            if there[name, load] > number:
+                continue
+            if until_s is not None and time.time() > until_s:
+                break
+            gradings.append(grade(folder / name, load, gradings, kept))
+            with into.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(asdict(gradings[-1])) + "\n")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Collect gradings, or sum up those that a file holds; 1 if anything was decided in two ways."""
+    """Collect gradings, or sum up a file of gradings; returns 1 if outcomes contradict each other."""
     parser = argparse.ArgumentParser(prog="python -m bench.stability", description=__doc__)
     parser.add_argument(
         "--times", type=int, default=1, help="gradings of each submission beside each load"
     )
     parser.add_argument(
-        "--into", type=Path, default=Path("bench/stability.jsonl"), help="file that collects them"
+        "--into", type=Path, default=Path("bench/stability.jsonl"), help="file for the gradings"
     )
     parser.add_argument(
-        "--minutes", type=float, help="begin no further grading after so many minutes"
+        "--minutes", type=float, help="start no further grading after N minutes", metavar="N"
     )
     parser.add_argument(
-        "--only", choices=sorted(LOADS), action="append", help="beside this load only"
+        "--only",
+        choices=sorted(LOADS),
+        action="append",
+        help="load to use; may be repeated (default: all)",
     )
     parser.add_argument(
-        "--summary", type=Path, metavar="FILE", help="only sum up what a file holds"
+        "--summary", type=Path, metavar="FILE", help="only sum up the gradings in a file"
     )
     options = parser.parse_args(arguments)
     if options.summary is None:

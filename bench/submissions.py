@@ -1,4 +1,4 @@
-"""What is graded over and over: correct submissions in different styles, and some that lie near a limit."""
+"""Submissions for repeated gradings: correct ones in different styles, and some near a limit."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ class NearLimit:
     Attributes
     ----------
     file : str
-        The solution's file that is changed. It is handed in alone, so that only its session runs.
+        Changed file of the solution, handed in alone, so only its session runs.
     old, new : str
-        The text that is replaced, and by what.
+        Replaced text and its replacement.
     check : str
-        The check whose limit it is near.
+        Check with the near limit.
     """
 
     name: str
@@ -49,8 +49,8 @@ def _rate(name: str, about: str, rate_hz: float) -> NearLimit:
 
 
 def _jitter(name: str, about: str, jitter_s: float) -> NearLimit:
-    # Each message is late by chance, but the next keeps to the timer's schedule: the rate stays what it was, and a
-    # tick that a busy machine took is late by no more than that.
+    # Each message has a random delay, and the next keeps to the timer's schedule. The rate thus stays the same, and the
+    # delay bounds the lateness after a tick delayed by a busy machine.
     wait = (
         "        import random, time\n"
         "        due_s = self.timer.time_until_next_call() * 1e-9 - self.period_s\n"
@@ -62,16 +62,16 @@ def _jitter(name: str, about: str, jitter_s: float) -> NearLimit:
 
 
 NEAR_LIMITS = (
-    _rate("rate_98_5_hz", "98.5 Hz, where 98 Hz is still full", 98.5),
-    _rate("rate_97_5_hz", "97.5 Hz, just below what is full", 97.5),
+    _rate("rate_98_5_hz", "98.5 Hz; 98 Hz still earns full credit", 98.5),
+    _rate("rate_97_5_hz", "97.5 Hz, just below full credit", 97.5),
     _rate("rate_90_hz", "90 Hz, which must never pass", 90.0),
-    _jitter("jitter_2_ms", "late by up to 2 ms by chance, where 3 ms are full", 0.002),
+    _jitter("jitter_2_ms", "random delays of up to 2 ms; 3 ms earn full credit", 0.002),
     _jitter(
-        "jitter_15_ms", "late by up to 15 ms by chance: one interval in 20 is some 10 ms off", 0.015
+        "jitter_15_ms", "random delays of up to 15 ms: one interval in 20 is some 10 ms off", 0.015
     ),
     NearLimit(
         "reports_10_of_11",
-        "reports on 10 of 11 states, where 9 of 10 are full",
+        "reports on 10 of 11 states; 9 of 10 earn full credit",
         "joint_subscriber.py",
         _REPORT,
         "        self.seen = getattr(self, 'seen', 0) + 1\n        if self.seen % 11:\n    "
@@ -81,8 +81,7 @@ NEAR_LIMITS = (
 )
 
 
-#: Correct ones besides the solution, by the fixtures that they are: a package, coroutines, one process for all nodes
-#: of the launch file, and dataclasses.
+#: Fixtures with correct submissions: a package, coroutines, one process for all nodes of the launch file, dataclasses.
 _STYLES = (
     "correct_ament_package",
     "correct_asyncio",
@@ -90,17 +89,17 @@ _STYLES = (
     "correct_typed_dataclass",
 )
 
-#: The solution itself first.
+#: Names of all submissions, the solution first.
 NAMES = ("solution", *_STYLES, *(near.name for near in NEAR_LIMITS))
 
 
 def write(folder: Path, names: Collection[str] = NAMES, *, solution: Path = SOLUTION) -> None:
-    """Write some of them as folders of submissions; those near a limit are the solution with one line changed.
+    """Write submissions into a folder; submissions near a limit are files of the solution with one change.
 
     Raises
     ------
     ValueError
-        If the solution no longer holds a text that is to be changed.
+        If the solution does not hold a text to change.
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
@@ -113,7 +112,9 @@ def write(folder: Path, names: Collection[str] = NAMES, *, solution: Path = SOLU
             shutil.copytree(
                 whole[name], folder / name, ignore=shutil.ignore_patterns("__pycache__")
             )
-    for near in (n for n in NEAR_LIMITS if n.name in names):
+    for near in NEAR_LIMITS:
+        if near.name not in names:
+            continue
         text = (solution / near.file).read_text(encoding="utf-8")
         if text.count(near.old) != 1:
             raise ValueError(

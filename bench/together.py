@@ -1,4 +1,4 @@
-"""Runs receivers and a publisher together, in a network of their own where that can be had."""
+"""Runs receivers and a publisher together, in a network of their own if the system permits it."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ Words = Sequence[str]
 
 
 def _own_network() -> list[str]:
-    """Return what a command is begun with to have a network of its own; nothing where the system forbids it."""
+    """Return the start of a command line for a network of its own; empty if the system forbids it."""
     wrapper = ["unshare", "--net", "--map-root-user"]
-    if (
-        shutil.which("unshare")
-        and subprocess.run([*wrapper, "true"], capture_output=True, check=False).returncode == 0
-    ):
-        return [*wrapper, "sh", "-c", 'ip link set lo up && exec "$@"', "sh"]
-    return []
+    if not shutil.which("unshare"):
+        return []
+    tried = subprocess.run([*wrapper, "true"], capture_output=True, check=False)
+    if tried.returncode != 0:
+        return []
+    return [*wrapper, "sh", "-c", 'ip link set lo up && exec "$@"', "sh"]
 
 
 def run_together(receivers: Sequence[Words], publisher: Words) -> list[dict[str, Any]]:
-    """Run programs of `bench.programs`, given by name and arguments; return what each said, the publisher first.
+    """Run programs of `bench.programs`, given by name and arguments; return their outputs, the publisher's first.
 
     Raises
     ------
     RuntimeError
-        If one of them failed.
+        If a program failed.
     """
     with tempfile.TemporaryDirectory(prefix="bench-") as home:
         environment = {**trusted_environment(Path(home), _DOMAIN), "PYTHONPATH": str(_ROOT)}
@@ -68,7 +68,7 @@ def _start(words: Words) -> subprocess.Popen[str]:
 
 
 def main() -> None:
-    """Start all, wait for the publisher, and end the receivers by closing their standard input."""
+    """Start all programs, wait for the publisher, and end the receivers by closing their standard input."""
     publisher, *receivers = json.loads(sys.argv[1])
     running = [_start(words) for words in [*receivers, publisher]]
     said = [running[-1].communicate()[0]]

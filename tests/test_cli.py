@@ -90,7 +90,9 @@ def test_one_file_of_several_is_reported(
         status, output, _ = run(capsys, path, "--one", "-o", tmp_path / "no-folder/results")
         assert status == 70
         said.append(output)
-    assert f"only joint_publisher.py is graded; for all of them: grade {tmp_path}" in said[0]
+    assert (
+        f"Only joint_publisher.py is graded; for all files of the lab: grade {tmp_path}" in said[0]
+    )
     assert said[1] == ""
 
 

@@ -1,1 +1,1 @@
-"""Programs that the measurements start; each prints one line of JSON at its end."""
+"""Programs of the measurements; each prints one line of JSON at its end."""

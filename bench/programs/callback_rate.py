@@ -1,7 +1,7 @@
-"""Measures a topic's rate as `ros2 topic hz` is described to do.
+"""Measures a topic's rate by the documented method of `ros2 topic hz`.
 
-It subscribes with the sensor-data profile, notes the time in each callback, and gives the inverse of the mean
-interval over a window of the last 10,000. Arguments: "busy" or "idle".
+The program subscribes with the sensor-data profile, notes the time in each callback, and prints the inverse of the mean
+interval over the last 10,000 messages. Arguments: "busy" or "idle".
 """
 
 import json

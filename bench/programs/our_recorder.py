@@ -1,4 +1,4 @@
-"""Records the topic as a session's director does, and says what came and how fast it was published.
+"""Records the topic as a session's director does, and prints the number of messages and their rate.
 
 Arguments: "busy" or "idle".
 """

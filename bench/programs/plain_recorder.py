@@ -1,4 +1,4 @@
-"""Records the topic as one would write it down first: an executor's callback that gives each message to rosbags."""
+"""Records the topic in the plainest way: an executor's callback passes each message to rosbags."""
 
 import json
 import tempfile
@@ -15,7 +15,7 @@ from std_msgs.msg import Float64MultiArray
 from bench.programs.publisher import TOPIC
 from bench.programs.work import end_of_input
 
-#: As generous a queue as the other recorder's.
+#: Length of the queue, equal to the other recorder's.
 _DEPTH = 10_000
 
 

@@ -1,7 +1,7 @@
-"""Publishes at a rate, by absolute deadlines, and says how fast it really was.
+"""Publishes at a rate, by absolute deadlines, and prints the real rate.
 
-Arguments: rate in Hz, number of messages. Above 1 kHz the messages of a millisecond are sent together, as sleeping
-for less is not exact.
+Arguments: rate in Hz, number of messages, number of receivers. Above 1 kHz the messages of a millisecond are sent
+together, because shorter sleeps are inexact.
 """
 
 import json
@@ -20,7 +20,7 @@ _LONGEST_BATCH_S = 0.001
 
 
 def main() -> None:
-    """Publish, then wait until what is on its way has arrived."""
+    """Publish, then wait until the last messages have arrived."""
     rate_hz, count = float(sys.argv[1]), int(sys.argv[2])
     receivers = int(sys.argv[3])
     rclpy.init()

@@ -1,4 +1,4 @@
-"""Other work that a busy receiver has to do."""
+"""Work of a busy receiver."""
 
 import sys
 import threading
@@ -15,7 +15,7 @@ def work() -> None:
 
 
 def end_of_input() -> threading.Event:
-    """Return what is set when standard input ends, by which a program is told to end."""
+    """Return an event that is set at the end of standard input, which tells a program to end."""
     ended = threading.Event()
 
     def read() -> None:
@@ -27,7 +27,7 @@ def end_of_input() -> threading.Event:
 
 
 def until_told(busy: bool) -> None:
-    """Return when standard input ends; every fifth of a second `work` meanwhile, if `busy`."""
+    """Return at the end of standard input; a busy program calls `work` every fifth of a second until then."""
     ended = end_of_input()
     while not ended.wait(PERIOD_S - _BUSY_S if busy else PERIOD_S):
         if busy:

@@ -1,4 +1,4 @@
-"""`grade appeal RESULTS_DIR CHECK`: all evidence about a check in a page, judged again, with question and answer."""
+"""`grade appeal RESULTS_DIR CHECK`: judge a check again, write its evidence, note question and answer."""
 
 from __future__ import annotations
 
@@ -15,19 +15,20 @@ from grader.commands.review import desk_of, login
 if TYPE_CHECKING:
     from decimal import Decimal
 
+    from grader.classroom.regrade import Judged
     from grader.desk.decisions import Desk
-    from grader.result import CheckResult
+    from grader.result import CheckResult, Result
 
 _DESCRIPTION = """\
-Look into an appeal: write the page of all evidence about a check, judge the recording again, and say whether that
-changes anything. What the student asks and what is answered is written to overrides.yaml, and stands in the student's
-next report, at the check. An appeal that is noted without an answer waits at the desk of `grade review`.
+Examine an appeal: write a page with all evidence of a check, judge the recording again, and print the difference.
+Question and answer go to overrides.yaml, and appear at the check in the student's next report. A question without an
+answer waits at the desk of `grade review`.
 """
 
 _EPILOG = """\
 examples:
-  grade appeal results/alice publisher.rate                                   # the evidence, and nothing else
-  grade appeal results/alice publisher.rate --question "My timer is 0.01 s."  # noted; it waits at the desk
+  grade appeal results/alice publisher.rate                                   # evidence only
+  grade appeal results/alice publisher.rate --question "My timer is 0.01 s."  # noted for the desk
   grade appeal results/alice publisher.rate --answer "You are right." --set 5 --reason "the timer is right"
   grade appeal results/alice publisher.rate --answer "The recording shows 94 Hz; see the figure."
 """
@@ -41,90 +42,110 @@ def _parser() -> argparse.ArgumentParser:
         metavar="RESULTS_DIR",
         help="results of a submission, e.g. results/alice",
     )
-    parser.add_argument("check", metavar="CHECK", help="id of a check, as the report shows it")
-    parser.add_argument("--question", metavar="TEXT", help="what the student asks")
+    parser.add_argument("check", metavar="CHECK", help="id of a check, as shown in the report")
+    parser.add_argument("--question", metavar="TEXT", help="question of the student")
     parser.add_argument(
-        "--answer", metavar="TEXT", help="what the student is told; without points, they stay"
+        "--answer",
+        metavar="TEXT",
+        help="answer to the student; keeps the points unless they are set",
     )
-    parser.add_argument("--set", type=points, metavar="N", help="points that the check gets")
-    add_flag(parser, "--excused", "nothing is lost at the check")
+    parser.add_argument("--set", type=points, metavar="N", help="new points of the check")
+    add_flag(parser, "--excused", "give full points for the check")
     parser.add_argument(
         "--reason",
         metavar="TEXT",
         default="appeal",
-        help="why points change (default: %(default)s)",
+        help="reason for changed points (default: %(default)s)",
     )
     parser.add_argument(
-        "--who", metavar="NAME", default=login(), help="who decides (default: %(default)s)"
+        "--who",
+        metavar="NAME",
+        default=login(),
+        help="your name, for the decisions (default: %(default)s)",
     )
     add_path(
-        parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)"
+        parser, "--overrides", "decisions by people (default: overrides.yaml beside the results)"
     )
-    add_lab(parser, "default: the one that it was judged by last")
+    add_lab(parser, "default: the last rubric of the result")
     return parser
 
 
 def run(arguments: Sequence[str], console: Console) -> int:
-    """Show the evidence, judge again, and note what is asked and answered; returns the exit status."""
-    from grader.classroom.regrade import regrade
-    from grader.errors import UsageError
+    """Judge again, write the evidence, note question and answer; returns the exit status."""
     from grader.files import replace_file
     from grader.judging.judgement import evidence_of
-    from grader.judging.rules import sentence_of
-    from grader.lab.yaml_with_lines import meant
-    from grader.report.views import anchor, rule_text, signed
-    from grader.report.views import points as points_text
+    from grader.report.views import anchor
     from grader.result_folder import RECORDINGS
 
     options = _parser().parse_args(arguments)
-    folder, id_ = options.results.resolve(), options.check
+    folder = options.results.resolve()
     desk = desk_of(folder.parent, options.rubric, options.overrides, options.who, "appeal")
-    result = desk.judged().get(folder.name)
-    if result is None:
-        raise UsageError(
-            "there is no result of this submission", location=str(folder), remedy="Grade it first."
-        )
-    ids = [check.id for check in result.checks]
-    if id_ not in ids:
-        raise UsageError(
-            f"there is no check {id_!r}{meant(id_, ids)}",
-            remedy="The report names the id at each check.",
-        )
-    before = next(check for check in result.checks if check.id == id_)
+    before = _check_of(desk, folder, options.check)
     if options.set is not None:
         _require_within(options.set, before)
-    found = regrade(
-        [folder],
-        options.rubric,
-        desk.overrides_file if desk.overrides_file.exists() else None,
-        pages=False,
-    )
-    for error in found.failed.values():
-        raise error
-    ((_, judged),) = found.judged.items()
-    page = folder / f"{anchor('appeal', id_)}.html"
-    replace_file(page, evidence_of(judged.result, folder / RECORDINGS, judged.rubric, id_))
-    again = next(check for check in judged.result.checks if check.id == id_)
-    same = (
-        "as before"
-        if again.earned == before.earned
-        else f"{signed(again.earned - before.earned)} points"
-    )
-    outcome, earned = again.outcome.value.replace("_", " "), points_text(again.earned)
-    console.print(f"Judged again: {outcome}, {earned} of {points_text(again.possible)}, {same}.")
-    console.print(f"Decided by {rule_text(again)}: {sentence_of(again.decided_by)}")
+    judged = _judged_again(desk, folder, options.rubric)
+    page = folder / f"{anchor('appeal', before.id)}.html"
+    replace_file(page, evidence_of(judged.result, folder / RECORDINGS, judged.rubric, before.id))
+    _print_difference(before, judged.result, console)
     console.print(f"Evidence: {page}", soft_wrap=True, markup=False)
     if _note(desk, folder.name, options):
         for name in desk.close():
-            print_note(console, f"{name} could not be written; `grade regrade {folder}` says why.")
+            print_note(
+                console, f"{name} could not be written; `grade regrade {folder}` shows the reason."
+            )
         console.print(
             f"Noted in {desk.overrides_file}; the report shows it.", soft_wrap=True, markup=False
         )
     return 0
 
 
+def _check_of(desk: Desk, folder: Path, id_: str) -> CheckResult:
+    """Return a check of a submission's result; raises UsageError if there is no such result or check."""
+    from grader.errors import UsageError
+    from grader.lab.yaml_with_lines import meant
+
+    result = desk.judged().get(folder.name)
+    if result is None:
+        raise UsageError(
+            "there is no result of this submission", location=str(folder), remedy="Grade it first."
+        )
+    checks = {check.id: check for check in result.checks}
+    if id_ not in checks:
+        raise UsageError(
+            f"there is no check {id_!r}{meant(id_, list(checks))}",
+            remedy="The report shows the id of each check.",
+        )
+    return checks[id_]
+
+
+def _judged_again(desk: Desk, folder: Path, rubric: Path | None) -> Judged:
+    """Judge a submission's recording again, with the overrides; raises GraderError if that fails."""
+    from grader.classroom.regrade import regrade
+
+    overrides = desk.overrides_file if desk.overrides_file.exists() else None
+    found = regrade([folder], rubric, overrides, pages=False)
+    for error in found.failed.values():
+        raise error
+    return found.judged[folder.name]
+
+
+def _print_difference(before: CheckResult, result: Result, console: Console) -> None:
+    """Print the new points of a check, e.g. `failed, 0 of 2, as before`, and the rule that decided."""
+    from grader.judging.rules import sentence_of
+    from grader.report.views import points as points_text
+    from grader.report.views import rule_text, signed
+
+    again = next(check for check in result.checks if check.id == before.id)
+    difference = again.earned - before.earned
+    words = f"{signed(difference)} points" if difference else "as before"
+    outcome = again.outcome.value.replace("_", " ")
+    earned = f"{points_text(again.earned)} of {points_text(again.possible)}"
+    console.print(f"Judged again: {outcome}, {earned}, {words}.")
+    console.print(f"Decided by {rule_text(again)}: {sentence_of(again.decided_by)}")
+
+
 def _require_within(given: Decimal, check: CheckResult) -> None:
-    """Raise UsageError if a check does not have so many points."""
+    """Raise UsageError if the points are outside the check's range."""
     from grader.errors import UsageError
     from grader.report.views import points as points_text
 
@@ -132,12 +153,12 @@ def _require_within(given: Decimal, check: CheckResult) -> None:
         raise UsageError(
             f"{check.id} has 0 to {points_text(check.possible)} points, not {points_text(given)}",
             location="--set",
-            remedy="A bonus in overrides.yaml gives more.",
+            remedy="For more points, add a bonus in overrides.yaml.",
         )
 
 
 def _note(desk: Desk, name: str, options: argparse.Namespace) -> bool:
-    """Write question and answer; returns whether there was one."""
+    """Write question and answer to the overrides; returns True if there was any."""
     from dataclasses import replace
 
     from grader.desk.decisions import Decision
@@ -148,16 +169,21 @@ def _note(desk: Desk, name: str, options: argparse.Namespace) -> bool:
         replace(desk, who=student).decide(
             Decision(**about, change="appeal", comment=options.question)
         )
-    change = "set" if options.set is not None else "excused" if options.excused else "reviewed"
+    if options.set is not None:
+        change = "set"
+    elif options.excused:
+        change = "excused"
+    else:
+        change = "reviewed"
     is_answered = bool(options.answer) or change != "reviewed"
     if is_answered:
-        answer = {
-            "change": change,
-            "points": options.set,
-            "comment": options.answer or "",
-            "reason": options.reason,
-        }
         desk.decide(
-            Decision(**about, **(answer if change != "reviewed" else {**answer, "reason": ""}))
+            Decision(
+                **about,
+                change=change,
+                points=options.set,
+                comment=options.answer or "",
+                reason=options.reason if change != "reviewed" else "",
+            )
         )
     return bool(options.question) or is_answered

@@ -1,4 +1,4 @@
-"""What several commands share: options, what they print of notes and errors, and a turn for each submission."""
+"""Functions shared by the commands: options, printing of notes and errors, and a loop over submissions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _TRUE = ("1", "true", "yes")
 
 
 def parser_of(command: str, description: str, epilog: str = "") -> argparse.ArgumentParser:
-    """Return the parser of a command, whose texts are shown in the lines in which they stand."""
+    """Return the parser of a command; its help keeps the line breaks of description and epilog."""
     form = argparse.RawDescriptionHelpFormatter
     return Parser(prog=command, description=description, epilog=epilog, formatter_class=form)
 
@@ -42,7 +42,7 @@ def add_path(parser: _ActionsContainer, option: str, words: str, metavar: str = 
 
 
 def add_lab(parser: _ActionsContainer, words: str) -> None:
-    """Add `--lab`, which `--rubric` is another name of: a lab's folder, or a rubric."""
+    """Add `--lab`, also called `--rubric`: a lab's folder, or a rubric."""
     words = f"folder of a lab, or its rubric.yaml ({words})"
     parser.add_argument(
         "--lab", "--rubric", dest="rubric", action=_NameLab, metavar="LAB", help=words
@@ -50,7 +50,7 @@ def add_lab(parser: _ActionsContainer, words: str) -> None:
 
 
 class _NameLab(argparse.Action):
-    """Stores the path of the rubric; raises RubricError if it is missing, with the option by which it was named."""
+    """Stores the path of the rubric; raises RubricError with the option's name if the file is missing."""
 
     def __call__(
         self,
@@ -70,7 +70,7 @@ class _NameLab(argparse.Action):
 
 
 def rubric_path(text: str) -> Path:
-    """Return the rubric that is meant by it, or by the folder that it lies in."""
+    """Return the path of a rubric, given by itself or by its folder."""
     path = Path(text)
     return path / RUBRIC_FILE if path.is_dir() else path
 
@@ -98,17 +98,14 @@ def add_isolation(parser: argparse.ArgumentParser) -> None:
         "--require-isolation",
         choices=("full", "no-cgroup", "reduced"),
         metavar="LEVEL",
-        help="run nothing unless students' code is confined at least so: full, no-cgroup or reduced (default: "
-        "no-cgroup for several submissions and in CI jobs, reduced for one; `grade doctor` shows what there is)",
+        help="required level of confinement: full, no-cgroup or reduced; below it nothing runs (default: no-cgroup "
+        "for several submissions and in CI jobs, reduced for one; `grade doctor` shows the level of this machine)",
     )
-    words = (
-        "run the submissions even where they cannot be confined at all: I know and trust their code"
-    )
-    add_flag(parser, "--trust-code", words)
+    add_flag(parser, "--trust-code", "run the code even without confinement, because I trust it")
 
 
 def least_isolation(options: argparse.Namespace, *, several: bool) -> str:
-    """Return the level of confinement that is required: the one asked for, else by what is at stake."""
+    """Return the required level of confinement: the option's, or else a level by the kind of run."""
     if options.trust_code:
         return "none"
     if options.require_isolation is not None:
@@ -117,7 +114,10 @@ def least_isolation(options: argparse.Namespace, *, several: bool) -> str:
 
 
 def interpreter_of(chosen: Path | None) -> Path:
-    """Return what runs students' code, by default what runs this; raises PlatformError if it is not there."""
+    """Return the interpreter for students' code, by default that of the grader.
+
+    Raises PlatformError if the interpreter is missing.
+    """
     if chosen is not None and not chosen.is_file():
         raise PlatformError(
             "there is no such interpreter", location=str(chosen), remedy="Check --python."
@@ -126,7 +126,7 @@ def interpreter_of(chosen: Path | None) -> Path:
 
 
 def points(text: str) -> Decimal:
-    """Read a number of points from an argument."""
+    """Return the number of points in an argument, e.g. `2.5`."""
     with suppress(InvalidOperation):
         if (number := Decimal(text)).is_finite():
             return number
@@ -134,19 +134,19 @@ def points(text: str) -> Decimal:
 
 
 def count(text: str) -> int:
-    """Read a number from 1 on from an argument."""
+    """Return the whole number in an argument, 1 or more."""
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"must be a whole number from 1 on, not {text!r}")
+        raise argparse.ArgumentTypeError(f"must be a whole number of 1 or more, not {text!r}")
     return int(text)
 
 
 def print_note(console: Console, text: str, style: str = "yellow") -> None:
-    """Print what the user should know, which may hold anything."""
+    """Print a note; its text may hold any characters."""
     console.print(Text(terminal_text(text), style), soft_wrap=True)
 
 
 def print_error(error: GraderError) -> None:
-    """Print problem, where and remedy to standard error."""
+    """Print problem, location and remedy to standard error."""
     location = f"{terminal_text(error.location)}: " if error.location else ""
     print(f"grade: {location}{terminal_text(error.problem)}", file=sys.stderr)
     for mistake in error.mistakes if isinstance(error, RubricError) else ():
@@ -160,7 +160,7 @@ def each(
     work: Callable[[_Submission], Decimal],
     least: Decimal | None = None,
 ) -> int:
-    """Do the work for each submission; one that has no result does not keep the others from it."""
+    """Do the work for each submission, also after an error; returns the highest exit status."""
     statuses = []
     for submission in submissions:
         try:

@@ -1,4 +1,4 @@
-"""`grade checks`: list the checks that a rubric can use."""
+"""`grade checks`: list the checks for rubrics."""
 
 from functools import partial
 

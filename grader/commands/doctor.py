@@ -16,7 +16,7 @@ from grader.report.escape import terminal_text
 if TYPE_CHECKING:
     from grader.doctor.status import Status
 
-#: Exit status when something keeps this machine from grading.
+#: Exit status if this machine cannot grade.
 _UNFIT = 1
 _STYLES = {"PASS": "green", "WARNING": "yellow", "FAIL": "red"}
 
@@ -25,16 +25,20 @@ def run(arguments: Sequence[str], console: Console) -> int:
     """Examine the machine; returns the exit status."""
     from grader.doctor.status import Verdict, status_of_limits
 
-    words = "Examine this machine: can it grade, how well does it confine students' code, how quiet is it?"
-    parser = parser_of("grade doctor", words, "Exit status 1 if it cannot grade.")
+    words = "Examine this machine: can it grade, how well does it confine students' code, how busy is it?"
+    parser = parser_of("grade doctor", words, "The exit status is 1 if this machine cannot grade.")
     add_path(parser, "--python", "interpreter for students' code")
-    add_flag(parser, "--calibrate", "also grade the lab's own solution: what can be decided here?")
-    add_lab(parser, "its solution is graded; default: that which travels with grade")
+    add_flag(
+        parser,
+        "--calibrate",
+        "also grade the lab's solution, and report which checks this machine can decide",
+    )
+    add_lab(parser, "for --calibrate; default: the lab shipped with grade")
     options = parser.parse_args(arguments)
     interpreter = interpreter_of(options.python)
     limits = status_of_limits()
     _print(limits, console)
-    if limits.verdict is Verdict.FAIL:  # Under a limit on memory, the rest cannot even be imported.
+    if limits.verdict is Verdict.FAIL:  # A limit on memory prevents the imports below.
         return _UNFIT
     verdicts = []
     for status in _statuses(interpreter, options):

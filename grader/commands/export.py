@@ -1,4 +1,4 @@
-"""`grade export RESULTS_DIR...`: write results in the forms of CI systems, learning platforms and mail programs."""
+"""`grade export RESULTS_DIR...`: write results for CI systems, learning platforms and mail programs."""
 
 from __future__ import annotations
 
@@ -29,14 +29,13 @@ from grader.result_folder import RESULT_FILE
 if TYPE_CHECKING:
     from grader.cohort.entries import ClassEntry
 
-#: Submissions that a note names.
+#: Maximum number of submissions named in a note.
 _MOST_NAMED = 10
 _EPILOG = """
 example:
   grade export results/ --to canvas --column 'Lab 9 (4711)'
-  The folder is a class's, or one submission's. Who is who is known from the download that was graded, and from the
-  class list that was given then; --class-list adds to it, also with what the grade book itself exports.
-  A new column is made unless --column has the heading of one, as the grade book's own export writes it.
+  Students are identified by the graded download and its class list. --class-list adds data, for example an export of
+  the grade book. Without --column a new column is made; for an existing one, copy its heading from that export.
 """
 
 
@@ -45,7 +44,7 @@ def add_exports(
     option: str,
     forms: Mapping[str, Export | ClassExport] = EXPORTS,
 ) -> None:
-    """Add the option that chooses exports among some forms, and `--path-prefix`."""
+    """Add the option that chooses exports, and `--path-prefix`."""
     parser.add_argument(
         option,
         type=partial(_target, forms=forms),
@@ -53,21 +52,21 @@ def add_exports(
         default=[],
         dest="exports",
         metavar="NAME[=FILE]",
-        help=f"write the result in another system's form: {', '.join(forms)} (FILE: by default one in the "
-        "results folder; several times for several)",
+        help=f"form of another system: {', '.join(forms)} (FILE: by default a file in the results folder; repeat the "
+        "option for several forms)",
     )
     parser.add_argument(
         "--path-prefix",
         type=_below_here,
         default="",
         metavar="DIR",
-        help="folder of the submission in its repository (an absolute one: below the working folder), for forms that "
-        "point at lines of files",
+        help="folder of the submission in its repository, for forms with lines of files (an absolute path must lie in "
+        "the working folder)",
     )
 
 
 def _below_here(text: str) -> str:
-    """Return a path as jobs name it, whose working folder is the repository."""
+    """Return a path relative to the working folder, which is the repository in a CI job."""
     return os.path.relpath(text) if Path(text).is_absolute() else text
 
 
@@ -80,7 +79,9 @@ def _target(text: str, forms: Mapping[str, Export | ClassExport] = FORMS) -> Exp
 
 def _address(text: str) -> str:
     if "@" not in text or not text.isprintable():
-        raise argparse.ArgumentTypeError(f"{text!r} is not an address, as in Lab <lab@uni.example>")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is not an address such as Lab <lab@uni.example>"
+        )
     return text
 
 
@@ -89,13 +90,9 @@ def _parser() -> argparse.ArgumentParser:
         "forms of a submission": EXPORTS,
         "forms of a class": CLASS_EXPORTS,
     }
-    lines = [
-        f"{title} (and their files):\n"
-        + "\n".join(f"  {e.name:<19}{e.description} ({e.file_name})" for e in of.values())
-        for title, of in forms.items()
-    ]
-    words = "Write results in the forms of CI systems, learning platforms and mail programs."
-    parser = parser_of("grade export", words, "\n\n".join(lines) + "\n" + _EPILOG)
+    lists = [_list_of(title, of) for title, of in forms.items()]
+    words = "Write results for CI systems, learning platforms and mail programs."
+    parser = parser_of("grade export", words, "\n\n".join(lists) + "\n" + _EPILOG)
     results = "results of a submission, e.g. results/alice, or of a class, e.g. results/"
     parser.add_argument("results", nargs="+", type=Path, metavar="RESULTS_DIR", help=results)
     add_exports(parser, "--to", FORMS)
@@ -103,25 +100,34 @@ def _parser() -> argparse.ArgumentParser:
         "-o",
         "--output",
         metavar="FILE",
-        help="the file for a single form; - is the standard output",
+        help="file for a single form; - means the standard output",
     )
-    add_flag(
-        parser, "--so-far", "of a grading that still runs: judge what has been recorded until now"
-    )
-    group = parser.add_argument_group("of a class")
+    add_flag(parser, "--so-far", "judge the recordings so far of a grading that is still running")
+    group = parser.add_argument_group("options for forms of a class")
     add_path(
         group,
         "--class-list",
-        "who is in the class, as for `grade`, or a grade book's own export",
+        "class list, as for `grade`, or an export of the grade book",
         "CSV",
     )
     group.add_argument(
-        "--column", default="", metavar="HEADING", help="heading of the grade book's column"
+        "--column",
+        default="",
+        metavar="HEADING",
+        help="heading of an existing column in the grade book",
     )
     group.add_argument(
-        "--from", dest="sender", metavar="ADDRESS", type=_address, help="from whom mails come"
+        "--from", dest="sender", metavar="ADDRESS", type=_address, help="sender of mails"
     )
     return parser
+
+
+def _list_of(title: str, forms: Mapping[str, Export | ClassExport]) -> str:
+    """List forms for the help, with a line each, e.g. `  junit  JUnit XML (junit.xml)`."""
+    lines = [f"{title} (and their files):"]
+    for form in forms.values():
+        lines.append(f"  {form.name:<19}{form.description} ({form.file_name})")
+    return "\n".join(lines)
 
 
 def run(arguments: Sequence[str], console: Console) -> int:
@@ -139,36 +145,17 @@ def run(arguments: Sequence[str], console: Console) -> int:
 def _export_class(
     results: Path, targets: Sequence[ExportTarget], options: argparse.Namespace, console: Console
 ) -> Decimal:
-    """Write forms of a class; returns no points, since there are none of a class."""
-    from grader.cohort.entries import NOTHING_SUBMITTED, entries_in, entry_in, with_roster
+    """Write forms of a class; returns 0, because a class has no points."""
     from grader.report.exports.returned import ReturnedClass
-    from grader.submission.roster import read_class_list
 
-    single = (results / RESULT_FILE).is_file()
-    entries = [entry_in(results.resolve())] if single else entries_in(results)
-    if options.class_list is not None:
-        entries = with_roster(entries, read_class_list(options.class_list))
-        entries = [entry for entry in entries if entry.problem != NOTHING_SUBMITTED]
-    if not any(entry.result for entry in entries):
-        remedy = "Give the folder of a class's results, e.g. results/, or of one submission's."
-        raise RecordingError("there are no results to export", location=str(results), remedy=remedy)
-    labs = sorted(
-        {entry.result.provenance.get("lab", "") for entry in entries if entry.result is not None}
-    )
-    if len(labs) > 1:
-        remedy = "A column is of one lab: move the results of each into a folder of its own."
-        raise RecordingError(
-            f"these are results of Labs {' and '.join(labs)}", location=str(results), remedy=remedy
-        )
-    given = ReturnedClass(
-        entries,
-        results.resolve().parent if single else results,
-        options.column,
-        options.sender or "",
-    )
+    is_single = (results / RESULT_FILE).is_file()
+    entries = _entries_of(results, options.class_list, is_single=is_single)
+    _require_one_lab(entries, results)
+    folder = results.resolve().parent if is_single else results
+    given = ReturnedClass(entries, folder, options.column, options.sender or "")
     notes = _standing_of(entries)
-    beside = any(target.file == STANDARD_OUTPUT for target in targets)
-    display = Console(stderr=True) if beside else console
+    prints_a_form = any(target.file == STANDARD_OUTPUT for target in targets)
+    display = Console(stderr=True) if prints_a_form else console
     reaches_nobody = []
     for target in targets:
         returned = CLASS_EXPORTS[target.name].render(given)
@@ -180,34 +167,73 @@ def _export_class(
         for path, part in write_class_export(target, results, returned):
             display.print(f"{terminal_text(str(path))}: {part.count}", soft_wrap=True, markup=False)
         for part in (returned, *returned.further):
-            notes |= {f"{target.name}: {note}": names for note, names in part.notes.items()}
+            for note, names in part.notes.items():
+                notes[f"{target.name}: {note}"] = names
     _print_notes(notes)
     if reaches_nobody:
         raise RecordingError(
-            f"nothing was written for {', '.join(reaches_nobody)}: nobody of these results can be reached so",
+            f"nothing was written for {', '.join(reaches_nobody)}: these forms reach no student of these results",
             location=str(results),
-            remedy="The notes above say why. --class-list adds what is known of students; a grade book's own export is one.",
+            remedy="The notes above have the reasons. A --class-list adds data, for example an export of the grade book.",
         )
     return Decimal(0)
 
 
+def _entries_of(results: Path, class_list: Path | None, *, is_single: bool) -> list[ClassEntry]:
+    """Return the submissions of a class, or a single one, with the facts of a class list.
+
+    Raises RecordingError if there is no result.
+    """
+    from grader.cohort.entries import NOTHING_SUBMITTED, entries_in, entry_in, with_roster
+    from grader.submission.roster import read_class_list
+
+    entries = [entry_in(results.resolve())] if is_single else entries_in(results)
+    if class_list is not None:
+        entries = with_roster(entries, read_class_list(class_list))
+        entries = [entry for entry in entries if entry.problem != NOTHING_SUBMITTED]
+    if not any(entry.result for entry in entries):
+        raise RecordingError(
+            "there are no results to export",
+            location=str(results),
+            remedy="Name the results of a class, e.g. results/, or of one submission, e.g. results/alice.",
+        )
+    return entries
+
+
+def _require_one_lab(entries: Sequence[ClassEntry], results: Path) -> None:
+    """Raise RecordingError if results belong to several labs."""
+    labs = set()
+    for entry in entries:
+        if entry.result is not None:
+            labs.add(entry.result.provenance.get("lab", ""))
+    if len(labs) > 1:
+        raise RecordingError(
+            f"these are results of Labs {' and '.join(sorted(labs))}",
+            location=str(results),
+            remedy="A grade book has a column per lab: move the results of each lab into a folder of its own.",
+        )
+
+
 def _standing_of(entries: Sequence[ClassEntry]) -> dict[str, list[str]]:
-    """Return notes on submissions without a result, and on points that are still undecided."""
+    """Return notes on submissions without a result and on undecided points, each with the submissions."""
     ungraded = [entry.name for entry in entries if entry.result is None]
     still_open = [entry.name for entry in entries if entry.result and entry.result.still_undecided]
     notes = {
-        "Not graded, so left out": ungraded,
-        "Points of these are still undecided, and not in what is exported": still_open,
+        "Left out, because not graded": ungraded,
+        "Exported without their undecided points": still_open,
     }
     return {words: names for words, names in notes.items() if names}
 
 
 def _print_notes(notes: Mapping[str, Sequence[str]]) -> None:
-    """Print each note, with the submissions that it is about."""
+    """Print each note with its submissions."""
     for words, names in notes.items():
-        more = f" and {len(names) - _MOST_NAMED} more" if len(names) > _MOST_NAMED else ""
-        listed = f": {', '.join(names[:_MOST_NAMED])}{more}" if names else ""
-        print_note(Console(stderr=True), f"{words}{listed}")
+        listed = ", ".join(names[:_MOST_NAMED])
+        if len(names) > _MOST_NAMED:
+            listed += f" and {len(names) - _MOST_NAMED} more"
+        if listed:
+            words = f"{words}: {listed}"
+        print_note(Console(stderr=True), words)
 
 
 def _export(
@@ -218,7 +244,7 @@ def _export(
     try:
         result = judge_so_far(results) if options.so_far else load_result(results / RESULT_FILE)
     except FileNotFoundError as problem:
-        remedy = "Give the folder of one submission's results, e.g. results/alice."
+        remedy = "Name the results of one submission, e.g. results/alice."
         raise RecordingError(
             f"there is no {RESULT_FILE} to export", location=str(results), remedy=remedy
         ) from problem
@@ -232,16 +258,25 @@ def _export(
 def _targets(parser: argparse.ArgumentParser, options: argparse.Namespace) -> list[ExportTarget]:
     targets: list[ExportTarget] = options.exports
     if not targets:
-        parser.error("name the form with --to")
+        parser.error("name a form with --to")
     if options.output is not None:
-        if len(targets) > 1 or targets[0].file is not None:
-            parser.error("-o needs a single --to NAME")
-        try:
-            targets = [ExportTarget.parse(f"{targets[0].name}={options.output}", FORMS)]
-        except ValueError as problem:
-            parser.error(str(problem))
-    if len({target.name in CLASS_EXPORTS for target in targets}) > 1:
-        parser.error("forms of a submission and forms of a class are written one after the other")
-    if len(options.results) > 1 and any(t.file not in (None, STANDARD_OUTPUT) for t in targets):
-        parser.error("of several results, each is written into its own folder; leave out the file")
+        targets = [_target_at(options.output, targets, parser)]
+    is_of_class = {target.name in CLASS_EXPORTS for target in targets}
+    if len(is_of_class) > 1:
+        parser.error("forms of a submission and forms of a class need a command each")
+    named_files = [target for target in targets if target.file not in (None, STANDARD_OUTPUT)]
+    if len(options.results) > 1 and named_files:
+        parser.error("several results are each written into their own folder; leave out the file")
     return targets
+
+
+def _target_at(
+    output: str, targets: Sequence[ExportTarget], parser: argparse.ArgumentParser
+) -> ExportTarget:
+    """Return the single form with the file of `-o`; ends with an error of usage if there are several forms."""
+    if len(targets) > 1 or targets[0].file is not None:
+        parser.error("-o needs a single --to NAME")
+    try:
+        return ExportTarget.parse(f"{targets[0].name}={output}", FORMS)
+    except ValueError as problem:
+        parser.error(str(problem))

@@ -1,4 +1,4 @@
-"""`grade figures`: list the pictures that a report can show."""
+"""`grade figures`: list the figures for reports."""
 
 from functools import partial
 

@@ -8,7 +8,7 @@ import os
 import resource
 import sys
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -59,15 +59,15 @@ if TYPE_CHECKING:
     from grader.submission.extraction import SubmissionSource
 
 _INTERRUPTED = 130
-#: Files that belong to no submission are listed up to so many.
+#: Maximum number of listed files that belong to no submission.
 _MOST_LISTED = 10
 
 _DESCRIPTION = """\
 Grade ROS 2 lab submissions on a live ROS graph.
 
-PATH is a submission (a folder or an archive), a folder of submissions, or a learning-management system's download.
-Several submissions are graded side by side. What has been graded is kept: give the same command again after an
-interruption, and it goes on; unchanged submissions are not graded a second time.
+PATH is a submission (a folder or an archive), a folder of submissions, or a download of a learning-management system.
+Several submissions are graded side by side. After an interruption, the same command continues; it does not grade
+unchanged submissions again.
 """
 
 
@@ -78,7 +78,7 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
         nargs="+",
         type=Path,
         metavar="PATH",
-        help="a submission, or a folder of them",
+        help="a submission, or a folder of submissions",
     )
     parser.add_argument(
         "-o",
@@ -86,31 +86,32 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
         type=Path,
         default="results",
         metavar="DIR",
-        help="where results go (default: results)",
+        help="folder for the results (default: results)",
     )
-    add_lab(parser, "default: the lab which travels with grade")
-    overrides = (
-        "decisions of people, see `grade regrade --help` (default: overrides.yaml where results go)"
-    )
+    add_lab(parser, "default: the lab shipped with grade")
+    overrides = "decisions by people, see `grade regrade --help` (default: overrides.yaml in the results folder)"
     add_path(parser, "--overrides", overrides)
     parser.add_argument(
-        "--sessions", type=_names, metavar="A,B", help="run only these sessions of the rubric"
+        "--sessions",
+        type=_names,
+        metavar="A,B",
+        help="sessions of the rubric to run (default: all)",
     )
     add_path(parser, "--python", "interpreter for students' code (default: grade's own)")
-    parser.add_argument("--seed", type=int, help="seed of the stimuli (default: drawn anew)")
-    add_jobs(parser, "sessions side by side (default: as the cores allow)")
+    parser.add_argument("--seed", type=int, help="seed of the stimuli (default: a random one)")
+    add_jobs(parser, "number of sessions side by side (default: by the number of cores)")
     parser.add_argument(
         "--launch",
         choices=("standin", "native", "auto"),
         default="standin",
-        help="what evaluates launch files: grade's own stand-in (default), the real launch of a sourced ROS "
-        "installation, or the real one where there is one",
+        help="evaluation of launch files: by grade's own stand-in (default), by the native launch of a sourced ROS "
+        "installation, or auto: native if available",
     )
     _add_class(parser)
     add_isolation(parser)
     add_exports(parser, "--export")
     add_fail_under(parser)
-    add_flag(parser, "--timings", "also print where the time went (for a single submission)")
+    add_flag(parser, "--timings", "also print the time of each stage (for a single submission)")
     parser.add_argument("--version", action="version", version=f"grade {__version__}")
     return parser
 
@@ -122,33 +123,29 @@ def _names(text: str) -> list[str]:
 def _add_class(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("several submissions")
     shape = group.add_mutually_exclusive_group()
-    add_flag(shape, "--one", "each PATH is one submission, whatever it looks like")
-    add_flag(shape, "--each", "each folder and archive in PATH is a submission")
-    listed = "who is in the class: columns name, student_id, submitted_at and others, or a grade book's own export"
+    add_flag(shape, "--one", "take each PATH as one submission")
+    add_flag(shape, "--each", "take each folder and archive in PATH as a submission")
+    listed = "class list with the columns name, student_id, submitted_at and others, or an export of the grade book"
     add_path(group, "--class-list", listed, "CSV")
     again = group.add_mutually_exclusive_group()
     add_flag(
         again,
         "--resume",
-        "keep what has been graded from the same files, rubric and options (the default)",
+        "keep results with the same files, rubric and options (the default)",
     )
-    add_flag(again, "--afresh", "grade all again")
-    undecided = "of what has been graded, run again only the sessions that left something undecided"
+    add_flag(again, "--afresh", "grade everything again")
+    undecided = "run again only the sessions with undecided checks"
     add_flag(again, "--undecided", undecided)
-    replace = (
-        "let results take the place of those that were made from another path under the same name"
-    )
-    add_flag(group, "--replace", replace)
-    pseudonyms = (
-        "also write index-anonymous.html and grades-anonymous.csv, with pseudonyms instead of names"
-    )
+    replacing = "replace results of the same name from another path"
+    add_flag(group, "--replace", replacing)
+    pseudonyms = "also write index-anonymous.html and grades-anonymous.csv with pseudonyms"
     add_flag(group, "--anonymous", pseudonyms)
-    workers = "grade on the workers of this Dask scheduler (an address, or the file that it wrote)"
+    workers = "grade on the workers of this Dask scheduler (its address or its scheduler file)"
     group.add_argument("--scheduler", metavar="ADDRESS", help=workers)
 
 
 def takes(arguments: Sequence[str]) -> bool:
-    """Return whether these are arguments for grading, and all paths among them exist."""
+    """Tell whether these are arguments of grading with only existing paths."""
     if {"-h", "--help", "--version"}.intersection(arguments):
         return False
     try:
@@ -174,8 +171,8 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
 
 
 def _note_limits(console: Console) -> None:
-    """Say which limits give students' programs less than elsewhere; raises PlatformError if one prevents grading."""
-    # First: under a limit on memory, not even the modules of the grader can be imported.
+    """Print low limits that affect students' programs; raises PlatformError if a limit prevents grading."""
+    # This check comes first, because a limit on memory can prevent even the imports of the grader.
     from grader.live.sandbox.enough import present_shortages, require_limits
 
     require_limits()
@@ -186,34 +183,79 @@ def _note_limits(console: Console) -> None:
 def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: Console) -> int:
     from confine.scratch import remove_stale
     from grader import pipeline
-    from grader.classroom.regrade import recorded_in
     from grader.judging import rubrics
 
     rubric = rubrics.read_rubric(options.rubric)
     pipeline.require_sessions(options.sessions or (), rubric)
     require_submissions(options.submissions, rubric)
     found = _found(options, rubric)
-    if options.undecided and options.scheduler is not None:
-        parser.error("--undecided is for this machine; leave --scheduler out")
     several = len(found.submissions) > 1 or options.scheduler is not None or options.undecided
+    _require_fitting_options(parser, options, several=several)
     origins = [source.origin for source in found.submissions]
-    require_no_links(options.output, origins)
-    for folder in recorded_in(options.output):
-        rubrics.require_lab(folder, rubric, "Give another folder for these results by -o.")
-    for target in options.exports:
-        require_no_links(target.path(options.output).parent, origins, inside=False)
-    if (
-        options.overrides is None
-        and (ignored := uncounted_overrides(options.output, origins)) is not None
-    ):
-        print_note(console, f"Note: {ignored}")
+    _require_places(options, rubric, origins)
+    _note_uncounted_overrides(options, origins, console)
+    live = _live_options(options, rubric, origins, several=several)
+    _note_single_files(options.submissions, rubric, console)
+    remove_stale()
+    _print_discovery(found, console, several=several)
+    allowed, status = _without_other_sources(found.submissions, options)
+    if not allowed:
+        return status
+    if several:
+        found = replace(found, submissions=tuple(allowed))
+        graded = _grade_class(found, rubric, live, options, console)
+    else:
+        graded = each(
+            allowed, lambda one: _grade_one(one, rubric, live, options, console), options.fail_under
+        )
+    return max(status, graded)
+
+
+def _require_fitting_options(
+    parser: argparse.ArgumentParser, options: argparse.Namespace, *, several: bool
+) -> None:
+    """End with an error of usage if options exclude each other, or exclude several submissions."""
+    if options.undecided and options.scheduler is not None:
+        parser.error("--undecided runs on this machine only; leave out --scheduler")
     if several and options.timings:
         parser.error("--timings is for one submission")
     if several and options.exports:
         parser.error(
-            "--export is for one submission; for several use `grade export` on their results"
+            "--export is for one submission; for several, run `grade export` on their results"
         )
-    live = pipeline.Options(
+
+
+def _require_places(options: argparse.Namespace, rubric: Rubric, origins: Sequence[str]) -> None:
+    """Raise UsageError if results or exports would follow a submission's link, or join results of another lab."""
+    from grader.classroom.regrade import recorded_in
+    from grader.judging import rubrics
+
+    require_no_links(options.output, origins)
+    for folder in recorded_in(options.output):
+        rubrics.require_lab(folder, rubric, "Name another folder for these results with -o.")
+    for target in options.exports:
+        require_no_links(target.path(options.output).parent, origins, inside=False)
+
+
+def _note_uncounted_overrides(
+    options: argparse.Namespace, origins: Sequence[str], console: Console
+) -> None:
+    """Print a note if overrides among the results do not count, because they lie in a submission."""
+    if options.overrides is not None:
+        return
+    ignored = uncounted_overrides(options.output, origins)
+    if ignored is not None:
+        print_note(console, f"Note: {ignored}")
+
+
+def _live_options(
+    options: argparse.Namespace, rubric: Rubric, origins: Sequence[str], *, several: bool
+) -> Options:
+    """Return the options of the live half."""
+    from grader import pipeline
+    from grader.judging import rubrics
+
+    return pipeline.Options(
         interpreter_of(options.python),
         options.sessions,
         pipeline.Scope.UNDECIDED if options.undecided else pipeline.Scope.ALL,
@@ -225,42 +267,47 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
         options.exports,
         options.path_prefix,
     )
-    _note_single_files(options.submissions, rubric, console)
-    remove_stale()
-    _print_discovery(found, console, several=several)
-    allowed, status = [], 0
-    for source in found.submissions:
+
+
+def _without_other_sources(
+    submissions: Iterable[SubmissionSource], options: argparse.Namespace
+) -> tuple[list[SubmissionSource], int]:
+    """Return the submissions without results from another path, and the exit status of the others.
+
+    Prints an error for each other submission. With `--replace` there are none.
+    """
+    allowed = []
+    status = 0
+    for source in submissions:
         try:
             if not options.replace:
                 require_same_source(options.output / source.name, source.origin)
-            allowed.append(source)
         except UsageError as error:
             print_error(error)
             status = error.exit_status
-    if several and allowed:
-        found = replace(found, submissions=tuple(allowed))
-        status = max(status, _grade_class(found, rubric, live, options, console))
-    elif allowed:
-        status = each(
-            allowed, lambda one: _grade_one(one, rubric, live, options, console), options.fail_under
-        )
-    return status
+        else:
+            allowed.append(source)
+    return allowed, status
 
 
 def _found(options: argparse.Namespace, rubric: Rubric) -> Discovery:
     from grader.errors import SubmissionError
     from grader.submission.discovery import Shape, find_submissions
 
-    shape = Shape.ONE if options.one else Shape.EACH if options.each else Shape.AUTO
+    shape = Shape.AUTO
+    if options.one:
+        shape = Shape.ONE
+    elif options.each:
+        shape = Shape.EACH
     found = find_submissions(
         options.submissions, rubric, shape=shape, class_list=options.class_list
     )
     if not found.submissions:
-        location, remedy = (
-            ", ".join(map(str, options.submissions)),
-            "Give a submission, or the folder that holds them.",
+        raise SubmissionError(
+            "there are no submissions in it",
+            location=", ".join(map(str, options.submissions)),
+            remedy="Name a submission, or a folder of submissions.",
         )
-        raise SubmissionError("there are no submissions in it", location=location, remedy=remedy)
     if options.class_list is not None:
         return found
     return replace(
@@ -269,17 +316,16 @@ def _found(options: argparse.Namespace, rubric: Rubric) -> Discovery:
 
 
 def _note_single_files(paths: Sequence[Path], rubric: Rubric, console: Console) -> None:
-    """Say so where one of the lab's files is given, and its folder holds more of them."""
+    """Print a note for a path to one file of the lab, if the file's folder holds more files of the lab."""
     names = {artifact.file for artifact in rubric.artifacts.values()}
     for path in paths:
-        if (
-            path.name in names
-            and path.is_file()
-            and any((path.parent / n).is_file() for n in names - {path.name})
-        ):
+        if path.name not in names or not path.is_file():
+            continue
+        others = names - {path.name}
+        if any((path.parent / other).is_file() for other in others):
             print_note(
                 console,
-                f"Of the lab's files only {path.name} is graded; for all of them: grade {path.parent}",
+                f"Only {path.name} is graded; for all files of the lab: grade {path.parent}",
             )
 
 
@@ -300,29 +346,28 @@ def _grade_one(
     from grader.report.timings import print_timings
     from grader.timings import Stopwatch
 
-    output, watch = options.output, Stopwatch()
-    results = output / source.name
+    results = options.output / source.name
+    watch = Stopwatch()
     before = text_of(results / result_folder.RESULT_FILE)
-    sessions = live.sessions or [
-        name for name in rubric.sessions if name not in rubric.bonus_sessions
-    ]
+    sessions = live.sessions
+    if not sessions:
+        sessions = [name for name in rubric.sessions if name not in rubric.bonus_sessions]
     with ProgressDisplay(console, source.name, sessions) as display:
 
         def show(p: Progress) -> None:
             display.note(p.session, p.text, p.step, p.steps, p.ended)
 
         result = pipeline.grade(source, rubric, results, live, show, options.local, watch)
-    if (
-        live.overrides.sha256
-    ):  # Else nobody decides anything here, and a student's tries need no trail.
+    # Without overrides, these are a student's own attempts, which need no trail.
+    if live.overrides.sha256:
         audit.note_replaced(
-            output, source.name, before, "grade", overrides_sha256=live.overrides.sha256
+            options.output, source.name, before, "grade", overrides_sha256=live.overrides.sha256
         )
     print_result(console, result)
     if live.sessions is not None:
         only = ", ".join(live.sessions)
         print_note(
-            console, f"Of the sessions only {only}; what others show is not part of this score."
+            console, f"Only the sessions {only} were graded; the score leaves out the others."
         )
     if options.timings:
         children = resource.getrusage(resource.RUSAGE_CHILDREN)
@@ -349,35 +394,50 @@ def _grade_class(
             try:
                 run.grade(found.submissions, location)
             except (KeyboardInterrupt, SystemExit) as end:
-                kept = sum(not isinstance(row.ending, GraderError) for row in run.rows)
-                text = f"grade: interrupted; {kept} of {len(found.submissions)} submissions are graded and kept."
-                print(f"{text}\n  Run the same command again to grade the others.", file=sys.stderr)
-                return int(end.code or 0) if isinstance(end, SystemExit) else _INTERRUPTED
+                return _interrupted(run.rows, len(found.submissions), end)
         rows = sorted(run.rows, key=lambda row: (row.source.name.casefold(), row.source.name))
         print_class(console, rows)
-        took_s = time.monotonic() - began_s
-        took = f"{took_s / 60:.1f} min" if took_s >= 120 else f"{took_s:.0f} s"
+        took = _minutes(time.monotonic() - began_s)
         console.print(Text(f"{summary(rows)}; {took}."))
         names = [*(row.source.name for row in rows), *found.missing]
         for remark in live.overrides.remarks(names, times_matter=rubric.policy.late is not None):
             print_note(console, f"Note: {remark}")
-        if below := [row.source.name for row in rows if _status(row, options.fail_under) == BELOW]:
+        statuses = {row.source.name: _status(row, options.fail_under) for row in rows}
+        below = [name for name, status in statuses.items() if status == BELOW]
+        if below:
             print_note(console, f"Below {options.fail_under} points: {', '.join(below)}")
         _report_class(rows, rubric, options, console)
-    return max((_status(row, options.fail_under) for row in rows), default=0)
+    return max(statuses.values(), default=0)
+
+
+def _interrupted(rows: Sequence[Row], count: int, end: KeyboardInterrupt | SystemExit) -> int:
+    """Print the progress of an interrupted class run; returns the exit status."""
+    kept = sum(not isinstance(row.ending, GraderError) for row in rows)
+    text = f"grade: interrupted; {kept} of {count} submissions are graded and kept."
+    print(f"{text}\n  Run the same command again to grade the others.", file=sys.stderr)
+    if isinstance(end, SystemExit):
+        return int(end.code or 0)
+    return _INTERRUPTED
+
+
+def _minutes(duration_s: float) -> str:
+    """Write a duration in seconds, from two minutes on in minutes, e.g. `2.5 min`."""
+    if duration_s >= 120:
+        return f"{duration_s / 60:.1f} min"
+    return f"{duration_s:.0f} s"
 
 
 def _grading_location(
     options: argparse.Namespace, live: Options
 ) -> tuple[Isolation | str, Machine]:
-    """Return where to grade (how code is confined here, or a scheduler), and this machine's slots."""
+    """Return the place of grading (this machine's isolation, or a scheduler's address) and this machine's slots."""
     from confine.isolation import Isolation, Level
     from grader.classroom.scheduler import Machine
     from grader.live.sandbox.probing import require
 
     if options.scheduler is not None:
         return str(options.scheduler), Machine.of(Isolation(Level.FULL))
-    with options.local as local:  # All of a class are forks of another process.
+    with options.local as local:  # Processes of a class are forks of another process.
         isolation: Isolation = local.isolation
     require(isolation, Level.of(live.least_isolation))
     return isolation, Machine.of(isolation, live.jobs)
@@ -394,14 +454,16 @@ def _print_discovery(found: Discovery, console: Console, *, several: bool) -> No
     _print_not_understood(found.not_understood, console)
     late = _late_without_time(found.submissions)
     if late:
-        text = "Marked as late, but the download does not say when they were handed in; --class-list can"
+        text = (
+            "Marked as late without a time of submission in the download; a --class-list can add it"
+        )
         print_note(console, f"{text}: {', '.join(late)}")
     if found.missing:
         print_note(console, f"Nothing handed in: {', '.join(found.missing)}")
 
 
 def _has_more_to_say(found: Discovery) -> bool:
-    """Tell whether the paths hold more than submissions without a name or a mark of their own."""
+    """Tell whether there is more to print than plain submissions, such as students' names or missing submissions."""
     if found.not_understood or found.missing:
         return True
     return any(source.late or source.student for source in found.submissions)
@@ -428,15 +490,19 @@ def _late_without_time(submissions: Iterable[SubmissionSource]) -> list[str]:
 def _report_class(
     rows: Sequence[Row], rubric: Rubric, options: argparse.Namespace, console: Console
 ) -> None:
-    """Write the class page and the table of grades, over all results that lie in the folder."""
+    """Write the class page and the table of grades from all results in the folder."""
     from grader.classroom.class_run import entries_of
     from grader.commands.report import report_class
 
     entries = entries_of(options.output, rows)
     known = {row.source.name for row in rows}
-    if earlier := [entry.name for entry in entries if entry.name not in known]:
-        print_note(console, f"Results of earlier runs, on the page too: {', '.join(earlier)}.")
-    for anonymous in (False, True)[: 1 + options.anonymous]:
+    earlier = [entry.name for entry in entries if entry.name not in known]
+    if earlier:
+        print_note(
+            console, f"The class page also has results of earlier runs: {', '.join(earlier)}."
+        )
+    kinds = [False, True] if options.anonymous else [False]
+    for anonymous in kinds:
         report_class(
             options.output, entries, rubric, console, options.class_list, anonymous=anonymous
         )
@@ -445,14 +511,16 @@ def _report_class(
 def _status(row: Row, least: Decimal | None) -> int:
     if isinstance(row.ending, GraderError):
         return row.ending.exit_status
-    return BELOW if least is not None and row.ending.final < least else 0
+    if least is not None and row.ending.final < least:
+        return BELOW
+    return 0
 
 
-# -- what else than submissions may be meant ------------------------------------------------------
+# -- paths that are not submissions -----------------------------------------------------------------
 
 
 def require_submissions(paths: Sequence[Path], rubric: Rubric) -> None:
-    """Raise UsageError if a path is no submission, but a word like a command, or a folder of results."""
+    """Raise UsageError if a path is a misspelt command or a folder of results."""
     for path in paths:
         near = difflib.get_close_matches(str(path), COMMANDS, n=1, cutoff=0.75)
         if near and not path.exists():
@@ -470,25 +538,29 @@ def require_submissions(paths: Sequence[Path], rubric: Rubric) -> None:
 
 
 def is_results(path: Path, rubric: Rubric) -> bool:
-    """Whether a folder holds results of a submission, or of a class, and nothing that a student hands in."""
+    """Tell whether a folder holds only results, of a submission or of a class."""
     if not path.is_dir():
         return False
-    inner = [
-        entry
-        for entry in path.iterdir()
-        if not entry.name.startswith(".") and entry.name not in (HISTORY, EXPORTED)
-    ]
-    folders = [path] if _is_recorded(path) else [entry for entry in inner if entry.is_dir()]
-    if (
-        not folders
-        or not all(map(_is_recorded, folders))
-        or any(is_packed(entry.name) for entry in inner)
-    ):
+    inner = [entry for entry in path.iterdir() if not _is_about_a_class(entry)]
+    folders = [path]
+    if not _is_recorded(path):
+        folders = [entry for entry in inner if entry.is_dir()]
+    if not folders or not all(map(_is_recorded, folders)):
+        return False
+    if any(is_packed(entry.name) for entry in inner):
         return False
     wanted = {artifact.file for artifact in rubric.artifacts.values()}
-    return not any(
-        wanted.intersection(files) for folder in folders for _, _, files in os.walk(folder)
-    )
+    return not any(_holds(folder, wanted) for folder in folders)
+
+
+def _is_about_a_class(path: Path) -> bool:
+    """Tell whether an entry of a folder of results is hidden, or is the folder of the trail or of exports."""
+    return path.name.startswith(".") or path.name in (HISTORY, EXPORTED)
+
+
+def _holds(folder: Path, names: Set[str]) -> bool:
+    """Tell whether a folder holds a file with one of the names, at any depth."""
+    return any(not names.isdisjoint(files) for _, _, files in os.walk(folder))
 
 
 def _is_recorded(folder: Path) -> bool:

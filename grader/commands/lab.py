@@ -1,4 +1,4 @@
-"""`grade lab`: make a lab, examine it before anything runs, and grade its solution and fixtures."""
+"""`grade lab`: make a lab, check it without a run, and try its solution and fixtures."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from grader.json_text import json_text
 from grader.report.escape import terminal_text
 
 _DESCRIPTION = """\
-Make a lab of your own, and see whether it works.
+Make a lab of your own, check it, and try it.
 
-A lab is a folder with a rubric.yaml and all that this names. `grade --lab DIR submissions/` grades by it.
+A lab is a folder with a rubric.yaml and the files that it names. `grade --lab DIR submissions/` grades by it.
 """
 _EPILOG = """\
 exit status:
-  0 all in order    1 something is not as expected, or undecided
-  2 wrong usage     4 there are mistakes, listed with file and line
+  0 all in order    1 a fixture is undecided or differs from its verdict
+  2 wrong usage     4 mistakes, listed with file and line
 """
 _COMMANDS = {
-    "new": "make the smallest lab that works, to be changed into one's own",
-    "check": "find every mistake that can be known before a run, and checks that nobody can fail",
-    "try": "grade its solution and fixtures, and compare with what must come of them",
+    "new": "make the smallest working lab, as a start for your own",
+    "check": "find mistakes without a run, including checks that nobody can fail",
+    "try": "grade its solution and fixtures, and compare with their verdicts",
 }
-#: Beside the rubric: where `grade lab try` keeps what it graded.
+#: Folder beside the rubric for the results of `grade lab try`.
 TRIED = "tried"
 _TEMPLATE = Path(__file__).parents[1] / "lab/template"
 _STYLES = {"✓": "green", "!": "yellow"}
@@ -44,7 +44,7 @@ def _parser() -> argparse.ArgumentParser:
         commands.add_parser(name, help=words, description=f"{words[:1].upper()}{words[1:]}.")
         for name, words in _COMMANDS.items()
     )
-    new.add_argument("folder", type=Path, metavar="DIR", help="folder to make, e.g. labs/09-03")
+    new.add_argument("folder", type=Path, metavar="DIR", help="new folder, e.g. labs/09-03")
     for command in (check, trying):
         command.add_argument(
             "folder",
@@ -52,17 +52,20 @@ def _parser() -> argparse.ArgumentParser:
             type=Path,
             default=Path(),
             metavar="DIR",
-            help="default: this folder",
+            help="folder of the lab (default: this folder)",
         )
     trying.add_argument(
-        "names", nargs="*", metavar="NAME", help="only these: solution, or names of fixtures"
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help="fixtures to grade; solution means the lab's solution (default: all)",
     )
-    add_flag(trying, "--quick", "only a few")
+    add_flag(trying, "--quick", "grade only a few")
     return parser
 
 
 def run(arguments: Sequence[str], console: Console) -> int:
-    """Make, examine or try a lab; returns the exit status."""
+    """Make, check or try a lab; returns the exit status."""
     options = _parser().parse_args(arguments)
     if options.command == "new":
         return _new(options.folder, console)
@@ -81,9 +84,9 @@ def _new(folder: Path, console: Console) -> int:
 
     if folder.exists() and any(folder.iterdir() if folder.is_dir() else [folder]):
         raise UsageError(
-            "it is there already, and not empty",
+            "this folder exists and is not empty",
             location=str(folder),
-            remedy="Give another folder.",
+            remedy="Name another folder.",
         )
     shutil.copytree(
         _TEMPLATE, folder, ignore=shutil.ignore_patterns("__pycache__"), dirs_exist_ok=True
@@ -100,13 +103,13 @@ def _new(folder: Path, console: Console) -> int:
         soft_wrap=True,
     )
     for command, words in (
-        (f"grade lab check {folder}", "finds mistakes, at once"),
+        (f"grade lab check {folder}", "finds mistakes without a run"),
         (f"grade lab try {folder}", "grades its solution and its fixture"),
         (f"grade --lab {folder} submissions/", "grades submissions"),
     ):
         console.print(Text(f"  {command}   {words}"), soft_wrap=True)
     console.print(
-        f"{folder / 'README.md'} says what is where, and what to change first.",
+        f"{folder / 'README.md'} explains the files, and the first changes.",
         markup=False,
         soft_wrap=True,
     )

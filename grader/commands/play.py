@@ -1,4 +1,4 @@
-"""`grade play RESULTS_DIR SESSION`: what was recorded of a session, again on the ROS graph of this terminal."""
+"""`grade play RESULTS_DIR SESSION`: publish a recording on the ROS graph of this terminal."""
 
 from __future__ import annotations
 
@@ -17,28 +17,35 @@ from grader.errors import RecordingError, UsageError
 from grader.recording.session import SESSION_FILE
 from grader.result_folder import RECORDINGS
 
-#: Files of settings that the middleware reads, and folders where programs and libraries are looked for.
+#: Variables with the middleware's files of settings.
 _PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-#: What the terminal adds to Python's path, for types of interfaces; an isolated interpreter does not look at it.
+#: Variable with the terminal's PYTHONPATH, for types of interfaces; an isolated interpreter ignores PYTHONPATH.
 _MORE_MODULES = "_GRADER_PLAY_PYTHONPATH"
+#: Variables with folders of programs and libraries.
 _SEARCH_PATHS = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH", _MORE_MODULES)
 
 _DESCRIPTION = """\
-Publish all that was recorded of a session again, each message as long after the one before it as then, and /clock:
-as it was recorded, or else the recording's time. `ros2 topic echo`, RViz and nodes of your own receive it as they would
-have. It is published on the ROS graph of this terminal (ROS_DOMAIN_ID): not where a real robot would obey it.
+Publish the messages of a recorded session at the original intervals, on the ROS graph of this terminal (ROS_DOMAIN_ID).
+`ros2 topic echo`, RViz and your own nodes receive them as in the session. /clock is published as recorded, or else with
+the recording's time. Do not play on the network of a real robot: it would obey the recorded commands.
 """
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade play", _DESCRIPTION)
     parser.add_argument(
-        "results", type=Path, metavar="RESULTS_DIR", help="results of a submission: results/alice"
+        "results",
+        type=Path,
+        metavar="RESULTS_DIR",
+        help="results of a submission, e.g. results/alice",
     )
     parser.add_argument(
-        "session", nargs="?", metavar="SESSION", help="the session; not needed if there is only one"
+        "session",
+        nargs="?",
+        metavar="SESSION",
+        help="session to play; may be left out if there is only one",
     )
-    words = "begin so long after the session's start, as the timeline in the report counts (default: %(default)s)"
+    words = "start at this time on the report's timeline (default: %(default)s)"
     parser.add_argument(
         "--from", dest="from_s", type=float, default=0.0, metavar="SECONDS", help=words
     )
@@ -47,10 +54,12 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         default=1.0,
         metavar="X",
-        help="X times as fast (default: %(default)s)",
+        help="factor of the speed (default: %(default)s)",
     )
-    parser.add_argument("--topics", nargs="+", default=(), metavar="TOPIC", help="only these")
-    add_flag(parser, "--loop", "begin again at the end, until Ctrl-C")
+    parser.add_argument(
+        "--topics", nargs="+", default=(), metavar="TOPIC", help="topics to play (default: all)"
+    )
+    add_flag(parser, "--loop", "repeat until Ctrl-C")
     return parser
 
 
@@ -97,7 +106,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 
 def _play_isolated(options: argparse.Namespace) -> NoReturn:
-    """Become a process that takes nothing from the working folder, which may be a student's: no modules, no settings."""
+    """Become a process that takes no modules and no settings from the working folder, which may be a student's."""
     results = options.results.resolve()
     command = python(sys.executable, "-m", "grader.cli", "play", str(results))
     if options.session is not None:
@@ -113,9 +122,9 @@ def _play_isolated(options: argparse.Namespace) -> NoReturn:
 def environment_without(
     working: Path, results: Path, environment: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return an environment in which DDS and the loader take nothing from the working folder or the results.
+    """Return an environment without paths of DDS and the loader into the working folder or the results.
 
-    A profile of DDS counts if it is named by its full path and lies elsewhere; of a search path, the full paths count.
+    It keeps a DDS profile with a full path outside of both, and the full paths of a search path.
     """
     kept = dict(environment)
     kept["SKIP_DEFAULT_XML_FILE"] = "1"
@@ -134,11 +143,11 @@ def environment_without(
 
 
 def _recording(results: Path, session: str | None) -> Path:
-    """Return the folder of a session's recording; raises GraderError if there is none, or it is not said which."""
+    """Return the folder of a session's recording; raises GraderError if there is none, or several without a choice."""
     recordings = results / RECORDINGS
     names = sorted(file.parent.name for file in recordings.glob(f"*/{SESSION_FILE}"))
     if not names:
-        remedy = "Give the results of one submission, such as results/alice."
+        remedy = "Name the results of one submission, e.g. results/alice."
         raise RecordingError("there are no recordings in it", location=str(results), remedy=remedy)
     if session not in names and (session is not None or len(names) > 1):
         problem = (

@@ -33,12 +33,11 @@ if TYPE_CHECKING:
 _DESCRIPTION = """\
 Judge recordings again; needs no ROS.
 
-A submission's folder (results/alice) is judged and written at once. For the folder of a class (results/) all are
-judged, and who changes, by how much and where, is printed and written to changes.csv there; nothing else is written
-unless --apply is given.
+A submission (results/alice) is judged and written at once. For a class (results/), the command prints all changes, and
+writes them to changes.csv there; --apply also writes the results.
 
-What people decided stands in overrides.yaml beside the submissions' folders, and is applied each time. Each result
-that is replaced is kept in history/, with a line in audit.jsonl, both beside the submissions' folders.
+Decisions by people in overrides.yaml, beside the submissions' folders, are applied each time. Replaced results are kept
+in history/, with a line in audit.jsonl, both beside the submissions' folders.
 """
 
 _EPILOG = """\
@@ -46,17 +45,17 @@ overrides.yaml:
   overrides:
     - submission: alice               # the name of a submission, a list of names, or "*" for all
       check: node.rate                # an id of the rubric; or criterion: node
-      set: 6                          # or add: -1.5, or excused: true (nothing is lost there)
+      set: 6                          # or add: -1.5, or excused: true (full points)
       reason: The timer was right; the lab's machine was not.
       who: J. Smith
       when: 2026-11-21
     - {submission: bob, extension: 2 days, reason: ill, who: J. Smith, when: 2026-11-19}
     - {submission: eve, bonus: 3, reason: an action server, who: J. Smith, when: 2026-11-21}
-  In place of extension also due: or submitted:, each a date with time and offset (2026-11-22T23:59:00+01:00).
+  Instead of extension: also due: or submitted:, each a time with offset (2026-11-22T23:59:00+01:00).
 
 exit status:
-  0 judged; of a class: nothing would change, or all is written
-  1 below --fail-under; of a class without --apply: something would change
+  0 judged; class: nothing would change, or all results are written
+  1 below --fail-under; class without --apply: something would change
   4 rubric or overrides not usable    6 recording not readable
 """
 
@@ -65,18 +64,17 @@ def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade regrade", _DESCRIPTION, _EPILOG)
     results = "results of a submission, e.g. results/alice, or of a class, e.g. results/"
     parser.add_argument("results", nargs="+", type=Path, metavar="RESULTS_DIR", help=results)
-    add_lab(parser, "default: the one that it was judged by last")
+    add_lab(parser, "default: the last rubric of each result")
     add_path(
-        parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)"
+        parser, "--overrides", "decisions by people (default: overrides.yaml beside the results)"
     )
     add_flag(
         parser,
         "--trust-lab",
-        "execute the lab's files that came with the recordings though this machine does not know them: I know "
-        "where they come from",
+        "execute unknown files of a lab that came with the recordings, because I trust their source",
     )
     add_flag(parser, "--apply", "write the new results of a class")
-    add_jobs(parser, "processes side by side for a class (default: one a core)")
+    add_jobs(parser, "number of processes side by side for a class (default: one per core)")
     add_fail_under(parser)
     return parser
 
@@ -89,9 +87,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     options = parser.parse_args(arguments)
     classes = [folder for folder in options.results if is_class(folder)]
     if not classes and (options.apply or options.jobs):
-        parser.error(
-            "--apply and --jobs are for the folder of a class; a single submission is written at once"
-        )
+        parser.error("--apply and --jobs are for a class; a single submission is written at once")
     singles = [folder for folder in options.results if folder not in classes]
     statuses = [_regrade_class(folder, options, console) for folder in classes]
     if singles:
@@ -144,7 +140,7 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
     took_s = time.monotonic() - began_s
     if found.failed:
         console.print(
-            f"{len(found.failed)} of {len(folders)} could not be judged, for the causes below."
+            f"{len(found.failed)} of {len(folders)} could not be judged, for the reasons below."
         )
     if not found.judged:
         return _status(found, [], options)
@@ -155,39 +151,48 @@ def _regrade_class(folder: Path, options: argparse.Namespace, console: Console) 
         found.apply()
     for remark in found.remarks():
         print_note(console, f"Note: {remark}")
-    written = (
-        "The results are written."
-        if options.apply
-        else "No result is written yet; --apply writes them."
-    )
-    console.print(
-        f"Judged in {took_s:.1f} s. {written if matter or options.apply else ''}".rstrip()
-    )
+    console.print(f"Judged in {took_s:.1f} s. {_outlook(options, matter)}".rstrip())
     console.print(f"Table: {folder / CHANGES_FILE}", soft_wrap=True, markup=False)
-    if options.apply and matter and (folder / result_folder.CLASS_PAGE).exists():
+    has_page = (folder / result_folder.CLASS_PAGE).exists()
+    if options.apply and matter and has_page:
         print_note(console, f"The class page is out of date; run `grade report {folder}`.", "")
     return _status(found, matter, options)
 
 
+def _outlook(options: argparse.Namespace, matter: Sequence[Changes]) -> str:
+    """Say whether the results of a class are written; empty if nothing would change."""
+    if options.apply:
+        return "The results are written."
+    if matter:
+        return "No result is written yet; --apply writes them."
+    return ""
+
+
 def _status(found: Regrade, matter: Sequence[Changes], options: argparse.Namespace) -> int:
-    """Print what could not be judged; returns the exit status."""
+    """Print the failures, one message for each cause; returns the exit status."""
     least: Decimal | None = options.fail_under
-    statuses = [BELOW if matter and not options.apply else 0]
-    statuses += [
-        BELOW for changes in found.changes.values() if least is not None and changes.after < least
-    ]
+    statuses = [0]
+    if matter and not options.apply:
+        statuses.append(BELOW)
+    if least is not None and any(changes.after < least for changes in found.changes.values()):
+        statuses.append(BELOW)
     causes: dict[tuple[str, ...], list[str]] = {}
     for name, failed in found.failed.items():
-        causes.setdefault(
-            (failed.problem, failed.remedy, *getattr(failed, "mistakes", ())), []
-        ).append(name)
+        cause = (failed.problem, failed.remedy, *getattr(failed, "mistakes", ()))
+        causes.setdefault(cause, []).append(name)
         statuses.append(failed.exit_status)
     for names in causes.values():
         failed = found.failed[names[0]]
         if len(names) > 1:
-            failed.location = (
-                f"{', '.join(names[:3])}{f' and {len(names) - 3} more' if len(names) > 3 else ''}"
-            )
+            failed.location = _listed(names)
         failed.location = failed.location or names[0]
         print_error(failed)
     return max(statuses)
+
+
+def _listed(names: Sequence[str]) -> str:
+    """List the first three names, e.g. `ann, bob, cleo and 2 more`."""
+    listed = ", ".join(names[:3])
+    if len(names) > 3:
+        listed += f" and {len(names) - 3} more"
+    return listed

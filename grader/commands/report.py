@@ -1,4 +1,4 @@
-"""`grade report RESULTS_DIR`: the class page and the table of grades, from results that are there."""
+"""`grade report RESULTS_DIR`: write the class page and the table of grades from existing results."""
 
 from __future__ import annotations
 
@@ -23,13 +23,14 @@ from grader.result_folder import (
 
 if TYPE_CHECKING:
     from grader.cohort.entries import ClassEntry
+    from grader.cohort.statistics import ClassSummary
     from grader.lab.rubric import Rubric
 
 _DESCRIPTION = """\
-Write index.html, a page over a class, and grades.csv, a line a student, into the folder of a class's results.
+Write the class page (index.html) and a table with a line per student (grades.csv) into a class's results.
 
-They are made of the results that are there, without ROS; links on the page lead to the submissions' reports.
-grades.csv is UTF-8 with a byte order mark, for spreadsheet programs; programs read it as utf-8-sig.
+Both are made from the existing results, without ROS. Links on the page lead to the submissions' reports. grades.csv is
+UTF-8 with a byte order mark, for spreadsheet programs; other programs read it as utf-8-sig.
 """
 
 
@@ -38,13 +39,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/"
     )
-    words = "write index-anonymous.html and grades-anonymous.csv instead: pseudonyms, no links, student ids or times"
+    words = "write index-anonymous.html and grades-anonymous.csv instead, with pseudonyms, without links, ids and times"
     add_flag(parser, "--anonymous", words)
-    listed = "as for `grade` (default: the one given last); students on it without a result are listed as not graded"
+    listed = "class list, as for `grade` (default: the latest); lists students without a result as not graded"
     add_path(parser, "--class-list", listed, "CSV")
-    words = "results of another run over the class, such as that of the first due date: show what changed since"
+    words = "earlier results of the class, e.g. of the first due date: show the changes since then"
     add_path(parser, "--before", words, "RESULTS_DIR")
-    add_lab(parser, "default: the one that most were judged by")
+    add_lab(parser, "default: the rubric of most results")
     return parser
 
 
@@ -79,13 +80,9 @@ def _require_results(entries: Sequence[ClassEntry], results: Path) -> Sequence[C
     from grader.errors import SubmissionError
 
     if not entries:
-        remedy = (
-            "Give the folder that holds a folder of results for each submission, e.g. results/."
-        )
+        remedy = "Name the folder with a folder of results for each submission, e.g. results/."
         if (results / RECORDINGS).is_dir():
-            remedy = (
-                f"These are the results of one submission, whose page is {REPORT_FILE}. {remedy}"
-            )
+            remedy = f"These are the results of one submission; its page is {REPORT_FILE}. {remedy}"
         problem = (
             "there are no results of submissions in it"
             if results.is_dir()
@@ -105,13 +102,12 @@ def report_class(
     anonymous: bool = False,
     counted: bool = False,
 ) -> None:
-    """Sum up a class and write its page and its table of grades, or both under pseudonyms and names of their own."""
+    """Write the page and the table of grades of a class; anonymous ones get pseudonyms and file names of their own."""
     from grader.classroom.similarity import read_similarity
     from grader.cohort.anonymous import anonymous as under_pseudonyms
     from grader.cohort.entries import in_zone, with_roster
     from grader.cohort.statistics import summarise
     from grader.report import class_page, grades_csv
-    from grader.report.views import tenths
     from grader.submission.roster import read_class_list
 
     listed = _class_list(results, entries, class_list)
@@ -124,24 +120,28 @@ def report_class(
     replace_file(page, class_page.render(summary, similarity, anonymous=anonymous))
     replace_file(grades, grades_csv.render(summary))
     if counted:
-        graded = sum(row.result is not None for row in summary.rows)
-        needy = len({todo.row for todo in summary.todos})
-        of = (
-            f", median {tenths(summary.spread.median)} of {tenths(summary.spread.possible)}"
-            if summary.spread
-            else ""
-        )
-        attention = f"{needy} need{'s' * (needy == 1)} attention"
-        console.print(
-            f"{len(entries)} submission{'s' * (len(entries) != 1)}, {graded} graded{of}; {attention}."
-        )
+        console.print(f"{_counts(summary)}.")
     console.print(f"Class: {page}\nGrades: {grades}", soft_wrap=True, markup=False)
 
 
-def _class_list(results: Path, entries: Sequence[ClassEntry], given: Path | None) -> Path | None:
-    """Return the class list that counts: the one given, which is kept, or else the one kept; None if there is none.
+def _counts(summary: ClassSummary) -> str:
+    """Count a class, e.g. `3 submissions, 2 graded, median 81 of 100; 1 needs attention`."""
+    from grader.report.views import tenths
 
-    One that lies in a submission may be a student's, and does not count.
+    count = len(summary.rows)
+    graded = sum(row.result is not None for row in summary.rows)
+    need_attention = len({todo.row for todo in summary.todos})
+    words = f"{count} submission{'s' * (count != 1)}, {graded} graded"
+    spread = summary.spread
+    if spread:
+        words += f", median {tenths(spread.median)} of {tenths(spread.possible)}"
+    return f"{words}; {need_attention} need{'s' * (need_attention == 1)} attention"
+
+
+def _class_list(results: Path, entries: Sequence[ClassEntry], given: Path | None) -> Path | None:
+    """Return the given class list and keep a copy, or return the kept one; None without a list.
+
+    A kept list within a submission may be a student's and does not count.
     """
     from grader.submission.separation import lies_within, made_from
 

@@ -17,12 +17,11 @@ if TYPE_CHECKING:
     from grader.desk.decisions import Desk
 
 _DESCRIPTION = """\
-Decide, in the browser, what of a class needs a person: appeals, undecided points, what the rubric leaves to a person,
-interference with the grader, and notes. Beside each stands its evidence.
+Decide the open questions of a class in the browser, each beside its evidence: appeals, undecided points, checks graded
+by a person, interference with the grader, and notes.
 
-What is decided is written to overrides.yaml beside the submissions' folders at once, where comments stay; results and
-reports follow. The desk can be seen from this machine alone, by whoever has the address that is printed. Ctrl-C ends
-it.
+Decisions are written at once to overrides.yaml beside the submissions' folders, and comments in that file stay. Results
+and reports follow. The desk answers only on this machine, at the printed address. Ctrl-C ends it.
 """
 
 
@@ -32,20 +31,23 @@ def _parser() -> argparse.ArgumentParser:
         "results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/"
     )
     parser.add_argument(
-        "--who", metavar="NAME", default=login(), help="who decides (default: %(default)s)"
+        "--who",
+        metavar="NAME",
+        default=login(),
+        help="your name, for the decisions (default: %(default)s)",
     )
     parser.add_argument(
         "--port", type=int, default=0, metavar="N", help="port on 127.0.0.1 (default: a free one)"
     )
     add_path(
-        parser, "--overrides", "decisions of people (default: overrides.yaml beside the results)"
+        parser, "--overrides", "decisions by people (default: overrides.yaml beside the results)"
     )
-    add_lab(parser, "default: the one that most were judged by")
+    add_lab(parser, "default: the rubric of most results")
     return parser
 
 
 def login() -> str:
-    """Return who is at work here."""
+    """Return the user's name for decisions, or `instructor`."""
     with suppress(OSError, KeyError):
         return getpass.getuser()
     return "instructor"
@@ -61,16 +63,17 @@ def run(arguments: Sequence[str], console: Console) -> int:
     def ready(address: str) -> None:
         left = sum(not item.is_decided for item in desk.queue())
         console.print(
-            f"{left} to decide. Open this address, which is yours alone; Ctrl-C ends the desk:"
+            f"{left} to decide. Open this address, and keep it to yourself; Ctrl-C ends the desk:"
         )
         console.print(address, soft_wrap=True, markup=False)
 
     with suppress(KeyboardInterrupt):
         serve(desk, options.port, ready)
-    print_note(console, "Writing the results that have changed ...", "dim")
+    print_note(console, "Writing the changed results ...", "dim")
     for name in desk.close():
         print_note(
-            console, f"{name} could not be written; `grade regrade {desk.results / name}` says why."
+            console,
+            f"{name} could not be written; `grade regrade {desk.results / name}` shows the reason.",
         )
     if desk.written:
         number = f"{len(desk.written)} decision{'s' * (len(desk.written) != 1)}"
@@ -85,7 +88,7 @@ def desk_of(
 ) -> Desk:
     """Return the desk of a class for a command.
 
-    Raises GraderError if there are no results, or decisions beside them do not count.
+    Raises GraderError if there are no results, or if overrides beside them do not count.
     """
     from grader.cohort.entries import entries_in
     from grader.desk.decisions import Desk
@@ -98,9 +101,7 @@ def desk_of(
     results = results.resolve()
     entries = entries_in(results)
     if not entries or (results / RECORDINGS).is_dir():
-        remedy = (
-            "Give the folder that holds a folder of results for each submission, e.g. results/."
-        )
+        remedy = "Name the folder with a folder of results for each submission, e.g. results/."
         raise SubmissionError(
             "there are no results of a class in it", location=str(results), remedy=remedy
         )
@@ -119,5 +120,5 @@ def desk_of(
         " ".join(who.split()) or "instructor",
         command,
     )
-    desk.overrides()  # Its mistakes are said before anything is decided.
+    desk.overrides()  # Raises for mistakes in the file before the first decision.
     return desk

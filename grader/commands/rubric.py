@@ -1,4 +1,4 @@
-"""`grade rubric`: check a rubric, or print the JSON Schema by which editors check one while it is written."""
+"""`grade rubric`: check a rubric, or print the JSON Schema for editors."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ def run(arguments: Sequence[str], console: Console) -> int:
     from grader.judging.rubrics import read_rubric, rubric_kinds
     from grader.lab.rubric import json_schema, own_models
 
-    words = "Check a rubric, or print the JSON Schema by which editors check one."
+    words = "Check a rubric, or print the JSON Schema for editors."
     parser = parser_of("grade rubric", words)
     parser.add_argument(
         "rubric",
         nargs="?",
         type=rubric_path,
         metavar="LAB",
-        help="its folder or rubric; by default that of the lab which travels with the grader",
+        help="folder of a lab, or its rubric.yaml (default: the lab shipped with grade)",
     )
     parser.add_argument(
         "--schema",

@@ -1,4 +1,4 @@
-"""`grade selftest`: known submissions still get the verdict that they must, on this machine and by this rubric."""
+"""`grade selftest`: compare verdicts of known submissions on this machine and by this rubric."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ if TYPE_CHECKING:
     from grader.lab.rubric import Rubric
 
 _DESCRIPTION = """\
-Grade submissions whose verdict is known, and compare: the lab's solution has all points, an empty starter none, and
-each fixture loses what its expected.yaml says, and nothing else. To be run after an edit of the rubric.
+Grade submissions with known verdicts, and compare: the lab's solution earns all points, an empty starter none, and each
+fixture gets exactly the verdict in its expected.yaml. Run this after each change of the rubric.
 """
 
 _EPILOG = """\
 exit status:
-  0 all as expected    1 something is not as expected, or undecided
+  0 all as expected    1 a fixture is undecided or differs from its verdict
   3 no fixtures        4 rubric or an expected.yaml not usable    5 platform not supported
 """
 
@@ -47,16 +47,23 @@ exit status:
 def _parser() -> argparse.ArgumentParser:
     parser = parser_of("grade selftest", _DESCRIPTION, _EPILOG)
     parser.add_argument(
-        "names", nargs="*", metavar="NAME", help="only these fixtures; 'solution' is the lab's own"
+        "names",
+        nargs="*",
+        metavar="NAME",
+        help="fixtures to grade; 'solution' means the lab's solution (default: all)",
     )
-    add_lab(parser, "default: the lab which travels with grade")
+    add_lab(parser, "default: the lab shipped with grade")
     add_path(
         parser, "--fixtures", "folder of fixtures (default: fixtures/ beside the rubric)", "DIR"
     )
-    add_flag(parser, "--quick", "only a few, in about a minute")
-    add_jobs(parser, "sessions side by side (default: as cores allow)")
+    add_flag(parser, "--quick", "grade only a few, in about a minute")
+    add_jobs(parser, "number of sessions side by side (default: by the number of cores)")
     parser.add_argument(
-        "-o", "--output", type=Path, metavar="DIR", help="keep submissions and results there"
+        "-o",
+        "--output",
+        type=Path,
+        metavar="DIR",
+        help="folder in which submissions and results are kept",
     )
     return parser
 
@@ -96,7 +103,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 
 def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> list[Fixture]:
-    """Return what is to be graded: the lab's solution, and the fixtures where there are any."""
+    """Return the lab's solution and the fixtures, as far as there are any."""
     from grader.classroom.expectations import EXPECTED_FILE, fixtures_in, solution
     from grader.classroom.selftest import quick
 
@@ -104,14 +111,14 @@ def _fixtures(options: argparse.Namespace, rubric: Rubric, console: Console) -> 
     if rubric.lab.solution is not None and (rubric.folder / rubric.lab.solution).is_dir():
         found.append(solution(rubric.folder / rubric.lab.solution, rubric))
     else:
-        console.print("The rubric names no solution that is here (lab.solution).")
+        console.print("The solution is missing here, or the rubric names none (lab.solution).")
     folder: Path = options.fixtures or rubric.folder / "fixtures"
     if options.fixtures is not None or any(folder.glob(f"*/{EXPECTED_FILE}")):
         found += fixtures_in(folder)
     else:
         print_note(
             console,
-            f"Lab {rubric.lab.id} has no fixtures here; --fixtures names a folder of them.",
+            f"Lab {rubric.lab.id} has no fixtures here; name a folder of fixtures with --fixtures.",
             "",
         )
     if not found:
@@ -134,7 +141,7 @@ def _run(
     interpreter = Path(sys.executable)
     isolation = probe_isolation(interpreter)
     machine = Machine.of(isolation, options.jobs)
-    # What is run is known: it needs no more confinement than there is.
+    # The submissions are known, so any level of confinement is enough.
     live = pipeline.Options(interpreter, least_isolation="none")
     folder = (
         tempfile.TemporaryDirectory(prefix=TEMPORARY)

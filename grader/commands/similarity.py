@@ -1,4 +1,4 @@
-"""`grade similarity RESULTS_DIR`: what the submissions of a class have in common."""
+"""`grade similarity RESULTS_DIR`: find code in common in the submissions of a class."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
     from grader.cohort.similarity import Similarity
 
 _DESCRIPTION = """\
-Compare the Python files of a class's submissions, and all their files byte for byte; needs neither ROS nor a network.
+Compare the Python files of a class's submissions, and all files byte for byte; needs neither ROS nor a network.
 
-Names, texts, numbers, comments, order of definitions and layout make no difference. The handout's code and the
-solution (lab.handout and lab.solution of the rubric), and what more than a tenth of the class has, do not count. What
-is left is printed as facts, without a verdict, and kept in similarity.json; `grade report` shows it on the class page,
-with the lines side by side. Nobody loses a point by it.
+Names, texts, numbers, comments, order of definitions and layout make no difference. Code of the handout and the solution
+(lab.handout and lab.solution of the rubric), and code that more than a tenth of the class has, do not count. The
+findings are facts without a verdict, and no points depend on them. They are printed and kept in similarity.json, and
+`grade report` shows them on the class page, with the lines side by side.
 """
 
 
@@ -30,16 +30,16 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "results", type=Path, metavar="RESULTS_DIR", help="results of a class, e.g. results/"
     )
-    words = "folder of code that all were given, beside the lab's handout and solution; may be given again"
+    words = "folder with more code given to all students; may be repeated"
     parser.add_argument(
         "--common", type=Path, action="append", default=[], metavar="FOLDER", help=words
     )
-    add_lab(parser, "default: the one that most were judged by")
+    add_lab(parser, "default: the rubric of most results")
     return parser
 
 
 def run(arguments: Sequence[str], console: Console) -> int:
-    """Compare a class and write what it has in common; returns the exit status."""
+    """Compare a class and write the findings; returns the exit status."""
     from grader.classroom.regrade import recorded_in
     from grader.classroom.similarity import common_folders, compare, write_similarity
     from grader.cohort.entries import entries_in
@@ -49,25 +49,25 @@ def run(arguments: Sequence[str], console: Console) -> int:
     options = _parser().parse_args(arguments)
     folders = recorded_in(options.results)
     if len(folders) < 2:
-        remedy = (
-            "Give the folder that holds a folder of results for each submission, e.g. results/."
-        )
+        remedy = "Name the folder with a folder of results for each submission, e.g. results/."
         raise SubmissionError(
-            "there are no two submissions in it", location=str(options.results), remedy=remedy
+            "there are fewer than two submissions in it",
+            location=str(options.results),
+            remedy=remedy,
         )
     rubric = rubric_of_class(options.results, entries_in(options.results), options.rubric)
     common = common_folders(folders, rubric, options.common)
     if not common:
         print_note(
             console,
-            "Note: neither the lab's handout nor its solution is here, so that what all were given counts as their "
-            "own. Name the folders with --common.",
+            "Note: neither the lab's handout nor its solution is here, so code given to all counts as the students' own. "
+            "Name the folders with --common.",
         )
     found = compare(folders, common)
     file = write_similarity(options.results, found)
     _print(console, found)
     console.print(
-        f"Kept: {file}\nThe lines: run `grade report {options.results}`",
+        f"Kept: {file}\nTo see the lines: grade report {options.results}",
         soft_wrap=True,
         markup=False,
     )
@@ -103,7 +103,7 @@ def _print(console: Console, found: Similarity) -> None:
         console.print(f"The same file: {where}", soft_wrap=True, markup=False)
     pairs, same = len(found.pairs), len(found.copies)
     console.print(
-        f"Of {len(found.compared)} submissions, {pairs} pair{' shares' if pairs == 1 else 's share'} code beside the "
-        f"common ground, and {same} file{' was' if same == 1 else 's were'} handed in by several.",
+        f"Of {len(found.compared)} submissions, {pairs} pair{' shares' if pairs == 1 else 's share'} code of their own, "
+        f"and {same} file{' was' if same == 1 else 's were'} handed in by several.",
         soft_wrap=True,
     )

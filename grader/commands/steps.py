@@ -1,4 +1,4 @@
-"""`grade steps`: list the steps that a session can have."""
+"""`grade steps`: list the steps for sessions."""
 
 from functools import partial
 

@@ -1,4 +1,4 @@
-"""Arguments that a command does not take. Imported at each start, and light for it."""
+"""Errors of usage. This module is imported at each start, so it imports little."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from grader.errors import UsageError
 
 
 class WrongUsage(SystemExit):
-    """Arguments that a command does not take; `message` is the complaint of argparse.
+    """Wrong arguments of a command; `message` is the text by argparse.
 
-    Uncaught, it ends the program with the status of wrong usage.
+    Uncaught, this exception ends the program with the status of wrong usage.
     """
 
     def __init__(self, parser: argparse.ArgumentParser, message: str) -> None:
@@ -26,7 +26,7 @@ class WrongUsage(SystemExit):
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that raises its complaint, because the arguments may be meant for another command."""
+    """A parser that raises its errors, because the arguments may be meant for another command."""
 
     def error(self, message: str) -> NoReturn:
         """Raise `WrongUsage`."""

@@ -30,7 +30,7 @@ def test_the_same_decisions_are_no_difference_whatever_stays_undecided() -> None
     said = table([GRADING, BUSY, GRADING])
     assert "| idle | 2 | 0 | 0 | 10.0 s | 1.00 |" in said
     assert "| busy | 1 | 1 | 2 | 13.0 s | 1.30 |" in said
-    assert "Decided in two ways: nothing." in said
+    assert "Contradictory outcomes: none." in said
 
 
 def test_a_check_decided_in_two_ways_is_named() -> None:

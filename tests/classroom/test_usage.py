@@ -75,7 +75,9 @@ def told(found: Discovery) -> str:
 def test_who_is_marked_late_without_a_time_is_reported() -> None:
     """A system's mark is not lost where it alone tells that something was late."""
     late = SubmissionSource("bob", (), late=True)
-    assert "--class-list can: bob\n" in told(Discovery((late, SubmissionSource("ann", ()))))
+    assert "a --class-list can add it: bob\n" in told(
+        Discovery((late, SubmissionSource("ann", ())))
+    )
     assert (
         told(Discovery((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=timezone.utc)),)))
         == ""
@@ -97,4 +99,4 @@ def test_who_is_on_the_page_from_earlier_runs_is_reported(tmp_path: Path) -> Non
     options = Namespace(output=tmp_path, class_list=None, anonymous=False)
     _report_class(rows, read_rubric(None), options, console)
     assert isinstance(console.file, io.StringIO)
-    assert "Results of earlier runs, on the page too: old." in console.file.getvalue()
+    assert "The class page also has results of earlier runs: old." in console.file.getvalue()

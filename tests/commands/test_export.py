@@ -110,7 +110,7 @@ def test_what_is_no_result_does_not_keep_others_from_their_forms(
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ([], "name the form with --to"),
+        ([], "name a form with --to"),
         (["--to", "junitt"], "there is no export 'junitt'; there are github-summary"),
         (["--to", "junit=/dev/stdout"], "- is the standard output"),
         (["--to", "junit", "-o", "/dev/fd/1"], "- is the standard output"),
@@ -320,8 +320,8 @@ def test_what_is_undecided_or_not_graded_is_said(
     (of_class / "eve").mkdir()
     (of_class / "eve/report.html").write_text("x")
     _, _, err = run(capsys, of_class, "--to=moodle")
-    assert "Not graded, so left out: eve\n" in err
-    assert "Points of these are still undecided, and not in what is exported: Bob_12\n" in err
+    assert "Left out, because not graded: eve\n" in err
+    assert "Exported without their undecided points: Bob_12\n" in err
 
 
 @pytest.mark.parametrize(

@@ -133,7 +133,7 @@ def test_a_new_lab_is_in_order(new: Path, capsys: pytest.CaptureFixture[str]) ->
 def test_nothing_is_overwritten(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """A folder that is not empty, and a folder without a rubric, are wrong usage."""
     status, _, errors = run(capsys, "new", new)
-    assert (status, "it is there already, and not empty" in errors) == (2, True)
+    assert (status, "this folder exists and is not empty" in errors) == (2, True)
     status, _, errors = run(capsys, "check", new.parent)
     assert (status, "there is no rubric.yaml in it" in errors) == (2, True)
 

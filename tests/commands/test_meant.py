@@ -92,5 +92,5 @@ def test_results_of_two_labs_are_parted(results: Path, capsys: pytest.CaptureFix
         f"{results / 'bob'}: these are results of Lab other, and the rubric is of Lab 09-01"
         in errors
     )
-    assert "Give another folder for these results by -o." in errors
+    assert "Name another folder for these results with -o." in errors
     assert sorted(results.rglob("*")) == before

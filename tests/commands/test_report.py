@@ -195,7 +195,7 @@ def test_results_of_one_submission_are_no_class(
     """It is said that they have a page already."""
     status, _, errors = run(capsys, results / "solution")
     assert status == 3
-    assert "These are the results of one submission, whose page is report.html." in errors
+    assert "These are the results of one submission; its page is report.html." in errors
 
 
 def test_the_rubric_is_that_of_most(

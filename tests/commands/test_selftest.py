@@ -156,4 +156,4 @@ def test_another_lab_is_tried_with_its_own_fixtures(
     fixtures.rename(tmp_path / "elsewhere")
     status, output, errors = run(capsys, "--rubric", tmp_path / "rubric.yaml")
     assert (status, "there is nothing to grade" in errors) == (3, True)
-    assert "Lab other has no fixtures here; --fixtures names a folder of them." in output
+    assert "Lab other has no fixtures here; name a folder of fixtures with --fixtures." in output
