@@ -22,7 +22,7 @@ from grader.result import Finding, Location, Outcome
 Explanation = tuple[str, str, tuple[Location, ...]]
 
 
-def handed_in(measurement: Measurement) -> Finding | None:
+def missing_file(measurement: Measurement) -> Finding | None:
     """Fail the check if its file is missing in the submission."""
     artifact = getattr(measurement.p, "artifact", None)
     return missing_artifact(measurement.context, artifact)

@@ -6,10 +6,9 @@ of points.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, partial
-from typing import Any, get_type_hints
+from typing import get_type_hints
 
 from pydantic import BaseModel
 
@@ -36,27 +35,16 @@ from grader.checks import (
 )
 from grader.checks.base import Context
 from grader.checks.own import find_own
-from grader.checks.preconditions import DOUBTS, handed_in, proof
-from grader.checks.situation import Measurement, first_answer, last_answer
+from grader.checks.preconditions import DOUBTS, missing_file, proof
+from grader.checks.situation import Basis, Measurement, first_answer, last_answer
 from grader.lab.kept_lab import lab_folder
 from grader.lab.lab_code import OwnParameters
 from grader.lab.references import OwnCheck, Parameters
 from grader.result import Finding, Outcome
 
 
-@dataclass(frozen=True)
-class Check:
-    """A check: its function, and the doubts about its findings."""
-
-    #: Returns the finding; called only if the file of the check's artifact was handed in.
-    find: Callable[[Context, Any], Finding]
-    #: True if it can be passed without all messages of its topics.
-    by_endpoints: bool = False
-    #: True if a step of the system's clock, in the window of the check or in its session, may cause a loss.
-    by_clock: bool = False
-    #: True for a lab's own check. Its author cannot know the software that is missing here, so each loss of a program
-    #: that needs such software stays open.
-    of_author: bool = False
+class Check(Basis):
+    """A check that a rubric can use."""
 
     @property
     def parameters(self) -> type[Parameters]:
@@ -67,16 +55,17 @@ class Check:
     def judge(self, context: Context, p: BaseModel) -> Finding:
         """Judge one session or submission by the rules about the file, the measurement, and the doubts about it."""
         measurement = Measurement(context=context, check=self, p=p)
-        finding = first_answer(measurement, (handed_in, measured))
-        assert finding is not None
-        is_done = finding.decided_by == handed_in.__name__ or context.recorded is None
-        if is_done or finding.outcome is Outcome.NOT_REACHED:
+        missing = first_answer(measurement, (missing_file,))
+        if missing is not None:
+            return missing
+        finding = replace(measured(measurement), decided_by=measured.__name__)
+        if context.recorded is None or finding.outcome is Outcome.NOT_REACHED:
             return finding
         return last_answer(replace(measurement, finding=finding), DOUBTS)
 
 
 def measured(measurement: Measurement) -> Finding:
-    """Measure, and give the share of the credit that the recording and the delays of the machine leave no doubt about."""
+    """Measure and give credit; leave the check undecided if delays of the machine make different credit possible."""
     finding = measurement.check.find(measurement.context, measurement.p)
     if finding.where or finding.outcome is Outcome.NOT_REACHED:
         return finding

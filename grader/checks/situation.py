@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 from grader.checks.base import Context
 from grader.result import Finding
-
-if TYPE_CHECKING:
-    from grader.checks.registry import Check
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,11 +30,26 @@ class Situation:
         return self.found.outcome.took_points
 
 
+@dataclass(frozen=True)
+class Basis:
+    """The function of a check, and the doubts about its findings."""
+
+    #: Returns the finding; called only if the file of the check's artifact was handed in.
+    find: Callable[[Context, Any], Finding]
+    #: True if it can be passed without all messages of its topics.
+    by_endpoints: bool = False
+    #: True if a step of the system's clock, in the window of the check or in its session, may cause a loss.
+    by_clock: bool = False
+    #: True for a lab's own check. Its author cannot know the software that is missing here, so each loss of a program
+    #: that needs such software stays open.
+    of_author: bool = False
+
+
 @dataclass(frozen=True, kw_only=True)
 class Measurement(Situation):
     """One check with its parameters."""
 
-    check: Check
+    check: Basis
     p: Any
 
 

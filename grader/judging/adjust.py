@@ -149,8 +149,8 @@ def _times(
     for entry in entries:
         if entry.submitted is not None:
             submission_time = replace(submission_time, at=entry.submitted, source=entry.who)
-            handed_in = time_text(entry.submitted)
-            moved.append(_by_hand(AdjustmentKind.SUBMITTED, handed_in, Decimal(0), entry))
+            submitted = time_text(entry.submitted)
+            moved.append(_by_hand(AdjustmentKind.SUBMITTED, submitted, Decimal(0), entry))
             continue
         if entry.due is not None:
             due = entry.due
@@ -216,8 +216,8 @@ def _lateness(
     if timing.late is None or submission_time.at is None:
         return [Adjustment(AdjustmentKind.LATE, WHOLE, Decimal(0), _unknown(timing))]
     behind = submission_time.at - due
-    handed_in = f"Handed in {timing.submission_time}, {span_text(behind)} after it was due."
-    reason = f"{handed_in} {_price(late, behind)}"
+    sentence = f"Handed in {timing.submission_time}, {span_text(behind)} after it was due."
+    reason = f"{sentence} {_price(late, behind)}"
     return [Adjustment(AdjustmentKind.LATE, WHOLE, -late.deduction(standing, behind), reason)]
 
 

@@ -10,7 +10,7 @@ from decimal import Decimal
 import numpy as np
 
 from grader.checks.base import inconclusive, not_reached, undecided
-from grader.checks.preconditions import DOUBTS, handed_in, missing_artifact
+from grader.checks.preconditions import DOUBTS, missing_artifact, missing_file
 from grader.checks.registry import check_given
 from grader.checks.registry import measured as check_measured
 from grader.checks.situation import Situation, first_answer, last_answer
@@ -268,7 +268,7 @@ def cut_short(case: Case) -> Finding | None:
 
 
 def flaky(case: Case) -> Finding | None:
-    """Leave lost points undecided until they are lost again if correct programs sometimes meet the same fault."""
+    """Leave lost points undecided if correct programs sometimes meet the same fault, until it is seen again."""
     if case.recorded is None or not case.took_points:
         return None
     reason = inconclusive_reason(case.recorded, case.context.reference_nodes)
@@ -346,7 +346,7 @@ RECORDING: Sequence[Rule] = (
 #: Rules about other checks, also without a measurement.
 CONSEQUENCES: Sequence[Rule] = (repaired, excused)
 #: All rules in their order; `docs/judging.md` lists them.
-RULES = (*BEFORE, handed_in, check_measured, *DOUBTS, *RECORDING, *CONSEQUENCES)
+RULES = (*BEFORE, missing_file, check_measured, *DOUBTS, *RECORDING, *CONSEQUENCES)
 
 
 def decide(case: Case) -> Finding:

@@ -48,7 +48,7 @@ def test_the_evidence_is_a_page_and_nothing_else_changes(alice: Path) -> None:
     before = {path: path.read_bytes() for path in alice.parent.rglob("*") if path.is_file()}
     printed = run(alice)
     assert "Judged again: failed, 0 of 2, as before." in printed
-    assert "Decided by the check itself: Measure, and give the share" in printed
+    assert "Decided by the check itself: Measure and give credit" in printed
     page = alice / "appeal-subscriber.mean.html"
     assert f"Evidence: {page}" in printed
     text = page.read_text(encoding="utf-8")

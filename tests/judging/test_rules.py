@@ -105,7 +105,7 @@ def test_a_missing_file_decides_before_a_measurement(tmp_path: Path) -> None:
     """What requires the check is not tested."""
     record = submission(it=None)
     findings = judged(tmp_path, session(tmp_path, [0.5, 0.6]), record)
-    assert rules_of(findings) == ["handed_in", "required", "required"]
+    assert rules_of(findings) == ["missing_file", "required", "required"]
     findings = judged(tmp_path, None, record)
     assert rules_of(findings) == ["not_recorded", "required", "required"]
     assert findings["publishes"].outcome is Outcome.FAILED
