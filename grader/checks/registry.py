@@ -153,9 +153,6 @@ _CHECKS = (
     Check(launch.launch_parameters, by_endpoints=True),
     Check(launch.launch_together, by_clock=True),
     # A tool that compares QoS profiles.
-    Check(qos_tool.ends_by_itself, by_endpoints=True, by_clock=True),
-    Check(qos_tool.topics_carry_traffic, by_endpoints=True, by_clock=True),
-    Check(qos_tool.qos_profiles, by_endpoints=True, seeks=("publisher", "subscription")),
     Check(qos_tool.reported_traffic, by_clock=True),
     # What messages hold, and how it moves.
     Check(fields.field_range, by_clock=True),
