@@ -37,6 +37,8 @@ parameters stand behind `with`, as those of the built-in checks do:
 - Messages and output are what students' programs make of them: expect any, also of another type. An error that a
   message brings about costs its author nothing.
 - A file imports installed packages, not its neighbours: it alone is kept with each recording.
+- Limits and descriptions in pydantic's `Field` count when the rubric loads. Models that are keys of a dict are frozen.
+- The decorator `check` states commands for students, and which parts of a recording the check needs.
 - A parameter called `artifact` names a file; where that was not handed in, the check fails without being called.
 
 Within a version of `API_VERSION` nothing that stands here is removed or changes its meaning. A file that says

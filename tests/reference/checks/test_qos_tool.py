@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from grader.recording.session import OutputLine, Qos
 from grader.result import Finding, Outcome
-from tests.synthetic import BEST_EFFORT, RELIABLE, Session, at, given, judged, submission
+from tests.synthetic import BEST_EFFORT, RELIABLE, Session, at, evenly, given, judged, submission
 
 ENDS_BY_ITSELF = "reference/checks/qos_tool.py:ends_by_itself"
 TOPICS_CARRY_TRAFFIC = "reference/checks/qos_tool.py:topics_carry_traffic"
