@@ -172,9 +172,9 @@ _CHECKS = (
 )
 
 
-#: Checks that earlier versions of the grader had built in, beside the rubric of the shipped lab: a mapping of their
+#: Checks that earlier versions of the grader had built in, in the folder of the shipped lab: a mapping of their
 #: names in recorded rubrics to "file.py:function".
-_FORMER_CHECKS = "former_checks.yaml"
+_FORMER_CHECKS = "reference/former_checks.yaml"
 
 
 @cache
