@@ -37,6 +37,8 @@ parameters stand behind `with`, as those of the built-in checks do:
 - Messages and output are what students' programs make of them: expect any, also of another type. An error that a
   message brings about costs its author nothing.
 - A file imports installed packages, not its neighbours: it alone is kept with each recording.
+- Limits and descriptions in pydantic's `Field` count when the rubric loads. Models that are keys of a dict are frozen.
+- The decorator `check` states commands for students, and which parts of a recording the check needs.
 - A parameter called `artifact` names a file; where that was not handed in, the check fails without being called.
 
 Within a version of `API_VERSION` nothing that stands here is removed or changes its meaning. A file that says
@@ -55,9 +57,13 @@ from grader.checks.base import passed as passed
 from grader.checks.base import quantise as quantise
 from grader.checks.base import ramp as ramp
 from grader.checks.base import unclear as unclear
+from grader.checks.base import undecided as undecided
 from grader.checks.base import unexplained as unexplained
+from grader.checks.base import without_delay as without_delay
+from grader.checks.endpoints import clash as clash
 from grader.checks.own import check as check
 from grader.checks.own_context import Call as Call
+from grader.checks.own_context import Claim as Claim
 from grader.checks.own_context import Context as Context
 from grader.checks.own_context import Line as Line
 from grader.checks.own_context import Messages as Messages
@@ -74,11 +80,13 @@ from grader.lab.references import AnyStep as AnyStep
 from grader.lab.references import Artifact as Artifact
 from grader.lab.references import CallLabel as CallLabel
 from grader.lab.references import CheckId as CheckId
+from grader.lab.references import Durability as Durability
 from grader.lab.references import EarlierCheckId as EarlierCheckId
 from grader.lab.references import ExitLabel as ExitLabel
 from grader.lab.references import FieldPath as FieldPath
 from grader.lab.references import GetLabel as GetLabel
 from grader.lab.references import GivenName as GivenName
+from grader.lab.references import History as History
 from grader.lab.references import Loadable as Loadable
 from grader.lab.references import MessageType as MessageType
 from grader.lab.references import Pattern as Pattern
@@ -86,6 +94,7 @@ from grader.lab.references import Patterns as Patterns
 from grader.lab.references import PlanLabel as PlanLabel
 from grader.lab.references import Process as Process
 from grader.lab.references import ReferenceNode as ReferenceNode
+from grader.lab.references import Reliability as Reliability
 from grader.lab.references import RosName as RosName
 from grader.lab.references import ServiceType as ServiceType
 from grader.lab.references import SessionId as SessionId
@@ -96,6 +105,7 @@ from grader.lab.references import TextField as TextField
 from grader.lab.references import Topic as Topic
 from grader.lab.references import Window as Window
 from grader.lab.references import fields_of_type as fields_of_type
+from grader.recording.session import Qos as Qos
 from grader.result import Finding as Finding
 from grader.result import Location as Location
 from grader.result import Outcome as Outcome

@@ -26,14 +26,10 @@ _ECHO, _STEP = ("ros2 topic echo {topic}",), ("{step}",)
 #: or a command that does the same as the step that a parameter names.
 _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "topic_published": ("ros2 topic list -t",),
-    **dict.fromkeys(
-        ("topic_rate", "topic_jitter", "topics_carry_traffic"), ("ros2 topic hz {topic}",)
-    ),
+    **dict.fromkeys(("topic_rate", "topic_jitter"), ("ros2 topic hz {topic}",)),
     **dict.fromkeys(("field_range", "field_matches", "reaches", "topic_equals_oracle"), _ECHO),
     "silent_until": _ECHO,
-    **dict.fromkeys(
-        ("requested_qos", "offered_qos", "qos_profiles"), ("ros2 topic info -v {topic}",)
-    ),
+    **dict.fromkeys(("requested_qos", "offered_qos"), ("ros2 topic info -v {topic}",)),
     "topics_subscribed": ("ros2 node info {node}",),
     **dict.fromkeys(("survives", "call_answered", "parameters_declared", "call_value"), _STEP),
     **dict.fromkeys(("parameter_rejected", "launch_loads"), _STEP),
@@ -44,7 +40,7 @@ _COMMANDS: Mapping[str, tuple[str, ...]] = {
     "transform_tree": ("ros2 topic echo {topic}", "ros2 run tf2_tools view_frames"),
     "launch_arguments": ("{step} --show-args",),
     **dict.fromkeys(("launch_nodes", "launch_parameters"), ("{step} --print",)),
-    **dict.fromkeys(("ends_by_itself", "reported_traffic"), ("python3 {artifact}",)),
+    "reported_traffic": ("python3 {artifact}",),
 }
 
 

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from grader.checks import base, service, subscriber
+from grader.checks import base, endpoints, service, subscriber
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import numbers_of
 from grader.evidence.flakiness import flaky_end
 from grader.evidence.recorded import NumericStream, Recorded
 from grader.evidence.text.printed import PrintedVector, Report, printed_vector, reports
 from grader.recording.bag import Stream
-from grader.recording.session import Endpoint, ProcessRun
+from grader.recording.session import Endpoint, ProcessRun, Qos
 from grader.result import Finding, Location
 
 
@@ -182,6 +182,22 @@ class Call:
     delay_s: float
 
 
+@dataclass(frozen=True)
+class Claim:
+    """A call by which a program asked for an endpoint: a claim of the student's code, no evidence.
+
+    Attributes
+    ----------
+    qos : Qos or None
+        The profile that the program passed; None if it is not known.
+    where : tuple of Location
+        The source line of the call; empty if it is not in the submission.
+    """
+
+    qos: Qos | None
+    where: tuple[Location, ...]
+
+
 class Submission:
     """The files that a student handed in."""
 
@@ -291,6 +307,17 @@ class Context(Submission):
     def endpoints(self, topic: str, kind: str = "publisher") -> tuple[Endpoint, ...]:
         """Return the student's endpoints of a kind, "publisher" or "subscription", on a topic."""
         return self._session.endpoints_on(topic, kind, self._inner.reference_nodes)
+
+    def used(self, name: str) -> str:
+        """Return the student's name for a topic, service or node of the rubric."""
+        return self._session.used(name)
+
+    def claim(self, kind: str, name: str) -> Claim | None:
+        """Return the student's first call for a "publisher", "subscription" or "service"; None if none was seen."""
+        found = endpoints.claim_of(self._inner, kind, name)
+        if found is None:
+            return None
+        return Claim(found.qos, endpoints.claimed_at(found))
 
     def step(self, label: str) -> Step | None:
         """Return the step of a label; None if it was not reached."""

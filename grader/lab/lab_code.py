@@ -47,6 +47,7 @@ LAB_TYPES = (
         "TextField",
     ),
     *("Pattern", "Patterns", "Share", "CheckId", "Loadable"),
+    *("Reliability", "Durability", "History"),
 )
 #: Functions in `grader.lab.references` by which it may mark a type within `Annotated`.
 LAB_MARKERS = ("fields_of_type",)

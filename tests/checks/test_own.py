@@ -547,7 +547,9 @@ def test_the_schema_of_a_lab_describes_its_own_checks(
 
 def test_a_rubric_of_earlier_names_a_check_that_was_built_in(tmp_path: Path) -> None:
     """It finds the check in the lab that ships with the grader, and judges the same."""
-    former = yaml.safe_load((lab_folder() / "former_checks.yaml").read_text(encoding="utf-8"))
+    former = yaml.safe_load(
+        (lab_folder() / "reference/former_checks.yaml").read_text(encoding="utf-8")
+    )
     values = "{topic: /commands, field: data, length: 1}"
     results: list[CheckResult] = []
     for name in ("message_values", former["message_values"]):
@@ -565,7 +567,9 @@ def test_a_rubric_of_earlier_names_a_check_that_was_built_in(tmp_path: Path) -> 
 
 def test_every_former_check_is_there() -> None:
     """Each leads to a function with parameters, and none is built in."""
-    former = yaml.safe_load((lab_folder() / "former_checks.yaml").read_text(encoding="utf-8"))
+    former = yaml.safe_load(
+        (lab_folder() / "reference/former_checks.yaml").read_text(encoding="utf-8")
+    )
     assert former.keys() == former_checks().keys()
     assert former.keys().isdisjoint(REGISTRY)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 import os
 import pickle
 import resource
@@ -14,7 +13,6 @@ from typing import TypeVar
 import pytest
 
 from confine import limits
-from tests.packages import modules
 
 T = TypeVar("T")
 
@@ -94,13 +92,3 @@ def test_the_limit_behind_an_error(number: int, hard: int, problem: str, name: s
     else:
         assert found is not None
         assert found.need.name == name
-
-
-def test_only_one_module_sets_limits() -> None:
-    """No other module of the wheel's packages asks the kernel for a limit by itself."""
-    found = set()
-    for file in modules():
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Attribute) and node.attr in ("setrlimit", "prlimit"):
-                found.add(file.relative_to(ROOT).as_posix())
-    assert found == {"confine/limits.py"}

@@ -109,7 +109,8 @@ def test_statistics_are_read_however_they_are_labelled(rubric: Rubric, text: str
         ("subscriber.statistics_rms", 0.3),
     ):
         p = wanted(rubric, check)
-        labels, unless = (p["label"], *p["synonyms"]), p["unless"]  # type: ignore[misc]
+        labels = (p["label"], *p["synonyms"])  # type: ignore[misc]
+        unless = p.get("unless")
         assert unless is None or isinstance(unless, str)
         found = printed_vector(output, labels, at(0.5), unless)
         assert found is not None, check

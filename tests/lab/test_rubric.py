@@ -581,9 +581,9 @@ MISTYPED: list[tuple[str, str, str]] = [
     ("charged_by: [rate]", "charged_by: [rat]", "no check 'rat'; did you mean 'rate'?"),
     ("charged_by: [rate]", "charged_by: [ends]", "'ends' is not an earlier check"),
     (
-        "check: ends_by_itself",
-        "check: end_by_itself",
-        "no check 'end_by_itself'; did you mean 'ends_by_itself'?",
+        "check: launch_loads",
+        "check: launch_load",
+        "no check 'launch_load'; did you mean 'launch_loads'?",
     ),
     (
         "          tolerance: 0.1",

@@ -1,0 +1,402 @@
+"""Checks of a tool that compares QoS profiles: its end, its traffic and its profiles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from pydantic import BaseModel, Field
+
+from grader.own_checks import (
+    Artifact,
+    Context,
+    Durability,
+    ExitLabel,
+    Finding,
+    History,
+    Line,
+    Location,
+    Outcome,
+    Part,
+    Pattern,
+    Qos,
+    Reliability,
+    Run,
+    Share,
+    Topic,
+    apart,
+    check,
+    clash,
+    cpu_delay_doubt,
+    graded,
+    inconclusive,
+    of_parts,
+    quantise,
+    search,
+    unclear,
+    undecided,
+    unexplained,
+    without_delay,
+)
+
+
+class EndsByItself(BaseModel):
+    """A process ends by itself in time, without an error, after printing its results."""
+
+    artifact: Artifact
+    step: ExitLabel = Field(description="Label of the wait_exit step.")
+    least_s: float
+    most_s: float
+    output: Pattern = Field(description="Regular expression that its output matches.")
+    half_credit: Share = Field(
+        0.5,
+        description="Credit for results without an end in time, or an end in time without results.",
+    )
+
+
+@check(commands=("python3 {artifact}",), by_endpoints=True)
+def ends_by_itself(context: Context, p: EndsByItself) -> Finding:
+    """Judge the end of the artifact's process: half for ending well, half for its results."""
+    expected = f"ends by itself after {p.least_s:g} to {p.most_s:g} s, with its results printed"
+    runs = context.runs(p.artifact)
+    if not runs:
+        return inconclusive(expected, "not started", "The recording does not show the program.")
+    run = runs[-1]
+    printed = _without_tracebacks(run.lines)
+    has_results = search(p.output, printed) is not None
+    if not has_results and run.ended_by == "interrupt":
+        flaky = run.flaky_end()
+        if flaky:
+            return unclear(expected, "no results", flaky)
+    if run.interrupted_s is not None or run.ended_by != "itself":
+        return _had_to_be_stopped(p, run, expected, has_results)
+    ran_s = _ended_s(context, run) - run.started_s
+    ended = f"ended after {apart(ran_s, p.least_s, places=1)} s"
+    measured = f"{ended} with status {run.exit_status}"
+    if has_results:
+        return _ended_with_results(p, run, expected, ran_s, ended)
+    measured += ", no results"
+    if run.exit_status == 0 and ran_s >= p.least_s:
+        return _ended_without_results(p, expected, measured, bool(printed.strip()))
+    return unexplained(graded(0.0, expected, measured, "It ended without results."))
+
+
+def _had_to_be_stopped(
+    p: EndsByItself, run: Run, expected: str, has_results: bool
+) -> Finding:
+    """State that a process was still running when it was stopped."""
+    stopped_s = 0.0
+    if run.interrupted_s is not None:
+        stopped_s = run.interrupted_s - run.started_s
+    reason = f"It was still running after {stopped_s:.0f} s and had to be stopped."
+    hint = "End rclpy.spin after 10 s: count the time in a timer, or spin_once in a loop."
+    share = p.half_credit if has_results else 0.0
+    return graded(share, expected, "had to be stopped", reason, hint=hint)
+
+
+def _ended_with_results(
+    p: EndsByItself, run: Run, expected: str, ran_s: float, ended: str
+) -> Finding:
+    """Judge the time at which a process with results ended, and note its exit status."""
+    notes = []
+    if run.exit_status != 0:
+        notes.append(
+            "It does not end with exit status 0; stop executors and threads before rclpy.shutdown()."
+        )
+    share = p.half_credit if ran_s < p.least_s else 1.0
+    measured = f"{ended} with status {run.exit_status}"
+    return graded(share, expected, measured, f"It {ended}, which is too early.", notes=notes)
+
+
+def _ended_without_results(
+    p: EndsByItself, expected: str, measured: str, has_printed: bool
+) -> Finding:
+    """State that a process ended in time, but that its output holds no results."""
+    reason = "It ended in time, and printed nothing."
+    if has_printed:
+        reason = "It ended in time, but nothing that it printed could be read as results."
+    hint = "Print the results before the program ends, with print() or the logger."
+    return graded(p.half_credit * has_printed, expected, measured, reason, hint=hint)
+
+
+def _without_tracebacks(output: Sequence[Line]) -> str:
+    """Return the output without tracebacks, because they quote the source."""
+    kept: list[str] = []
+    # Streams in the middle of a traceback; lines of other streams may stand between its lines.
+    quoting: set[str] = set()
+    for line in output:
+        begins = line.text.startswith("Traceback (most recent call last)")
+        if begins:
+            quoting.add(line.stream)
+        elif line.stream not in quoting:
+            kept.append(line.text)
+        elif not line.text.startswith(" "):
+            # The last line of a traceback is its message, which is not indented.
+            quoting.remove(line.stream)
+    return "\n".join(kept)
+
+
+class TopicsCarryTraffic(BaseModel):
+    """Messages are published and received on each topic; each is a part."""
+
+    topics: tuple[Topic, ...] = Field(min_length=1)
+    least_messages: int = 1
+    other_name_costs: Share = Field(
+        0.5, description="Share of a topic's credit that another name costs."
+    )
+    unheard_credit: Share = Field(
+        1.0, description="Credit of a topic from which no subscription of its own can hear."
+    )
+
+
+@check(commands=("ros2 topic hz {topic}",), by_endpoints=True)
+def topics_carry_traffic(context: Context, p: TopicsCarryTraffic) -> Finding:
+    """Judge the number of messages by the publishers' sequence numbers.
+
+    Too few messages earn their share of a topic, and another name costs a part of it.
+    """
+    delays = [_delay_of(context, run) for run in context.runs() if run.role == "student"]
+    delay = max(delays, default=_Delay(0.0, 0.0))
+    expected = f"at least {p.least_messages} messages on each of {', '.join(p.topics)}"
+    parts = [_judge_traffic(context, p, topic, delay) for topic in p.topics]
+    return of_parts(expected, parts, doubt=delay.doubt)
+
+
+def _judge_traffic(context: Context, p: TopicsCarryTraffic, topic: str, delay: _Delay) -> Part:
+    """Judge the number of messages on one topic."""
+    used = context.used(topic)
+    count = _written(context, topic)
+    undelayed = without_delay(count, delay.delay_s, delay.length_s)
+    reasons = []
+    heard = 1.0
+    unheard = _unheard(context, topic) if count else ""
+    if unheard:
+        heard = p.unheard_credit
+        reasons.append(unheard)
+    if count < p.least_messages:
+        reasons.append(f"Too few messages arrived on {topic}.")
+    cost = 0.0
+    if count and used != topic:
+        cost = p.other_name_costs
+        reasons.append(f"{topic} is named {used}; the other checks use that name.")
+    share = max(0.0, _share_of(count, p) - cost) * heard
+    best = max(0.0, _share_of(undelayed, p) - cost) * heard
+    return Part(share, f"{used} {count}", " ".join(reasons), best)
+
+
+def _share_of(count: float, p: TopicsCarryTraffic) -> float:
+    return min(1.0, quantise(count / p.least_messages))
+
+
+def _unheard(context: Context, topic: str) -> str:
+    """Say why the student's own side cannot receive the messages on a topic; empty if it can."""
+    offers = context.endpoints(topic, "publisher")
+    requests = context.endpoints(topic, "subscription")
+    if not requests:
+        return f"Nothing subscribes to {topic}."
+    policy = clash(requests[0], offers[0].qos) if offers else None
+    if policy is None:
+        return ""
+    return f"The two sides of {topic} are incompatible in {policy}: none can arrive."
+
+
+@dataclass(frozen=True, order=True)
+class _Delay:
+    """Machine delay of a process, and the time that it ran, both in seconds."""
+
+    delay_s: float
+    length_s: float
+
+    @property
+    def doubt(self) -> str:
+        """Say that the delay may be the reason of a loss."""
+        return cpu_delay_doubt(self.delay_s, self.length_s)
+
+
+def _delay_of(context: Context, run: Run) -> _Delay:
+    """Return the machine delay of a process over its whole life."""
+    ended_s = _ended_s(context, run)
+    delay_s = context.machine_delay_s(run, run.started_s, ended_s)
+    return _Delay(delay_s, ended_s - run.started_s)
+
+
+def _ended_s(context: Context, run: Run) -> float:
+    """Return the end of a process, or of the session if it did not end."""
+    return context.duration_s if run.exited_s is None else run.exited_s
+
+
+def _written(context: Context, topic: str) -> int:
+    """Return the number of messages written to a topic."""
+    return int(context.messages(topic).sequence.max(initial=0))
+
+
+class WantedProfile(BaseModel, frozen=True):
+    """The QoS profile of a topic's publisher and subscription."""
+
+    topic: Topic
+    reliability: Reliability
+    durability: Durability
+    history: History
+    depth: int
+
+
+class QosProfiles(BaseModel):
+    """Publisher and subscription of each topic have the profile; every policy of every profile is a part."""
+
+    artifact: Artifact
+    profiles: tuple[WantedProfile, ...] = Field(min_length=1)
+    one_sided_credit: Share = Field(
+        0.5, description="Most of a profile's credit where a side of its topic is lacking."
+    )
+    alike_credit: Share = Field(
+        1.0, description="Most of the credit where all profiles are one and the same."
+    )
+
+
+_POLICIES = ("reliability", "durability", "history", "depth")
+
+
+@dataclass(frozen=True)
+class _Side:
+    """One side of a topic: its QoS in the graph, and the QoS that the program passed to rclpy."""
+
+    kind: str
+    seen: tuple[Qos, ...]
+    asked: Qos | None
+    where: tuple[Location, ...]
+
+    @classmethod
+    def of(cls, context: Context, kind: str, topic: str) -> _Side:
+        seen = tuple(endpoint.qos for endpoint in context.endpoints(topic, kind))
+        claim = context.claim(kind, topic)
+        if claim is None:
+            return cls(kind, seen, None, ())
+        return cls(kind, seen, claim.qos, claim.where)
+
+    def values(self, policy: str) -> list[str | int | None]:
+        """Return the values of a policy: from the graph, or for history and depth from the program."""
+        if policy in ("reliability", "durability"):
+            return [getattr(qos, policy) for qos in self.seen]
+        return [getattr(self.asked, policy)] if self.asked is not None else []
+
+    def wrong(self, wanted: WantedProfile) -> str:
+        """Say which policies have other values than wanted."""
+        clauses = []
+        for policy in _POLICIES:
+            right = getattr(wanted, policy)
+            for value in self.values(policy):
+                if value != right:
+                    clauses.append(f"{policy} {value}, not {right}")
+        return ", and ".join(clauses)
+
+    def __str__(self) -> str:
+        if not self.seen:
+            return "nothing"
+        history = "history unknown"
+        if self.asked is not None:
+            history = f"{self.asked.history} {self.asked.depth}"
+        return f"{self.seen[0].reliability}, {history}, {self.seen[0].durability}"
+
+
+#: Both sides of each topic.
+_Sides = Mapping[WantedProfile, Sequence[_Side]]
+
+
+@check(
+    commands=("ros2 topic info -v {topic}",),
+    by_endpoints=True,
+    seeks=("publisher", "subscription"),
+)
+def qos_profiles(context: Context, p: QosProfiles) -> Finding:
+    """Judge reliability and durability from discovery, history and depth from the calls of rclpy."""
+    sides = {}
+    for wanted in p.profiles:
+        publisher = _Side.of(context, "publisher", wanted.topic)
+        subscription = _Side.of(context, "subscription", wanted.topic)
+        sides[wanted] = [publisher, subscription]
+    parts = [_judge_profile(wanted, sides[wanted], p.one_sided_credit) for wanted in sides]
+    if _all_alike(sides) and sum(part.share for part in parts) > p.alike_credit * len(parts):
+        parts = [replace(part, share=p.alike_credit) for part in parts]
+        reason = f"All topics have one and the same profile, so that nothing is compared. {parts[0].reason}"
+        parts[0] = replace(parts[0], reason=reason.strip())
+    expected = "; ".join(map(_shown_profile, p.profiles))
+    finding = of_parts(expected, parts, where=(context.location(),))
+    unknown = _without_history(sides)
+    if unknown is None or finding.outcome is not Outcome.PASSED:
+        return finding
+    reason = f"The recording does not show the history and depth of {unknown}."
+    return undecided(finding, reason, retry=False)
+
+
+def _shown_profile(wanted: WantedProfile) -> str:
+    queue = f"{wanted.history} {wanted.depth}"
+    return f"{wanted.topic}: {wanted.reliability}, {queue}, {wanted.durability}"
+
+
+def _all_alike(sides: _Sides) -> bool:
+    """Tell whether all sides of several topics have the same profile."""
+    shown: set[str] = set()
+    for both in sides.values():
+        shown.update(str(side) for side in both if side.seen)
+    return len(sides) > 1 and len(shown) == 1
+
+
+def _without_history(sides: _Sides) -> str | None:
+    """Return the first side without a known history and depth, in words."""
+    for wanted, both in sides.items():
+        for side in both:
+            if side.seen and side.asked is None:
+                return f"the {side.kind} on {wanted.topic}"
+    return None
+
+
+def _judge_profile(wanted: WantedProfile, sides: Sequence[_Side], one_sided_credit: float) -> Part:
+    """Judge a topic: each policy counts the same."""
+    missing = [side.kind for side in sides if not side.seen]
+    reasons = []
+    if missing:
+        reasons.append(f"There is no {' and no '.join(missing)} on {wanted.topic}.")
+    shares = [_right_share(wanted, sides, policy) for policy in _POLICIES]
+    share = sum(shares) / len(shares) * (1.0, one_sided_credit, 0.0)[len(missing)]
+    where: list[Location] = []
+    if len(missing) < len(sides):
+        wrong, charged = _wrong_policies(wanted, sides)
+        reasons += wrong
+        for side in charged:
+            where += side.where
+    text = f"{wanted.topic}: {_shown_sides(sides)}"
+    return Part(share, text, " ".join(reasons), where=tuple(where))
+
+
+def _right_share(wanted: WantedProfile, sides: Sequence[_Side], policy: str) -> float:
+    """Return the share of right values of a policy; all of it if none is known."""
+    values: list[str | int | None] = []
+    for side in sides:
+        values += side.values(policy)
+    return values.count(getattr(wanted, policy)) / len(values) if values else 1.0
+
+
+def _wrong_policies(wanted: WantedProfile, sides: Sequence[_Side]) -> tuple[list[str], list[_Side]]:
+    """Return a sentence for each side with wrong policies, and these sides.
+
+    One sentence is enough if both sides have the same.
+    """
+    texts = [side.wrong(wanted) for side in sides]
+    if len(set(texts)) == 1:
+        if not texts[0]:
+            return [], []
+        return [f"{wanted.topic} has {texts[0]}."], [sides[0]]
+    sentences = []
+    charged = []
+    for side, text in zip(sides, texts, strict=True):
+        if text:
+            sentences.append(f"The {side.kind} on {wanted.topic} has {text}.")
+            charged.append(side)
+    return sentences, charged
+
+
+def _shown_sides(sides: Sequence[_Side]) -> str:
+    """Return the profile of both sides, once if they are the same."""
+    if len(set(map(str, sides))) == 1:
+        return str(sides[0])
+    return " / ".join(f"{side.kind} {side}" for side in sides)
