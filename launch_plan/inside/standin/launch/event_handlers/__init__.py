@@ -97,7 +97,9 @@ def _entities(given: Any, name: str) -> list[Any]:
 class _OnEvent(OnActionEventBase):
     """A handler of one class of events; `_follows` names the keyword for its entities."""
 
-    action_matcher = on_event = target_action_cls = None
+    action_matcher = None
+    on_event = None
+    target_action_cls: Any = None
     target_event_cls: Any = None
     target_action = Field(None)
     _follows = ""
