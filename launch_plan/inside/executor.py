@@ -26,10 +26,11 @@ from launch_plan.inside.problems import (
     blaming,
     mistake,
     no_action,
+    place_of,
     problem_of,
     relative,
 )
-from launch_plan.inside.processes import Describer, private, text_of
+from launch_plan.inside.processes import Describer, private, process_name, text_of
 
 #: Most events, visited actions, kept log messages with their length, levels of nesting, and includes of one file.
 EVENT_LIMIT = 2000
@@ -162,14 +163,10 @@ class Executor:
         """Add an entry to a list of the plan, with the line of its source or else of the action being visited."""
         if source is not None and not hasattr(source, "source_line"):
             source = self._current
-        file, line = getattr(source, "source_line", None) or (None, None)
-        shown = None if file is None else relative(file, self.root)
-        found = {
-            "when": self.when,
-            **entry,
-            "by" if "file" in entry else "file": shown,
-            "line": line,
-        }
+        file, line = place_of(source, self.root)
+        # An include has a file of its own.
+        key = "by" if "file" in entry else "file"
+        found = {"when": self.when, **entry, key: file, "line": line}
         self.found[kind].append(found)
         return found
 
@@ -346,7 +343,7 @@ class Executor:
             # A timer is complete when its time has passed.
             self._completions[id(action)] = event
         elif isinstance(action, ExecuteLocal):
-            when = {"on_exit_of": str((action.process_details or {}).get("name"))}
+            when = {"on_exit_of": process_name(action)}
             if self._exits_before < EXIT_LIMIT:
                 self.later(lambda: self._happen(event, context), when, _EXITS)
         else:
@@ -568,7 +565,7 @@ class Executor:
         if not event.lifecycle_node_matcher(action) or event.transition_id not in TRANSITIONS:
             return
         label, before, meanwhile, after = TRANSITIONS[event.transition_id]
-        name = str((action.process_details or {}).get("name"))
+        name = process_name(action)
         self.note("transitions", {"process": name, "transition": label}, event)
         state = self._states.get(id(action), "unconfigured")
         if before != state:
@@ -585,7 +582,7 @@ class Executor:
         """Queue the event of a change from a state to another."""
         from launch_ros.events.lifecycle import StateTransition
 
-        name = str((action.process_details or {}).get("name"))
+        name = process_name(action)
         message = SimpleNamespace(
             timestamp=0,
             transition=SimpleNamespace(label=label),

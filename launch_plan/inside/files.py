@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from launch_plan.format import PARAMETERS_PLACEHOLDER
 FILE_LIMIT, FILE_BYTES = 50, 256 * 1024
 #: Lag of file times behind the clock, in ns.
 _CLOCK_GRAIN_NS = 10_000_000
+_NOT_IN_NAMES = re.compile(r"[^\w-]")
 _FOLDER = f"{PARAMETERS_PLACEHOLDER}/"
 
 
@@ -31,7 +33,7 @@ class PlanFiles:
 
     def add(self, name: str, suffix: str, text: str, *, of_node: bool = False) -> str:
         """Keep the text of a file; return its path in the command line, e.g. `{parameters}/arm_1.yaml`."""
-        stem = "".join(c if c.isalnum() or c in "_-" else "_" for c in name) or "node"
+        stem = _NOT_IN_NAMES.sub("_", name) or "node"
         number = self._names.get(stem, 0) + 1
         self._names[stem] = number
         file_name = f"{stem}_{number}{suffix}"

@@ -146,7 +146,7 @@ def find_executable(executable: str, package: str, root: str) -> str:
             return f"{ELSEWHERE}/lib/{package}/{executable}"
         raise
     path = folder / executable
-    if path.is_file() and os.access(path, os.X_OK):
+    if _is_executable(path):
         return str(path)
     message, remedy = _not_found(executable, package, folder, root)
     failure = getattr(import_module("launch.substitutions"), "SubstitutionFailure", RuntimeError)
@@ -184,7 +184,11 @@ def _not_found(executable: str, package: str, folder: Path, root: str) -> tuple[
 def _executables(folder: Path) -> list[str]:
     if not folder.exists():
         return []
-    return sorted(p.name for p in folder.iterdir() if p.is_file() and os.access(p, os.X_OK))
+    return sorted(path.name for path in folder.iterdir() if _is_executable(path))
+
+
+def _is_executable(path: Path) -> bool:
+    return path.is_file() and os.access(path, os.X_OK)
 
 
 def _listed(executables: list[str]) -> str:

@@ -97,7 +97,9 @@ def shown(value: Any) -> str:
 def near(name: str, known: Iterable[Any]) -> str:
     """Return a question for the likeliest name, e.g. "Did you mean 'package'? ", or an empty text."""
     found = difflib.get_close_matches(name, [str(each) for each in known], n=1, cutoff=0.6)
-    return f"Did you mean '{found[0]}'? " if found else ""
+    if not found:
+        return ""
+    return f"Did you mean '{found[0]}'? "
 
 
 def no_action(given: Any, position: int, parent: Any) -> Any:
@@ -126,6 +128,15 @@ def relative(path: str, root: str) -> str:
         return str(Path(path).absolute().relative_to(Path(root).absolute()))
     except ValueError:
         return path
+
+
+def place_of(source: Any, root: str) -> tuple[str | None, int | None]:
+    """Return file and line that constructed an object, the file relative to the submission; None if unknown."""
+    place = getattr(source, "source_line", None)
+    if place is None:
+        return None, None
+    file, line = place
+    return relative(file, root), line
 
 
 def problem_of(
@@ -204,10 +215,13 @@ def _describe(error: BaseException, root: str, configurations: Mapping[str, Any]
         match = re.search(pattern, message)
         if match is not None:
             message = re.sub(r"^(\w+)\.__init__\(\)", r"\1()", message)
-            return kind, message, remedy(match, configurations) if callable(remedy) else remedy
-    name = type(error).__name__
-    remedy = "Correct the line: it raises this exception while the file is read."
-    return "exception", f"{name}: {message}" if message else name, remedy
+            if callable(remedy):
+                remedy = remedy(match, configurations)
+            return kind, message, remedy
+    title = type(error).__name__
+    if message:
+        title += f": {message}"
+    return "exception", title, "Correct the line: it raises this exception while the file is read."
 
 
 def _message(error: BaseException) -> str:
@@ -344,7 +358,7 @@ def _exits(_error: Any, _: str) -> Described:
 def _not_found(error: Any, _: str) -> Described | None:
     pattern = r"No such file or directory: '([^']*)'|executable '([^']*)' not found on the PATH"
     match = re.search(pattern, str(error))
-    program = (match[1] or match[2]) if match else None
+    program = match[match.lastindex or 0] if match else None
     error.__dict__["name"] = program
     return missing_program(program)
 

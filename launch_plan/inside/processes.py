@@ -12,7 +12,7 @@ from typing import Any
 from launch_plan.format import PARAMETERS_PLACEHOLDER
 from launch_plan.inside import parameter_text
 from launch_plan.inside.installed import ELSEWHERE
-from launch_plan.inside.problems import SUBSTITUTION_AS_TEXT, relative
+from launch_plan.inside.problems import SUBSTITUTION_AS_TEXT, place_of
 
 _ROS_TYPES = {bool: "bool", int: "integer", float: "double", str: "string", bytes: "byte_array"}
 
@@ -32,6 +32,12 @@ def text_of(subs: Any, context: Any) -> str:
     return str(perform_substitutions(context, normalize_to_list_of_substitutions(subs)))
 
 
+def process_name(action: Any) -> str:
+    """Return the name of an action's process, e.g. `talker-1`; "None" before the action is prepared."""
+    details = action.process_details or {}
+    return str(details.get("name"))
+
+
 class Describer:
     """Describer of processes, with warnings about effects that the author cannot have wanted."""
 
@@ -45,6 +51,7 @@ class Describer:
         description = action.process_description
         details = action.process_details
         words = [str(word) for word in details["cmd"]]
+        cwd = details["cwd"]
         prefixed = len(words) - len(description.cmd)
         environment = {str(name): str(value) for name, value in (details["env"] or {}).items()}
         self._warn_of_objects([*words, *environment.values()], action)
@@ -61,7 +68,7 @@ class Describer:
             "path": path,
             "argv": argv,
             **self._environment(environment, replaces=description.env is not None),
-            "cwd": None if details["cwd"] is None else os.path.abspath(details["cwd"]),  # noqa: PTH100
+            "cwd": None if cwd is None else os.path.abspath(cwd),  # noqa: PTH100
             "parameters": [],
             "remappings": [],
             "output": self._output(action, context),
@@ -239,7 +246,7 @@ class Describer:
         for source, target in node.remappings or []:
             rules.append([text(source), text(target)])
         namespace = prefix_namespace(shared.get("ros_namespace"), text(node.node_namespace))
-        file, line = getattr(node, "source_line", None) or (None, None)
+        file, line = place_of(node, self._plan.root)
         return {
             "package": text(node.package),
             "plugin": text(node.node_plugin),
@@ -247,7 +254,7 @@ class Describer:
             "namespace": make_namespace_absolute(namespace),
             "parameters": self._parameters_of_component(node, context),
             "remappings": rules,
-            "file": None if file is None else relative(file, self._plan.root),
+            "file": file,
             "line": line,
         }
 

@@ -1,7 +1,4 @@
-"""Stand-in for the ROS 2 package `launch`: the same names and meanings, but nothing is started.
-
-It serves to evaluate a student's launch file where the real package cannot be installed.
-"""
+"""Stand-in for the ROS 2 package `launch`: the same names and meanings, but nothing is started."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameters of nodes: values, rules and files, and how markup writes them, with remappings."""
+"""Parameters of nodes: values, rules and files, with their form in XML and YAML, and that of remappings."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from launch_plan.inside.problems import blaming, mistake
 
 
 class ParameterValue(Located):
-    """A value, perhaps with the type that it is to have."""
+    """A value, perhaps with its type."""
 
     value: Any = Field(positional=POSITIONAL)
     value_type = Field(None)
@@ -52,14 +52,15 @@ class Parameter(Located):
 
 
 def _path(value: Any) -> list[Substitution]:
-    is_other = isinstance(value, (os.PathLike, bytes)) and not isinstance(
-        value, (str, Path, Substitution)
-    )
-    return normalize_to_list_of_substitutions(os.fsdecode(value) if is_other else value)
+    if isinstance(value, (str, Path, Substitution)):
+        return normalize_to_list_of_substitutions(value)
+    if isinstance(value, (os.PathLike, bytes)):
+        value = os.fsdecode(value)
+    return normalize_to_list_of_substitutions(value)
 
 
 class ParameterFile(Located):
-    """A file of parameters, perhaps with substitutions in it."""
+    """A parameter file, perhaps with substitutions inside."""
 
     param_file = Field(
         positional=POSITIONAL,
@@ -67,22 +68,21 @@ class ParameterFile(Located):
         types=(*SomeSubstitutionsType_types_tuple, os.PathLike, bytes),
         remedy="Let each item of parameters be a dict or the path of a file.",
     )
-    # A list of substitutions is what XML and YAML give.
+    # XML and YAML give a list of substitutions.
     allow_substs = Typed(
         False, kind=bool, types=(bool, list), remedy="Write allow_substs=True, or leave it out."
     )
 
     def evaluate(self, context: Any) -> Path:
-        """The path; of a file with substitutions, that of a copy in which they are resolved."""
+        """Return the path of the file, or of a copy with its substitutions resolved."""
         path = Path(perform_substitutions(context, self.param_file))
         if not perform_typed_substitution(context, self.allow_substs, bool):
             return path
         import yaml
         from launch.frontend.parse_substitution import parse_substitution
 
-        resolved = perform_substitutions(
-            context, parse_substitution(path.read_text())
-        )  # comments too
+        # Substitutions in comments are resolved too.
+        resolved = perform_substitutions(context, parse_substitution(path.read_text()))
         try:
             yaml.safe_load(resolved)
         except Exception as error:
@@ -91,22 +91,21 @@ class ParameterFile(Located):
         return Path(context.session.files.add(path.stem, ".yaml", resolved))
 
 
-# -- as XML and YAML launch files write them -------------------------------------------------------
+# -- in XML and YAML launch files ------------------------------------------------------------------
 
 
 def read_remappings(entity: Any, parser: Any) -> Any:
-    """The rules of `<remap>` inside an element."""
-    read = parser.parse_substitution
-    return (
-        entity.each(
-            "remap", lambda rule: tuple(read(rule.get_attr(name)) for name in ("from", "to"))
-        )
-        or None
-    )
+    """Return the rules of the elements `<remap>` inside an element."""
+
+    def read(rule: Any) -> tuple[Any, Any]:
+        source = parser.parse_substitution(rule.get_attr("from"))
+        return source, parser.parse_substitution(rule.get_attr("to"))
+
+    return entity.each("remap", read) or None
 
 
 def read_parameters(entity: Any, parser: Any) -> Any:
-    """The parameters of `<param>` inside an element."""
+    """Return the parameters of the elements `<param>` inside an element."""
 
     def read(param: Any) -> Any:
         with blaming(param):
@@ -138,9 +137,8 @@ def _type_named(name: str | None) -> Any:
     if name is None or name == "yaml":
         return None
     if name not in _TYPE_NAMES:
-        raise _bad(
-            f"the type '{name}' is not one of {', '.join(_TYPE_NAMES)}", "Use one of the types."
-        )
+        message = f"the type '{name}' is not one of {', '.join(_TYPE_NAMES)}"
+        raise _bad(message, "Use one of the types.")
     scalar = {"int": int, "float": float, "bool": bool, "str": str}[name.removeprefix("list_of_")]
     return List[scalar] if name.startswith("list_of_") else scalar  # type: ignore[valid-type]  # noqa: UP006
 

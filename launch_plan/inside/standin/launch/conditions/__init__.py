@@ -17,7 +17,7 @@ from .._base import (
 
 
 def evaluate_condition_expression(context: Any, expression: Any) -> bool:
-    """Read a resolved text as a truth value."""
+    """Return the truth value of a text, e.g. False for `0`."""
     text = perform_substitutions(context, expression).strip().lower()
     if text in ("true", "1"):
         return True

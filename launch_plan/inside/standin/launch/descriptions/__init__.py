@@ -1,4 +1,4 @@
-"""Descriptions of what is to be executed."""
+"""Descriptions of programs."""
 
 from __future__ import annotations
 
@@ -41,20 +41,24 @@ class Executable(Located):
         return shlex.split(found) if re.match(wanted, program) else []
 
     def prepare(self, context: Any, action: Any) -> None:
-        """Resolve everything."""
+        """Resolve the command line, the name, the working folder and the environment."""
         command = [perform_substitutions(context, item) for item in self.cmd]
         program = os.path.basename(command[0])  # noqa: PTH119 - as the process is named, trailing slash and all
         self.final_cmd = self._prefix(context, program) + command
-        first = os.path.basename(self.final_cmd[0])  # noqa: PTH119
-        name = first if self.name is None else perform_substitutions(context, self.name)
+        name = os.path.basename(self.final_cmd[0])  # noqa: PTH119
+        if self.name is not None:
+            name = perform_substitutions(context, self.name)
         self.final_name = f"{name}-{next(context.process_numbers)}"
-        self.final_cwd = None if self.cwd is None else perform_substitutions(context, self.cwd)
+        if self.cwd is not None:
+            self.final_cwd = perform_substitutions(context, self.cwd)
+        self.final_env = self._environment(context)
+        if self.__letters:
+            message = "cmd is one text, of which each letter becomes a word: "
+            context.session.warn(f"{message}cmd=['program', 'argument']", action)
+
+    def _environment(self, context: Any) -> dict[str, str]:
         env = dict(context.environment) if self.env is None else {}
         for key, value in (self.env or []) + (self.additional_env or []):
-            env[perform_substitutions(context, key)] = perform_substitutions(context, value)
-        self.final_env = env
-        if self.__letters:
-            message = (
-                "cmd is one text, of which each letter becomes a word: cmd=['program', 'argument']"
-            )
-            context.session.warn(message, action)
+            name = perform_substitutions(context, key)
+            env[name] = perform_substitutions(context, value)
+        return env

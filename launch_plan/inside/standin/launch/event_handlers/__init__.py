@@ -1,4 +1,4 @@
-"""Event handlers: entities to visit when something happens."""
+"""Event handlers: entities to visit after an event."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..events.process import ProcessExited, ProcessIO, ProcessStarted
 
 
 class BaseEventHandler(Located):
-    """Handles the events that match."""
+    """A handler of matching events."""
 
     matcher = Field()
     handle_once = Field(False)
@@ -21,21 +21,21 @@ class BaseEventHandler(Located):
     _actions: tuple[Any, ...] | list[Any] = ()
 
     def matches(self, event: Any) -> bool:
-        """Whether an event is for this handler."""
+        """Return whether an event is for this handler."""
         return bool(self.matcher(event))
 
     def describe(self) -> Any:
         return type(self).__name__, self._actions
 
     def handle(self, event: Any, context: Any) -> Any:
-        """The entities to visit."""
+        """Return the entities to visit."""
         if self.handle_once:
             context.unregister_event_handler(self)
         return None
 
 
 class EventHandler(BaseEventHandler):
-    """Visits fixed entities when an event matches."""
+    """A handler with fixed entities."""
 
     entities = Field(None)
 
@@ -45,7 +45,7 @@ class EventHandler(BaseEventHandler):
 
 
 class OnActionEventBase(BaseEventHandler):
-    """Handles events that one action, or any, gives rise to."""
+    """A handler of the events of one action, or of any."""
 
     matcher = None
     action_matcher = Field()
@@ -54,31 +54,38 @@ class OnActionEventBase(BaseEventHandler):
     target_action_cls = Field()
 
     def made(self) -> None:
-        action, wanted = self.action_matcher, self.target_action_cls
+        action = self.action_matcher
+        wanted = self.target_action_cls
         if not isinstance(action, (wanted, type(None))) and not callable(action):
             message = f"target_action must be one action ({wanted.__name__}) or a function, but {shown(action)}"
             remedy = "Give the action itself, as it is kept in a variable."
             raise mistake(TypeError, f"{type(self).__name__}: {message}", "bad_target", remedy)
-        self._actions = (
-            [] if callable(self.on_event) else _entities(self.on_event, type(self).__name__)
-        )
+        self._actions = []
+        if not callable(self.on_event):
+            self._actions = _entities(self.on_event, type(self).__name__)
 
     def matches(self, event: Any) -> bool:
         wanted = self.action_matcher
         if not isinstance(event, self.target_event_cls):
             return False
-        if wanted is None or isinstance(wanted, self.target_action_cls):
-            return wanted is None or event.action is wanted
+        if wanted is None:
+            return True
+        if isinstance(wanted, self.target_action_cls):
+            return event.action is wanted
         return bool(wanted(event.action))
 
     def handle(self, event: Any, context: Any) -> Any:
         super().handle(event, context)
-        return self.on_event(event, context) if callable(self.on_event) else self._actions
+        if callable(self.on_event):
+            return self.on_event(event, context)
+        return self._actions
 
 
 def _entities(given: Any, name: str) -> list[Any]:
+    if given is None:
+        return []
     if not isinstance(given, collections.abc.Iterable):
-        return [] if given is None else [given]
+        return [given]
     entities = list(given)
     for entity in entities:
         if not isinstance(entity, LaunchDescriptionEntity):
@@ -88,9 +95,11 @@ def _entities(given: Any, name: str) -> list[Any]:
 
 
 class _OnEvent(OnActionEventBase):
-    """A handler of one class of events, which says by a keyword of its own what follows."""
+    """A handler of one class of events; `_follows` names the keyword for its entities."""
 
-    action_matcher = on_event = target_action_cls = None
+    action_matcher = None
+    on_event = None
+    target_action_cls: Any = None
     target_event_cls: Any = None
     target_action = Field(None)
     _follows = ""
@@ -98,10 +107,11 @@ class _OnEvent(OnActionEventBase):
     def made(self) -> None:
         from .. import Action, actions
 
-        self.action_matcher, self.on_event = self.target_action, self.given[self._follows]
-        self.target_action_cls = (
-            Action if self.target_event_cls is ExecutionComplete else actions.ExecuteLocal
-        )
+        self.action_matcher = self.target_action
+        self.on_event = self.given[self._follows]
+        self.target_action_cls = actions.ExecuteLocal
+        if self.target_event_cls is ExecutionComplete:
+            self.target_action_cls = Action
         super().made()
 
 
@@ -144,7 +154,9 @@ class OnShutdown(BaseEventHandler):
 
     def handle(self, event: Any, context: Any) -> Any:
         super().handle(event, context)
-        return self.on_shutdown(event, context) if callable(self.on_shutdown) else self.on_shutdown
+        if callable(self.on_shutdown):
+            return self.on_shutdown(event, context)
+        return self.on_shutdown
 
 
 class OnIncludeLaunchDescription(BaseEventHandler):

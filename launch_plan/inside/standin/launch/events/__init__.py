@@ -1,4 +1,4 @@
-"""Events: what can happen while a launch description runs."""
+"""Events of a launch."""
 
 from __future__ import annotations
 

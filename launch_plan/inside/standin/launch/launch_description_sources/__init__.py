@@ -1,4 +1,4 @@
-"""Where launch descriptions come from."""
+"""Sources of launch descriptions."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from ..frontend import InvalidFrontendLaunchFileError, Parser, markup_of, read_e
 
 
 class InvalidPythonLaunchFileError(InvalidLaunchFileError):
-    """A Python launch file lacks what it must have."""
+    """Raised for a Python launch file without its function."""
 
 
 def load_python_launch_file_as_module(python_launch_file_path: str) -> ModuleType:
-    """Run a Python launch file as a module that is not registered anywhere."""
+    """Execute a Python launch file as a module outside of `sys.modules`."""
     loader = SourceFileLoader("python_launch_file", python_launch_file_path)
     spec = spec_from_loader(loader.name, loader)
     if spec is None:
@@ -33,7 +33,7 @@ def load_python_launch_file_as_module(python_launch_file_path: str) -> ModuleTyp
 
 
 def get_launch_description_from_python_launch_file(python_launch_file_path: str) -> Any:
-    """The launch description that a Python launch file generates."""
+    """Return the launch description of a Python launch file."""
     module = load_python_launch_file_as_module(python_launch_file_path)
     function = getattr(module, "generate_launch_description", None)
     if not callable(function):
@@ -58,24 +58,28 @@ def get_launch_description_from_python_launch_file(python_launch_file_path: str)
 
 
 def _no_function(module: ModuleType, file: str) -> Any:
-    """The error about a file without the function, and the line of the one that was meant."""
+    """Return the error for a file without the function, at the line of the function with the likeliest name."""
     message = "the launch file has no function generate_launch_description()"
     if hasattr(module, "generate_launch_description"):
         named = _named(module.generate_launch_description)
         message = f"generate_launch_description must be a function, but it is {named}"
-    codes = {
-        name: getattr(value, "__code__", None)
-        for name, value in vars(module).items()
-        if name[:2] != "__"
-    }
-    lines = {name: code.co_firstlineno for name, code in codes.items() if code is not None}
-    meant = difflib.get_close_matches("generate_launch_description", lines, n=1)
-    remedy = f"Rename '{meant[0]}': w" if meant else "W"
-    remedy += (
+    lines: dict[str, int] = {}
+    for name, value in vars(module).items():
+        code = None if name.startswith("__") else getattr(value, "__code__", None)
+        if code is not None:
+            lines[name] = code.co_firstlineno
+    line = None
+    remedy = (
         "rite a function 'def generate_launch_description():' that returns a LaunchDescription."
     )
+    meant = difflib.get_close_matches("generate_launch_description", lines, n=1)
+    if meant:
+        line = lines[meant[0]]
+        remedy = f"Rename '{meant[0]}': w{remedy}"
+    else:
+        remedy = f"W{remedy}"
     error = mistake(InvalidPythonLaunchFileError, message, "no_generate_function", remedy)
-    error.__dict__.update(launch_file=file, launch_line=lines[meant[0]] if meant else None)
+    error.__dict__.update(launch_file=file, launch_line=line)
     return error
 
 
@@ -91,23 +95,24 @@ def _named(description: Any) -> str:
 def get_launch_description_from_frontend_launch_file(
     launch_file_path: str, parser: Any = None
 ) -> Any:
-    """The launch description that an XML or YAML launch file holds."""
+    """Return the launch description of an XML or YAML launch file."""
     return Parser().parse_description(read_entity(launch_file_path))
 
 
 def get_launch_description_from_any_launch_file(launch_file_path: str, parser: Any = None) -> Any:
-    """The launch description of a launch file, whose format its name tells."""
+    """Return the launch description of a launch file, in the language of its name or of its beginning."""
     path = Path(launch_file_path)
     is_markup = path.suffix in (".xml", ".yaml", ".yml")
-    if is_markup or (
-        path.suffix != ".py" and markup_of(path.read_text(encoding="utf-8", errors="replace"))
-    ):
+    if not is_markup and path.suffix != ".py":
+        text = path.read_text(encoding="utf-8", errors="replace")
+        is_markup = markup_of(text) is not None
+    if is_markup:
         return get_launch_description_from_frontend_launch_file(launch_file_path)
     return get_launch_description_from_python_launch_file(launch_file_path)
 
 
 class _FileSource(LaunchDescriptionSource):
-    """A launch file, which is read by a function."""
+    """A launch file, to be read by a function."""
 
     launch_description = location = None
     method = Field("launch file")

@@ -1,4 +1,4 @@
-"""Logging of launch files, and the words that `output` may be."""
+"""Logging of launch files, and the values of `output`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _STREAM_WORDS = ("screen", "log", "own_log")
 
 
 class LaunchConfig:
-    """How a launch logs; nothing depends on it here."""
+    """Settings of the log, without effect here."""
 
     def __init__(self) -> None:
         self.level = INFO
@@ -33,21 +33,23 @@ def get_logger(name: str | None = None) -> Logger:
 
 
 def get_output_loggers(process_name: str, output_config: Any) -> tuple[Logger, Logger]:
-    """Loggers of a process, if it is known where its output is to go."""
+    """Return the loggers of a process; refuse an unknown destination of its output."""
     if isinstance(output_config, str):
-        if output_config not in _OUTPUT_WORDS:
-            raise _unknown(
-                f"output must be one of {', '.join(_OUTPUT_WORDS)}, but it is '{output_config}'"
-            )
+        _require_known(output_config)
         output_config = {}
     for stream, words in dict(output_config).items():
         if stream not in ("stdout", "stderr", "both"):
             raise _unknown(f"output can be set for stdout, stderr or both, but not for '{stream}'")
-        if not set([words] if isinstance(words, str) else words) <= set(_STREAM_WORDS):
-            raise _unknown(
-                f"the output of {stream} must be among {', '.join(_STREAM_WORDS)}, but it is {words!r}"
-            )
+        listed = [words] if isinstance(words, str) else words
+        if not set(listed) <= set(_STREAM_WORDS):
+            known = ", ".join(_STREAM_WORDS)
+            raise _unknown(f"the output of {stream} must be among {known}, but it is {words!r}")
     return get_logger(f"{process_name}-stdout"), get_logger(f"{process_name}-stderr")
+
+
+def _require_known(word: str) -> None:
+    if word not in _OUTPUT_WORDS:
+        raise _unknown(f"output must be one of {', '.join(_OUTPUT_WORDS)}, but it is '{word}'")
 
 
 def _unknown(message: str) -> Any:

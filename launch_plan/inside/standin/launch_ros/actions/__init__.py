@@ -1,4 +1,4 @@
-"""Actions on ROS nodes: those that start them, lead them through their states, or hold for all that follow."""
+"""Actions for ROS nodes: starts, transitions of lifecycle nodes, and settings for later nodes."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ from ..utilities import (
 
 @expose_action("node")
 class Node(ExecuteProcess):
-    """Would start a node; notes it instead."""
+    """A node, to be noted instead of started."""
 
     UNSPECIFIED_NODE_NAME = "<node_name_unspecified>"
     UNSPECIFIED_NODE_NAMESPACE = "<node_namespace_unspecified>"
@@ -78,13 +78,10 @@ class Node(ExecuteProcess):
         if self.package is not None:
             program = [ExecutableInPackage(package=self.package, executable=self.executable)]
         words: list[Any] = [program]
-        words += [] if self.arguments is None else self.arguments
+        if self.arguments is not None:
+            words += self.arguments
         if self.ros_arguments is not None:
-            if not isinstance(self.ros_arguments, list):
-                kind = type(self.ros_arguments).__name__
-                message = f'can only concatenate list (not "{kind}") to list'
-                raise mistake(TypeError, message, "not_a_list", "Make it a list, even of one item.")
-            words += ["--ros-args", *self.ros_arguments]
+            words += ["--ros-args", *self._listed_ros_arguments()]
         words += ["--ros-args"]
         if self.name is not None:
             words += ["-r", LocalSubstitution("ros_specific_arguments['name']", "node name")]
@@ -96,6 +93,13 @@ class Node(ExecuteProcess):
         self.expanded_remapping_rules: list[tuple[str, str]] = []
         self.__final_name: str | None = None
         self.__performed = False
+
+    def _listed_ros_arguments(self) -> list[Any]:
+        if isinstance(self.ros_arguments, list):
+            return self.ros_arguments
+        kind = type(self.ros_arguments).__name__
+        message = f'can only concatenate list (not "{kind}") to list'
+        raise mistake(TypeError, message, "not_a_list", "Make it a list, even of one item.")
 
     @property
     def node_name(self) -> str:
@@ -141,9 +145,8 @@ class Node(ExecuteProcess):
                 continue
             path = os.path.abspath(item)  # noqa: PTH100 - must not resolve links
             if not Path(path).is_file():
-                raise FileNotFoundError(
-                    2, "no such file, which SetParametersFromFile gives this node", path
-                )
+                message = "no such file, which SetParametersFromFile gives this node"
+                raise FileNotFoundError(2, message, path)
             self._extend("--params-file", path)
 
     def _add_parameters(self, context: Any) -> None:
@@ -151,16 +154,7 @@ class Node(ExecuteProcess):
 
         for item in evaluate_parameters(context, self.__parameters):
             if isinstance(item, dict):
-                key = self.node_name if self.is_node_name_fully_specified() else "/**"
-                plain = {
-                    name: list(value) if isinstance(value, tuple) else value
-                    for name, value in item.items()
-                }
-                text = yaml.dump({key: {"ros__parameters": plain}}, default_flow_style=False)
-                path = context.session.files.add(
-                    self.__expanded_name.strip("<>"), ".yaml", text, of_node=True
-                )
-                self._extend("--params-file", path)
+                self._extend("--params-file", self._file_of(item, context))
             elif isinstance(item, Parameter):
                 name, value = item.evaluate(context)
                 self._extend("-p", f"{name}:={yaml.dump(value)}")
@@ -169,12 +163,24 @@ class Node(ExecuteProcess):
             else:
                 self._extend("--params-file", str(item))
 
+    def _file_of(self, values: dict[str, Any], context: Any) -> str:
+        """Add a file with values for this node to the plan, and return its path."""
+        import yaml
+
+        key = self.node_name if self.is_node_name_fully_specified() else "/**"
+        plain: dict[str, Any] = {}
+        for name, value in values.items():
+            plain[name] = list(value) if isinstance(value, tuple) else value
+        text = yaml.dump({key: {"ros__parameters": plain}}, default_flow_style=False)
+        label = self.__expanded_name.strip("<>")
+        path: str = context.session.files.add(label, ".yaml", text, of_node=True)
+        return path
+
     def _add_remappings(self, context: Any) -> None:
         rules = list(context.launch_configurations.get("ros_remaps") or [])
         for source, target in self.__remappings:
-            rules.append(
-                (perform_substitutions(context, source), perform_substitutions(context, target))
-            )
+            resolved = perform_substitutions(context, source)
+            rules.append((resolved, perform_substitutions(context, target)))
         self.expanded_remapping_rules = rules
         for source, target in rules:
             self._extend("-r", f"{source}:={target}")
@@ -196,16 +202,18 @@ class Node(ExecuteProcess):
 
 
 def _composable_nodes(entity: Any, parser: Any) -> list[ComposableNode]:
-    """The nodes of `<composable_node>` inside an element."""
-    nodes: list[ComposableNode] = entity.each(
-        "composable_node", lambda node: ComposableNode(**read_element(ComposableNode, node, parser))
-    )
+    """Return the nodes of the elements `<composable_node>` inside an element."""
+
+    def read(node: Any) -> ComposableNode:
+        return ComposableNode(**read_element(ComposableNode, node, parser))
+
+    nodes: list[ComposableNode] = entity.each("composable_node", read)
     return nodes
 
 
 @expose_action("node_container")
 class ComposableNodeContainer(Node):
-    """Would start a container of nodes; notes it instead."""
+    """A container of nodes, to be noted instead of started."""
 
     name = Text(attribute="name")
     namespace = Text(attribute="namespace")
@@ -214,16 +222,14 @@ class ComposableNodeContainer(Node):
     def execute(self, context: Any) -> Any:
         super().execute(context)
         nodes = self.composable_node_descriptions
-        return (
-            [LoadComposableNodes(composable_node_descriptions=nodes, target_container=self)]
-            if nodes
-            else None
-        )
+        if not nodes:
+            return None
+        return [LoadComposableNodes(composable_node_descriptions=nodes, target_container=self)]
 
 
 @expose_action("load_composable_node")
 class LoadComposableNodes(Action):
-    """Would load nodes into a running container; notes it instead."""
+    """Nodes to be noted instead of loaded into a running container."""
 
     performs = "load"
 
@@ -233,20 +239,22 @@ class LoadComposableNodes(Action):
     def made(self) -> None:
         target = self.target_container
         if not isinstance(target, ComposableNodeContainer):
-            ensure_argument_type(
-                target,
-                (str, Path, Action, list, tuple, Substitution),
-                "target_container",
-                "LoadComposableNodes",
-            )
+            types = (str, Path, Action, list, tuple, Substitution)
+            ensure_argument_type(target, types, "target_container", "LoadComposableNodes")
 
 
-# -- lifecycle nodes, whose changes of state are played as if each of them went well --------------
+# -- lifecycle nodes, with each change of state played as a success --------------------------------
+
+
+def _normal_ids(ids: Any) -> Any:
+    """Return ids of transitions as texts."""
+    texts = [str(item) if isinstance(item, int) else item for item in ids]
+    return Texts.normalized(texts)
 
 
 @expose_action("lifecycle_node")
 class LifecycleNode(Node):
-    """Would start a lifecycle node; notes it instead."""
+    """A lifecycle node, to be noted instead of started."""
 
     is_lifecycle_node = True
     name = Text(attribute="name")
@@ -259,20 +267,15 @@ class LifecycleNode(Node):
 
 
 class LifecycleTransition(Action):
-    """Leads lifecycle nodes through some transitions, one after the other."""
+    """Transitions of lifecycle nodes, one after the other."""
 
     lifecycle_node_names = Texts()
-    transition_ids = Texts(
-        normal=lambda ids: Texts.normalized(
-            [str(item) if isinstance(item, int) else item for item in ids]
-        )
-    )
+    transition_ids = Texts(normal=_normal_ids)
 
     def made(self) -> None:
         if not self.transition_ids or not self.lifecycle_node_names:
-            raise ValueError(
-                "LifecycleTransition needs at least one node name and one transition id"
-            )
+            message = "LifecycleTransition needs at least one node name and one transition id"
+            raise ValueError(message)
 
     def execute(self, context: Any) -> list[Any]:
         names = [perform_substitutions(context, name) for name in self.lifecycle_node_names]
@@ -282,10 +285,8 @@ class LifecycleTransition(Action):
         for name in names:
             asked = [self._ask(name, number) for number in ids]
             first.append(asked[0])
-            handlers += [
-                _after(name, number, following)
-                for number, following in zip(ids, asked[1:], strict=False)
-            ]
+            for number, following in zip(ids, asked[1:], strict=False):
+                handlers.append(_after(name, number, following))
         return [*handlers, *first]
 
     def _ask(self, name: str, number: int) -> EmitEvent:
@@ -303,12 +304,11 @@ def _after(name: str, number: int, following: Any) -> RegisterEventHandler:
             return False
         return (event.start_state, event.goal_state) == (meanwhile, after)
 
-    return RegisterEventHandler(
-        OnStateTransition(matcher=matches, entities=[following], handle_once=True)
-    )
+    handler = OnStateTransition(matcher=matches, entities=[following], handle_once=True)
+    return RegisterEventHandler(handler)
 
 
-# -- what lasts for the nodes that follow in the scope ---------------------------------------------
+# -- settings for the later nodes of the scope -----------------------------------------------------
 
 
 @expose_action("push_ros_namespace")
@@ -324,9 +324,8 @@ class PushROSNamespace(Action):
             validate_namespace(namespace or "")
         except ValueError as error:
             message = f"{error} (pushed '{pushed}' onto '{before or ''}')"
-            raise mistake(
-                SubstitutionFailure, message, "bad_name", error.__dict__["launch_remedy"]
-            ) from error
+            remedy = error.__dict__["launch_remedy"]
+            raise mistake(SubstitutionFailure, message, "bad_name", remedy) from error
         context.launch_configurations["ros_namespace"] = namespace
 
 
@@ -334,7 +333,7 @@ PushRosNamespace = PushROSNamespace
 
 
 def _add(context: Any, kept: str, items: Any) -> None:
-    """Add to what is kept for the nodes that follow, among the launch configurations."""
+    """Add items to a list among the launch configurations, for the later nodes of the scope."""
     context.launch_configurations.setdefault(kept, []).extend(items)
 
 
@@ -353,7 +352,7 @@ class SetParameter(Action):
 
 @expose_action("set_use_sim_time")
 class SetUseSimTime(Action):
-    """Lets the launch's own node, and with it `ROSTimer`, follow simulation time; other nodes get nothing of it."""
+    """Simulation time for the node of `launch` itself, and so for `ROSTimer`; without effect on other nodes."""
 
     performs = "follow_sim_time"
 
@@ -362,7 +361,7 @@ class SetUseSimTime(Action):
 
 @expose_action("set_parameters_from_file")
 class SetParametersFromFile(Action):
-    """Gives the nodes that follow a file of parameters; whether it is there is looked at when a node starts."""
+    """A parameter file for later nodes; the start of a node fails if the file is missing."""
 
     filename = Text(positional=POSITIONAL, attribute="filename")
 
@@ -372,7 +371,7 @@ class SetParametersFromFile(Action):
 
 @expose_action("set_ros_log_dir")
 class SetROSLogDir(Action):
-    """Sets the folder of the log files of the nodes that follow; a relative one lies in the present one."""
+    """Folder for the log files of later nodes; a relative path is below the present folder."""
 
     new_log_dir = Text(positional=POSITIONAL, attribute="new_log_dir")
     log_dir = property(lambda self: self.new_log_dir)
@@ -394,7 +393,7 @@ class SetRemap(Action):
 
 @expose_action("ros_timer")
 class ROSTimer(TimerAction):
-    """Visits entities after a time of the ROS clock."""
+    """A timer of the ROS clock."""
 
 
 RosTimer = ROSTimer

@@ -13,7 +13,7 @@ from ..events.lifecycle import StateTransition
 
 
 class OnStateTransition(EventHandler):
-    """Visits entities when a lifecycle node changes its state, and all that is asked of the change is so."""
+    """A handler of matching changes of a lifecycle node's state."""
 
     matcher = Field(None)
     entities = Field()
@@ -26,20 +26,15 @@ class OnStateTransition(EventHandler):
         target = self.target_lifecycle_node
         if target is not None and not hasattr(target, "is_lifecycle_node"):
             message = f"OnStateTransition: target_lifecycle_node must be a LifecycleNode, but {shown(target)}"
-            raise mistake(
-                RuntimeError,
-                message,
-                "bad_target",
-                "Give the action itself, as it is kept in a variable.",
-            )
+            remedy = "Give the action itself, as it is kept in a variable."
+            raise mistake(RuntimeError, message, "bad_target", remedy)
 
     def matches(self, event: Any) -> bool:
         if self.matcher is not None:
             return bool(self.matcher(event))
-        if not isinstance(event, StateTransition) or self.target_lifecycle_node not in (
-            None,
-            event.action,
-        ):
+        if not isinstance(event, StateTransition):
+            return False
+        if self.target_lifecycle_node not in (None, event.action):
             return False
         asked = ("transition", "start_state", "goal_state")
         return all(self.given[name] in (None, getattr(event, name)) for name in asked)

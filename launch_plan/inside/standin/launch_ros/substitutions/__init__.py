@@ -1,4 +1,4 @@
-"""Substitutions that look into ROS packages."""
+"""Substitutions about ROS packages."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from launch_plan.inside.problems import mistake
 
 
 class FindPackage(PathSubstitution):
-    """Something about an installed package."""
+    """A path of an installed package."""
 
     path = None
     package = Text(positional=POSITIONAL)
@@ -46,7 +46,8 @@ class ExecutableInPackage(FindPackagePrefix):
     package = Text(positional=POSITIONAL)
 
     def perform(self, context: Any) -> str:
-        executable, package = self.text("executable", context), self.text("package", context)
+        executable = self.text("executable", context)
+        package = self.text("package", context)
         path: str = find_executable(executable, package, context.session.root)
         return path
 

@@ -18,11 +18,12 @@ class RunningProcessEvent(Event):
     pid = Field(0)
 
     def made(self) -> None:
-        self.process_name, self.execute_process_action = self.given["name"], self.action
+        self.process_name = self.given["name"]
+        self.execute_process_action = self.action
 
 
 class ProcessStarted(RunningProcessEvent):
-    """A process started."""
+    """The start of a process."""
 
 
 class ProcessExited(RunningProcessEvent):
@@ -55,7 +56,7 @@ class ProcessTargetedEvent(Event):
 
 
 class ShutdownProcess(ProcessTargetedEvent):
-    """The processes that match are to end."""
+    """A request to end the matching processes."""
 
 
 class SignalProcess(ProcessTargetedEvent):
@@ -67,15 +68,21 @@ class SignalProcess(ProcessTargetedEvent):
         self.signal_name = self.signal.name
 
 
+def _details(action: Any) -> dict[str, Any]:
+    return action.process_details or {}
+
+
 def matches_pid(pid: int) -> Callable[[Any], bool]:
-    return lambda action: bool((action.process_details or {}).get("pid") == pid)
+    return lambda action: bool(_details(action).get("pid") == pid)
 
 
 def matches_name(name: str) -> Callable[[Any], bool]:
-    return lambda action: bool((action.process_details or {}).get("name") == name)
+    return lambda action: bool(_details(action).get("name") == name)
 
 
 def matches_executable(name: str) -> Callable[[Any], bool]:
-    return lambda action: bool(
-        action.process_details and action.process_details["cmd"][0].split("/")[-1] == name
-    )
+    def matches(action: Any) -> bool:
+        details = _details(action)
+        return bool(details and details["cmd"][0].split("/")[-1] == name)
+
+    return matches

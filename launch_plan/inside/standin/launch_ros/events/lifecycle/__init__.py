@@ -9,10 +9,8 @@ from launch._base import Event, Field
 
 
 class ChangeState(Event):
-    #: As `lifecycle_msgs/msg/Transition` numbers them: what is asked for, then how each of them can end.
-    valid_transitions = frozenset(
-        {*range(9), *(tens + how for tens in range(10, 70, 10) for how in range(3))}
-    )
+    #: Ids of `lifecycle_msgs/msg/Transition`: requests 0 to 8, and results 10, 11, 12, 20 ... 62.
+    valid_transitions = frozenset([*range(9), *(n for n in range(10, 70) if n % 10 < 3)])
 
     lifecycle_node_matcher = Field()
     transition_id = Field()
