@@ -142,6 +142,9 @@ def _run(
             return _TIMED_OUT
         except KeyboardInterrupt:
             return _INTERRUPTED
+        except OSError as problem:
+            print(f"confine: the command cannot be started: {problem}", file=sys.stderr)
+            return _NOT_CONFINED
         finally:
             _end_orphans()
 

@@ -1,7 +1,7 @@
-"""Runs work on what students wrote in processes of its own, each with a bound on its time and memory.
+"""Runs work on students' texts in processes of its own, each with a bound on its time and memory.
 
-A process is a fork of this one; what it returns, or raises, comes back through a pipe. On other systems than Linux,
-where nothing is graded, the work is done here, unbounded.
+A process is a fork of this one; its result or its exception comes back through a pipe. On other systems than Linux,
+where nothing is graded, the work is done in this process, without bounds.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -34,15 +34,17 @@ K = TypeVar("K")
 
 _PIECE_BYTES = 1 << 16
 _SET_PDEATHSIG = 1  # prctl(2)
+#: Time for a process to end after its context, in s.
+_LAST_S = 2.0
 
 
 @dataclass(frozen=True)
 class Bound:
-    """What a process may take.
+    """The limits of a process.
 
-    `what` is the work as a message names it, `cpu_s` its computing, so that a busy machine does not count, and `wall_s`
-    all its time, for work that waits for ever. `memory_bytes` is beyond what this process has, `file_bytes` of a file.
-    What is None is not bounded, and so not for what the process starts.
+    `what` names the work in a message. `cpu_s` limits its CPU time, so that a busy machine does not count, and `wall_s`
+    all its time, for work that waits for ever. `memory_bytes` is added to the memory of this process; `file_bytes` limits
+    the size of a file. None sets no limit, neither for the process nor for its children.
     """
 
     what: str
@@ -53,14 +55,14 @@ class Bound:
 
 
 def in_process(work: Callable[[], T], bound: Bound) -> T:
-    """Return what work returns in a process of its own, or raise what it raises, or `BoundError` beyond the bound."""
+    """Return the result of work in a process of its own; raises its exception, or `BoundError` beyond the bound."""
     with begun(work, bound) as outcome:
         return outcome()
 
 
 @contextmanager
 def begun(work: Callable[[], T], bound: Bound) -> Iterator[Callable[[], T]]:
-    """Do work in a process of its own, which ends with the context; gives what returns, or raises, what comes of it."""
+    """Do work in a process of its own, which ends with the context; give a function that waits for the result."""
     if sys.platform != "linux":
         yield work
         return
@@ -68,59 +70,70 @@ def begun(work: Callable[[], T], bound: Bound) -> Iterator[Callable[[], T]]:
     ended = functools.cache(child.wait)
 
     def outcome() -> T:
-        if isinstance(found := ended(), BaseException):
+        found = ended()
+        if isinstance(found, BaseException):
             raise found
         return cast(T, found)
 
     try:
         yield outcome
     finally:
-        child.ends_s = min(
-            child.ends_s, time.monotonic() + 2.0
-        )  # Nobody may have asked for it, or will.
+        # The caller may not have asked for the outcome, and will not.
+        child.ends_s = min(child.ends_s, time.monotonic() + _LAST_S)
         ended()
 
 
 def in_processes(
     works: Mapping[K, Callable[[], T]], bound: Bound, at_a_time: int = 1
 ) -> Iterator[tuple[K, T | Exception]]:
-    """Do pieces of work, so many at a time, and give what came of each as soon as it is there.
+    """Do pieces of work, some at a time, and give the result or the exception of each as soon as it is there.
 
-    An exception stands for itself; `BoundError` for what took more than the bound.
+    The exception of work beyond the bound is `BoundError`.
     """
     if sys.platform != "linux":
         for key, work in works.items():
-            try:
-                outcome: T | Exception = work()
-            except Exception as error:
-                outcome = error
-            yield key, outcome
+            yield key, _outcome_of(work)
         return
     waiting = list(works.items())[::-1]
-    running: dict[int, tuple[K, _Child]] = {}
+    running: dict[K, _Child] = {}
     try:
         while waiting or running:
             while waiting and len(running) < at_a_time:
                 key, work = waiting.pop()
-                child = _Child.start(work, bound)
-                running[child.pipe] = key, child
-            left_s = min(child.ends_s for _, child in running.values()) - time.monotonic()
-            ready, _, _ = select.select(list(running), [], [], max(0.0, left_s))
-            late = [
-                pipe for pipe, (_, child) in running.items() if child.ends_s <= time.monotonic()
-            ]
-            for pipe in {*ready, *late}:
-                key, child = running[pipe]
-                if pipe not in ready or not child.read():
-                    del running[pipe]
+                running[key] = _Child.start(work, bound)
+            ready = _wait_for(running.values())
+            for child in ready:
+                child.read()
+            for key, child in list(running.items()):
+                is_stuck = child.is_late() and child not in ready
+                if child.is_over or is_stuck:
+                    del running[key]
                     yield key, child.end()
     finally:
-        for _, child in running.values():
+        for child in running.values():
             child.end()
 
 
-@dataclass
+def _outcome_of(work: Callable[[], T]) -> T | Exception:
+    """Do work in this process, and return its result or its exception."""
+    try:
+        return work()
+    except Exception as error:
+        return error
+
+
+def _wait_for(children: Collection[_Child]) -> list[_Child]:
+    """Wait until children can be read or one is late; return those that can be read."""
+    left_s = min(child.ends_s for child in children) - time.monotonic()
+    pipes = {child.pipe: child for child in children}
+    ready, _, _ = select.select(list(pipes), [], [], max(0.0, left_s))
+    return [pipes[pipe] for pipe in ready]
+
+
+@dataclass(eq=False)
 class _Child:
+    """A process at work, and the pieces of its outcome so far."""
+
     process: int
     pipe: int
     bound: Bound
@@ -131,47 +144,53 @@ class _Child:
     @classmethod
     def start(cls, work: Callable[[], object], bound: Bound) -> _Child:
         reading, writing = os.pipe()
-        parent, process = os.getpid(), os.fork()
+        parent = os.getpid()
+        process = os.fork()
         if process == 0:
             os.close(reading)
             _be_child(work, writing, bound, parent)
         os.close(writing)
         return cls(process, reading, bound, time.monotonic() + bound.wall_s)
 
-    def read(self) -> bool:
-        """Take what has come; returns whether more may follow."""
+    def is_late(self) -> bool:
+        """Return whether its time is over."""
+        return self.ends_s <= time.monotonic()
+
+    def read(self) -> None:
+        """Take the next piece from the pipe, or note that there is none."""
         piece = os.read(self.pipe, _PIECE_BYTES)
         self.received.append(piece)
         self.is_over = not piece
-        return bool(piece)
 
     def wait(self) -> Any:
-        """Wait until it ends, or its time is over; returns its outcome."""
-        while (
-            select.select([self.pipe], [], [], max(0.0, self.ends_s - time.monotonic()))[0]
-            and self.read()
-        ):
-            pass
+        """Wait until it ends, or its time is over; return its outcome."""
+        while not self.is_over:
+            if not _wait_for([self]):
+                break
+            self.read()
         return self.end()
 
     def end(self) -> Any:
-        """End it, if it has not ended; returns its outcome."""
+        """End it, if it has not ended; return its outcome."""
         if not self.is_over:
             os.kill(self.process, signal.SIGKILL)
         os.close(self.pipe)
-        _, status = os.waitpid(self.process, 0)
-        if os.waitstatus_to_exitcode(status) == 0:
-            outcome = pickle.loads(b"".join(self.received))  # From a copy of this process.
-            return outcome.here() if isinstance(outcome, _Raised) else outcome
-        if (
-            os.WIFSIGNALED(status)
-            and os.WTERMSIG(status) == signal.SIGXCPU
-            and self.bound.cpu_s is not None
-        ):
-            return _exceeded(self.bound, f"took more than {self.bound.cpu_s:g} s of CPU time")
+        _, ended = os.waitpid(self.process, 0)
+        status = os.waitstatus_to_exitcode(ended)
+        if status == 0:
+            outcome = pickle.loads(b"".join(self.received))  # from a copy of this process
+            if isinstance(outcome, _Raised):
+                return outcome.here()
+            return outcome
+        return _exceeded(self.bound, self._failure(status))
+
+    def _failure(self, status: int) -> str:
+        """Return the words for an end with a status that is not 0."""
+        if status == -signal.SIGXCPU and self.bound.cpu_s is not None:
+            return f"took more than {self.bound.cpu_s:g} s of CPU time"
         if not self.is_over:
-            return _exceeded(self.bound, f"took longer than {self.bound.wall_s:g} s")
-        return _exceeded(self.bound, f"ended with status {os.waitstatus_to_exitcode(status)}")
+            return f"took longer than {self.bound.wall_s:g} s"
+        return f"ended with status {status}"
 
 
 def _exceeded(bound: Bound, problem: str) -> BoundError:
@@ -180,35 +199,29 @@ def _exceeded(bound: Bound, problem: str) -> BoundError:
 
 
 def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) -> NoReturn:
-    """Work, send what comes of it, and end without a word to what this process shares with the one it came from."""
+    """Do the work, send its outcome, and end without closing anything that this process shares with its parent."""
     status = 1
-    # What it was born with is not its own to collect, and was seen to crash where that was tried; of what it makes
-    # little is in cycles, for which to look takes a tenth of judging, and its memory is bounded.
+    # Collecting inherited objects was seen to crash. Few new ones are in cycles: looking for these takes a tenth of
+    # judging, and memory is bounded.
     gc.freeze()
     gc.disable()
     try:
-        # It shares what its parent holds, such as a slot of the machine, and must not hold that longer.
+        # It shares files of its parent, such as the lock of a slot, and must not hold these longer.
         ctypes.CDLL(None).prctl(_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:
             os._exit(status)
-        signal.signal(
-            signal.SIGINT, signal.SIG_IGN
-        )  # Ctrl-C is for the process that asked, which ends this one.
+        # Ctrl-C is for the parent, which ends this process.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
             signal.signal(number, signal.SIG_DFL)
         _limit(bound)
         try:
             outcome = work()
         except Exception as error:
-            lacks_memory = (
-                isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
-            )
-            memory = f"took more than {(bound.memory_bytes or 0) / 2**30:g} GiB of memory"
-            outcome = (
-                _exceeded(bound, memory)
-                if lacks_memory and bound.memory_bytes
-                else _Raised.of(error)
-            )
+            outcome = _Raised.of(error)
+            if bound.memory_bytes and _is_for_memory(error):
+                memory = f"took more than {bound.memory_bytes / 2**30:g} GiB of memory"
+                outcome = _exceeded(bound, memory)
         write_all(pipe, pickle.dumps(outcome))
         status = 0
     except BaseException:
@@ -217,9 +230,16 @@ def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) 
         os._exit(status)
 
 
+def _is_for_memory(error: Exception) -> bool:
+    """Return whether an exception was raised because memory was missing."""
+    if isinstance(error, MemoryError):
+        return True
+    return getattr(error, "errno", None) == errno.ENOMEM
+
+
 @dataclass(frozen=True)
 class _Raised:
-    """An exception that is sent, and its trace for those who look for its cause, which no exception takes with it."""
+    """An exception to be sent, and its traceback, which pickling would lose."""
 
     error: Exception
     trace: str
@@ -239,7 +259,7 @@ class _Raised:
 
 
 class _InProcess(Exception):
-    """Where an exception came up in the other process."""
+    """The traceback of an exception in the other process."""
 
 
 def _limit(bound: Bound) -> None:
@@ -263,7 +283,7 @@ def limit_memory(most_bytes: int) -> None:
 
 
 def write_all(file: int, content: bytes) -> None:
-    """Write to a descriptor, however little of it is taken at a time."""
+    """Write all of a text to a descriptor, in as many pieces as it takes."""
     left = memoryview(content)
     while left:
         left = left[os.write(file, left) :]

@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = list(sys.argv[1:] if argv is None else argv)
     write_to_any_terminal()
     console = _Console(highlight=False)
-    # What is imported stays: looking for garbage in it took a sixth of the start, and 0.16 s at the end.
+    # Imported modules stay: looking for garbage in them took a sixth of the start, and 0.16 s at the end.
     gc.set_threshold(200_000, 20, 100)
     atexit.register(gc.freeze)
     try:
@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _discard_output()
         return GraderError.exit_status
     except (GraderError, OSError) as error:
-        # Late: what it imports takes a fifth of a second, which is for when this process goes before others.
+        # Imported late, because its imports take a fifth of a second.
         from grader.commands.arguments import print_error
 
         print_error(described(error))
@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _report_defect(error: Exception) -> int:
-    """Say what an unexpected exception means; returns the exit status."""
+    """Explain an unexpected exception; return the exit status."""
     limit = limit_behind(f"{type(error).__name__}: {error}")
     if limit is not None:
         print(f"grade: {limit.present}, which can be the cause\n  {limit.remedy}", file=sys.stderr)
@@ -159,7 +159,7 @@ class _Console(Console):
 
 
 def _discard_output() -> None:
-    """Lead the standard output to where nothing breaks, also for what is written when Python ends."""
+    """Discard further standard output, so that no later write breaks, not even at the end of Python."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.close(nowhere)
