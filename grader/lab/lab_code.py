@@ -1,7 +1,7 @@
-"""What the Python files of a lab declare, read without executing them: settings of its reference nodes, its own checks.
+"""Declarations in Python files of a lab, read without executing them: settings of reference nodes, own checks.
 
-A rubric may name a function or a class of a file beside it. To check the rubric, its annotations are enough: parameters
-that are annotated with a name of `LAB_TYPES` are looked up like those of built-in checks.
+A rubric can name a function or a class of a file beside it. Its annotations are enough to check the rubric: parameters
+annotated with a name of `LAB_TYPES` are looked up like parameters of built-in checks.
 """
 
 from __future__ import annotations
@@ -9,8 +9,6 @@ from __future__ import annotations
 import ast
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from functools import reduce
-from operator import or_
 from typing import Annotated, Any, Literal
 
 from pydantic import ConfigDict, ValidationInfo, create_model
@@ -18,9 +16,9 @@ from pydantic import ConfigDict, ValidationInfo, create_model
 from grader.lab import references
 from grader.lab.references import Definition, Parameters, Reference, Scope, definition_at
 
-#: Version of what a lab's own checks are given (`grader.own_checks`).
+#: Version of the interface for a lab's own checks (`grader.own_checks`).
 API_VERSION = 1
-#: Names of types in `grader.lab.references` by which a lab's own check may annotate its parameters.
+#: Names of types in `grader.lab.references` for annotations of a lab's own check.
 LAB_TYPES = (
     *("Artifact", "Process", "ReferenceNode", "SessionId", "EarlierCheckId"),
     *("AnyStep", "CallLabel", "ExitLabel", "GetLabel", "PlanLabel", "SetLabel", "Window"),
@@ -45,23 +43,22 @@ _NO_BASES = ("BaseModel", "object", "Parameters")
 
 
 class _Open(Parameters):
-    """Has fields that are not known here."""
+    """Model with unknown additional fields."""
 
     model_config = ConfigDict(extra="allow")
 
 
 def model_of(found: Definition) -> type[Parameters]:
-    """Return the model of a class in a lab's file, as far as its annotations say it.
+    """Return the model of a class in a lab's file, as far as its annotations tell.
 
-    A field without a value is required. What bases from elsewhere add, and limits of values, is not known here.
+    A field without a value is required. Fields of bases from other files, and limits of values, are unknown here.
     """
     assert isinstance(found.node, ast.ClassDef)
-    names = [
-        name
-        for base in found.node.bases
-        if (name := ast.unparse(base).rpartition(".")[2]) not in _NO_BASES
-    ]
-    bases = [_model_named(name, found) or _Open for name in names]
+    bases = []
+    for base in found.node.bases:
+        name = ast.unparse(base).rpartition(".")[2]
+        if name not in _NO_BASES:
+            bases.append(_model_named(name, found) or _Open)
     typed: dict[str, Any] = {}
     for node in found.node.body:
         if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
@@ -70,25 +67,23 @@ def model_of(found: Definition) -> type[Parameters]:
 
 
 def _model_named(name: str, found: Definition) -> type[Parameters] | None:
+    """Return the model of a class in a lab's file by its name; None for another name, or for the class itself."""
     node = found.beside.get(name)
-    # A class within itself is left to the file.
+    if not isinstance(node, ast.ClassDef) or node is found.node:
+        return None
     inner = {other: each for other, each in found.beside.items() if each is not found.node}
-    return (
-        model_of(Definition(node, inner))
-        if isinstance(node, ast.ClassDef) and name in inner
-        else None
-    )
+    return model_of(Definition(node, inner))
 
 
 def _value(node: ast.expr | None) -> Any:
-    """Return the value of a field: `...` where it has none, None where only the file itself can tell."""
+    """Return the value of a field: `...` without a value, None if only execution can tell."""
     with suppress(ValueError):
         return ... if node is None else ast.literal_eval(node)
     return None
 
 
 def _type_of(node: ast.expr, found: Definition) -> Any:
-    """Return the type that an annotation stands for; Any where it is none that is known here."""
+    """Return the type of an annotation; Any for an unknown one."""
     try:
         return _annotated(node, found)
     except (TypeError, ValueError, SyntaxError):
@@ -96,32 +91,51 @@ def _type_of(node: ast.expr, found: Definition) -> Any:
 
 
 def _annotated(node: ast.expr, found: Definition) -> Any:
+    if isinstance(node, ast.Constant) and isinstance(node.value, str) and node.value:
+        return _annotated(ast.parse(node.value, mode="eval").body, found)
     if isinstance(node, ast.Constant):
-        text = node.value if isinstance(node.value, str) else ""
-        return _annotated(ast.parse(text, mode="eval").body, found) if text else type(node.value)
-    if isinstance(node, (ast.Name, ast.Attribute)):
-        name = node.id if isinstance(node, ast.Name) else node.attr
-        return _KNOWN.get(name) or _model_named(name, found) or Any
+        return type(node.value)
+    if isinstance(node, ast.Name):
+        return _named(node.id, found)
+    if isinstance(node, ast.Attribute):
+        return _named(node.attr, found)
+    found_type: Any = Any
     if isinstance(node, ast.BinOp):
-        either = [_annotated(side, found) for side in (node.left, node.right)]
-        return Any if Any in either else reduce(or_, either)
-    if not isinstance(node, ast.Subscript) or (kind := _annotated(node.value, found)) is Any:
+        either = [_annotated(node.left, found), _annotated(node.right, found)]
+        if Any not in either:
+            found_type = either[0] | either[1]
+    elif isinstance(node, ast.Subscript):
+        found_type = _subscripted(node, found)
+    return found_type
+
+
+def _named(name: str, found: Definition) -> Any:
+    return _KNOWN.get(name) or _model_named(name, found) or Any
+
+
+def _subscripted(node: ast.Subscript, found: Definition) -> Any:
+    """Return a type with arguments, such as `list[float]`."""
+    kind = _annotated(node.value, found)
+    if kind is Any:
         return Any
     inner = node.slice.elts if isinstance(node.slice, ast.Tuple) else [node.slice]
-    # Those of a Literal, and the dots of a tuple, stand for themselves.
-    of = (
-        ast.literal_eval(n) if kind is Literal or ast.unparse(n) == "..." else _annotated(n, found)
-        for n in inner
-    )
-    return kind[tuple(of)]
+    arguments = []
+    for each in inner:
+        # The values of a Literal, and the dots of a tuple, are no types.
+        if kind is Literal or ast.unparse(each) == "...":
+            arguments.append(ast.literal_eval(each))
+        else:
+            arguments.append(_annotated(each, found))
+    return kind[tuple(arguments)]
 
 
 def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> None:
-    """Look settings up in the class that the rubric names for those of the reference node before them."""
+    """Check settings by the class that the rubric names for the reference node before them."""
     try:
         found = definition_at(scope, scope.settings_of(info.data.get("reference") or ""))
     except ValueError:
-        return  # None is named, or it is a mistake where it stands.
+        # No class is named, or its own place has the mistake.
+        return
     if isinstance(found.node, ast.ClassDef):
         model_of(found).model_validate(value, context=scope)
 
@@ -133,23 +147,23 @@ Settings = Annotated[dict[str, Any], Reference("Settings of the reference node."
 
 
 class OwnParameters(Parameters):
-    """What a rubric gives to a check of the lab's own; of its types once the check's file is executed."""
+    """Parameters of a lab's own check; they get their types when the check's file is executed."""
 
     model_config = ConfigDict(extra="allow")
 
 
 def is_own(check: str) -> bool:
-    """Whether a check's name is that of a file beside the rubric."""
+    """Return whether a check's name is one of a file beside the rubric."""
     return ".py" in check
 
 
 def require_own(scope: Scope, check: str) -> None:
-    """Raise ValueError unless there is such a function, of arguments that a check is called with."""
+    """Raise ValueError unless a check's function exists, with the arguments of a check."""
     _signature(definition_at(scope, check))
 
 
 def own_parameters(scope: Scope, check: str, value: Any) -> OwnParameters:
-    """Validate the parameters of a lab's own check, by the annotations of the class that its function names."""
+    """Validate the parameters of a lab's own check, by the annotations of the class in its function's signature."""
     found = definition_at(scope, check)
     context, given = _signature(found)
     if scope.session is None and context != "Submission":
@@ -161,8 +175,9 @@ def own_parameters(scope: Scope, check: str, value: Any) -> OwnParameters:
 
 
 def _signature(found: Definition) -> tuple[str, str]:
-    """Return the types of a check's arguments: of what it looks at, and of its parameters, empty where it has none."""
-    name, node = found.node.name, found.node
+    """Return the types of a check's arguments: of its context, and of its parameters, empty without any."""
+    node = found.node
+    name = node.name
     if isinstance(node, ast.ClassDef):
         raise ValueError(
             f"{name} is a class; a check is a function (context: Context, p: Parameters) -> Finding"
@@ -172,10 +187,7 @@ def _signature(found: Definition) -> tuple[str, str]:
         raise ValueError(
             f"{name} must take (context: Context), or (context: Context, p: Parameters)"
         )
-    typed = [
-        ast.unparse(a.annotation).strip("'\"").rpartition(".")[2] if a.annotation else ""
-        for a in arguments
-    ]
+    typed = list(map(_annotation, arguments))
     made = found.beside.get("".join(typed[1:]))
     if len(typed) == 2 and not _is_model(made):
         raise ValueError(
@@ -184,8 +196,15 @@ def _signature(found: Definition) -> tuple[str, str]:
     return typed[0], "".join(typed[1:])
 
 
+def _annotation(argument: ast.arg) -> str:
+    """Return the name of an argument's type, without its module; empty without an annotation."""
+    if argument.annotation is None:
+        return ""
+    return ast.unparse(argument.annotation).strip("'\"").rpartition(".")[2]
+
+
 def _is_model(made: ast.AST | None) -> bool:
-    """Tell whether a definition can be that of a check's parameters: a class with a base or a decorator."""
+    """Return whether a definition can define a check's parameters: a class with a base or a decorator."""
     if not isinstance(made, ast.ClassDef):
         return False
     return bool(made.bases or made.decorator_list)
