@@ -1,1 +1,1 @@
-"""What an instructor writes: rubric, steps, references, policy, overrides. Imports the recording's format only."""
+"""An instructor's files: rubric, steps, references, policy, overrides. Imports the recording's format only."""

@@ -1,4 +1,4 @@
-"""Patterns by which a rubric finds files of a submission, such as `**/launch/*.py`.
+"""Patterns for a submission's files in a rubric, such as `**/launch/*.py`.
 
 A pattern is a path from the submission's root. `*`, `?` and `[...]` match within one name, and `**` any number of
 folders. Capitals count.

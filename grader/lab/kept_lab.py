@@ -1,8 +1,8 @@
-"""The files of a lab that judging executes, beside the copy of its rubric, and which of them may be executed here.
+"""Files of a lab that judging executes, beside the copy of its rubric, and the trust in them.
 
-Recordings travel: from a student's CI job to an instructor, from one machine to another. What lies in their folder may
-come from anybody, so a file of it is executed only if this machine knows it by its hash: it ships with the grader, or
-the user has graded by a lab with this file, named its rubric with `--rubric`, or said `--trust-lab`.
+Recordings travel from a student's CI job to an instructor, and between machines; anybody can have changed their folder.
+A file in it is executed only if this machine knows its hash: the file ships with the grader, or the user has graded by a
+lab with it, named its rubric with `--rubric`, or passed `--trust-lab`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from grader.recording.submission import read_submission
 
 #: The rubric in a lab's folder.
 RUBRIC_FILE = "rubric.yaml"
-#: Folder beside the copy of a rubric, in which the files that it names lie as they do beside the rubric itself.
+#: Folder beside the copy of a rubric for its files, with their paths beside the rubric itself.
 KEPT = "rubric.files"
 #: `file.py:name`, as a whole value in JSON.
 _FUNCTION = re.compile(r'"([^"\\]+\.py:\w+)"')
@@ -43,7 +43,7 @@ def lab_folder() -> Path:
 
 
 def lab_id(rubric: Path) -> str:
-    """Return the id of the lab that a rubric is of; empty if it cannot be read."""
+    """Return the id of a rubric's lab; empty if it cannot be read."""
     with suppress(OSError, UnicodeDecodeError):
         return _id_in(rubric.read_text(encoding="utf-8"))
     return ""
@@ -53,8 +53,9 @@ def lab_id(rubric: Path) -> str:
 def _id_in(text: str) -> str:
     with suppress(yaml.YAMLError, RecursionError, ValueError, TypeError, KeyError):
         found = yaml_text.load(text)["lab"]["id"]
-        # Written out, nested aliases have no end.
-        return str(found) if isinstance(found, (str, int, float)) else ""
+        # The text of nested aliases could be endless.
+        if isinstance(found, (str, int, float)):
+            return str(found)
     return ""
 
 
@@ -87,56 +88,51 @@ def interface_files(rubric: Rubric) -> list[str]:
 
 
 def functions_of(part: BaseModel) -> list[str]:
-    """Return the functions and classes, "file.py:name", that a reference node, a check or a figure names."""
+    """Return the functions and classes, "file.py:name", in a reference node, a check or a figure."""
     return _FUNCTION.findall(part.model_dump_json(exclude={"title", "hint"}))
 
 
 def files_of(rubric: Rubric) -> dict[str, str]:
-    """Return the texts of the files that a rubric names, where they are there."""
+    """Return the texts of the existing files that a rubric names."""
     return _texts(rubric.folder, named_files(rubric))
 
 
 def identity_of(rubric: Rubric) -> str:
-    """Return the hash of a rubric and of all files that it names: what is judged by another is of another lab."""
+    """Return the hash of a rubric and of all files that it names, which identifies a lab."""
     stated = {RUBRIC_FILE: rubric.sha256, **sha256s(files_of(rubric))}
     return hashlib.sha256(json.dumps(stated, sort_keys=True).encode()).hexdigest()
 
 
 def kept_files(copy: Path) -> dict[str, str]:
-    """Return the texts of what is kept beside a copy of a rubric."""
+    """Return the texts of the files beside a copy of a rubric."""
     folder = copy.parent / KEPT
-    return _texts(
-        folder, [path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*"))]
-    )
+    names = [path.relative_to(folder).as_posix() for path in sorted(folder.rglob("*"))]
+    return _texts(folder, names)
 
 
 def _texts(folder: Path, names: Iterable[str]) -> dict[str, str]:
-    paths = {name: folder / name for name in names}
-    inside = {
-        name: path
-        for name, path in paths.items()
-        if path.resolve().is_relative_to(folder.resolve())
-    }
-    return {
-        n: path.read_bytes().decode("utf-8", "surrogateescape")
-        for n, path in inside.items()
-        if path.is_file()
-    }
+    """Return the texts of files in a folder; links out of it are left out."""
+    top = folder.resolve()
+    found: dict[str, str] = {}
+    for name in names:
+        path = folder / name
+        if path.resolve().is_relative_to(top) and path.is_file():
+            found[name] = path.read_bytes().decode("utf-8", "surrogateescape")
+    return found
 
 
 def sha256s(files: Mapping[str, str]) -> dict[str, str]:
     """Return the hash of each text."""
-    return {
-        n: hashlib.sha256(text.encode("utf-8", "surrogateescape")).hexdigest()
-        for n, text in files.items()
-    }
+    found: dict[str, str] = {}
+    for name, text in files.items():
+        content = text.encode("utf-8", "surrogateescape")
+        found[name] = hashlib.sha256(content).hexdigest()
+    return found
 
 
 def trust(files: Mapping[str, str]) -> None:
-    """Remember that the user has chosen to execute these files."""
-    with suppress(
-        OSError, RuntimeError
-    ):  # Without a home nothing is remembered, and is asked for again.
+    """Remember that the user has chosen to execute some files; without a home folder, nothing is remembered."""
+    with suppress(OSError, RuntimeError):
         folder = _known_folder()
         folder.mkdir(parents=True, exist_ok=True)
         for sha256 in sha256s(files).values():
@@ -154,14 +150,17 @@ def _is_known(name: str, sha256: str) -> bool:
 
 def _known_folder() -> Path:
     state = os.environ.get("XDG_STATE_HOME")
-    return (Path(state) if state else Path.home() / ".local/state") / "grade/known-lab-files"
+    folder = Path(state) if state else Path.home() / ".local/state"
+    return folder / "grade/known-lab-files"
 
 
 def require_known(copy: Path) -> None:
     """Raise RecordingError if code beside a copy of a rubric may not be executed here."""
-    if unknown := [
-        name for name, sha256 in sha256s(kept_files(copy)).items() if not _is_known(name, sha256)
-    ]:
+    unknown = []
+    for name, sha256 in sha256s(kept_files(copy)).items():
+        if not _is_known(name, sha256):
+            unknown.append(name)
+    if unknown:
         raise RecordingError(
             f"{', '.join(unknown)} came with the recordings and is not known on this machine, so it is not executed",
             location=str(copy.parent / KEPT),
@@ -171,21 +170,25 @@ def require_known(copy: Path) -> None:
 
 
 def remarks(recordings: Path, rubric: Rubric) -> list[str]:
-    """Say where recordings are judged by other files of the lab than they were made with, or the lab has others now."""
+    """Report files of the lab that differ between recording and judging, or that changed in the lab afterwards."""
     submission = read_submission(recordings)
     made_with = submission.lab_files
-    if other := _differing(made_with, sha256s(files_of(rubric))):
+    other = _differing(made_with, sha256s(files_of(rubric)))
+    if other:
         return [f"judged by another {other} than it was recorded with"]
-    shipped = [lab_folder()] if rubric.lab.id == lab_id(lab_folder() / RUBRIC_FILE) else []
-    lab = next(
-        (
-            lab
-            for lab in (Path(submission.lab_folder), *shipped)
-            if lab.is_absolute() and lab.is_dir()
-        ),
-        None,
-    )
-    if lab is None or not (changed := _differing(made_with, sha256s(_texts(lab, made_with)))):
+    folders = [Path(submission.lab_folder)]
+    if rubric.lab.id == lab_id(lab_folder() / RUBRIC_FILE):
+        folders.append(lab_folder())
+    for lab in folders:
+        if lab.is_absolute() and lab.is_dir():
+            return _changes(lab, made_with)
+    return []
+
+
+def _changes(lab: Path, made_with: Mapping[str, str]) -> list[str]:
+    """Report files of a lab that changed after a recording."""
+    changed = _differing(made_with, sha256s(_texts(lab, made_with)))
+    if not changed:
         return []
     return [
         f"{changed} in {lab} has changed since it was recorded; name the rubric there by --rubric to judge by it"
@@ -193,6 +196,9 @@ def remarks(recordings: Path, rubric: Rubric) -> list[str]:
 
 
 def _differing(made_with: Mapping[str, str], others: Mapping[str, str]) -> str:
-    return " and ".join(
-        name for name, sha256 in others.items() if made_with.get(name, sha256) != sha256
-    )
+    """Name the files with other hashes than at the recording."""
+    differing = []
+    for name, sha256 in others.items():
+        if made_with.get(name, sha256) != sha256:
+            differing.append(name)
+    return " and ".join(differing)

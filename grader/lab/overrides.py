@@ -1,6 +1,6 @@
-"""`overrides.yaml`: what people decide about single submissions, each with reason, name and date.
+"""`overrides.yaml`: decisions of people about submissions, each with reason, name and date.
 
-It lies beside the results, so that no regrade can lose it. All its mistakes are reported at once, by line.
+The file lies beside the results, so that no regrade can lose it. All its mistakes are reported at once, by line.
 """
 
 from __future__ import annotations
@@ -8,7 +8,6 @@ from __future__ import annotations
 import hashlib
 import unicodedata
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from datetime import date, datetime
 from decimal import Decimal, InvalidOperation
@@ -30,13 +29,14 @@ from grader.lab.yaml_with_lines import (
 )
 
 OVERRIDES_FILE = "overrides.yaml"
-#: Stands for all submissions.
+#: A name for all submissions.
 EVERYONE = "*"
 
 _WHAT = "the file of overrides"
 _CHANGES = ("set", "add", "excused", "bonus", "extension", "due", "submitted", "reviewed", "appeal")
 _OF_A_PART = ("set", "add", "excused", "appeal")
-#: What needs no reason: it changes nothing.
+_OF_TIME = ("extension", "due", "submitted")
+#: Keys without an effect on points, which need no reason.
 _WITHOUT_REASON = {"reviewed", "appeal", "comment"}
 
 
@@ -55,7 +55,7 @@ def _points(value: Any) -> Any:
 def _names(value: Any) -> Any:
     listed = value if isinstance(value, (list, tuple)) else [value]
     if listed and all(isinstance(n, (str, int)) and not isinstance(n, bool) for n in listed):
-        # As names of submissions are, however an editor composes letters with their marks.
+        # Editors compose letters with their marks in several ways; names of submissions are in NFC.
         return tuple(unicodedata.normalize("NFC", str(name)) for name in listed)
     raise ValueError(
         f"the name of a submission, a list of names, or '{EVERYONE}' for all is expected; "
@@ -91,23 +91,25 @@ class Override(Strict):
     submission: Annotated[tuple[str, ...], BeforeValidator(_names)]
     check: str | None = None
     criterion: str | None = None
-    #: Points of a check or a criterion: these, or so many more (or fewer).
+    #: New points of a check or a criterion.
     set_: Points | None = Field(None, alias="set")
+    #: Points added to a check or a criterion; negative to subtract.
     add: Points | None = None
-    #: A check or a criterion loses nothing.
+    #: True if a check or a criterion loses nothing.
     excused: Literal[True] | None = None
     #: Points beyond the rubric's.
     bonus: Annotated[Points, Field(gt=0)] | None = None
-    #: How much later it is due.
+    #: Additional time until the deadline.
     extension: TimeSpan | None = None
-    #: When it is due, and when it was handed in, in place of what is known.
+    #: Deadline of this submission.
     due: Moment | None = None
+    #: Time of submission, instead of the known one.
     submitted: Moment | None = None
-    #: A person has looked at a part or at the whole, and it stays as it is; a comment alone says so too.
+    #: True if a person has reviewed a part or the whole without a change; a comment alone means the same.
     reviewed: Literal[True] | None = None
-    #: What a student asks to be looked at again.
+    #: Request of a student for a review.
     appeal: Words | None = None
-    #: What the student is told there.
+    #: Comment for the student.
     comment: Words | None = None
     reason: Words = ""
     who: Words
@@ -115,27 +117,30 @@ class Override(Strict):
 
     @property
     def change(self) -> str:
-        """What it does, by its key."""
+        """The key of the change."""
         given = self.model_dump(by_alias=True, include=self.model_fields_set)
-        return next((name for name in _CHANGES if name in given), "reviewed")
+        for name in _CHANGES:
+            if name in given:
+                return name
+        return "reviewed"
 
     @model_validator(mode="after")
     def _changes_one_thing(self) -> Override:
         given = self.model_dump(by_alias=True, include=self.model_fields_set)
-        if empty := [key for key, value in given.items() if value is None]:
+        empty = [key for key, value in given.items() if value is None]
+        if empty:
             raise mistakes_at(((key,), "a value is missing") for key in empty)
-        changes = [name for name in _CHANGES if name in given] or ["reviewed"] * (
-            "comment" in given
-        )
-        parts = len({"check", "criterion"} & given.keys())
+        changes = [name for name in _CHANGES if name in given]
+        if not changes and "comment" in given:
+            changes.append("reviewed")
         if len(changes) != 1:
             raise ValueError(f"exactly one of {', '.join(_CHANGES)} is needed")
-        if changes[0] in _OF_A_PART and parts != 1:
-            raise ValueError(f"{changes[0]} needs either a check or a criterion")
-        if changes[0] not in (*_OF_A_PART, "reviewed") and parts:
-            raise ValueError(
-                f"{changes[0]} is of the whole submission, not of a check or a criterion"
-            )
+        change = changes[0]
+        parts = len({"check", "criterion"} & given.keys())
+        if change in _OF_A_PART and parts != 1:
+            raise ValueError(f"{change} needs either a check or a criterion")
+        if parts and change not in (*_OF_A_PART, "reviewed"):
+            raise ValueError(f"{change} is of the whole submission, not of a check or a criterion")
         return self
 
 
@@ -152,23 +157,24 @@ class Overrides:
 
     def of(self, submission: str) -> tuple[Override, ...]:
         """Return the entries about a submission."""
-        return tuple(
-            entry
-            for entry in self.entries
-            if not {submission, EVERYONE}.isdisjoint(entry.submission)
-        )
+        found = []
+        for entry in self.entries:
+            if submission in entry.submission or EVERYONE in entry.submission:
+                found.append(entry)
+        return tuple(found)
 
     def remarks(self, submissions: Iterable[str], *, times_matter: bool) -> list[str]:
-        """Say which entries do nothing: they name no submission, or move a time where the rubric has no lateness."""
-        known, unknown, idle = sorted(submissions), [], []
+        """Report entries without an effect: for unknown submissions, or about times if the rubric has no lateness."""
+        known = sorted(submissions)
+        unknown = []
+        idle = []
         for entry, line in zip(self.entries, self.lines, strict=True):
             location = f"{self.name}:{line}"
-            names = [name for name in entry.submission if name != EVERYONE and name not in known]
-            unknown += [
-                f"{location}: there is no submission {name!r}{meant(name, known)}" for name in names
-            ]
-            moved = any(time is not None for time in (entry.extension, entry.due, entry.submitted))
-            if moved and not times_matter:
+            for name in entry.submission:
+                if name != EVERYONE and name not in known:
+                    near = meant(name, known)
+                    unknown.append(f"{location}: there is no submission {name!r}{near}")
+            if entry.change in _OF_TIME and not times_matter:
                 idle.append(
                     f"{location}: the rubric does not say what lateness costs, so a time changes nothing"
                 )
@@ -178,13 +184,13 @@ class Overrides:
 def load_overrides(path: Path, rubric: Rubric) -> Overrides:
     """Read and validate a file of overrides.
 
-    Raises RubricError with every mistake, each with file and line; also where it does not fit the rubric.
+    Raises RubricError with every mistake, each with file and line; a mismatch with the rubric is a mistake too.
     """
     return parse_overrides(path, read_text(path, _WHAT, "Check --overrides."), rubric)
 
 
 def parse_overrides(path: Path, text: str, rubric: Rubric) -> Overrides:
-    """Validate what stands in a file of overrides, or is to stand there; raises as `load_overrides`."""
+    """Validate the text of a file of overrides; raises as `load_overrides`."""
     sha256 = hashlib.sha256(text.encode()).hexdigest()
     if not any(line.partition("#")[0].strip() for line in text.splitlines()):
         return Overrides(name=path.name, sha256=sha256)
@@ -201,8 +207,7 @@ def parse_overrides(path: Path, text: str, rubric: Rubric) -> Overrides:
         loc: Loc = ("overrides", number)
         if isinstance(raw, Mapping):
             _check_part(raw, loc, rubric, mistakes)
-            if "reason" not in raw and (raw.keys() - _WITHOUT_REASON) & {*_CHANGES}:
-                mistakes.add((*loc, "reason"), "this key is missing")
+            _require_reason(raw, loc, mistakes)
         try:
             entry = Override.model_validate(raw)
         except ValidationError as error:
@@ -212,44 +217,70 @@ def parse_overrides(path: Path, text: str, rubric: Rubric) -> Overrides:
             mistakes.add(loc, "the same entry stands here twice")
         entries.append(entry)
     mistakes.raise_any("`grade regrade --help` shows what entries look like.")
-    lines = tuple(mistakes.line_of(("overrides", n)) for n in range(len(entries)))
-    return Overrides(tuple(entries), lines, path.name, sha256)
+    lines = [mistakes.line_of(("overrides", number)) for number in range(len(entries))]
+    return Overrides(tuple(entries), tuple(lines), path.name, sha256)
+
+
+def _require_reason(raw: Mapping[str, Any], loc: Loc, mistakes: Mistakes) -> None:
+    """Add a mistake if a change of points has no reason."""
+    changing = (raw.keys() - _WITHOUT_REASON) & set(_CHANGES)
+    if changing and "reason" not in raw:
+        mistakes.add((*loc, "reason"), "this key is missing")
 
 
 def _check_part(raw: Mapping[str, Any], loc: Loc, rubric: Rubric, mistakes: Mistakes) -> None:
-    """Note a check or criterion that the rubric does not have, or points that it cannot have."""
-    checks = [check for criterion in rubric.criteria for check in criterion.checks]
-    beside = {
-        id_
-        for criterion in rubric.bonus
-        for id_ in (criterion.id, *(check.id for check in criterion.checks))
-    }
-    for kind, parts in (("check", checks), ("criterion", rubric.criteria)):
-        possible = {part.id: part.points for part in parts}
+    """Add mistakes for an unknown check or criterion, and for impossible points."""
+    possible: dict[str, dict[str, Decimal]] = {"check": {}, "criterion": {}}
+    for criterion in rubric.criteria:
+        possible["criterion"][criterion.id] = criterion.points
+        for check in criterion.checks:
+            possible["check"][check.id] = check.points
+    bonus_ids = _bonus_ids(rubric)
+    for kind, points in possible.items():
         identity = raw.get(kind)
         if not isinstance(identity, str):
             continue
-        if identity in beside:
+        place = (*loc, kind)
+        if identity in bonus_ids:
+            mistakes.add(place, f"{identity!r} is beside the points; the key bonus adds to these")
+        elif identity not in points:
+            hint = _replacing(identity, kind, rubric) or meant(identity, list(points))
+            mistakes.add(place, f"the rubric has no {kind} {identity!r}{hint}")
+        elif "set" in raw and not _is_possible(raw["set"], points[identity]):
             mistakes.add(
-                (*loc, kind), f"{identity!r} is beside the points; the key bonus adds to these"
+                (*loc, "set"),
+                f"{identity} has from 0 to {points[identity]} points; bonus gives more",
             )
-            continue
-        if identity not in possible:
-            part_of = next(
-                (c.id for c in rubric.checks() if kind == "check" and identity in c.replaces), None
-            )
-            now = f"; it is part of {part_of!r} now" if part_of else meant(identity, list(possible))
-            mistakes.add((*loc, kind), f"the rubric has no {kind} {identity!r}{now}")
-            continue
-        with suppress(ValueError):
-            if "set" in raw and not 0 <= _points(raw["set"]) <= possible[identity]:
-                mistakes.add(
-                    (*loc, "set"),
-                    f"{identity} has from 0 to {possible[identity]} points; bonus gives more",
-                )
+
+
+def _bonus_ids(rubric: Rubric) -> set[str]:
+    """Return the ids of the criteria and checks of the bonus."""
+    found: set[str] = set()
+    for criterion in rubric.bonus:
+        found.add(criterion.id)
+        found.update(check.id for check in criterion.checks)
+    return found
+
+
+def _replacing(identity: str, kind: str, rubric: Rubric) -> str:
+    """Return the check that replaces another one, as the end of a sentence; empty if there is none."""
+    for check in rubric.checks():
+        if kind == "check" and identity in check.replaces:
+            return f"; it is part of {check.id!r} now"
+    return ""
+
+
+def _is_possible(value: Any, most: Decimal) -> bool:
+    """Return whether points are within those of a part; the validation reports a value that is no number."""
+    try:
+        return bool(0 <= _points(value) <= most)
+    except ValueError:
+        return True
 
 
 def moment_of(submitted_at: str | None) -> datetime | None:
-    """Return a recorded time of submission, or None if it is not known or has no offset from UTC."""
+    """Return a recorded time of submission, or None if it is unknown or has no offset from UTC."""
     found = parse_time(submitted_at) if submitted_at else None
-    return found if found is not None and found.utcoffset() is not None else None
+    if found is None or found.utcoffset() is None:
+        return None
+    return found

@@ -1,6 +1,6 @@
-"""Adds entries to the text of `overrides.yaml`, and takes them out again; all else in it stays as people wrote it.
+"""Adding and removing of entries in the text of `overrides.yaml`; the other text stays as people wrote it.
 
-An entry is added at the end, and taken out by its lines, so comments, order and spelling of the others survive.
+An entry is added at the end, and removed by its lines. Comments, order and spelling of other entries survive.
 """
 
 from __future__ import annotations
@@ -23,14 +23,15 @@ _KEY = "overrides"
 _HEAD = "# Decisions of people; `grade regrade --help` shows what entries look like.\n"
 _INDENT = 2
 _SEQUENCE = "tag:yaml.org,2002:seq"
-#: Beyond the length of any line of an entry: each value stands on the line of its key.
+#: More than the length of any line of an entry; each value stands on the line of its key.
 _ONE_LINE = 2**20
 
 
 @contextmanager
 def locked(folder: Path) -> Iterator[None]:
-    """Let nobody else who asks for the same change the file in a folder meanwhile; waits until nobody else does."""
-    import fcntl  # There is none on Windows.
+    """Hold the lock of a folder's file of overrides; waits while another process holds it."""
+    # Windows has no such module.
+    import fcntl
 
     descriptor = os.open(folder, os.O_RDONLY)
     try:
@@ -41,14 +42,17 @@ def locked(folder: Path) -> Iterator[None]:
 
 
 def rewrite(path: Path, change: Callable[[str], str]) -> str:
-    """Change the text of a file of overrides, which may not be there yet, within `locked`; returns the new text."""
-    text = change(path.read_text(encoding="utf-8") if path.exists() else "")
+    """Change the text of a file of overrides, or of a new one, within `locked`; returns the new text."""
+    text = ""
+    if path.exists():
+        text = path.read_text(encoding="utf-8")
+    text = change(text)
     replace_file(path, text)
     return text
 
 
 class _Dumper(yaml.SafeDumper):
-    """Writes an entry as people do: a key a line, and names in one."""
+    """Writes an entry as people do: a line for each key, and all names in one line."""
 
 
 _Dumper.add_representer(
@@ -62,46 +66,54 @@ def with_entry(text: str, entry: Mapping[str, Any]) -> str:
     new = yaml.dump(
         dict(entry), Dumper=_Dumper, allow_unicode=True, sort_keys=False, width=_ONE_LINE
     )
+    column = _INDENT
     if listed is None:
-        return _checked(
-            text, f"{text or _HEAD}{_ended(text)}{_KEY}:\n{_listed(new, _INDENT)}", [], entry
-        )
-    if not listed.value:  # An empty list may be written as [].
+        kept = f"{text or _HEAD}{_ended(text)}{_KEY}:\n"
+    elif listed.value:
+        kept = text
+        column = listed.start_mark.column
+    else:
+        # An empty list can be written as [].
         kept = text[: listed.start_mark.index].rstrip(" ") + text[listed.end_mark.index :]
-        return _checked(text, f"{kept}{_ended(kept)}{_listed(new, _INDENT)}", [], entry)
-    return _checked(
-        text, f"{text}{_ended(text)}{_listed(new, listed.start_mark.column)}", _plain(text), entry
-    )
+    wanted = [*_plain(text), dict(entry)]
+    return _checked(f"{kept}{_ended(kept)}{_listed(new, column)}", wanted)
 
 
 def without_entry(text: str, number: int) -> str:
-    """Return the text without one of its entries, counted from 0, of which there are more; raises as `with_entry`."""
-    listed, before = _entries(text), _plain(text)
+    """Return the text without one of several entries, counted from 0; raises as `with_entry`."""
+    listed = _entries(text)
     assert listed is not None
-    node, lines = listed.value[number], text.splitlines(keepends=True)
-    kept = [*lines[: node.start_mark.line], *lines[_last_line(node) + 1 :]]
-    return _checked(text, "".join(kept), [*before[:number], *before[number + 1 :]])
+    node = listed.value[number]
+    lines = text.splitlines(keepends=True)
+    del lines[node.start_mark.line : _last_line(node) + 1]
+    wanted = _plain(text)
+    del wanted[number]
+    return _checked("".join(lines), wanted)
 
 
 def _entries(text: str) -> Any:
     """Return the node of the list, None if there is no list yet."""
     root = yaml.compose(text, Loader=yaml.SafeLoader)
-    pairs = root.value if isinstance(root, yaml.MappingNode) else []
-    return next((value for key, value in pairs if key.value == _KEY), None)
+    if isinstance(root, yaml.MappingNode):
+        for key, value in root.value:
+            if key.value == _KEY:
+                return value
+    return None
 
 
 def _plain(text: str) -> list[Any]:
+    """Return the entries of a text as plain data."""
     if not any(line.partition("#")[0].strip() for line in text.splitlines()):
         return []
     plain, _ = parse_yaml(Path(OVERRIDES_FILE), text, "the file of overrides")
     return list(plain.get(_KEY) or [])
 
 
-def _checked(before: str, after: str, wanted: list[Any], *more: Mapping[str, Any]) -> str:
-    """Return the new text if it says what it must, and no more than that."""
+def _checked(text: str, wanted: list[Any]) -> str:
+    """Return a new text if it has exactly the wanted entries; raises RubricError otherwise."""
     with suppress(RubricError):
-        if _plain(after) == [*wanted, *map(dict, more)]:
-            return after
+        if _plain(text) == wanted:
+            return text
     problem = f"{OVERRIDES_FILE} is written in a way that no entry can be added to or taken from by a program"
     raise RubricError(
         problem, [], remedy="Write each entry of its list below the others, with a dash before it."
@@ -109,14 +121,13 @@ def _checked(before: str, after: str, wanted: list[Any], *more: Mapping[str, Any
 
 
 def _last_line(node: yaml.Node) -> int:
-    """Return the last line, from 0, on which something of a node stands."""
-    if not isinstance(node, yaml.CollectionNode) or node.flow_style:
-        end = node.end_mark
-        return int(end.line - (end.column == 0))
-    children = [
-        part for pair in node.value for part in (pair if isinstance(pair, tuple) else (pair,))
-    ]
-    return max(map(_last_line, children))
+    """Return the last line of a node, from 0."""
+    if isinstance(node, yaml.MappingNode) and not node.flow_style:
+        return max(max(_last_line(key), _last_line(value)) for key, value in node.value)
+    if isinstance(node, yaml.SequenceNode) and not node.flow_style:
+        return max(map(_last_line, node.value))
+    end = node.end_mark
+    return int(end.line - (end.column == 0))
 
 
 def _ended(text: str) -> str:

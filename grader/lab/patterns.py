@@ -1,8 +1,8 @@
-"""Regular expressions of a rubric, matched against what students wrote within a bound of time.
+"""Regular expressions of a rubric, matched against students' texts within a bound of time.
 
-Who writes a rubric does not think of the text that is hardest for a pattern, and a student might. So what a check may
-spend on its patterns is bounded. A text that takes longer counts as not recognised, as if the pattern did not match,
-and the result says so in a note for a person: the pattern is as likely to blame as the text.
+Authors of rubrics do not think of the hardest text for a pattern, but a student might. Therefore the time of a check's
+patterns is bounded. A text that takes longer counts as not recognised, as if the pattern did not match. The result gets a
+note for a person, because the pattern can be the cause as well as the text.
 """
 
 from __future__ import annotations
@@ -21,15 +21,15 @@ from grader.result import FOR_A_PERSON
 
 T = TypeVar("T")
 
-#: What the patterns of a check, or of a page's figures, may take of computing. Over the recordings that are kept for
-#: tests, all patterns of a submission take 0.02 s together.
+#: CPU time for the patterns of a check, or of a page's figures, in s. In the recordings of the tests, all patterns of a
+#: submission take 0.02 s together.
 BUDGET_S = 2.0
 NOTE = f"{FOR_A_PERSON} comparing the text with the rubric's patterns took too long, so the rest was not read."
 
 
 @dataclass
 class Budget:
-    """What is left to spend; `exceeded` tells whether anything was not read for it."""
+    """The remaining CPU time; `exceeded` is True if a text was not read for lack of time."""
 
     left_s: float = BUDGET_S
     exceeded: bool = False
@@ -40,7 +40,7 @@ _CURRENT: ContextVar[Budget | None] = ContextVar("budget", default=None)
 
 @contextmanager
 def patterns_bounded() -> Iterator[Budget]:
-    """Give a new budget to all that is searched within."""
+    """Give the searches within the context a new budget."""
     budget = Budget()
     token = _CURRENT.set(budget)
     try:
@@ -59,12 +59,12 @@ def compiled(pattern: str, *, ignore_case: bool = False) -> regex.Pattern[str]:
 
 
 def search(pattern: str, text: str, *, ignore_case: bool = False) -> regex.Match[str] | None:
-    """Return where a pattern of the rubric is found first; None where it is not, or no time is left to look."""
+    """Return the first match of a pattern; None without a match, or without remaining time."""
     return _within_budget(compiled(pattern, ignore_case=ignore_case).search, text)
 
 
 def without(pattern: str, text: str) -> tuple[str, int]:
-    """Return a text with a blank for each place where a pattern is found, and how many these are."""
+    """Return a text with a blank for each match of a pattern, and the number of matches."""
     return _within_budget(partial(compiled(pattern).subn, " "), text) or (text, 0)
 
 
@@ -72,7 +72,8 @@ def _within_budget(look: Callable[..., T], text: str) -> T | None:
     budget = _CURRENT.get() or Budget()
     if budget.left_s <= 0:
         return None
-    began_s = time.process_time()  # Of this process, so that a busy machine changes nothing.
+    # A busy machine does not change the CPU time of this process.
+    began_s = time.process_time()
     try:
         return look(text, timeout=budget.left_s)
     except TimeoutError:

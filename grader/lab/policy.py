@@ -1,4 +1,4 @@
-"""What the lab says of lateness, and how people write times: "10 min", "2 days", "10 %", a date with its zone."""
+"""The lab's rules about lateness, and times as people write them: "10 min", "2 days", "10 %", a date with its zone."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ MaybeAmount = Annotated[
 
 
 class LatePolicy(Strict):
-    """What lateness costs."""
+    """The penalty for lateness."""
 
     due: Moment
     grace: TimeSpan = Field(
@@ -156,7 +156,7 @@ class LatePolicy(Strict):
         return self
 
     def deduction(self, points: Decimal, late: timedelta) -> Decimal:
-        """Return what a lateness (negative: in time) takes of the points without it: from 0 to all, in tenths."""
+        """Return the penalty for a lateness (negative: in time), from 0 to all of the points, in tenths."""
         if late <= max(self.grace, timedelta()):
             return Decimal(0)
         if self.never_after is not None and late > self.never_after:
@@ -214,7 +214,7 @@ NOT_KNOWN = SubmissionTime()
 
 
 class Policy(Strict):
-    """What a rubric says beside points: what lateness costs, if anything."""
+    """Rules of a rubric beside points: the penalty for lateness, if there is one."""
 
     late: LatePolicy | None = None
     timezone: MaybeZone = Field(

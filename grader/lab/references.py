@@ -1,7 +1,7 @@
-"""What a part of a rubric may refer to, and types of its values: each is checked when the rubric loads.
+"""References and types of values in a rubric, checked when the rubric loads.
 
-A reference is a type of text. Its value is looked up in the `Scope` with which the rubric is validated; a part that is
-made without one, as in Python, is taken at its word.
+A reference is a type of text. Its value is looked up in the `Scope` of the rubric's validation. Parts that are made
+without a scope, as in Python, are not checked.
 """
 
 from __future__ import annotations
@@ -55,14 +55,14 @@ _ENDPOINTS = ("topic", "publisher", "subscription", "service", "action", "action
 
 
 class Parameters(Strict):
-    """Base of what stands behind a `with`, and of all that has a session: values are of their types as they stand."""
+    """Base of the mappings behind `with`, and of parts with a session; values must have the types of the fields."""
 
     model_config = ConfigDict(strict=True)
-    #: What the example of it in `grade checks` has beside what is required.
+    #: Optional keys in the example of `grade checks`.
     example: ClassVar[Mapping[str, Any]] = {}
-    #: Whether it says something of a session's recording, so that it cannot be without one.
+    #: True if a recorded session is required.
     of_session: ClassVar[bool] = True
-    #: Keys of which exactly one is given.
+    #: Alternative keys; exactly one of them must be given.
     exactly_one: ClassVar[tuple[str, ...]] = ()
 
     @field_validator("*", mode="before")
@@ -71,18 +71,13 @@ class Parameters(Strict):
         if "tuple[" not in str(cls.model_fields[str(info.field_name)].annotation):
             return value
         if isinstance(value, dict):
-            return {
-                key: tuple(inner) if isinstance(inner, list) else inner
-                for key, inner in value.items()
-            }
-        return tuple(value) if isinstance(value, list) else value
+            return {key: _frozen(inner) for key, inner in value.items()}
+        return _frozen(value)
 
     @model_validator(mode="after")
     def _one_is_given(self) -> Parameters:
-        if (
-            self.exactly_one
-            and sum(getattr(self, key) is not None for key in self.exactly_one) != 1
-        ):
+        given = [key for key in self.exactly_one if getattr(self, key) is not None]
+        if self.exactly_one and len(given) != 1:
             raise ValueError(f"exactly one of {', '.join(self.exactly_one)} is needed")
         return self
 
@@ -180,8 +175,13 @@ def _mapping_referring(kind: Any, value: Mapping[str, Any]) -> Iterator[tuple[Re
         yield from _referring(arguments[1], inner)
 
 
+def _frozen(value: Any) -> Any:
+    """Return a list as a tuple, and any other value as it is."""
+    return tuple(value) if isinstance(value, list) else value
+
+
 class StepText(NamedTuple):
-    """A step as it stands in the YAML, before it is known to be right."""
+    """A step of the YAML, before its validation."""
 
     kind: str
     parameters: Mapping[str, Any]
@@ -197,7 +197,7 @@ class OwnCheck(NamedTuple):
 
 @dataclass(frozen=True)
 class Kinds:
-    """What a rubric can use: name of a check, and kind of a figure -> model of its parameters."""
+    """Models of parameters, by names of checks and by kinds of figures."""
 
     checks: Mapping[str, type[Parameters]]
     figures: Mapping[str, type[Parameters]]
@@ -207,73 +207,94 @@ class Kinds:
 
 @dataclass
 class Scope:
-    """What a rubric defines, read from its plain YAML before any part of it is validated."""
+    """The definitions of a rubric, read from its plain YAML before any part is validated."""
 
     plain: Mapping[str, Any]
-    #: From which files beside the rubric are resolved.
+    #: Folder of the files beside the rubric.
     folder: Path
     kinds: Kinds
-    #: Session and check of the part that is being validated, and the checks before it.
+    #: Session of the part that is being validated.
     session: str | None = None
+    #: Check that is being validated.
     check: str | None = None
+    #: Previous checks.
     earlier: list[str] = field(default_factory=list)
 
     def begin_check(self, name: str) -> None:
-        """Note that a check is being validated."""
-        self.earlier += [] if self.check is None else [self.check]
-        self.check, self.session = name, None
+        """Begin the validation of a check."""
+        if self.check is not None:
+            self.earlier.append(self.check)
+        self.check = name
+        self.session = None
 
     def names(self, part: str) -> list[str]:
-        """Return what is defined in a part of the rubric: artifacts, reference nodes, sessions."""
-        return [str(name) for name in _mapping(self.plain.get(part))]
+        """Return the names in a part of the rubric: artifacts, reference nodes, sessions."""
+        return list(map(str, _mapping(self.plain.get(part))))
 
     @cached_property
     def check_ids(self) -> list[str]:
-        """Return the ids of all checks."""
-        listed = (each for key in ("criteria", "bonus") for each in _list(self.plain.get(key)))
-        criteria = map(_mapping, listed)
-        return [
-            str(_mapping(check).get("id"))
-            for criterion in criteria
-            for check in _list(criterion.get("checks"))
-        ]
+        """The ids of all checks."""
+        found = []
+        for key in ("criteria", "bonus"):
+            for criterion in _list(self.plain.get(key)):
+                for check in _list(_mapping(criterion).get("checks")):
+                    found.append(str(_mapping(check).get("id")))
+        return found
 
     def settings_of(self, reference: str) -> str:
-        """Return how the rubric names the class of a reference node's settings."""
-        return str(_mapping(_mapping(self.plain.get("reference")).get(reference)).get("settings"))
+        """Return the rubric's name for the class of a reference node's settings."""
+        nodes = _mapping(self.plain.get("reference"))
+        return str(_mapping(nodes.get(reference)).get("settings"))
 
     @property
     def steps(self) -> list[StepText] | None:
-        """Return the steps of the present session; None where it is not defined."""
+        """The steps of the present session; None if it is not defined."""
         session = _mapping(self.plain.get("sessions")).get(self.session or "")
-        listed = [_mapping(step) for step in _list(_mapping(session).get("steps"))]
-        kinds = ((step, kind) for step in listed for kind in step if kind != "label")
-        found = [StepText(kind, _mapping(step[kind]), step.get("label")) for step, kind in kinds]
-        return None if session is None else found
+        if session is None:
+            return None
+        found = []
+        for step in map(_mapping, _list(_mapping(session).get("steps"))):
+            for kind, parameters in step.items():
+                if kind != "label":
+                    found.append(StepText(kind, _mapping(parameters), step.get("label")))
+        return found
 
     @cached_property
     def written(self) -> Counter[str]:
-        """Return all names and other words of one piece that stand in the rubric, and how often each does."""
+        """Numbers of occurrences of names and other single words in the rubric."""
         return Counter(re.findall(r"[\w~/.-]+", "\n".join(_texts(self.plain))))
 
     @cached_property
     def types(self) -> dict[str, set[str]]:
-        """Return the types of topics, services and actions that are waited for, typed, or the new name of others."""
+        """Types of topics, services and actions with a type, an awaited endpoint or a new name in the rubric."""
         found = {topic: {name} for topic, name in _STANDARD_TOPICS.items()}
         for part in _parts(self.plain):
-            renamed = [
-                *_mapping(part.get("remappings")).values(),
-                *_mapping(part.get("composed")).values(),
-            ]
-            awaited = [_mapping(part.get("wait_for")).get(key) for key in _ENDPOINTS]
-            typed = (
-                [part.get(key) for key in _ENDPOINTS] if isinstance(part.get("type"), str) else []
-            )
-            for name in (n for n in (*renamed, *awaited, *typed) if isinstance(n, str)):
-                found.setdefault(name, set()).update({part["type"]} if name in typed else ())
-            if isinstance(part.get("action"), str) and typed:
-                found[f"{part['action']}/_action/feedback"] = {f"{part['type']}_FeedbackMessage"}
+            for name in _untyped_names(part):
+                found.setdefault(name, set())
+            type_name = part.get("type")
+            if not isinstance(type_name, str):
+                continue
+            for key in _ENDPOINTS:
+                endpoint = part.get(key)
+                if isinstance(endpoint, str):
+                    found.setdefault(endpoint, set()).add(type_name)
+            action = part.get("action")
+            if isinstance(action, str):
+                found[f"{action}/_action/feedback"] = {f"{type_name}_FeedbackMessage"}
         return found
+
+
+def _untyped_names(part: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the new names in a part of a rubric, and the names of awaited endpoints."""
+    awaited = _mapping(part.get("wait_for"))
+    names = [
+        *_mapping(part.get("remappings")).values(),
+        *_mapping(part.get("composed")).values(),
+        *map(awaited.get, _ENDPOINTS),
+    ]
+    for name in names:
+        if isinstance(name, str):
+            yield name
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:
@@ -285,29 +306,39 @@ def _list(value: Any) -> Sequence[Any]:
 
 
 def _texts(value: Any) -> Iterator[str]:
-    """Give all keys and texts in a value that are of one piece."""
-    inner = [*value, *value.values()] if isinstance(value, Mapping) else _list(value)
-    yield from (value,) if isinstance(value, str) and " " not in value else ()
-    for part in inner:
-        yield from _texts(part)
+    """Yield all keys and texts in a value without blanks."""
+    if isinstance(value, str) and " " not in value:
+        yield value
+    if isinstance(value, Mapping):
+        for key in value:
+            yield from _texts(key)
+    for inner in _inner(value):
+        yield from _texts(inner)
 
 
 def _parts(value: Any) -> Iterator[Mapping[str, Any]]:
-    """Give all mappings in a value."""
+    """Yield all mappings in a value."""
     if isinstance(value, Mapping):
         yield value
-    for inner in value.values() if isinstance(value, Mapping) else _list(value):
+    for inner in _inner(value):
         yield from _parts(inner)
+
+
+def _inner(value: Any) -> Iterable[Any]:
+    """Return the values in a mapping or a list."""
+    if isinstance(value, Mapping):
+        return value.values()
+    return _list(value)
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Marks a type of values that are looked up in the scope; says what they are to whoever writes a rubric."""
+    """Marks a type of values that are looked up in the scope, and describes them to authors of rubrics."""
 
     what: str
-    #: Raises ValueError if there is no such thing.
+    #: Raises ValueError for an unknown value.
     look_up: Callable[[Scope, Any, ValidationInfo], object]
-    #: What may stand there, for the examples of `grade checks`; None where that is any text.
+    #: Value in the examples of `grade checks`; None if any text is possible.
     example: str | None = None
     #: Kind of the referent, if judging asks for it: a name in the ROS graph, or a step by its label.
     to: Literal["name", "step", ""] = ""
@@ -325,19 +356,21 @@ class Reference:
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        examples = {} if self.example is None else {"examples": [self.example]}
-        return {**handler(schema), "description": self.what, **examples}
+        described = {**handler(schema), "description": self.what}
+        if self.example is not None:
+            described["examples"] = [self.example]
+        return described
 
 
 def one_of(value: str, what: str, known: Iterable[str], location: str = "") -> str:
-    """Return a name if it is known; raises ValueError if it is not, with what may be meant."""
+    """Return a known name; raises ValueError, with a suggestion, for another one."""
     names = list(known)
     if value not in names:
         raise ValueError(f"there is no {what} {value!r}{location}{suggestion(value, names)}")
     return value
 
 
-# -- what is defined in the rubric -----------------------------------------------------------------
+# -- definitions in the rubric ---------------------------------------------------------------------
 
 
 def _defined(part: str, what: str, example: str) -> Reference:
@@ -354,37 +387,36 @@ def _before(scope: Scope, value: str, info: ValidationInfo) -> None:
 
 
 def step_label(*kinds: str) -> Reference:
-    """Return the type of a label of a step of the session, of one of these kinds; of any without."""
+    """Return the type of labels of the session's steps, of some kinds; without kinds, of all."""
 
     def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
-        labelled = {
-            str(step.label): step.kind for step in scope.steps or () if step.label is not None
-        }
-        if scope.steps is not None:
-            one_of(value, "step labelled", labelled, f" in session '{scope.session}'")
-            if kinds and labelled[value] not in kinds:
-                raise ValueError(
-                    f"{value!r} labels a step of kind {labelled[value]}; {' or '.join(kinds)} is needed"
-                )
+        if scope.steps is None:
+            return
+        labelled = {str(step.label): step.kind for step in scope.steps if step.label is not None}
+        one_of(value, "step labelled", labelled, f" in session '{scope.session}'")
+        kind = labelled[value]
+        if kinds and kind not in kinds:
+            raise ValueError(
+                f"{value!r} labels a step of kind {kind}; {' or '.join(kinds)} is needed"
+            )
 
-    example = "window" if kinds == ("observe",) else "".join(kinds[:1]) or "step"
-    return Reference(
-        f"Label of the step{f', of kind {kinds[0]}' if kinds else ''}.", look_up, example, "step"
-    )
+    if not kinds:
+        return Reference("Label of the step.", look_up, "step", to="step")
+    example = "window" if kinds == ("observe",) else kinds[0]
+    return Reference(f"Label of the step, of kind {kinds[0]}.", look_up, example, to="step")
 
 
 def _refusal(scope: Scope, value: str, info: ValidationInfo) -> None:
-    if not any(
-        step.label == value and step.parameters.get("refusal_expected")
-        for step in scope.steps or ()
-    ):
-        raise ValueError(
-            f"the step {value!r} lacks refusal_expected: true, so that its values are taken for valid"
-        )
+    for step in scope.steps or ():
+        if step.label == value and step.parameters.get("refusal_expected"):
+            return
+    raise ValueError(
+        f"the step {value!r} lacks refusal_expected: true, so that its values are taken for valid"
+    )
 
 
 def _name_of_process(start: Mapping[str, Any]) -> str:
-    """Return the name that a step `start` gives its process."""
+    """Return the name of the process of a step `start`."""
     for key in ("name", "student"):
         if start.get(key):
             return str(start[key])
@@ -394,7 +426,7 @@ def _name_of_process(start: Mapping[str, Any]) -> str:
 def _process(*more: str) -> Reference:
     def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
         starts = [step.parameters for step in scope.steps or () if step.kind == "start"]
-        # How the processes of a launch file are called stands in that file.
+        # A launch file names its processes itself.
         if scope.steps is not None and not any("launch" in start for start in starts):
             names = [_name_of_process(start) for start in starts]
             one_of(value, "process", [*names, *more], f" in session '{scope.session}'")
@@ -409,7 +441,7 @@ CheckId = Annotated[
     str,
     Reference("Id of a check.", lambda scope, value, _: one_of(value, "check", scope.check_ids)),
 ]
-#: While a check is judged, the findings of those before it are known.
+#: A check can use the findings of earlier ones.
 EarlierCheckId = Annotated[str, Reference("Id of an earlier check.", _before, "talker.publishes")]
 AnyStep = Annotated[str, step_label()]
 CallLabel = Annotated[str, step_label("call")]
@@ -428,51 +460,52 @@ Process = Annotated[str, _process()]
 StudentProcesses = Annotated[str, _process("*")]
 
 
-# -- what is in the ROS graph ----------------------------------------------------------------------
+# -- names and types of the ROS graph --------------------------------------------------------------
 
 
 def _known_topic(scope: Scope, value: str, info: ValidationInfo) -> None:
-    """Look for one that is nearly so named; another may be a reference node's own, or be one of several by number."""
-    near = (
-        difflib.get_close_matches(value, scope.types, n=1, cutoff=0.75)
-        if value not in scope.types
-        else []
-    )
+    """Refuse a misspelt known topic; other topics can be a reference node's, or one of several with a number."""
+    if value in scope.types:
+        return
+    near = difflib.get_close_matches(value, scope.types, n=1, cutoff=0.75)
     if near and re.sub(r"\d", "", near[0]) != re.sub(r"\d", "", value):
         words = "no step waits for it, and nothing gives its type"
         raise ValueError(f"{value!r} is not known: {words}{suggestion(value, near)}")
 
 
-#: Shorter names, or parts of them with fewer letters beside the one that differs, are too often alike.
-_LEAST_LETTERS, _LEAST_AROUND = 5, 2
+#: Letters from which a name can be misspelt; shorter names are often alike.
+_LEAST_LETTERS = 5
+#: Letters beside the different one, in a part of a name, from which the part can be misspelt.
+_LEAST_AROUND = 2
 
 
 def _not_misspelt(scope: Scope, value: str, info: ValidationInfo) -> None:
-    """Refuse a name that stands here alone where one that differs by a letter stands before it, or more often."""
+    """Refuse a name that occurs once if a name with one other letter occurs earlier, or more often."""
     if len(value) < _LEAST_LETTERS or scope.written[value] != 1:
         return
-    names = list(scope.written)
-    others = [
-        name for n, name in enumerate(names) if scope.written[name] > 1 or n < names.index(value)
-    ]
-    if near := [name for name in others if _one_letter_apart(value, name)]:
-        raise ValueError(f"{value!r} stands here alone; did you mean '{near[0]}', as elsewhere?")
+    is_earlier = True
+    for name, times in scope.written.items():
+        is_earlier = is_earlier and name != value
+        if (is_earlier or times > 1) and _one_letter_apart(value, name):
+            raise ValueError(f"{value!r} stands here alone; did you mean '{name}', as elsewhere?")
 
 
 def _one_letter_apart(a: str, b: str) -> bool:
-    """Whether one letter is missing, too much, another, or swapped with its neighbour.
+    """Return whether one letter is missing, additional, another, or swapped with its neighbour.
 
-    Digits, a plural, parts of one or two letters and a leading slash are meant: joint1 and joint2, goal and goals,
-    gain_x and gain_y, vx_max and vy_max.
+    Digits, a plural, parts of one or two letters and a leading slash count as intended: joint1 and joint2, goal and
+    goals, gain_x and gain_y, vx_max and vy_max.
     """
     start = _alike(a, b)
     end = _alike(a[start:][::-1], b[start:][::-1])
-    left, right = a[start : len(a) - end], b[start : len(b) - end]
+    left = a[start : len(a) - end]
+    right = b[start : len(b) - end]
     rest = a[len(a) - end :]
     around = re.split(r"[_/.]", a[:start])[-1] + re.split(r"[_/.]", rest)[0]
-    more, ends = left + right, re.fullmatch(r"|[_/.].*", rest)
     if len(around) < _LEAST_AROUND:
         return False
+    more = left + right
+    ends = re.fullmatch(r"|[_/.].*", rest)
     is_plural = more == "s" and bool(ends)
     is_absolute = more == "/" and not start
     if is_plural or is_absolute or re.search(r"\d", more):
@@ -482,23 +515,25 @@ def _one_letter_apart(a: str, b: str) -> bool:
 
 
 def _alike(a: str, b: str) -> int:
-    """Return with how many letters two texts begin alike."""
-    return next(
-        (n for n, (one, other) in enumerate(zip(a, b, strict=False)) if one != other),
-        min(len(a), len(b)),
-    )
+    """Return the number of equal first letters of two texts."""
+    count = 0
+    for one, other in zip(a, b, strict=False):
+        if one != other:
+            break
+        count += 1
+    return count
 
 
-#: A name that students' programs are to use, such as that of a ROS parameter.
+#: A name that students' programs must use, such as the name of a ROS parameter.
 GivenName = Annotated[str, Reference("A name, as students are to give it.", _not_misspelt)]
-#: A topic, service or node that may be named here for the first time: "/a/b", "a", "~/a".
+#: A topic, service or node, which can be new: "/a/b", "a", "~/a".
 RosName = Annotated[
     str,
     StringConstraints(pattern=r"^(~/|/)?[A-Za-z_{][A-Za-z0-9_{}]*(/[A-Za-z_{][A-Za-z0-9_{}]*)*$"),
     Reference("Name of a topic, a service or a node.", _not_misspelt, to="name"),
 ]
-#: One that is used besides; where a step waits for it or its type stands somewhere, fields are looked up in that.
-Topic = Annotated[str, Reference("A topic or service.", _known_topic, "/chatter", "name")]
+#: A topic or service in use; if a step waits for it, or its type is given, fields are looked up in the type.
+Topic = Annotated[str, Reference("A topic or service.", _known_topic, "/chatter", to="name")]
 
 _EXAMPLES = {
     "msg": "std_msgs/msg/String",
@@ -514,8 +549,10 @@ def _interface(value: str, folder: str) -> None:
     known = types_in(package, folder)
     if known:
         one_of(value, "type", known)
-    # A package that is not known here may be known where submissions are graded.
-    elif near := difflib.get_close_matches(package, packages_with(folder), n=1, cutoff=0.8):
+        return
+    # The computer that grades can have a package that is unknown here.
+    near = difflib.get_close_matches(package, packages_with(folder), n=1, cutoff=0.8)
+    if near:
         raise ValueError(f"there is no type {value!r}{suggestion(package, near)}")
 
 
@@ -532,20 +569,22 @@ ActionType = Annotated[str, _type_in("action", "An action type.")]
 
 
 def _of_endpoint(scope: Scope, value: str, info: ValidationInfo) -> None:
-    folders = {"service": "srv", "action": "action", "action_client": "action"}
-    _interface(
-        value, next((folder for key, folder in folders.items() if info.data.get(key)), "msg")
-    )
+    if info.data.get("service"):
+        _interface(value, "srv")
+    elif info.data.get("action") or info.data.get("action_client"):
+        _interface(value, "action")
+    else:
+        _interface(value, "msg")
 
 
-#: A service's or an action's where such a key stands before it.
+#: Type of a service or an action behind such a key, else of a message.
 AnyType = Annotated[
     str, Reference("A message, service or action type.", _of_endpoint, _EXAMPLES["msg"])
 ]
 
 
 def _type_at(name: str, path: str) -> str | None:
-    """Return the type of a field; None where the type is not known here."""
+    """Return the type of a field; None if a type is unknown here."""
     spelled = name
     for step in field_steps(path):
         if isinstance(step, int):
@@ -563,8 +602,10 @@ def _type_at(name: str, path: str) -> str | None:
 
 
 def _fields_in(spelled: str) -> Mapping[str, str] | None:
-    """Return the fields of a type, of which an array and a primitive have none; None where it is not known here."""
-    return fields_of(spelled) if spelled.count("/") == 2 and not spelled.endswith("]") else {}
+    """Return the fields of a type, none for an array or a primitive; None if the type is unknown here."""
+    if spelled.count("/") != 2 or spelled.endswith("]"):
+        return {}
+    return fields_of(spelled)
 
 
 _PRIMITIVE_NUMBER = re.compile(r"float\d+|u?int\d+|bool|boolean|byte|octet|char|double|float")
@@ -575,7 +616,7 @@ def _is_number(spelled: str) -> bool:
 
 
 def _holds_numbers(spelled: str) -> bool:
-    """Whether a type is made of numbers only: a number, a vector or quaternion, a time, or an array of these."""
+    """Return whether a type has numbers only: a number, a vector or quaternion, a time, or an array of these."""
     element = spelled.partition("[")[0]
     fields = _fields_in(element)
     if not fields:
@@ -584,15 +625,22 @@ def _holds_numbers(spelled: str) -> bool:
 
 
 def _field(kind: str, fits: Callable[[str], bool], example: str) -> Reference:
-    """Return the type of a field's path, which is looked up in the types of the topics that stand before it.
+    """Return the type of a field's path, which is looked up in the types of the topics before it.
 
-    The kind says in words what the field holds; whether one does, a type says as `.msg` files spell it.
+    Parameters
+    ----------
+    kind
+        Contents of the field, in words.
+    fits
+        Returns whether a type, spelled as in `.msg` files, has these contents.
+    example
+        An example of a path.
     """
 
     def look_up(scope: Scope, value: str, info: ValidationInfo) -> None:
-        several = (
-            info.data.get("streams") or info.data.get("topics") or {"": info.data.get("topic")}
-        )
+        several = info.data.get("streams") or info.data.get("topics")
+        if not several:
+            several = {"": info.data.get("topic")}
         for topic in several.values():
             _look_up_field(scope, topic, value, kind, fits)
 
@@ -610,34 +658,46 @@ def _look_up_field(
 
 
 def stamped(info: ValidationInfo, topics: Iterable[str], path: str = "header.stamp") -> None:
-    """Look for a time stamp in the messages of topics that are matched by it; raises ValueError if one has none."""
+    """Raise ValueError if the messages of a topic, which are matched by their time stamps, have none."""
     if isinstance(info.context, Scope):
         for topic in topics:
             _look_up_field(info.context, topic, path, *_STAMP)
 
 
 def holds(info: ValidationInfo, topic: str, path: str, count: int) -> None:
-    """Look for so many numbers in a field of a topic's messages; raises ValueError if it is known to hold others."""
-    types = info.context.types.get(topic, ()) if isinstance(info.context, Scope) else ()
-    found = [_count_in(spelled) for name in types if (spelled := _type_at(name, path)) is not None]
-    if found and not {count, None} & set(found):
+    """Raise ValueError if a field of a topic's messages is known to hold another number of numbers."""
+    if not isinstance(info.context, Scope):
+        return
+    found = []
+    for name in info.context.types.get(topic, ()):
+        spelled = _type_at(name, path)
+        if spelled is not None:
+            found.append(_count_in(spelled))
+    if found and count not in found and None not in found:
         raise ValueError(f"{path!r} of {topic} holds {found[0]} numbers, not {count}")
 
 
 def _count_in(spelled: str) -> int | None:
-    """Return for how many numbers a type is taken, a time for one; None where that is not known, as of an array."""
+    """Return the number of numbers in a type, one for a time; None if it is unknown, as for an array."""
     fields = _fields_in(spelled)
     if spelled.endswith("]") or fields is None:
         return None
-    counts = (
-        [1] if not fields or spelled in _TIMES else [_count_in(each) for each in fields.values()]
-    )
-    return None if None in counts else sum(filter(None, counts))
+    if not fields or spelled in _TIMES:
+        return 1
+    total = 0
+    for each in fields.values():
+        count = _count_in(each)
+        if count is None:
+            return None
+        total += count
+    return total
 
 
 def _by_pattern(scope: Scope, value: str, info: ValidationInfo) -> None:
-    if "pattern" in info.data:  # Else that has a mistake of its own.
-        (_TEXT_FIELD if info.data["pattern"] else _NUMBERS).look_up(scope, value, info)
+    # Without the key, the pattern itself has a mistake.
+    if "pattern" in info.data:
+        reference = _TEXT_FIELD if info.data["pattern"] else _NUMBERS
+        reference.look_up(scope, value, info)
 
 
 _NUMBERS = _field("numbers (one, an array, or a message of numbers)", _holds_numbers, "data")
@@ -647,7 +707,7 @@ TextField = Annotated[str, _TEXT_FIELD]
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _STAMP = ("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time")
 StampField = Annotated[str, _field(*_STAMP, "header.stamp")]
-#: A text where the key `pattern` stands before it, which finds the numbers in it; else numbers.
+#: A text if a key `pattern`, which finds the numbers in it, stands before; else numbers.
 NumbersField = Annotated[
     str,
     Reference(
@@ -656,7 +716,7 @@ NumbersField = Annotated[
         "data",
     ),
 ]
-#: What a pattern can be compared with.
+#: A field that can be compared with a pattern.
 WordField = Annotated[
     str,
     _field(
@@ -679,36 +739,44 @@ def _wrong_fields(name: str, values: Mapping[str, Any], loc: Loc = ()) -> Iterat
 
 
 def fields_of_type(part: str = "", label: str | None = None) -> Reference:
-    """Return the type of values by the name of their field, or of one such name.
+    """Return the type of values by the names of their fields, or of one such name.
 
-    They are of a message, or of a `part` of a service ("_Request", "_Response") or of an action ("_Goal", "_Result",
-    "_Feedback"). Of which, the key `type` before it says, or else the step that the key `label` before it names.
+    Parameters
+    ----------
+    part
+        Part of a service ("_Request", "_Response") or of an action ("_Goal", "_Result", "_Feedback"); empty for a
+        message.
+    label
+        Key with the label of a step that has the type; without it, the key `type` has the type.
     """
 
     def look_up(scope: Scope, value: str | Mapping[str, Any], info: ValidationInfo) -> None:
         name = info.data.get("type")
         if label is not None:
-            types = (
-                s.parameters.get("type")
-                for s in scope.steps or ()
-                if s.label == info.data.get(label)
-            )
-            name = next(types, None)
-        if isinstance(name, str) and name.count("/") == 2:
-            wrong = list(
-                _wrong_fields(name + part, {value: None} if isinstance(value, str) else value)
-            )
-            if wrong:
-                raise mistakes_at(wrong)
+            name = _type_of_step(scope, info.data.get(label))
+        if not isinstance(name, str) or name.count("/") != 2:
+            return
+        values = {value: None} if isinstance(value, str) else value
+        wrong = list(_wrong_fields(name + part, values))
+        if wrong:
+            raise mistakes_at(wrong)
 
     return Reference("By the names of fields.", look_up)
+
+
+def _type_of_step(scope: Scope, label: Any) -> Any:
+    """Return the type that a step is given; None without such a step."""
+    for step in scope.steps or ():
+        if step.label == label:
+            return step.parameters.get("type")
+    return None
 
 
 # -- files beside the rubric -----------------------------------------------------------------------
 
 
 def _beside(scope: Scope, name: str) -> list[str]:
-    """Return the files in the folder of a file, as a rubric names them; none outside of its own folder."""
+    """Return the files in the folder of a file, as a rubric names them; none outside of the rubric's folder."""
     top = scope.folder.resolve()
     folder = (top / name).resolve().parent
     inside = folder.glob("*") if folder.is_relative_to(top) else ()
@@ -721,14 +789,14 @@ def _file(scope: Scope, value: str, info: ValidationInfo) -> None:
 
 @dataclass(frozen=True)
 class Definition:
-    """A function or class of a Python file beside the rubric, and all others of the file, by their names."""
+    """A function or class of a Python file beside the rubric, and all functions and classes of the file, by name."""
 
     node: ast.FunctionDef | ast.ClassDef
     beside: Mapping[str, ast.FunctionDef | ast.ClassDef]
 
 
 def definition_at(scope: Scope, value: str) -> Definition:
-    """Look up "file.py:name"; the file is not run, for it may do anything. Raises ValueError if there is none."""
+    """Return the definition at "file.py:name" without executing the file; raises ValueError if there is none."""
     file = value.partition(":")[0]
     one_of(file, "Python file", _beside(scope, file), " beside the rubric")
     return definition_in(scope.folder, value)
@@ -746,26 +814,27 @@ def definition_in(folder: Path, value: str) -> Definition:
 
 @lru_cache(maxsize=32)
 def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
-    return {
-        node.name: node
-        for node in ast.parse(source).body
-        if isinstance(node, (ast.FunctionDef, ast.ClassDef))
-    }
+    found: dict[str, ast.FunctionDef | ast.ClassDef] = {}
+    for node in ast.parse(source).body:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            found[node.name] = node
+    return found
 
 
 def interfaces_in(folder: Path, name: object) -> list[InterfacePackage]:
-    """Return the packages in the folder of that name beside a rubric; none where there is no such folder."""
-    inside = isinstance(name, str) and (folder / name).resolve().is_relative_to(folder.resolve())
-    return list(packages_of(read_folder(folder / str(name)))) if inside else []
+    """Return the packages in a folder beside a rubric; none without such a folder."""
+    if not isinstance(name, str) or not (folder / name).resolve().is_relative_to(folder.resolve()):
+        return []
+    return list(packages_of(read_folder(folder / name)))
 
 
 def readable_interfaces(folder: Path, name: object) -> list[InterfacePackage]:
-    """Return those of the packages that are written as ROS asks for."""
-    return [
-        package
-        for package in interfaces_in(folder, name)
-        if not package.problem and _is_readable(package)
-    ]
+    """Return the packages in a folder beside a rubric with correct definitions."""
+    found = []
+    for package in interfaces_in(folder, name):
+        if not package.problem and _is_readable(package):
+            found.append(package)
+    return found
 
 
 def _is_readable(package: InterfacePackage) -> bool:
@@ -781,16 +850,18 @@ def _interfaces(scope: Scope, value: str, info: ValidationInfo) -> None:
         raise ValueError(
             f"there is no folder {value!r} beside the rubric with msg/, srv/ or action/ files in it"
         )
+    wrong = []
     with also_defined(readable_interfaces(scope.folder, value)):
-        wrong = [
-            f"{package.name}: {words}" for package in packages if (words := _wrong_in(package))
-        ]
+        for package in packages:
+            problem = _wrong_in(package)
+            if problem:
+                wrong.append(f"{package.name}: {problem}")
     if wrong:
         raise ValueError("; ".join(wrong))
 
 
 def _wrong_in(package: InterfacePackage) -> str:
-    """Say what is wrong with a package of the lab's, as far as that is known without building it."""
+    """Describe a mistake of a lab's package, as far as it is known without building it; empty without one."""
     if package.problem:
         return package.problem
     if any(installed_types(package.name, kind) for kind in PARTS):
@@ -799,10 +870,14 @@ def _wrong_in(package: InterfacePackage) -> str:
         messages = package.fields
     except ValueError as problem:
         return str(problem)
-    spelled = {name: fields_of(name) or {} for name in messages}
-    used = {kind.partition("[")[0] for fields in spelled.values() for kind in fields.values()}
-    unknown = sorted(name for name in used if "/" in name and fields_of(name) is None)
-    return f"there is no type {unknown[0].replace('/msg/', '/')}" if unknown else ""
+    used: set[str] = set()
+    for message in messages:
+        for spelled in (fields_of(message) or {}).values():
+            used.add(spelled.partition("[")[0])
+    for name in sorted(used):
+        if "/" in name and fields_of(name) is None:
+            return f"there is no type {name.replace('/msg/', '/')}"
+    return ""
 
 
 InterfaceFolder = Annotated[
@@ -828,9 +903,13 @@ Loadable = Annotated[
 
 
 def _share(value: Any) -> float:
-    number = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*%\s*", value) if isinstance(value, str) else None
-    share = float(number[1]) / 100 if number else value
-    if isinstance(share, bool) or not isinstance(share, (int, float)) or not 0 <= share <= 1:
+    """Read a share such as 0.02 or "2 %"; raises ValueError for another value."""
+    share = value
+    if isinstance(value, str):
+        number = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*%\s*", value)
+        share = float(number[1]) / 100 if number else value
+    is_number = isinstance(share, (int, float)) and not isinstance(share, bool)
+    if not is_number or not 0 <= share <= 1:
         raise ValueError("a share from 0 to 1 is expected, such as 2% or 0.02")
     return float(share)
 
@@ -848,7 +927,7 @@ Share = Annotated[
 
 
 class Level(Parameters):
-    """A level by which a person grades."""
+    """A credit level for grading by a person."""
 
     title: str
     credit: Share = Field(description="Share of the points that it earns.")
@@ -864,13 +943,11 @@ Pattern = Annotated[
 
 
 def _several(value: Any) -> Any:
-    return (
-        (value,) if isinstance(value, str) else tuple(value) if isinstance(value, list) else value
-    )
+    return (value,) if isinstance(value, str) else _frozen(value)
 
 
 _TEXT = {"type": "string"}
-#: One or more regular expressions, of which the first counts that finds anything; the number is its last group.
+#: One or more regular expressions; the first one with a match counts, and the number is its last group.
 Patterns = Annotated[
     tuple[Pattern, ...],
     BeforeValidator(_several),

@@ -1,6 +1,6 @@
-"""`rubric.yaml` → `Rubric`: one typed model, whose mistakes are reported all at once, each with its line.
+"""The typed model of `rubric.yaml`; all mistakes are reported at once, each with its line.
 
-The rubric knows the lab: its names, rates, steps and points. Nothing of a lab stands in Python here.
+The rubric contains all facts about a lab: names, rates, steps and points. The grader's code contains none.
 """
 
 from __future__ import annotations
@@ -58,17 +58,16 @@ from grader.recording.interfaces import InterfacePackage
 
 #: `file.py:function`, beside the rubric.
 _OWN_PATTERN = r"\.py:\w+$"
-#: The check that a person makes, and what it is given where it is written as `by: person`.
-BY_PERSON, _GRADED = "person", ("levels", "read")
+#: The check that a person makes.
+BY_PERSON = "person"
+#: Parameters of this check beside `by: person`.
+_GRADED = ("levels", "read")
 _REMEDY = "`grade checks` lists every check with its parameters."
 
 
 def _points(value: Any) -> Decimal:
-    if (
-        isinstance(value, bool)
-        or not isinstance(value, (int, float, Decimal))
-        or not 0 <= value < float("inf")
-    ):
+    is_number = isinstance(value, (int, float, Decimal)) and not isinstance(value, bool)
+    if not is_number or not 0 <= value < float("inf"):
         raise ValueError("a number of points is expected")
     return Decimal(str(value))
 
@@ -79,29 +78,28 @@ Points = Annotated[
 
 
 def _wrong_sums(plain: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-    """Find points that are not those of their parts together; what is no number is a mistake of its own."""
+    """Find points that differ from the sum of their parts; values that are no numbers are other mistakes."""
     wholes: list[tuple[Loc, Any, str, Any]] = [
         (("lab",), plain.get("lab"), "criteria", plain.get("criteria"))
     ]
     for key in ("criteria", "bonus"):
-        listed = enumerate(rows if isinstance(rows := plain.get(key), list) else ())
-        wholes += [
-            ((key, n), each, "checks", each.get("checks"))
-            for n, each in listed
-            if isinstance(each, dict)
-        ]
-    for loc, whole, of, parts in wholes:
+        rows = plain.get(key)
+        if not isinstance(rows, list):
+            continue
+        for number, row in enumerate(rows):
+            if isinstance(row, dict):
+                wholes.append(((key, number), row, "checks", row.get("checks")))
+    for loc, whole, kind, parts in wholes:
         with suppress(KeyError, TypeError, ValueError):
             total = sum((_points(part["points"]) for part in parts), Decimal(0))
             if total != _points(whole["points"]):
-                yield (
-                    (*loc, "points"),
-                    f"the {of}' points add up to {total}, not to {whole['points']}",
-                )
+                stated = whole["points"]
+                words = f"the {kind}' points add up to {total}, not to {stated}"
+                yield (*loc, "points"), words
 
 
 class LabSpec(Parameters):
-    """What the lab is called, how many points it has, and the package name of bare files."""
+    """Name and points of the lab, and the package name for bare files."""
 
     id: str
     title: str
@@ -119,8 +117,9 @@ class LabSpec(Parameters):
 
 
 def _can_match(pattern: str) -> str:
-    if words := mistake_in(pattern):
-        raise ValueError(words)
+    mistake = mistake_in(pattern)
+    if mistake:
+        raise ValueError(mistake)
     return pattern
 
 
@@ -128,7 +127,7 @@ FilePattern = Annotated[str, AfterValidator(_can_match)]
 
 
 class ArtifactSpec(Parameters):
-    """A file that students hand in."""
+    """A file that students submit."""
 
     file: FilePattern = Field(description="The name that the lab asks for.")
     find: tuple[FilePattern, ...] = Field(
@@ -162,7 +161,7 @@ class ReferenceSpec(Parameters):
 
 @dataclass(frozen=True)
 class StepSpec:
-    """One step of a session, and the label by which checks refer to it."""
+    """One step of a session, and its label for checks."""
 
     kind: str
     step: Step
@@ -170,23 +169,28 @@ class StepSpec:
 
     @cached_property
     def parameters(self) -> dict[str, Any]:
-        """What it is given, as plain data with its defaults."""
+        """The parameters as plain data, with their defaults."""
         return self.step.model_dump(mode="json", by_alias=True)
 
 
-#: Kind of a step -> model of its mapping in the list of steps.
-_ENTRIES: dict[str, type[Strict]] = {
-    kind: create_model(
-        model.__name__, __base__=Parameters, **{kind: (model, ...), "label": (str | None, None)}
-    )  # type: ignore[call-overload]
-    for kind, model in STEPS.items()
-}
+def _entries() -> dict[str, type[Strict]]:
+    """Return the model of a step's mapping in the list of steps, by the step's kind."""
+    found: dict[str, type[Strict]] = {}
+    for kind, model in STEPS.items():
+        fields: dict[str, Any] = {kind: (model, ...), "label": (str | None, None)}
+        found[kind] = create_model(model.__name__, __base__=Parameters, **fields)
+    return found
+
+
+_ENTRIES = _entries()
 
 
 def _step(value: Any, info: ValidationInfo) -> Any:
     if isinstance(value, StepSpec):
         return value
-    kinds = [str(key) for key in value if key != "label"] if isinstance(value, dict) else []
+    kinds = []
+    if isinstance(value, dict):
+        kinds += [str(key) for key in value if key != "label"]
     if len(kinds) != 1 or kinds[0] not in STEPS:
         near = suggestion(kinds[0], STEPS) if len(kinds) == 1 else ""
         raise ValueError(
@@ -194,8 +198,9 @@ def _step(value: Any, info: ValidationInfo) -> Any:
         )
     if info.context is not None:
         info.context.session = info.data.get("id")
-    entry = _ENTRIES[kinds[0]].model_validate(value, context=info.context)
-    return StepSpec(kinds[0], getattr(entry, kinds[0]), getattr(entry, "label"))  # noqa: B009
+    kind = kinds[0]
+    entry = _ENTRIES[kind].model_validate(value, context=info.context)
+    return StepSpec(kind, getattr(entry, kind), getattr(entry, "label"))  # noqa: B009
 
 
 class SessionSpec(Parameters):
@@ -215,31 +220,38 @@ class SessionSpec(Parameters):
 
     @model_validator(mode="after")
     def _labels_are_different(self) -> SessionSpec:
-        labels = [step.label for step in self.steps]
-        again = [n for n, label in enumerate(labels) if label is not None and label in labels[:n]]
-        if again:
-            raise mistakes_at(
-                (("steps", n, "label"), f"{labels[n]!r} labels an earlier step") for n in again
-            )
+        wrong: list[tuple[Loc, str]] = []
+        earlier: set[str | None] = {None}
+        for number, step in enumerate(self.steps):
+            if step.label is not None and step.label in earlier:
+                wrong.append((("steps", number, "label"), f"{step.label!r} labels an earlier step"))
+            earlier.add(step.label)
+        if wrong:
+            raise mistakes_at(wrong)
         return self
 
     @property
     def needs(self) -> tuple[str, ...]:
-        """Artifacts that its steps start."""
-        given = [spec.parameters for spec in self.steps if spec.kind in ("start", "plan")]
-        return tuple(
-            dict.fromkeys(name for p in given if (name := p.get("student") or p.get("launch")))
-        )
+        """Artifacts that the steps start."""
+        names: dict[str, None] = {}
+        for spec in self.steps:
+            if spec.kind not in ("start", "plan"):
+                continue
+            name = spec.parameters.get("student") or spec.parameters.get("launch")
+            if name:
+                names[name] = None
+        return tuple(names)
 
 
 # -- criteria --------------------------------------------------------------------------------------
 
 
 class _OfKind(Parameters):
-    """A check or a figure: its kind says what stands behind `with`."""
+    """A check or a figure; its kind decides about the parameters behind `with`."""
 
-    #: The key that names the kind, and where the scope has the models of parameters.
+    #: Key of the kind.
     key: ClassVar[str]
+    #: Attribute of `Kinds` with the models of parameters.
     models: ClassVar[str]
 
     @field_validator("check", "kind", check_fields=False)
@@ -283,9 +295,10 @@ class _OfKind(Parameters):
 
 
 class CheckSpec(_OfKind):
-    """One check with its points; `parameters` is of the model that the check declares."""
+    """One check with its points; `parameters` has the model of the check."""
 
-    key, models = "check", "checks"
+    key = "check"
+    models = "checks"
 
     id: str = Field(min_length=1)
     title: str = Field(default_factory=lambda data: data.get("id"))
@@ -309,13 +322,15 @@ class CheckSpec(_OfKind):
 
     @property
     def by_person(self) -> bool:
-        """Whether a person grades it."""
+        """True if a person grades the check."""
         return self.check == BY_PERSON
 
     @property
     def levels(self) -> tuple[Level, ...]:
-        """By what a person grades it."""
-        return tuple(getattr(self.parameters, "levels", ())) if self.by_person else ()
+        """Credit levels of a check that a person grades."""
+        if not self.by_person:
+            return ()
+        return tuple(getattr(self.parameters, "levels", ()))
 
     @model_validator(mode="before")
     @classmethod
@@ -345,7 +360,8 @@ class CheckSpec(_OfKind):
 class FigureSpec(_OfKind):
     """A picture in the report, drawn from a session's recording."""
 
-    key, models = "kind", "figures"
+    key = "kind"
+    models = "figures"
 
     kind: str
     title: str
@@ -360,7 +376,7 @@ class FigureSpec(_OfKind):
 
 
 class CriterionSpec(Parameters):
-    """A row of the lab's point table; one that is `by: person` as a whole has itself as its only check."""
+    """A row of the lab's point table; a row that is `by: person` as a whole is its own only check."""
 
     id: str = Field(min_length=1)
     title: str = Field(min_length=1)
@@ -382,31 +398,30 @@ class CriterionSpec(Parameters):
 
 
 def _by(value: Any) -> Any:
-    """Return a check with its kind in place of `by: person`, and what that is given."""
+    """Return a check `by: person` in the form of other checks, with its kind and parameters."""
     if not isinstance(value, dict):
         return value
     if "check" in value or value.get("by") != BY_PERSON:
         return value
     kept = {key: value[key] for key in value if key not in ("by", *_GRADED)}
-    return {
-        **kept,
-        "check": BY_PERSON,
-        "with": {key: value[key] for key in _GRADED if key in value},
-    }
+    given = {key: value[key] for key in _GRADED if key in value}
+    return {**kept, "check": BY_PERSON, "with": given}
 
 
 def _with_ids(value: Any) -> Any:
-    """Have each session know its name."""
+    """Return sessions with their names as ids."""
     if not isinstance(value, dict):
         return value
-    return {
-        str(name): {**spec, "id": str(name)} if isinstance(spec, dict) else spec
-        for name, spec in value.items()
-    }
+    found: dict[str, Any] = {}
+    for name, spec in value.items():
+        if isinstance(spec, dict):
+            spec = {**spec, "id": str(name)}
+        found[str(name)] = spec
+    return found
 
 
 class RubricFile(Parameters):
-    """All that stands in a rubric."""
+    """The contents of a rubric."""
 
     lab: LabSpec
     interfaces: InterfaceFolder | None = None
@@ -428,60 +443,73 @@ class RubricFile(Parameters):
 
     @model_validator(mode="after")
     def _criteria_are_different(self) -> RubricFile:
-        locs = [
-            (key, n, "id") for key in ("criteria", "bonus") for n in range(len(getattr(self, key)))
-        ]
-        names = [criterion.id for criterion in (*self.criteria, *self.bonus)]
-        if again := [n for n, name in enumerate(names) if name in names[:n]]:
-            raise mistakes_at(
-                (locs[n], f"the criterion {names[n]!r} stands here twice") for n in again
-            )
+        wrong: list[tuple[Loc, str]] = []
+        earlier: set[str] = set()
+        for key, criteria in (("criteria", self.criteria), ("bonus", self.bonus)):
+            for number, criterion in enumerate(criteria):
+                if criterion.id in earlier:
+                    words = f"the criterion {criterion.id!r} stands here twice"
+                    wrong.append(((key, number, "id"), words))
+                earlier.add(criterion.id)
+        if wrong:
+            raise mistakes_at(wrong)
         return self
 
     @model_validator(mode="after")
     def _bonus_has_sessions(self) -> RubricFile:
-        """Each of its checks needs a session that starts something: else nothing says whether it was handed in."""
-        checks = [
-            (n, m, check)
-            for n, each in enumerate(self.bonus)
-            for m, check in enumerate(each.checks)
-        ]
-        if idle := [(n, m) for n, m, check in checks if not self.needed_first(check)]:
-            words = "a check of the bonus needs a session that starts an artifact"
-            raise mistakes_at((("bonus", n, "checks", m, "session"), words) for n, m in idle)
+        """Require a session that starts an artifact from each bonus check, to tell whether the bonus was submitted."""
+        words = "a check of the bonus needs a session that starts an artifact"
+        wrong: list[tuple[Loc, str]] = []
+        for n, criterion in enumerate(self.bonus):
+            for m, check in enumerate(criterion.checks):
+                if not self.needed_first(check):
+                    wrong.append((("bonus", n, "checks", m, "session"), words))
+        if wrong:
+            raise mistakes_at(wrong)
         return self
 
     def needed_first(self, check: CheckSpec) -> str:
         """Return the first artifact that a check's session starts; empty if there is none."""
         session = self.sessions.get(check.session or "")
-        return next(iter(session.needs), "") if session is not None else ""
+        if session is None or not session.needs:
+            return ""
+        return session.needs[0]
 
     @property
     def bonus_sessions(self) -> frozenset[str]:
-        """Sessions that nothing but the bonus looks at."""
-        shown = {check.session for criterion in self.criteria for check in criterion.checks}
-        return (
-            frozenset(str(check.session) for criterion in self.bonus for check in criterion.checks)
-            - shown
-        )
+        """Sessions of bonus checks only."""
+        return _sessions_of(self.bonus) - _sessions_of(self.criteria)
 
     @property
     def bonus_artifacts(self) -> frozenset[str]:
-        """Artifacts that nothing but the bonus is about: where they were not handed in, nothing is missing."""
-        bonus = self.bonus_sessions
-        shown = {
-            name
-            for id_, session in self.sessions.items()
-            if id_ not in bonus
-            for name in session.needs
-        }
-        return frozenset(name for id_ in bonus for name in self.sessions[id_].needs) - shown
+        """Artifacts of the bonus only, which are optional."""
+        bonus_sessions = self.bonus_sessions
+        optional: set[str] = set()
+        required: set[str] = set()
+        for id_, session in self.sessions.items():
+            if id_ in bonus_sessions:
+                optional.update(session.needs)
+            else:
+                required.update(session.needs)
+        return frozenset(optional - required)
+
+
+def _sessions_of(criteria: Iterable[CriterionSpec]) -> frozenset[str]:
+    """Return the sessions of the checks of some criteria."""
+    found: set[str] = set()
+    for criterion in criteria:
+        for check in criterion.checks:
+            if check.session is not None:
+                found.add(check.session)
+    return frozenset(found)
 
 
 class Rubric(RubricFile):
-    """A validated rubric, the folder of the files that it names, and its YAML, a copy of which goes with recordings."""
+    """A validated rubric."""
 
+    #: Folder of the files that the rubric names.
     folder: Path
+    #: YAML of the rubric; recordings keep a copy.
     text: str
 
     @property
@@ -495,14 +523,23 @@ class Rubric(RubricFile):
         return interfaces_in(self.folder, self.interfaces)
 
     def checks(self) -> Iterable[CheckSpec]:
-        """All checks, in the rubric's order, those of the bonus last."""
-        return (check for criterion in (*self.criteria, *self.bonus) for check in criterion.checks)
+        """Yield all checks, in the rubric's order, bonus checks last."""
+        for criterion in (*self.criteria, *self.bonus):
+            yield from criterion.checks
 
 
 def load_rubric(path: Path, kinds: Kinds, *folders: Path) -> Rubric:
     """Read and validate a rubric; raises RubricError with every mistake, each with file and line.
 
-    The files that it names are looked up in the first of the folders in which all is right; by default, beside it.
+    Parameters
+    ----------
+    path
+        The rubric.
+    kinds
+        Models of the parameters of checks and figures.
+    folders
+        Folders for the files that the rubric names; the first one without a mistake counts. Without folders, the
+        rubric's own.
     """
     text = read_text(path, "the rubric", "Name a lab's folder, or its rubric.yaml.")
     plain, mistakes = parse_yaml(path, text, "the rubric")

@@ -1,4 +1,4 @@
-"""YAML that people write, read so that all its mistakes can be reported at once, each with its line."""
+"""YAML that people write, read with lines, so that all mistakes are reported at once."""
 
 from __future__ import annotations
 
@@ -26,35 +26,42 @@ if TYPE_CHECKING:
 
 Loc = tuple[str | int, ...]
 
-_INT, _TIMESTAMP = "tag:yaml.org,2002:int", "tag:yaml.org,2002:timestamp"
+_INT = "tag:yaml.org,2002:int"
+_TIMESTAMP = "tag:yaml.org,2002:timestamp"
 _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]*)$")
 
 
-class _Loader(SAFE):  # type: ignore[misc]
-    """Leaves dates as they are written, and what is a number only in YAML 1.1: `0123456`, `12_34` and `12:34`."""
+def _resolvers() -> dict[str, list[tuple[str, Any]]]:
+    """Return the types of plain scalars by their first characters, without times, and with decimal integers only."""
+    found: dict[str, list[tuple[str, Any]]] = {}
+    for first, pairs in SAFE.yaml_implicit_resolvers.items():
+        kept = found.setdefault(first, [])
+        for tag, pattern in pairs:
+            if tag == _INT:
+                kept.append((tag, _WHOLE))
+            elif tag != _TIMESTAMP:
+                kept.append((tag, pattern))
+    return found
 
-    yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, Any]]]] = {
-        first: [
-            (tag, _WHOLE if tag == _INT else pattern) for tag, pattern in pairs if tag != _TIMESTAMP
-        ]
-        for first, pairs in SAFE.yaml_implicit_resolvers.items()
-    }
+
+class _Loader(SAFE):  # type: ignore[misc]
+    """Loader that keeps dates as texts, and also numbers of YAML 1.1 only: `0123456`, `12_34` and `12:34`."""
+
+    yaml_implicit_resolvers: ClassVar[dict[str, list[tuple[str, Any]]]] = _resolvers()
 
 
 def read_text(path: Path, what: str, remedy: str) -> str:
-    """Read a file (in words, e.g. "the rubric"); raises RubricError if it is not there, or is no text."""
+    """Read a file, named in words such as "the rubric"; raises RubricError if it is missing, or is no text."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
-        reason = (
-            problem.strerror if isinstance(problem, OSError) and problem.strerror else str(problem)
-        )
+        reason = getattr(problem, "strerror", None) or str(problem)
         raise RubricError(
             f"{what} cannot be read", [reason], location=str(path), remedy=remedy
         ) from problem
 
 
-#: Kind of mistake, as pydantic knows it -> plainer words.
+#: Plain words for pydantic's kinds of mistakes.
 _PLAINER = {
     "extra_forbidden": "unknown key",
     "missing": "this key is missing",
@@ -71,32 +78,31 @@ _PLAINER = {
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
-    """Return what may be meant by a word that is none of the known ones, as the end of a sentence."""
+    """Return a suggestion for an unknown word, as the end of a sentence: a similar known word, or all known words."""
     names = sorted(set(known))
-    return meant(word, names) or (f"; known are {', '.join(names)}" if names else "")
+    near = meant(word, names)
+    if near or not names:
+        return near
+    return f"; known are {', '.join(names)}"
 
 
 def meant(word: str, known: Sequence[str]) -> str:
-    """Return which of the known words a word is likely to stand for, as the end of a sentence; empty if none."""
+    """Return the known word that a word is likely to mean, as the end of a sentence; empty if there is none."""
     near = difflib.get_close_matches(word, known, n=1)
     return f"; did you mean '{near[0]}'?" if near else ""
 
 
 def mistakes_at(found: Iterable[tuple[Loc, str]]) -> ValidationError:
-    """Return the error that has pydantic report mistakes at places below the value that is being validated."""
-    details: list[InitErrorDetails] = [
-        {
-            "type": PydanticCustomError("mistake", "{words}", {"words": words}),
-            "loc": loc,
-            "input": None,
-        }
-        for loc, words in found
-    ]
+    """Return the error by which pydantic reports mistakes at places below the validated value."""
+    details: list[InitErrorDetails] = []
+    for loc, words in found:
+        mistake = PydanticCustomError("mistake", "{words}", {"words": words})
+        details.append({"type": mistake, "loc": loc, "input": None})
     return ValidationError.from_exception_data("mistakes", details)
 
 
 class Strict(BaseModel):
-    """A part of such a file: unknown keys are mistakes, values do not change."""
+    """A part of a file that people write: unknown keys are mistakes, values do not change."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, defer_build=True)
 
@@ -106,62 +112,62 @@ class Strict(BaseModel):
         try:
             return handler(value)
         except ValidationError as error:
-            # A list is not empty by elements that are there, but wrong.
-            items = (
-                item for item in error.errors() if item["type"] != "too_short" or not item["input"]
-            )
-            found = [(tuple(item["loc"]), cls._words_for(item)) for item in items]
+            found = []
+            for item in error.errors():
+                # A list with wrong elements is not empty.
+                if item["type"] != "too_short" or not item["input"]:
+                    found.append((tuple(item["loc"]), cls._words_for(item)))
         raise mistakes_at(found)
 
     @classmethod
     def _words_for(cls, item: ErrorDetails) -> str:
-        loc, words = (
-            item["loc"],
-            _PLAINER.get(item["type"], item["msg"].removeprefix("Value error, ")),
-        )
+        kind = item["type"]
+        given = item["input"]
+        if kind == "literal_error" and isinstance(given, str):
+            possible = re.findall(r"'([^']*)'", item["ctx"]["expected"])
+            return f"{given!r} is not possible here{suggestion(given, possible)}"
+        words = _PLAINER.get(kind, item["msg"].removeprefix("Value error, "))
         words = words.replace("Input should", "it should", 1)
-        if item["type"] == "extra_forbidden" and len(loc) == 1:
-            return words + suggestion(
-                str(loc[0]), (field.alias or key for key, field in cls.model_fields.items())
-            )
-        if item["type"] == "literal_error" and isinstance(item["input"], str):
-            return f"{item['input']!r} is not possible here" + suggestion(
-                item["input"], re.findall(r"'([^']*)'", item["ctx"]["expected"])
-            )
+        if kind == "extra_forbidden" and len(item["loc"]) == 1:
+            known = [field.alias or key for key, field in cls.model_fields.items()]
+            words += suggestion(str(item["loc"][0]), known)
         return words
 
 
 class Mistakes:
-    """Collects mistakes in a file (in words, e.g. "the rubric") with the line, from 1, of the node they concern."""
+    """Mistakes in a file, named in words such as "the rubric", with the line, from 1, of each."""
 
     def __init__(self, path: Path, what: str, lines: Mapping[Loc, int]) -> None:
-        self.path, self.what, self.lines = path, what, lines
+        self.path = path
+        self.what = what
+        self.lines = lines
         self.found: list[tuple[int, str]] = []
 
     def line_of(self, loc: Loc) -> int:
-        """Return the line of a node, or of the nearest that is there around it."""
-        return next(
-            (self.lines[loc[:n]] for n in range(len(loc), -1, -1) if loc[:n] in self.lines), 1
-        )
+        """Return the line of a node, or of the nearest node around it."""
+        for depth in range(len(loc), -1, -1):
+            if loc[:depth] in self.lines:
+                return self.lines[loc[:depth]]
+        return 1
 
     def add(self, loc: Loc, message: str) -> None:
-        """Note a mistake at a node."""
-        line, place = self.line_of(loc), ".".join(map(str, loc))
-        self.found.append(
-            (line, f"{self.path.name}:{line}: {place + ': ' if place else ''}{message}")
-        )
+        """Add a mistake at a node."""
+        line = self.line_of(loc)
+        if loc:
+            message = f"{'.'.join(map(str, loc))}: {message}"
+        self.found.append((line, f"{self.path.name}:{line}: {message}"))
 
     def add_validation(self, loc: Loc, error: ValidationError) -> None:
-        """Note what pydantic found wrong in a node."""
+        """Add the mistakes that pydantic found in a node."""
         for item in error.errors():
             self.add(loc + tuple(item["loc"]), item["msg"])
 
     def error(self, remedy: str) -> RubricError:
-        """Return the error with all of them, in the order of their lines."""
-        problem = f"{self.what} has {len(self.found)} mistake{'s' * (len(self.found) != 1)}"
-        return RubricError(
-            problem, [m for _, m in sorted(self.found)], location=str(self.path), remedy=remedy
-        )
+        """Return the error with all mistakes, in the order of their lines."""
+        count = "1 mistake" if len(self.found) == 1 else f"{len(self.found)} mistakes"
+        messages = [message for _, message in sorted(self.found)]
+        problem = f"{self.what} has {count}"
+        return RubricError(problem, messages, location=str(self.path), remedy=remedy)
 
     def raise_any(self, remedy: str) -> None:
         """Raise `error` if there are mistakes."""
@@ -170,7 +176,7 @@ class Mistakes:
 
 
 def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistakes]:
-    """Parse a mapping into plain data; raises RubricError if it is none. A repeated key is the first mistake."""
+    """Parse a mapping into plain data, and note repeated keys as mistakes; raises RubricError if it is no mapping."""
     lines: dict[Loc, int] = {}
     repeated: list[Loc] = []
     try:
@@ -179,19 +185,15 @@ def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistak
         root = loader.get_single_node()
         if root is not None:
             require_few(root)
-            _note_lines(root, (), lines, repeated)  # Before merged keys take their place in it.
+            # The construction merges keys, and loses their lines.
+            _note_lines(root, (), lines, repeated)
         plain = None if root is None else loader.construct_document(root)
     except (yaml.YAMLError, ValueError, RecursionError) as problem:
-        mark = getattr(problem, "problem_mark", None)
-        detail = getattr(problem, "problem", None) or str(problem)
-        if isinstance(problem, RecursionError):
-            detail = "something in it contains itself, or is nested too deeply"
-        wrong, remedy = (
-            f"{path.name}:{mark.line + 1 if mark else 1}: {detail}",
-            "Fix the line named.",
-        )
         raise RubricError(
-            f"{what} is not valid YAML", [wrong], location=str(path), remedy=remedy
+            f"{what} is not valid YAML",
+            [_describe(path, problem)],
+            location=str(path),
+            remedy="Fix the line named.",
         ) from problem
     if not isinstance(plain, dict):
         wrong = f"{path.name}:1: a mapping is expected"
@@ -202,7 +204,18 @@ def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistak
     return plain, mistakes
 
 
+def _describe(path: Path, problem: Exception) -> str:
+    """Return a mistake of the syntax with its line, such as "rubric.yaml:3: ..."."""
+    mark = getattr(problem, "problem_mark", None)
+    line = mark.line + 1 if mark else 1
+    detail = getattr(problem, "problem", None) or str(problem)
+    if isinstance(problem, RecursionError):
+        detail = "something in it contains itself, or is nested too deeply"
+    return f"{path.name}:{line}: {detail}"
+
+
 def _note_lines(node: yaml.Node, loc: Loc, lines: dict[Loc, int], repeated: list[Loc]) -> None:
+    """Note the lines of a node and of all nodes in it, and the places of repeated keys."""
     lines.setdefault(loc, node.start_mark.line + 1)
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:
