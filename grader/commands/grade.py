@@ -303,9 +303,12 @@ def _grade_one(
     output, watch = options.output, Stopwatch()
     results = output / source.name
     before = text_of(results / result_folder.RESULT_FILE)
-    sessions = live.sessions or [
-        name for name in rubric.sessions if name not in rubric.bonus_sessions
-    ]
+    sessions = live.sessions
+    if not sessions:
+        counted = list(rubric.sessions)
+        for name in rubric.bonus_sessions:
+            counted.remove(name)
+        sessions = counted
     with ProgressDisplay(console, source.name, sessions) as display:
 
         def show(p: Progress) -> None:

@@ -8,7 +8,14 @@ from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.diagnosis import HIT_IN_A_CALL, ended_by_limit
 from grader.evidence.crash.tracebacks import tracebacks
 from grader.evidence.recorded import Recorded
-from grader.recording.session import AWAITED, ProcessRun, StepRun
+from grader.lab.steps.call import CallResult, CallStep
+from grader.lab.steps.change_state import ChangeStateStep
+from grader.lab.steps.get_parameters import GetParametersStep
+from grader.lab.steps.send_goal import SendGoalResult, SendGoalStep
+from grader.lab.steps.set_parameters import SetParametersStep
+from grader.lab.steps.start import StartResult, StartStep
+from grader.lab.steps.wait_for import WaitForStep
+from grader.recording.session import ProcessRun, StepRun
 
 _KILLED = (-9, 137)
 #: What programs say when they may have no more threads or processes. The kernel counts those of a user, and in
@@ -73,7 +80,7 @@ def _stalled(recorded: Recorded) -> str | None:
     missing: set[str] = set()
     came_ns = _came_ns(recorded)
     for step in recorded.record.steps:
-        if step.kind == "start" and step.result.get("started", True):
+        if step.kind == StartStep.kind and StartResult.of(step).started is not False:
             if late.keys() - missing:
                 break
             late, missing = {}, set()
@@ -146,10 +153,15 @@ def _came_ns(recorded: Recorded) -> dict[str, int]:
 
 
 def _wanted(step: StepRun) -> str:
-    """Return the name of what a step waited for, unless that was up: what was sent to it then got no answer."""
-    sent = step.result.get("calls") or step.result.get("goals")
-    return (
-        ""
-        if sent
-        else next((str(step.parameters[k]) for k in AWAITED if step.parameters.get(k)), "")
-    )
+    """Return the name that a step waited for; empty if it was up, because then its requests got no answer."""
+    if step.kind == CallStep.kind:
+        return "" if CallResult.of(step).calls else CallStep.given(step).service
+    if step.kind == SendGoalStep.kind:
+        return "" if SendGoalResult.of(step).goals else SendGoalStep.given(step).action
+    if step.kind == WaitForStep.kind:
+        _, name = WaitForStep.given(step).awaited
+        return name
+    for model in (GetParametersStep, SetParametersStep, ChangeStateStep):
+        if step.kind == model.kind:
+            return model.given(step).node
+    return ""

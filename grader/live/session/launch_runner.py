@@ -21,6 +21,9 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from grader.evidence.near_miss import LEAST_RATIO, likeness
+from grader.lab.steps.base import Answer
+from grader.lab.steps.plan import PlanResult, PlanStep, Repair, repair_of
+from grader.lab.steps.start import StartResult
 from grader.limits import attainable
 from grader.live.process.process import PipeReader, RunningProcess
 from grader.live.sandbox.isolation import LAUNCHING, PARAMETERS, WORKSPACE
@@ -81,31 +84,27 @@ class LaunchRunner:
 
     # -- evaluation ---------------------------------------------------------------------------
 
-    async def plan(self, parameters: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-        """Evaluate the launch file; returns (outcome, {"plan": ..., "mended": [problem and its repair, ...]})."""
-        source = self._sandbox.plan.sources.get(parameters["launch"])
+    async def plan(self, step: PlanStep) -> Answer:
+        """Evaluate the launch file, and again after each repair of a known mistake."""
+        source = self._sandbox.plan.sources.get(step.launch)
         if source is None:
-            return "failed", {"problem": "missing artifact", "artifact": parameters["launch"]}
-        arguments = dict(parameters["arguments"])
-        worked_around: list[dict[str, Any]] = []
-        end_s = time.monotonic() + parameters["timeout_s"]
+            return Answer("failed", PlanResult("missing artifact", artifact=step.launch))
+        arguments = dict(step.arguments)
+        repairs: list[Repair] = []
+        end_s = time.monotonic() + step.timeout_s
         while True:
-            # All evaluations share the time of one: a file that sleeps before each mistake gains none.
+            # All evaluations share the time of one: a file that sleeps before each mistake gains no time.
             left_s = max(_LEAST_EVALUATION_S, round(end_s - time.monotonic(), 1))
-            outcome, plan = await self._evaluate(source, arguments, left_s, parameters["timeout_s"])
+            outcome, plan = await self._evaluate(source, arguments, left_s, step.timeout_s)
             problem = plan.problem
-            if problem is None or len(worked_around) >= _MAX_REPAIRS:
+            if problem is None or len(repairs) >= _MAX_REPAIRS:
                 break
-            repair = self._repair(
-                problem, {**plan.configurations, **parameters["assume"]}, arguments
-            )
-            if not repair:
+            known = {**plan.configurations, **step.assume}
+            done = self._repair(problem, known, arguments)
+            if not done:
                 break
-            noted = {
-                key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")
-            }
-            worked_around.append({**noted, "repair": repair})
-        return outcome, {"plan": plan.to_plain(), "mended": worked_around}
+            repairs.append(repair_of(problem, done))
+        return Answer(outcome, PlanResult(plan=plan.to_plain(), mended=repairs))
 
     def _repair(self, problem: Problem, known: Mapping[str, str], arguments: dict[str, str]) -> str:
         """Repair a known mistake on a copy, or give the argument that lacks; returns what was done, if anything was."""
@@ -278,21 +277,20 @@ class LaunchRunner:
 
     # -- running ------------------------------------------------------------------------------
 
-    async def start(self, plain: Mapping[str, Any] | None) -> tuple[str, dict[str, Any]]:
+    async def start(self, plain: Mapping[str, Any] | None) -> Answer:
         """Start the processes of a plan, now or when it says."""
         if plain is None or plain.get("outcome") != "ok":
-            return "failed", {"problem": "the launch file could not be evaluated"}
+            return Answer("failed", StartResult("the launch file could not be evaluated"))
         plan = Plan.from_plain(plain)
         self._write_files(plan)
         self._absent = {process.id for process in plan.processes if process.absent}
-        for process in (p for p in plan.processes if not p.absent):
+        present = [process for process in plan.processes if not process.absent]
+        for process in present:
             if process.when is None:
                 await self._start(process)
             else:
                 self._later(self._start_when(process, process.when))
-        return "done", {
-            "processes": [process.id for process in plan.processes if not process.absent]
-        }
+        return Answer("done", StartResult(processes=[process.id for process in present]))
 
     def _write_files(self, plan: Plan) -> None:
         """Write the files that the launch file made, or had made, for its nodes."""

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from grader.evidence.recorded import Recorded
+from grader.lab.steps.words import fields, literal
 from grader.recording.launch_plan import (
     Argument,
     Component,
@@ -18,7 +19,6 @@ from grader.recording.launch_plan import (
     Process,
 )
 from grader.report.figures.svg import Figure, FigureKind
-from grader.report.views import fields, literal
 
 _MOST_ITEMS = 60
 _MOST_CHOICES = 20
