@@ -224,56 +224,82 @@ class LaunchRunner:
     async def _evaluate(
         self, source: str, arguments: dict[str, str], left_s: float, timeout_s: float
     ) -> tuple[str, Plan]:
-        """Execute the launch file, confined, and read its plan from a pipe; of the time allowed there is `left_s`."""
-        sandbox = self._sandbox
+        """Execute the launch file in confinement, and read its plan from a pipe.
+
+        Parameters
+        ----------
+        left_s
+            Time for this evaluation.
+        timeout_s
+            Time for all evaluations of the file, for messages.
+        """
         if source in self._given_up:
             return "failed", self._given_up[source]
-        root = f"{sandbox.seen[WORKSPACE]}/src"
-        launch_workspace = None
-        if sandbox.isolation.namespaces:
-            launch_workspace = sandbox.launch_workspace
-            sandbox.copy_workspace(sandbox.workspace, launch_workspace)
         result_read, result_write = os.pipe()
-        program = f"{sandbox.seen[LAUNCHING]}/evaluate.py"
-        memory_bytes = attainable("as", _MAX_MEMORY_BYTES)
-        command = ["prlimit", f"--as={memory_bytes}", str(sandbox.plan.interpreter), program]
-        command += ["--result-fd", str(result_write)]
-        native = sandbox.plan.native
-        environment = sandbox.environment({"PYTHONPATH": ""})
-        if native is not None:
-            environment |= native.environment(f"{sandbox.seen[WORKSPACE]}/install")
-        run = ProcessRun(
-            "launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", command
-        )
-        running = await sandbox.start_confined(
-            run,
-            environment,
-            f"{root}/{Path(source).parent}",
-            workspace=launch_workspace,
-            folders=native.folders if native is not None else {},
-            pass_fds=(result_write,),
-            with_input=True,
-        )
+        shown = "".join(f" {name}:={value}" for name, value in arguments.items())
+        command = self._evaluation_command(result_write)
+        run = ProcessRun(f"launch file{shown}", "student", command)
+        running = await self._start_evaluation(run, source, result_write)
         os.close(result_write)
         received: list[str] = []
         reader = PipeReader(result_read, _MAX_PLAN_BYTES, received.append)
-        request = {
-            "file": f"{root}/{source}",
-            "arguments": arguments,
-            "root": root,
-            "native": native is not None,
-        }
-        running.write(json.dumps(request).encode(), last=True)
+        running.write(self._evaluation_request(source, arguments), last=True)
         outcome = await _run_until(running, left_s)
         await running.kill()
         reader.close()
         text = received[0] if received else ""
         if not text:
-            sandbox.note_unstarted(run, "the launch file could not be evaluated")
+            self._sandbox.note_unstarted(run, "the launch file could not be evaluated")
         plan = _read_plan(text, outcome == "done", timeout_s, run, source)
         if plan.problem is not None and plan.problem.kind in ("too_slow", "no_plan"):
             self._given_up[source] = plan
         return outcome, plan
+
+    def _evaluation_command(self, result_write: int) -> list[str]:
+        """Return the command of an evaluation that writes its plan to a file descriptor."""
+        sandbox = self._sandbox
+        memory_bytes = attainable("as", _MAX_MEMORY_BYTES)
+        program = f"{sandbox.seen[LAUNCHING]}/evaluate.py"
+        command = ["prlimit", f"--as={memory_bytes}", str(sandbox.plan.interpreter), program]
+        return [*command, "--result-fd", str(result_write)]
+
+    async def _start_evaluation(
+        self, run: ProcessRun, source: str, result_write: int
+    ) -> RunningProcess:
+        sandbox = self._sandbox
+        workspace = None
+        if sandbox.isolation.namespaces:
+            workspace = sandbox.launch_workspace
+            sandbox.copy_workspace(sandbox.workspace, workspace)
+        environment = sandbox.environment({"PYTHONPATH": ""})
+        folders: Mapping[str, Path] = {}
+        native = sandbox.plan.native
+        if native is not None:
+            environment |= native.environment(f"{sandbox.seen[WORKSPACE]}/install")
+            folders = native.folders
+        return await sandbox.start_confined(
+            run,
+            environment,
+            f"{self._root}/{Path(source).parent}",
+            workspace=workspace,
+            folders=folders,
+            pass_fds=(result_write,),
+            with_input=True,
+        )
+
+    def _evaluation_request(self, source: str, arguments: dict[str, str]) -> bytes:
+        request = {
+            "file": f"{self._root}/{source}",
+            "arguments": arguments,
+            "root": self._root,
+            "native": self._sandbox.plan.native is not None,
+        }
+        return json.dumps(request).encode()
+
+    @property
+    def _root(self) -> str:
+        """Folder of the sources, as the student's processes see it."""
+        return f"{self._sandbox.seen[WORKSPACE]}/src"
 
     # -- running ------------------------------------------------------------------------------
 
