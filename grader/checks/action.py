@@ -30,6 +30,7 @@ from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import equal_within, value_at
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
+from grader.lab.steps.send_goal import GoalRecord, SendGoalResult, SendGoalStep
 from grader.recording.session import StepRun
 from grader.result import Finding, Location
 
@@ -148,26 +149,26 @@ class _Sent:
     context: Context
     artifact: str
     step: StepRun
-    record: Mapping[str, Any]
+    record: GoalRecord
 
     @property
     def words(self) -> str:
-        return f"goal {_shown(self.record['goal'])}"
+        return f"goal {_shown(self.record.goal)}"
 
     @property
     def status(self) -> str:
         """The last that is known, as ROS spells it."""
-        return str(self.record["status"] or "unknown").upper()
+        return str(self.record.status or "unknown").upper()
 
     @property
     def has_ended(self) -> bool:
         """Whether it ended, by the status that the server published where the result never came."""
-        return self.record["ended_ns"] is not None or self.record["status"] in get_args(Status)
+        return self.record.ended_ns is not None or self.record.status in get_args(Status)
 
     @property
     def waited_s(self) -> float:
         """How long it was waited for."""
-        return float(self.step.ended_ns - self.record["sent_ns"]) / 1e9
+        return float(self.step.ended_ns - self.record.sent_ns) / 1e9
 
     def printed(self, text: str) -> bool:
         """Whether the program's output has a text: it says which of the known mistakes it is."""
@@ -175,7 +176,8 @@ class _Sent:
 
     def delay_s(self, start_ns: int, end_ns: int) -> float:
         """Return for how long the machine delayed a process meanwhile, that which sends goals included."""
-        return asking_delay_s(self.context, Span(start_ns, end_ns), self.step.result)
+        held_up_ns = SendGoalResult.of(self.step).held_up_ns
+        return asking_delay_s(self.context, Span(start_ns, end_ns), held_up_ns)
 
 
 def action_server(context: Context, p: ActionServer) -> Finding:
@@ -186,7 +188,7 @@ def action_server(context: Context, p: ActionServer) -> Finding:
         step = context.session.step(getattr(wanted, "step", ""))
         asked.append(
             words(p, wanted)
-            + (f" (goal {_shown(step.parameters['goal'])})" if step is not None else "")
+            + (f" (goal {_shown(SendGoalStep.given(step).goal)})" if step is not None else "")
         )
         try:
             found = (
@@ -279,28 +281,27 @@ def _sent(context: Context, p: ActionServer, step: StepRun | None) -> _Sent:
         raise _NotTested(why)
     steps = _steps(context, step)
     earlier = (goal for before in steps[: steps.index(step)] for goal in _goals(before))
-    silent = next((goal for goal in earlier if goal["accepted"] is None), None)
-    if silent is not None and not any(goal["accepted"] is not None for goal in _goals(step)):
-        raise _NotTested(f"an earlier goal ({_shown(silent['goal'])}) got no answer")
+    silent = next((goal for goal in earlier if goal.accepted is None), None)
+    if silent is not None and not any(goal.accepted is not None for goal in _goals(step)):
+        raise _NotTested(f"an earlier goal ({_shown(silent.goal)}) got no answer")
     if not _goals(step):
-        problem = step.result.get("problem") or "the node could not be asked"
+        problem = SendGoalResult.of(step).problem or "the node could not be asked"
         raise _NotTested(f"no goal could be sent: {problem}")
     return _Sent(context, p.artifact, step, _goals(step)[0])
 
 
 def _steps(context: Context, step: StepRun) -> list[StepRun]:
     """Return the steps that send goals to the same action."""
-    action = step.parameters["action"]
-    return [
-        s
-        for s in context.session.record.steps
-        if s.kind == "send_goal" and s.parameters["action"] == action
-    ]
+    action = SendGoalStep.given(step).action
+    found = []
+    for each in context.session.record.steps:
+        if each.kind == SendGoalStep.kind and SendGoalStep.given(each).action == action:
+            found.append(each)
+    return found
 
 
-def _goals(step: StepRun) -> list[dict[str, Any]]:
-    goals: list[dict[str, Any]] = step.result.get("goals", [])
-    return goals
+def _goals(step: StepRun) -> list[GoalRecord]:
+    return SendGoalResult.of(step).goals
 
 
 # -- whether a goal is accepted --------------------------------------------------------------------
@@ -311,10 +312,10 @@ _ACCEPT_HINT = (
 
 
 def _accepted(sent: _Sent, wanted: OfGoal) -> Part:
-    if sent.record["accepted"]:
-        answered_ms = (sent.record["answered_ns"] - sent.record["sent_ns"]) / 1e6
+    if sent.record.accepted:
+        answered_ms = (sent.record.answer_ns - sent.record.sent_ns) / 1e6
         return Part(1.0, f"{sent.words} accepted after {answered_ms:.1f} ms")
-    if sent.record["accepted"] is None:
+    if sent.record.accepted is None:
         return _silent(sent)
     every = "Every goal" if not _any_goal(sent, accepted=True) else f"The {sent.words}"
     hint = _ACCEPT_HINT
@@ -324,9 +325,9 @@ def _accepted(sent: _Sent, wanted: OfGoal) -> Part:
 
 
 def _rejected(sent: _Sent, wanted: OfGoal) -> Part:
-    if sent.record["accepted"] is None:
+    if sent.record.accepted is None:
         return _silent(sent)
-    if sent.record["accepted"] is False:
+    if sent.record.accepted is False:
         if not _any_goal(sent, accepted=True):
             raise _NotTested("no goal is accepted at all, so that a rejection proves nothing")
         return Part(1.0, f"{sent.words} rejected")
@@ -337,8 +338,11 @@ def _rejected(sent: _Sent, wanted: OfGoal) -> Part:
 
 def _any_goal(sent: _Sent, **known: bool | str) -> bool:
     """Whether some goal to the same action came out so."""
-    goals = (goal for step in _steps(sent.context, sent.step) for goal in _goals(step))
-    return any(goal[key] == value for goal in goals for key, value in known.items())
+    for step in _steps(sent.context, sent.step):
+        for goal in _goals(step):
+            if any(getattr(goal, key) == value for key, value in known.items()):
+                return True
+    return False
 
 
 _SILENT_HINT = "rclpy.spin(node) must be reached, and no callback may wait: meanwhile, the node answers nothing."
@@ -356,9 +360,9 @@ _END_HINT = "The execute callback must end, with goal_handle.succeed() and `retu
 
 def _require_accepted(sent: _Sent) -> None:
     """Raise where a goal was not accepted, so that nothing can come of it."""
-    if sent.record["accepted"] is None:
+    if sent.record.accepted is None:
         raise _NotTested(f"the {sent.words} got no answer", _SILENT_HINT)
-    if sent.record["accepted"] is False:
+    if sent.record.accepted is False:
         raise _NotTested(f"the {sent.words} was rejected", _ACCEPT_HINT)
 
 
@@ -371,7 +375,7 @@ def _require_end(sent: _Sent) -> None:
 
 def _feedback(sent: _Sent, wanted: FeedbackWanted) -> Part:
     _require_accepted(sent)
-    count = int(sent.record["feedback_count"])
+    count = int(sent.record.feedback_count)
     if not count:
         hint = "Call goal_handle.publish_feedback(feedback) in the execute callback, again and again while it works."
         return Part(0.0, "no feedback", f"No feedback came for {sent.words}.", hint=hint)
@@ -398,9 +402,9 @@ def _feedback(sent: _Sent, wanted: FeedbackWanted) -> Part:
 
 
 def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
-    first_ns, last_ns = sent.record["first_feedback_ns"], sent.record["last_feedback_ns"]
+    first_ns, last_ns = sent.record.feedback_span_ns
     length_s = max(0.0, (last_ns - first_ns) / 1e9)
-    rate_hz = (sent.record["feedback_count"] - 1) / length_s if length_s else 0.0
+    rate_hz = (sent.record.feedback_count - 1) / length_s if length_s else 0.0
     delay_s = sent.delay_s(first_ns, last_ns) if length_s else 0.0
     full_hz = wanted_hz * (1 - tolerance)
     share, best = (
@@ -414,7 +418,7 @@ def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
 
 def _reverses(sent: _Sent, field: str, sign: int) -> bool:
     """Whether a number, or the length of an array, goes the other way from one message to the next."""
-    values = [value_at(message["values"], field) for message in sent.record["feedback"]]
+    values = [value_at(message.values, field) for message in sent.record.feedback]
     sizes = [len(value) if isinstance(value, list) else value for value in values]
     numbers = [size for size in sizes if isinstance(size, (int, float))]
     # What is not a number neither rises nor falls.
@@ -423,8 +427,8 @@ def _reverses(sent: _Sent, field: str, sign: int) -> bool:
 
 def _result(sent: _Sent, wanted: ResultWanted) -> Part:
     _require_end(sent)
-    result = sent.record["result"]
-    if sent.record["ended_ns"] is None:
+    result = sent.record.result
+    if sent.record.ended_ns is None:
         reason = f"The {sent.words} ended as {sent.status}, but its result never came."
         return _Nothing(
             0.0, "no result", reason, hint="End the execute callback with `return result`."
@@ -476,12 +480,12 @@ _BLOCKED_HINT = (
 def _final_status(sent: _Sent, wanted: StatusWanted) -> Part:
     _require_end(sent)
     measured = f"{sent.words} ended as {sent.status}"
-    if sent.record["status"] == wanted.status:
+    if sent.record.status == wanted.status:
         return Part(1.0, measured)
     reason = f"The {sent.words} ended as {sent.status}, not as {wanted.status.upper()}."
-    if sent.record["status"] == "aborted" and sent.printed(_RAISED):
+    if sent.record.status == "aborted" and sent.printed(_RAISED):
         return _Nothing(0.0, measured, f"{reason} The execute callback raised an exception.")
-    if sent.record["status"] == "aborted" and sent.printed(_NOT_SET):
+    if sent.record.status == "aborted" and sent.printed(_NOT_SET):
         reason += f" {_WITHOUT_STATUS}"
     return Part(
         0.0,
@@ -493,14 +497,14 @@ def _final_status(sent: _Sent, wanted: StatusWanted) -> Part:
 
 def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
     _require_accepted(sent)
-    cancel = sent.record["cancel"]
+    cancel = sent.record.cancel
     if cancel is None:
-        return _too_early(sent, "cancelled", "cancel_after_s")
-    if cancel["accepted"]:
+        return _too_early(sent, "cancelled", SendGoalStep.given(sent.step).cancel_after_s)
+    if cancel.accepted:
         return _ends_early(
-            sent, wanted, ("canceled",), _CANCELED_HINT, cancel["sent_ns"], "it was cancelled"
+            sent, wanted, ("canceled",), _CANCELED_HINT, cancel.sent_ns, "it was cancelled"
         )
-    if cancel["answered_ns"] is not None and cancel["code"] != _GOAL_TERMINATED:
+    if cancel.answered_ns is not None and cancel.code != _GOAL_TERMINATED:
         hint = "Give ActionServer a cancel_callback that returns CancelResponse.ACCEPT; without one, rclpy refuses."
         return Part(
             0.0, "cancelling refused", f"Cancelling the {sent.words} was refused.", hint=hint
@@ -512,9 +516,9 @@ def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
 def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     _require_accepted(sent)
     if len(_goals(sent.step)) < 2:
-        return _too_early(sent, "preempted", "newer_after_s")
+        return _too_early(sent, "preempted", SendGoalStep.given(sent.step).newer_after_s)
     newer = replace(sent, record=_goals(sent.step)[1])
-    if newer.record["accepted"] is False:
+    if newer.record.accepted is False:
         hint = "Accept it, and abort the goal that is under way."
         return Part(
             0.0,
@@ -522,7 +526,7 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
             "A newer goal is rejected while one is under way.",
             hint=hint,
         )
-    if newer.record["accepted"] is None:
+    if newer.record.accepted is None:
         return Part(
             0.0, "newer goal not answered", "A newer goal was not answered.", hint=_BLOCKED_HINT
         )
@@ -531,16 +535,16 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
         wanted,
         wanted.status,
         _PREEMPTED_HINT,
-        newer.record["sent_ns"],
+        newer.record.sent_ns,
         "a newer one was sent",
     )
-    answered_s = (newer.record["answered_ns"] - newer.record["sent_ns"]) / 1e9
+    answered_s = (newer.record.answer_ns - newer.record.sent_ns) / 1e9
     if not found.share and answered_s > wanted.within_s:
         reason = f"A newer goal was answered only after {apart(answered_s, wanted.within_s, places=2)} s."
         return replace(found, reason=reason, hint=_BLOCKED_HINT)
     # Who never succeeds loses points for that elsewhere.
     is_excused = newer.has_ended and not _any_goal(sent, status="succeeded")
-    if is_excused or newer.record["status"] == "succeeded":
+    if is_excused or newer.record.status == "succeeded":
         return found
     became = f"ended as {newer.status}" if newer.has_ended else "did not end"
     reason, share = (
@@ -551,19 +555,19 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     return replace(found, share=share, best=best, reason=reason, hint=found.hint or _END_HINT)
 
 
-def _too_early(sent: _Sent, what: str, key: str) -> Part:
-    """Judge a goal that ended before it could be cancelled or preempted; the step has under a key when that was due."""
+def _too_early(sent: _Sent, what: str, after_s: float | None) -> Part:
+    """Judge a goal that ended before it could be cancelled or preempted, some time after it was accepted."""
     if not sent.has_ended:
         raise _NotTested(f"the moment at which the {sent.words} was to be {what} never came")
     ended = f"The {sent.words} had ended as {sent.status} before it could be {what}."
     found = Part(
         0.0, "ended before", ended, hint="Let the execute callback work until it is asked to end."
     )
-    after_s, end_ns = sent.step.parameters.get(key), sent.record["ended_ns"]
+    end_ns = sent.record.ended_ns
     if after_s is None or end_ns is None:
         return found
-    late_s = (end_ns - sent.record["answered_ns"]) / 1e9 - after_s
-    delay_s = sent.delay_s(sent.record["answered_ns"], end_ns)
+    late_s = (end_ns - sent.record.answer_ns) / 1e9 - after_s
+    delay_s = sent.delay_s(sent.record.answer_ns, end_ns)
     is_ours = 0 < late_s <= delay_s
     return (
         replace(found, best=1.0, doubt=cpu_delay_doubt(delay_s, late_s + after_s))
@@ -582,14 +586,14 @@ def _ends_early(
 ) -> Part:
     """Judge how soon, and in which status, a goal ended once it was asked to."""
     named = " or ".join(status.upper() for status in statuses)
-    if sent.record["ended_ns"] is None:
+    if sent.record.ended_ns is None:
         reason = f"The {sent.words} did not end after {since}."
         return Part(0.0, "goes on", reason, hint=hint)
     took_s, delay_s = (
-        (sent.record["ended_ns"] - asked_ns) / 1e9,
-        sent.delay_s(asked_ns, sent.record["ended_ns"]),
+        (sent.record.ended_ns - asked_ns) / 1e9,
+        sent.delay_s(asked_ns, sent.record.ended_ns),
     )
-    fits = sent.record["status"] in statuses
+    fits = sent.record.status in statuses
     credits = {
         True: 1.0 if fits else wanted.other_status_credit,
         False: wanted.late_credit if fits else 0.0,
@@ -597,7 +601,7 @@ def _ends_early(
     share, best = (credits[time_s <= wanted.within_s] for time_s in (took_s, took_s - delay_s))
     shown = f"{apart(took_s, wanted.within_s, places=2)} s after {since}"
     reasons = [] if fits else [f"The {sent.words} ended as {sent.status}, not as {named}."]
-    if not fits and sent.record["status"] == "aborted" and sent.printed(_NOT_SET):
+    if not fits and sent.record.status == "aborted" and sent.printed(_NOT_SET):
         reasons.append(_WITHOUT_STATUS)
         hint = f"Call goal_handle.{_SETTER[statuses[0]]}() before `return result`."
     if took_s > wanted.within_s:

@@ -24,6 +24,8 @@ from grader.evidence.fields import equal_within, value_at
 from grader.lab import references as ref
 from grader.lab.patterns import search
 from grader.lab.references import Parameters, Pattern
+from grader.lab.steps.base import StepResult
+from grader.lab.steps.call import CallStep
 from grader.recording.session import StepRun
 from grader.result import Finding
 
@@ -79,7 +81,7 @@ class CallValue(Parameters):
         """Return the values that an answer must have, with other parameters of the oracle."""
         if self.oracle is None:
             return dict(answer.values)
-        request = step.parameters.get("request", {})
+        request = CallStep.given(step).request
         parameters = {**self.parameters, **(other or {})}
         computed = context.oracle(self.oracle)(request, parameters, context.session.record.seed)
         plain = {path: _without_numpy(value) for path, value in computed.items()}
@@ -122,7 +124,7 @@ def _all_alike(steps: Sequence[StepRun | None]) -> bool:
     answers = [answer_of(step) for step in steps]
     if len(answers) < 2 or answers.count(answers[0]) < len(answers):
         return False
-    requests = [step.parameters.get("request") for step in steps if step is not None]
+    requests = [CallStep.given(step).request for step in steps if step is not None]
     return requests.count(requests[0]) == 1
 
 
@@ -219,6 +221,6 @@ def unanswered(context: Context, step: StepRun | None, expected: str) -> Finding
                 which = f'"{earlier.label}"'
             reason = f"Not tested, because {which} got no answer. {THEN_THESE}"
             return not_reached(reason, expected=expected)
-    problem = str(step.result.get("problem", "")) if step is not None else ""
+    problem = "" if step is None else StepResult.of(step).problem
     why = f": {problem}" if problem else ""
     return unexplained(failed(expected, "no answer", f"The node did not answer{why}."))

@@ -14,6 +14,7 @@ from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import explain
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Recorded
+from grader.lab.steps.get_parameters import GetParametersResult
 from grader.recording.session import ProcessRun
 from grader.recording.submission import SubmissionRecord
 from grader.result import Finding, Location, Outcome
@@ -83,9 +84,13 @@ class Context:
 
     def parameter(self, step: str | None, name: str | None) -> Any:
         """Return the value of a parameter as a step read it in the running node; None if it did not."""
-        run = self.session.step(step) if step is not None else None
-        read = (run.result.get("values", {}) if run is not None else {}).get(name)
-        return read["value"] if read is not None else None
+        if step is None or name is None:
+            return None
+        run = self.session.step(step)
+        if run is None:
+            return None
+        read = GetParametersResult.of(run).read.get(name)
+        return None if read is None else read.value
 
     def oracle(self, reference: str) -> Callable[..., Any]:
         """Load an oracle by ``file.py:function``, relative to the rubric's folder."""

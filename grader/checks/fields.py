@@ -30,6 +30,7 @@ from grader.evidence.recorded import Floats, Integers, NumericStream, Recorded, 
 from grader.lab import references as ref
 from grader.lab.patterns import compiled, search
 from grader.lab.references import Parameters, Pattern, Share
+from grader.lab.steps.wait_exit import WaitExitStep
 from grader.result import Finding
 
 #: Number of characters of a text that are compared with a pattern; messages for people are shorter.
@@ -161,8 +162,8 @@ def _asked_to_end_ns(context: Context) -> list[int]:
     record = context.session.record
     awaited = set()
     for step in record.steps:
-        if step.kind == "wait_exit":
-            awaited.add(str(step.parameters.get("process")))
+        if step.kind == WaitExitStep.kind:
+            awaited.add(WaitExitStep.given(step).process)
     asked = [record.ended_ns]
     for run in context.session.students:
         if run.interrupted_ns:

@@ -35,6 +35,9 @@ from grader.evidence.recorded import Floats, NumericStream, clock_step_s
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
+from grader.lab.steps.call import CallResult
+from grader.lab.steps.get_parameters import GetParametersResult
+from grader.lab.steps.plan import PlanResult, Repair, repair_of
 from grader.recording.session import ProcessRun
 from grader.recording.submission import PackageFact
 from grader.result import Finding, Location
@@ -55,18 +58,18 @@ def _read_plan(plain: Any) -> Plan:
 def plan_of(context: Context, step: str) -> Plan:
     """Return the plan that a step made of the launch file, or one of nothing if it was not reached."""
     run = context.session.step(step)
-    return _read_plan(run.result.get("plan") if run is not None else None)
+    return _read_plan(None if run is None else PlanResult.of(run).plan)
 
 
-#: A problem of a launch file as the recording holds it: kind, message, remedy, file, line and repair.
-_Noted = Mapping[str, Any]
-
-
-def worked_around(context: Context, step: str, *kinds: str) -> list[_Noted]:
+def worked_around(context: Context, step: str, *kinds: str) -> list[Repair]:
     """Return the problems of some kinds, or of all, that were repaired on a copy to judge the rest."""
     run = context.session.step(step)
-    found = run.result.get("mended", []) if run is not None else []
-    return [noted for noted in found if noted["kind"] in kinds or not kinds]
+    if run is None:
+        return []
+    repairs = PlanResult.of(run).repairs
+    if not kinds:
+        return repairs
+    return [repair for repair in repairs if repair.kind in kinds]
 
 
 class LaunchLoads(Parameters):
@@ -96,7 +99,7 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
     problem = plan.problem
     noted = worked_around(context, p.step)
     if problem is not None:
-        noted.append(vars(problem))
+        noted.append(repair_of(problem))
     faults = [each for each in noted if not _excuse(context, each)]
     if not faults:
         return _loads(context, p, expected, plan, noted)
@@ -117,7 +120,7 @@ def launch_loads(context: Context, p: LaunchLoads) -> Finding:
 
 
 def _loads(
-    context: Context, p: LaunchLoads, expected: str, plan: Plan, noted: Sequence[_Noted]
+    context: Context, p: LaunchLoads, expected: str, plan: Plan, noted: Sequence[Repair]
 ) -> Finding:
     """State that a launch file can be evaluated, and whether its package installs it."""
     measured = f"{len(plan.processes)} processes, {len(plan.arguments)} arguments"
@@ -171,34 +174,34 @@ def _leaves_out(context: Context, artifact: str) -> PackageFact | None:
     return None if path in owner.shared.values() else owner
 
 
-def _excuse(context: Context, noted: _Noted) -> str:
+def _excuse(context: Context, noted: Repair) -> str:
     """Say why an unknown name is no mistake of the launch file; empty if it is one."""
     submission = context.submission
-    message = _capitalised(noted["message"])
-    if noted["kind"] not in ("unknown_executable", "unknown_package"):
+    message = _capitalised(noted.message)
+    if noted.kind not in ("unknown_executable", "unknown_package"):
         return ""
     for artifact in submission.artifacts:
         if artifact.path is None and artifact.expected.removesuffix(".py") in message:
             return f"{message} Its file is missing, which costs points in another check."
-    has_suggestion = "Did you mean" in noted["remedy"]
-    if noted["kind"] == "unknown_package" and not submission.packages and not has_suggestion:
+    has_suggestion = "Did you mean" in noted.remedy
+    if noted.kind == "unknown_package" and not submission.packages and not has_suggestion:
         return f"{message} The files were handed in without their package, so that its name cannot be wrong."
     return ""
 
 
-def _repaired(faults: Sequence[_Noted], expected: str, rest: float) -> Finding:
+def _repaired(faults: Sequence[Repair], expected: str, rest: float) -> Finding:
     """State the mistakes that keep a launch file from loading, and their repair on a copy."""
-    repairs = [noted["repair"] for noted in faults if noted.get("repair")]
+    repairs = [noted.repair for noted in faults if noted.repair]
     done = f": {'; '.join(repairs)}" if repairs else ""
-    messages = dict.fromkeys(_capitalised(noted["message"]) for noted in faults)
-    remedies = dict.fromkeys(str(noted["remedy"]) for noted in faults)
+    messages = dict.fromkeys(_capitalised(noted.message) for noted in faults)
+    remedies = dict.fromkeys(noted.remedy for noted in faults)
     stops = f"{' '.join(messages)} `ros2 launch` stops there."
     finding = failed(
         expected,
         "it stops with an error",
         f"{stops} To judge the rest, it was repaired on a copy{done}.",
         hint=" ".join(remedies),
-        where=[Location(file=each["file"], line=each["line"]) for each in faults if each["file"]],
+        where=[Location(file=each.file, line=each.line) for each in faults if each.file],
     )
     return replace(finding, passes_on=credit_of(rest) or None)
 
@@ -268,7 +271,7 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
     expected = ", ".join(f"{wanted.name} = {wanted.default!r}" for wanted in p.arguments)
     plan = plan_of(context, p.step)
     undefined = worked_around(context, p.step, "undefined_configuration")
-    assumed = " ".join(str(noted["message"]) for noted in undefined)
+    assumed = " ".join(noted.message for noted in undefined)
     declared = {argument.name: argument for argument in plan.arguments}
     parts = []
     for wanted in p.arguments:
@@ -680,12 +683,12 @@ class _Given:
         """Look a parameter up in the plan and in the running node."""
         planned = entry.effective_parameters(wanted.node).get(wanted.name)
         step = context.session.step(wanted.step)
-        result = step.result if step is not None else {}
-        running = result.get("values", {}).get(wanted.name)
+        result = GetParametersResult() if step is None else GetParametersResult.of(step)
+        running = result.read.get(wanted.name)
         if running is not None:
-            return cls(planned, running["value"], False)
+            return cls(planned, running.value, False)
         was_asked = step is not None and step.outcome == "done"
-        is_unreadable = was_asked and wanted.name in result.get("declared", [])
+        is_unreadable = was_asked and result.declares(wanted.name)
         return cls(planned, planned, is_unreadable)
 
 
@@ -906,8 +909,8 @@ class TogetherAnswers(_Doer):
     ) -> Part | None:
         """Judge whether its first call was answered."""
         step = context.session.step(self.step)
-        calls = step.result.get("calls", []) if step is not None else []
-        if calls and calls[0]["response"] is not None:
+        calls = [] if step is None else CallResult.of(step).calls
+        if calls and calls[0].response is not None:
             return Part(1.0, "the service answers")
         reason = "The service does not answer while all run together."
         return Part(0.0, "no answer from the service", reason)

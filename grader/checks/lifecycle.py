@@ -14,6 +14,7 @@ from grader.checks.base import Context, Part, cpu_delay_doubt, of_parts, unexpla
 from grader.evidence.cpu_delay import Span
 from grader.lab import references as ref
 from grader.lab.references import LifecycleState, Parameters, Share
+from grader.lab.steps.change_state import ChangeStateResult, ChangeStateStep
 from grader.recording.session import StepRun
 from grader.result import Finding
 
@@ -63,7 +64,7 @@ def lifecycle(context: Context, p: Lifecycle) -> Finding:
     silent = [unanswered(context, step, expected) for step in steps]
     if None not in silent and silent[0] is not None:
         return silent[0]
-    nodes = {step.result.get("node") for step in steps if step is not None}
+    nodes = {ChangeStateResult.of(step).node for step in steps if step is not None}
     stays = _stays(context, nodes)
     published = [_published(context, p, of, stays) for of in p.published]
     parts = weighed(_transitions(context, p, steps), p.transitions_share if published else 1.0)
@@ -89,7 +90,7 @@ def _transitions(context: Context, p: Lifecycle, steps: Sequence[StepRun | None]
     for wanted, step in zip(p.transitions, steps, strict=True):
         part = _transition(context, wanted, step)
         if previous is not None and step is not None and part.share < 1:
-            if step.result.get("before") != previous.state:
+            if ChangeStateResult.of(step).before != previous.state:
                 part = Part(0.0, f"{wanted.step}: not tested")
         parts.append(part)
         previous = wanted
@@ -100,8 +101,8 @@ def _transition(context: Context, wanted: WantedTransition, step: StepRun | None
     """Judge the state after a transition, and whether the node reported success."""
     if step is None or step.outcome != "done":
         return Part(0.0, f"{wanted.step}: no answer", f"The node did not answer '{wanted.step}'.")
-    after = str(step.result.get("after"))
-    succeeded = step.result.get("success")
+    result = ChangeStateResult.of(step)
+    after, succeeded = str(result.after), result.success
     refused = "" if succeeded else " (refused)"
     text = f"{wanted.step} → {after}{refused}"
     if after == wanted.state and succeeded == wanted.succeeds:
@@ -126,7 +127,7 @@ _FAILURE_HINT = (
 
 def _raised(context: Context, step: StepRun) -> bool:
     """Tell whether the node reported that it processed an error during a transition."""
-    topic = f"{step.result.get('node')}/transition_event"
+    topic = f"{ChangeStateResult.of(step).node}/transition_event"
     source_ns = context.session.stream(topic).source_ns.tolist()
     goals = context.session.texts(topic, "goal_state.label")
     for t_ns, goal in zip(source_ns, goals, strict=True):
@@ -141,20 +142,22 @@ def _stays(context: Context, nodes: set[Any]) -> list[_Stay]:
     The state is not known between two answers that disagree.
     """
     record = context.session.record
-    steps = []
+    changes = []
     for step in record.steps:
-        if step.kind == "change_state" and step.outcome == "done" and step.result["node"] in nodes:
-            steps.append(step.result)
-    if not steps:
+        if step.kind == ChangeStateStep.kind and step.outcome == "done":
+            change = ChangeStateResult.of(step)
+            if change.node in nodes:
+                changes.append(change)
+    if not changes:
         return []
     stays = []
-    state = steps[0]["before"]
+    state = str(changes[0].before)
     start_ns = record.started_ns
-    for result in steps:
-        if result["before"] == state:
-            stays.append(_Stay(state, Span(start_ns, result["called_ns"])))
-        state = result["after"]
-        start_ns = result["answered_ns"]
+    for change in changes:
+        if change.before == state:
+            stays.append(_Stay(state, Span(start_ns, change.called_ns)))
+        state = str(change.after)
+        start_ns = change.answered_ns
     stays.append(_Stay(state, Span(start_ns, record.ended_ns)))
     return stays
 

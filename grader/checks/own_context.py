@@ -18,6 +18,7 @@ from grader.evidence.fields import numbers_of
 from grader.evidence.flakiness import flaky_end
 from grader.evidence.recorded import NumericStream, Recorded
 from grader.evidence.text.printed import PrintedVector, Report, printed_vector, reports
+from grader.lab.steps.call import CallRecord, CallResult
 from grader.recording.bag import Stream
 from grader.recording.session import Endpoint, ProcessRun, Qos
 from grader.result import Finding, Location
@@ -333,16 +334,16 @@ class Context(Submission):
         run = self._session.step(step)
         if run is None:
             return ()
-        return tuple(map(self._call, run.result.get("calls", ())))
+        return tuple(map(self._call, CallResult.of(run).calls))
 
-    def _call(self, made: Mapping[str, Any]) -> Call:
-        span = Span(int(made["started_ns"]), int(made["ended_ns"]))
+    def _call(self, made: CallRecord) -> Call:
+        span = Span(made.started_ns, made.ended_ns)
         return Call(
             started_s=self.since_start_s(span.start_ns),
             ended_s=self.since_start_s(span.end_ns),
-            response=made["response"],
+            response=made.response,
             latency_s=span.duration_s,
-            delay_s=service.asking_delay_s(self._inner, span, made),
+            delay_s=service.asking_delay_s(self._inner, span, made.held_up_ns),
         )
 
     def unanswered(self, step: str, expected: str, reason: str = "") -> Finding:

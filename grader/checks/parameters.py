@@ -32,6 +32,7 @@ from grader.evidence.timing import timing_of
 from grader.lab import references as ref
 from grader.lab.patterns import search
 from grader.lab.references import Parameters, Pattern, Share
+from grader.lab.steps.set_parameters import SetParametersResult, SetParametersStep
 from grader.result import Finding, Location, Outcome
 
 
@@ -161,7 +162,7 @@ def parameter_effect(context: Context, p: ParameterEffect) -> Finding:
     silent = unanswered(context, step, expected)
     if silent is not None:
         return silent
-    refused = step.result.get("refused") if step is not None else None
+    refused = None if step is None else SetParametersResult.of(step).refused
     if refused:
         return _could_not_be_set(expected, refused)
     observed = _Observed(
@@ -349,7 +350,7 @@ class ParameterRejected(Parameters):
 def parameter_rejected(context: Context, p: ParameterRejected) -> Finding:
     """Judge refusals by the node's answer, and by its values before and after."""
     step = context.session.step(p.step)
-    wanted = step.parameters.get("values", {}) if step is not None else {}
+    wanted = {} if step is None else SetParametersStep.given(step).values
     values = ", ".join(f"{name} = {value!r}" for name, value in wanted.items())
     expected = f"refuses {values}, and keeps what it has"
     silent = unanswered(context, step, expected)
@@ -357,15 +358,16 @@ def parameter_rejected(context: Context, p: ParameterRejected) -> Finding:
         return silent
     if step is None:
         return failed(expected, "", "")
-    parts = [_refusal(p, name, value, step.result) for name, value in wanted.items()]
+    result = SetParametersResult.of(step)
+    parts = [_refusal(p, name, value, result) for name, value in wanted.items()]
     return of_parts(expected, parts, where=(context.location(),))
 
 
-def _refusal(p: ParameterRejected, name: str, value: Any, result: Mapping[str, Any]) -> Part:
+def _refusal(p: ParameterRejected, name: str, value: Any, result: SetParametersResult) -> Part:
     """Judge the answer of a node to an invalid value."""
-    before = result.get("before", {})
-    after = result.get("after", {})
-    refused = result.get("refused", {})
+    before = {} if result.before is None else result.before
+    after = {} if result.after is None else result.after
+    refused = result.reasons
     if name not in before:
         reason = f"{name} is not declared, so that refusing it proves nothing."
         return Part(0.0, f"no {name}", reason)

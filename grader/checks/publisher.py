@@ -37,6 +37,7 @@ from grader.evidence.schedule import kept_schedule
 from grader.evidence.timing import Timing, timing_of
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
+from grader.lab.steps.observe import ObserveStep
 from grader.recording.session import Claim, Endpoint, ProcessRun
 from grader.result import Finding, Location
 
@@ -449,7 +450,7 @@ def _silence(context: Context, p: TopicRate, span: Span | None) -> _Silence:
     if step is None or step.outcome != "cancelled":
         return _Silence(0.0, 1.0)
     # The program ended within the window, which opens with the first message.
-    window_s = float(step.parameters["duration_s"])
+    window_s = ObserveStep.given(step).duration_s
     first_ns = max(int(source_ns.min()), step.started_ns)
     lasted_s = (int(source_ns.max()) - first_ns) / 1e9
     return _Silence(max(0.0, window_s - lasted_s), window_s)

@@ -26,6 +26,9 @@ from grader.evidence.cpu_delay import Span
 from grader.lab import references as ref
 from grader.lab.patterns import search, without
 from grader.lab.references import Parameters, Pattern, Share
+from grader.lab.steps.base import StepResult
+from grader.lab.steps.call import CallRecord, CallResult, CallStep
+from grader.lab.steps.get_parameters import GetParametersResult, ParameterValue
 from grader.recording.session import ServiceEndpoint, StepRun
 from grader.result import Finding, Location
 
@@ -129,18 +132,21 @@ class CallAnswered(Parameters):
     )
 
 
-def _calls(step: StepRun | None) -> list[Mapping[str, Any]]:
-    return step.result.get("calls", []) if step is not None else []
+def _calls(step: StepRun | None) -> list[CallRecord]:
+    """Return the calls of a step, none for a step of another kind."""
+    if step is None or step.kind != CallStep.kind:
+        return []
+    return CallResult.of(step).calls
 
 
 def answer_of(step: StepRun | None) -> Answer:
     """Return the response to the first call of a step, None without one."""
     calls = _calls(step)
-    return calls[0]["response"] if calls else None
+    return calls[0].response if calls else None
 
 
-def _latency_s(call: Mapping[str, Any]) -> float:
-    return float(call["ended_ns"] - call["started_ns"]) / 1e9
+def _latency_s(call: CallRecord) -> float:
+    return (call.ended_ns - call.started_ns) / 1e9
 
 
 def problem_of(step: StepRun | None) -> str:
@@ -153,7 +159,7 @@ def problem_of(step: StepRun | None) -> str:
 
 def _problem_said(step: StepRun | None) -> str:
     """Return the problem that a step reports, after a colon; empty if there is none."""
-    problem = str(step.result.get("problem", "")) if step is not None else ""
+    problem = "" if step is None else StepResult.of(step).problem
     return f": {problem}" if problem else ""
 
 
@@ -161,7 +167,7 @@ def call_location(context: Context, step: StepRun | None) -> Location:
     """Point at the calls of a step."""
     if step is None:
         return context.location()
-    service = step.result.get("service") or step.parameters.get("service")
+    service = CallResult.of(step).service or CallStep.given(step).service
     return context.location(service, Span(step.started_ns, step.ended_ns or step.started_ns))
 
 
@@ -173,7 +179,7 @@ def shown(response: Answer) -> str:
 
 
 def _silent(step: StepRun) -> bool:
-    return step.kind == "call" and all(call["response"] is None for call in _calls(step))
+    return step.kind == "call" and all(call.response is None for call in _calls(step))
 
 
 def not_asked(context: Context, step: StepRun | None, kind: str) -> str:
@@ -263,7 +269,7 @@ class _Answered:
 def call_answered(context: Context, p: CallAnswered) -> Finding:
     """Judge one answer."""
     step = _step_that_counts(context, p)
-    request = step.parameters.get("request", {}) if step is not None else {}
+    request = {} if step is None else CallStep.given(step).request
     expected = f"{shown(request)} → {shown(p.response)}"
     response = answer_of(step)
     where = (call_location(context, step),)
@@ -354,8 +360,8 @@ def _was_sent(step: StepRun | None) -> bool:
     """
     if step is None:
         return False
-    wanted = step.parameters.get("request")
-    return bool(step.result.get("request", wanted) == wanted)
+    sent = CallResult.of(step).request
+    return sent is None or sent == CallStep.given(step).request
 
 
 def same_request(context: Context, step: StepRun | None) -> StepRun | None:
@@ -365,9 +371,9 @@ def same_request(context: Context, step: StepRun | None) -> StepRun | None:
     """
     if step is None or _was_sent(step):
         return None
-    request = step.parameters.get("request")
+    request = CallStep.given(step).request
     for earlier in _steps_before(context, step):
-        if earlier.kind == step.kind and earlier.parameters.get("request") != request:
+        if earlier.kind == step.kind and CallStep.given(earlier).request != request:
             return earlier
     return None
 
@@ -380,9 +386,9 @@ def _later_answers(context: Context, p: CallAnswered) -> list[Mapping[str, Any]]
         return []
     if not _was_sent(step) or not _was_sent(later):
         return []
-    if step.parameters.get("request") != later.parameters.get("request"):
+    if CallStep.given(step).request != CallStep.given(later).request:
         return []
-    return [call["response"] for call in _calls(later) if call["response"] is not None]
+    return [call.response for call in _calls(later) if call.response is not None]
 
 
 def _contradicts(p: CallAnswered, answer: Mapping[str, Any]) -> bool:
@@ -422,9 +428,9 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
     step = context.session.step(p.step)
     if step is None or step.outcome != "done":
         return _not_read(context, step, expected)
-    values: Mapping[str, Mapping[str, Any]] = step.result["values"]
+    values = GetParametersResult.of(step).read
     parts = [_judge_parameter(wanted, values.get(wanted.name), p) for wanted in p.parameters]
-    read = [f"{name} = {got['value']!r}" for name, got in values.items()]
+    read = [f"{name} = {got.value!r}" for name, got in values.items()]
     measured = ", ".join(read) or "none of them"
     return of_parts(expected, parts, measured=measured)
 
@@ -441,22 +447,22 @@ def _not_read(context: Context, step: StepRun | None, expected: str) -> Finding:
 
 
 def _judge_parameter(
-    wanted: WantedParameter, got: Mapping[str, Any] | None, p: ParametersDeclared
+    wanted: WantedParameter, got: ParameterValue | None, p: ParametersDeclared
 ) -> Part:
     """Judge type and value of one parameter; None if the node did not give it."""
     if got is None:
         return Part(0.0, reason=f"{wanted.name} is not declared.")
-    if (got["type"], got["value"]) == (wanted.type, wanted.value):
+    if (got.type, got.value) == (wanted.type, wanted.value):
         return Part(1.0)
-    is_so = f"{got['value']!r} ({got['type']})"
+    is_so = f"{got.value!r} ({got.type})"
     reason = f"{wanted.name} is {is_so}, not {wanted.value!r} ({wanted.type})."
     return Part(p.other_value_credit, reason=reason)
 
 
-def asking_delay_s(context: Context, span: Span, asked: Mapping[str, Any]) -> float:
+def asking_delay_s(context: Context, span: Span, held_up_ns: int) -> float:
     """Return the longest machine delay of a process within a span, in seconds.
 
     The delays of the recorder and of the asking process, by its own record, are added.
     """
-    own_s = context.session.recorder_delay_s(span) + int(asked.get("held_up_ns", 0)) / 1e9
+    own_s = context.session.recorder_delay_s(span) + held_up_ns / 1e9
     return context.session.longest_delay_s(span) + own_s

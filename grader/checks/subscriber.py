@@ -36,6 +36,7 @@ from grader.evidence.recorded import Integers
 from grader.evidence.text.printed import Report, reports
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Patterns, Share
+from grader.lab.steps.publish import PublishResult, PublishStep
 from grader.recording.session import Endpoint, ProcessRun, StepRun
 from grader.result import Finding
 
@@ -289,7 +290,7 @@ def _replaced_ns(context: Context, step: StepRun, until_ns: int) -> int | None:
 
     None if they lasted.
     """
-    topic = str(step.parameters.get("topic"))
+    topic = PublishStep.given(step).topic
     endpoints = student_endpoints(context, topic, "subscription")
     nodes = {endpoint.gid: endpoint.node for endpoint in endpoints}
     before: set[str] = set()
@@ -312,14 +313,13 @@ def _is_replaced(before: set[str], there: set[str], nodes: Mapping[str, str]) ->
 
 def _never_matched(context: Context, step: StepRun) -> bool:
     """Tell whether a step published to no subscription, though the student's are compatible."""
-    if step.kind != "publish" or step.result.get("matched") is not False:
+    if step.kind != PublishStep.kind or PublishResult.of(step).matched is not False:
         return False
-    topic = str(step.parameters.get("topic", ""))
-    sent_type = step.parameters.get("type")
-    requests = student_endpoints(context, topic, "subscription")
+    given = PublishStep.given(step)
+    requests = student_endpoints(context, given.topic, "subscription")
     offered = OfferedProfile(durability="transient_local")
     for request in requests:
-        if request.type != sent_type or clash(request, offered) is not None:
+        if request.type != given.type or clash(request, offered) is not None:
             return False
     return bool(requests)
 

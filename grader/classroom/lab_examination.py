@@ -29,6 +29,7 @@ from grader.lab.kept_lab import files_of, functions_of
 from grader.lab.lab_code import OwnParameters
 from grader.lab.overrides import Overrides
 from grader.lab.rubric import Rubric
+from grader.lab.steps.start import StartStep
 from grader.lab.yaml_with_lines import Loc, parse_yaml
 from grader.live.interfaces.build import provide, shipped_for
 from grader.live.sandbox.probing import probe_isolation
@@ -167,14 +168,13 @@ def _works(rubric: Rubric) -> Iterator[tuple[Loc, Callable[[], object], str]]:
         yield ("reference", name, "file"), partial(load_file, folder, spec.file), spec.file
     for session in rubric.sessions.values():
         for n, step in enumerate(session.steps):
-            reference = rubric.reference.get(step.parameters.get("reference") or "")
-            if reference is not None and reference.settings is not None:
+            start = step.step
+            if not isinstance(start, StartStep) or start.reference is None:
+                continue
+            settings = rubric.reference[start.reference].settings
+            if settings is not None:
                 loc = ("sessions", session.id, "steps", n, step.kind)
-                yield (
-                    loc,
-                    partial(_settle, folder, reference.settings, step.parameters["with"]),
-                    reference.settings,
-                )
+                yield loc, partial(_settle, folder, settings, start.with_), settings
     placed = [
         (key, n, each)
         for key in ("criteria", "bonus")

@@ -24,6 +24,7 @@ from grader.evidence.recorded import Recorded
 from grader.evidence.timing import timing_of
 from grader.judging import rubrics
 from grader.lab.rubric import Rubric
+from grader.lab.steps.wait_for import WaitForResult
 from grader.live.interfaces.build import lacking_toolchain
 from grader.live.sandbox.environment import ask_interpreter, require_platform
 from grader.live.sandbox.probing import probe_isolation
@@ -188,7 +189,8 @@ def _traffic(interpreter: Path) -> Iterator[Status]:
                 "Look for a firewall on the loopback interface.",
             )
             return
-        waited_s = float(step.result["waited_s"])
+        waited_s = WaitForResult.of(step).waited_s
+        assert waited_s is not None
         found = f"a node in a real sandbox was heard {waited_s:.2f} s after its start, by unicast on loopback"
         remedy = "The machine is slow to start programs; expect longer gradings."
         yield _status(waited_s < _SLOW_DISCOVERY_S, "discovery", found, remedy)

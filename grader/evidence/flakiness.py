@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 from grader.evidence.cpu_delay import Span
 from grader.evidence.crash.diagnosis import HIT_IN_A_CALL, ended_by_limit
 from grader.evidence.crash.tracebacks import Raised, tracebacks
 from grader.evidence.recorded import Recorded
-from grader.recording.session import AWAITED, ProcessRun, StepRun
+from grader.lab.steps.call import CallResult, CallStep
+from grader.lab.steps.change_state import ChangeStateStep
+from grader.lab.steps.get_parameters import GetParametersStep
+from grader.lab.steps.send_goal import SendGoalResult, SendGoalStep
+from grader.lab.steps.set_parameters import SetParametersStep
+from grader.lab.steps.start import StartResult, StartStep
+from grader.lab.steps.wait_for import WaitForStep
+from grader.recording.session import ProcessRun, StepRun
 
 _KILLED = (-9, 137)
 #: Complaints of programs that may have no more threads or processes. The kernel counts those of a user, and another
@@ -107,7 +114,7 @@ def _stalled(recorded: Recorded) -> str | None:
     waits = _Waits()
     came_ns = _came_ns(recorded)
     for step in recorded.record.steps:
-        if step.kind == "start" and step.result.get("started", True):
+        if step.kind == StartStep.kind and StartResult.of(step).started is not False:
             if waits.found() is not None:
                 break
             waits = _Waits()
@@ -189,13 +196,15 @@ def _came_ns(recorded: Recorded) -> dict[str, int]:
 
 
 def _wanted(step: StepRun) -> str:
-    """Return the name that a step waited for; empty if it was there, and only its answer was missing."""
-    if step.result.get("calls") or step.result.get("goals"):
-        return ""
-    return next(_awaited(step), "")
-
-
-def _awaited(step: StepRun) -> Iterator[str]:
-    for key in AWAITED:
-        if step.parameters.get(key):
-            yield str(step.parameters[key])
+    """Return the name that a step waited for; empty if it was up, because then its requests got no answer."""
+    if step.kind == CallStep.kind:
+        return "" if CallResult.of(step).calls else CallStep.given(step).service
+    if step.kind == SendGoalStep.kind:
+        return "" if SendGoalResult.of(step).goals else SendGoalStep.given(step).action
+    if step.kind == WaitForStep.kind:
+        _, name = WaitForStep.given(step).awaited
+        return name
+    for model in (GetParametersStep, SetParametersStep, ChangeStateStep):
+        if step.kind == model.kind:
+            return model.given(step).node
+    return ""

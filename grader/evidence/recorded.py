@@ -20,6 +20,9 @@ from grader.evidence.authorship import Authorship, authorship
 from grader.evidence.cpu_delay import Backlog, Delay, Span, backlog, clipped, delay_before
 from grader.evidence.crash.tracebacks import without_colours
 from grader.evidence.fields import numbers_of, time_ns
+from grader.lab.steps.call import CallStep
+from grader.lab.steps.observe import ObserveResult
+from grader.lab.steps.wait_for import WaitForStep
 from grader.recording.bag import Bag, Stream
 from grader.recording.definitions import field_steps
 from grader.recording.elements import MOST_VALUES
@@ -149,9 +152,12 @@ class Recorded:
     def window(self, label: str) -> Span | None:
         """Return the span of an `observe` step, if its window opened."""
         step = self.step(label)
-        if step is None or "opened_ns" not in step.result:
+        if step is None:
             return None
-        return Span(int(step.result["opened_ns"]), int(step.result["closed_ns"]))
+        window = ObserveResult.of(step)
+        if window.opened_ns is None or window.closed_ns is None:
+            return None
+        return Span(window.opened_ns, window.closed_ns)
 
     # -- traffic ------------------------------------------------------------------------------
 
@@ -164,14 +170,15 @@ class Recorded:
 
     @functools.cached_property
     def awaited(self) -> frozenset[str]:
-        """Topics and services that the steps expect of the student, under the student's names."""
-        keys = {"wait_for": ("publisher", "service"), "call": ("service",)}
-        names = [
-            step.parameters.get(key)
-            for step in self.record.steps
-            for key in keys.get(step.kind, ())
-        ]
-        return frozenset(self.used(name) for name in names if isinstance(name, str))
+        """Topics and services that the steps expect of the student, under the names that the student used."""
+        names: list[str | None] = []
+        for step in self.record.steps:
+            if step.kind == WaitForStep.kind:
+                awaited = WaitForStep.given(step)
+                names += [awaited.publisher, awaited.service]
+            elif step.kind == CallStep.kind:
+                names.append(CallStep.given(step).service)
+        return frozenset(self.used(name) for name in names if name is not None)
 
     def published_on(self, topic: str) -> tuple[Published, ...]:
         """Return the grader's reports of its publications on a topic (of the graph).

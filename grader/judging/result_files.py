@@ -43,7 +43,7 @@ def judge_so_far(results: Path) -> Result:
     recorded = result.provenance["sessions"]
 
     def shown(check: CheckResult) -> CheckResult:
-        if check.session is None or check.session in recorded or check.outcome.decided:
+        if check.outcome.decided or check.session in (None, *recorded):
             return check
         return replace(check, reason=f"Not yet run: the session '{check.session}' has not ended.")
 

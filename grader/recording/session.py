@@ -30,7 +30,7 @@ STANDARD_TOPICS = ("/rosout", "/parameter_events", "/clock")
 AWAITED = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
 GRADER_NAMESPACE = "/_grader"
-#: Name of the process of a step `link` (`grader.recording.link`).
+#: Name of the process of a step `link` (`grader.lab.steps.link`).
 LINK = "link"
 
 
@@ -165,13 +165,13 @@ class GraphSnapshot:
 
 
 def _actions_of(endpoints: list[ServiceEndpoint]) -> list[ServiceEndpoint]:
-    taking = (endpoint for endpoint in endpoints if endpoint.name.endswith(_GOAL_SERVICE))
-    return [
-        ServiceEndpoint(
-            e.name.removesuffix(_GOAL_SERVICE), e.type.removesuffix("_SendGoal"), e.node
-        )
-        for e in taking
-    ]
+    actions = []
+    for endpoint in endpoints:
+        if endpoint.name.endswith(_GOAL_SERVICE):
+            name = endpoint.name.removesuffix(_GOAL_SERVICE)
+            kind = endpoint.type.removesuffix("_SendGoal")
+            actions.append(ServiceEndpoint(name, kind, endpoint.node))
+    return actions
 
 
 @dataclass
@@ -212,13 +212,17 @@ class Claim:
 
 
 def asked_for(endpoint: Endpoint, claims: Iterable[Claim]) -> Claim | None:
-    """Return the call by which a student's node asked for an endpoint, in whatever namespace: of several its own's."""
-    fitting = [
-        c for c in claims if (c.kind, _plain(c.name)) == (endpoint.kind, _plain(endpoint.topic))
-    ]
-    return next(
-        iter([c for c in fitting if _plain(c.node) == _plain(endpoint.node)] or fitting), None
-    )
+    """Return the claim of an endpoint, in any namespace; of several claims one of the endpoint's own node."""
+    first = None
+    for claim in claims:
+        is_other = claim.kind != endpoint.kind or _plain(claim.name) != _plain(endpoint.topic)
+        if is_other:
+            continue
+        if _plain(claim.node) == _plain(endpoint.node):
+            return claim
+        if first is None:
+            first = claim
+    return first
 
 
 def _plain(name: str) -> str:
@@ -229,8 +233,11 @@ def completed(seen: Qos, claim: Claim | None) -> Qos:
     """Return a profile from discovery with history and depth, which are not announced there, as they were asked for."""
     if claim is None or claim.qos is None:
         return seen
-    history = claim.qos.history if seen.history == "unknown" else seen.history
-    return replace(seen, history=history, depth=seen.depth or claim.qos.depth)
+    if seen.history == "unknown":
+        seen = replace(seen, history=claim.qos.history)
+    if not seen.depth:
+        seen = replace(seen, depth=claim.qos.depth)
+    return seen
 
 
 @dataclass

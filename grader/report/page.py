@@ -16,6 +16,7 @@ from typing import Any
 from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from markupsafe import Markup
 
+from grader.lab.steps.words import fields
 from grader.report import views
 from grader.report.escape import line, shown
 from grader.report.figures.link import percent
@@ -46,7 +47,7 @@ def _template(name: str, styles: tuple[str, ...], scripts: tuple[str, ...]) -> T
         keep_trailing_newline=True,
     )
     environment.filters.update(
-        line=line, duration=duration, prose=prose, breakable=breakable, fields=views.fields
+        line=line, duration=duration, prose=prose, breakable=breakable, fields=fields
     )
     environment.filters.update(percent=percent)
     environment.filters.update(points=views.points, tenths=views.tenths, signed=views.signed)

@@ -80,26 +80,6 @@ def tenths(value: Decimal) -> str:
     return points(value.quantize(Decimal("0.1"), ROUND_HALF_UP))
 
 
-def literal(value: Any) -> str:
-    """Write a value as YAML would, cut where it is long."""
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, str):
-        return f"'{value[:500]}'"
-    if isinstance(value, (list, tuple)):
-        return (
-            "[" + ", ".join(literal(v) for v in value[:20]) + (", …]" if len(value) > 20 else "]")
-        )
-    return str(value)[:500]
-
-
-def fields(values: Any) -> str:
-    """Write a message's fields in a line."""
-    if not isinstance(values, Mapping):
-        return literal(values)
-    return ", ".join(f"{name}: {literal(value)}" for name, value in values.items())
-
-
 def anchor(kind: str, name: str) -> str:
     """Return an id for the page's links."""
     return f"{kind}-" + re.sub(r"[^A-Za-z0-9_.-]", "-", name)

@@ -6,7 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from grader.recording.link import Crossing, LinkedTopic, LinkResult
+from grader.lab.steps.link import Crossing, LinkedTopic, LinkResult
 from grader.recording.session import OutputLine, ProcessRun, Qos, StepRun
 from grader.report.figures.link import LinkTable
 from grader.report.figures.svg import NARROW, WIDE, Figure
@@ -39,7 +39,7 @@ def two_profiles() -> LinkResult:
         LinkedTopic("/fast", "/fast", FLOATS, BEST_EFFORT, BEST_EFFORT, lossy),
         LinkedTopic("/safe", "/safest", FLOATS, LATCHED, LATCHED, safe),
     ]
-    return LinkResult(topics, 10.0, means="a relay")
+    return LinkResult(topics=topics, delay_ms=10.0, means="a relay")
 
 
 def content(figure: Figure) -> LinkTable:
@@ -137,7 +137,9 @@ def test_thousands_of_messages_do_not_make_a_page_heavy(tmp_path: Path) -> None:
     """So many marks as an eye can tell apart, and the soonest and the latest among them."""
     received = [[n + 1, 10_000 + 100 * n] for n in range(5000)]
     result = LinkResult(
-        [LinkedTopic("/fast", "/fast", FLOATS, LATCHED, LATCHED, [crossing(0.3, 5000, received)])]
+        topics=[
+            LinkedTopic("/fast", "/fast", FLOATS, LATCHED, LATCHED, [crossing(0.3, 5000, received)])
+        ]
     )
     figure = figure_of(tmp_path, result)
     (path,) = (mark.get("d") or "" for mark in marks(figure, "ticks"))

@@ -31,8 +31,9 @@ from rclpy.qos import (
 from rclpy.serialization import serialize_message
 from rclpy.subscription import Subscription
 
+from grader.lab.steps.link import LinkedTopic
 from grader.live.ros_node.graph import interface_named, new_context, silent_node
-from grader.recording.link import LinkedTopic, LinkPlan
+from grader.live.ros_node.link_plan import LinkPlan
 from grader.recording.session import Qos
 
 #: How long the ends may take to find each other, and to know of it on both sides.

@@ -1,60 +1,83 @@
-"""Whether a Python file starts its node by itself, or is written for an entry point that calls a function of it."""
+"""Finds out whether a Python file starts its node by itself, or is written for an entry point that calls a function."""
 
 from __future__ import annotations
 
 import ast
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from grader.submission.python_source import parse_python
 
-#: What only a program calls that runs a node.
+#: Methods and classes that only a program calls which runs a node.
 _STARTING = frozenset(
     ["spin", "spin_once", "spin_until_future_complete", "create_node", "MultiThreadedExecutor"]
 )
 _RCLPY_INIT = "rclpy.init"
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
+_NO_MAIN = (ast.Import, ast.ImportFrom, ast.ClassDef)
 
 
 def function_to_call(text: str, entry_points: Sequence[str] = ()) -> str | None:
-    """Return the function that must be called for the file to do anything; None where it runs by itself.
+    """Return the function that must be called for the file to do anything; None if the file runs by itself.
 
-    It is told from the syntax tree: students' code is not imported here. It is one of those that the package's entry
-    points name, or `main`.
+    The function is one of the package's entry points, or `main`. It is found in the syntax tree, because students'
+    code is not imported here.
     """
     try:
         tree = parse_python(text)
     except (SyntaxError, ValueError, RecursionError, MemoryError):
         return None
-    defined = [n for n in tree.body if isinstance(n, (*_FUNCTIONS, ast.ClassDef))]
-    holding = {name: n for n in tree.body for name in _names_given_by(n)}
-    usual = (
-        []
-        if isinstance(holding.get("main"), (ast.Import, ast.ImportFrom, ast.ClassDef))
-        else ["main"]
-    )
-    meant = next(
-        (name for name in (*entry_points, *usual) if name.partition(".")[0] in holding), None
-    )
-    statements = [n for n in tree.body if n not in defined and n is not holding.get(meant or "")]
-    guards = (
-        n
-        for statement in statements
-        if isinstance(statement, ast.If)
-        for n in ast.walk(statement.test)
-    )
-    if meant is None or any(isinstance(n, ast.Name) and n.id == "__name__" for n in guards):
-        return None  # Under `if __name__ == ...` a file says itself how it is run.
+    holding = {name: node for node in tree.body for name in _names_given_by(node)}
+    meant = _meant(holding, entry_points)
+    if meant is None:
+        return None
+    defined = [node for node in tree.body if isinstance(node, (*_FUNCTIONS, ast.ClassDef))]
+    statements = []
+    for node in tree.body:
+        if node not in defined and node is not holding.get(meant):
+            statements.append(node)
+    if _has_guard(statements):
+        return None
+    called: set[str] = set()
+    for node in statements:
+        called |= _called(_outside_of_functions(node))
+    return meant if _starting(meant, defined).isdisjoint(called) else None
+
+
+def _meant(holding: dict[str, ast.stmt], entry_points: Sequence[str]) -> str | None:
+    """Return the first entry point that the file defines, or `main`."""
+    for name in entry_points:
+        if name.partition(".")[0] in holding:
+            return name
+    main = holding.get("main")
+    return "main" if main is not None and not isinstance(main, _NO_MAIN) else None
+
+
+def _has_guard(statements: Iterable[ast.stmt]) -> bool:
+    """Return whether the file says itself how it is run, under `if __name__ == ...`."""
+    for statement in statements:
+        if isinstance(statement, ast.If):
+            for node in ast.walk(statement.test):
+                if isinstance(node, ast.Name) and node.id == "__name__":
+                    return True
+    return False
+
+
+def _starting(
+    meant: str, defined: Iterable[ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef]
+) -> set[str]:
+    """Return the names whose call starts a node: the function meant, rclpy's, and all functions that call them."""
     callers: dict[str, list[str]] = {}
     for node in defined:
         for name in _called(ast.walk(node)):
             callers.setdefault(name, []).append(node.name)
-    starting, waiting = set[str](), [meant, _RCLPY_INIT, *_STARTING]
+    starting: set[str] = set()
+    waiting = [meant, _RCLPY_INIT, *_STARTING]
     while waiting:
-        if (name := waiting.pop()) not in starting:
+        name = waiting.pop()
+        if name not in starting:
             starting.add(name)
             waiting += callers.get(name, ())
-    called = {name for n in statements for name in _called(_outside_of_functions(n))}
-    return meant if starting.isdisjoint(called) else None
+    return starting
 
 
 def _names_given_by(node: ast.stmt) -> list[str]:

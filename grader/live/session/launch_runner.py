@@ -22,6 +22,9 @@ from typing import Any
 from confine.limits import attainable
 from confine.scratch import remove_tree
 from grader.evidence.near_miss import LEAST_RATIO, likeness
+from grader.lab.steps.base import Answer
+from grader.lab.steps.plan import PlanResult, PlanStep, Repair, repair_of
+from grader.lab.steps.start import StartResult
 from grader.live.process.process import PipeReader, RunningProcess
 from grader.live.sandbox.room import LAUNCHING, PARAMETERS, WORKSPACE
 from grader.live.session.student_sandbox import StudentSandbox
@@ -74,31 +77,27 @@ class LaunchRunner:
 
     # -- evaluation ---------------------------------------------------------------------------
 
-    async def plan(self, parameters: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
-        """Evaluate the launch file; returns (outcome, {"plan": ..., "mended": [problem and its repair, ...]})."""
-        source = self._sandbox.plan.sources.get(parameters["launch"])
+    async def plan(self, step: PlanStep) -> Answer:
+        """Evaluate the launch file, and again after each repair of a known mistake."""
+        source = self._sandbox.plan.sources.get(step.launch)
         if source is None:
-            return "failed", {"problem": "missing artifact", "artifact": parameters["launch"]}
-        arguments = dict(parameters["arguments"])
-        worked_around: list[dict[str, Any]] = []
-        end_s = time.monotonic() + parameters["timeout_s"]
+            return Answer("failed", PlanResult("missing artifact", artifact=step.launch))
+        arguments = dict(step.arguments)
+        repairs: list[Repair] = []
+        end_s = time.monotonic() + step.timeout_s
         while True:
-            # All evaluations share the time of one: a file that sleeps before each mistake gains none.
+            # All evaluations share the time of one: a file that sleeps before each mistake gains no time.
             left_s = max(_LEAST_EVALUATION_S, round(end_s - time.monotonic(), 1))
-            outcome, plan = await self._evaluate(source, arguments, left_s, parameters["timeout_s"])
+            outcome, plan = await self._evaluate(source, arguments, left_s, step.timeout_s)
             problem = plan.problem
-            if problem is None or len(worked_around) >= _MAX_REPAIRS:
+            if problem is None or len(repairs) >= _MAX_REPAIRS:
                 break
-            repair = self._repair(
-                problem, {**plan.configurations, **parameters["assume"]}, arguments
-            )
-            if not repair:
+            known = {**plan.configurations, **step.assume}
+            done = self._repair(problem, known, arguments)
+            if not done:
                 break
-            noted = {
-                key: getattr(problem, key) for key in ("kind", "message", "file", "line", "remedy")
-            }
-            worked_around.append({**noted, "repair": repair})
-        return outcome, {"plan": plan.to_plain(), "mended": worked_around}
+            repairs.append(repair_of(problem, done))
+        return Answer(outcome, PlanResult(plan=plan.to_plain(), mended=repairs))
 
     def _repair(self, problem: Problem, known: Mapping[str, str], arguments: dict[str, str]) -> str:
         """Repair a known mistake on a copy, or give the argument that lacks; returns what was done, if anything was."""
@@ -218,70 +217,92 @@ class LaunchRunner:
     async def _evaluate(
         self, source: str, arguments: dict[str, str], left_s: float, timeout_s: float
     ) -> tuple[str, Plan]:
-        """Execute the launch file, confined, and read its plan from a pipe; of the time allowed there is `left_s`."""
-        sandbox = self._sandbox
+        """Execute the launch file in confinement, and read its plan from a pipe.
+
+        Parameters
+        ----------
+        left_s
+            Time for this evaluation.
+        timeout_s
+            Time for all evaluations of the file, for messages.
+        """
         if source in self._given_up:
             return "failed", self._given_up[source]
-        root = f"{sandbox.seen[WORKSPACE]}/src"
-        launch_workspace = None
-        if sandbox.isolation.namespaces:
-            launch_workspace = sandbox.launch_workspace
-            sandbox.copy_workspace(sandbox.workspace, launch_workspace)
         result_read, result_write = os.pipe()
-        memory_bytes = attainable("as", _MAX_MEMORY_BYTES)
-        program = command(sandbox.plan.interpreter, sandbox.seen[LAUNCHING], result_write)
-        limited = ["prlimit", f"--as={memory_bytes}", *program]
-        native = sandbox.plan.native
-        environment = sandbox.environment({"PYTHONPATH": ""})
-        if native is not None:
-            environment |= native.environment(f"{sandbox.seen[WORKSPACE]}/install")
-        run = ProcessRun(
-            "launch file" + "".join(f" {k}:={v}" for k, v in arguments.items()), "student", limited
-        )
-        running = await sandbox.start_confined(
-            run,
-            environment,
-            f"{root}/{Path(source).parent}",
-            workspace=launch_workspace,
-            folders=native.folders if native is not None else {},
-            pass_fds=(result_write,),
-            with_input=True,
-        )
+        shown = "".join(f" {name}:={value}" for name, value in arguments.items())
+        run = ProcessRun(f"launch file{shown}", "student", self._evaluation_command(result_write))
+        running = await self._start_evaluation(run, source, result_write)
         os.close(result_write)
         received: list[str] = []
         reader = PipeReader(result_read, MOST_ANSWER_BYTES, received.append)
-        request = Request(f"{root}/{source}", arguments, root, native is not None)
-        running.write(request.to_json(), last=True)
+        running.write(self._evaluation_request(source, arguments), last=True)
         outcome = await _run_until(running, left_s)
         await running.kill()
         reader.close()
         text = received[0] if received else ""
         if not text:
-            sandbox.note_unstarted(run, "the launch file could not be evaluated")
-        output = run.output[-1].text if run.output else ""
-        ending = Ending(outcome == "done", timeout_s, run.exit_status, run.limit, output)
-        plan = plan_of_answer(text, ending, source)
+            self._sandbox.note_unstarted(run, "the launch file could not be evaluated")
+        plan = plan_of_answer(text, _ending(run, outcome == "done", timeout_s), source)
         if plan.problem is not None and plan.problem.kind in ("too_slow", "no_plan"):
             self._given_up[source] = plan
         return outcome, plan
 
+    def _evaluation_request(self, source: str, arguments: dict[str, str]) -> bytes:
+        is_native = self._sandbox.plan.native is not None
+        return Request(f"{self._root}/{source}", arguments, self._root, is_native).to_json()
+
+    def _evaluation_command(self, result_write: int) -> list[str]:
+        """Return the command of an evaluation that writes its plan to a file descriptor."""
+        sandbox = self._sandbox
+        memory_bytes = attainable("as", _MAX_MEMORY_BYTES)
+        program = command(sandbox.plan.interpreter, sandbox.seen[LAUNCHING], result_write)
+        return ["prlimit", f"--as={memory_bytes}", *program]
+
+    async def _start_evaluation(
+        self, run: ProcessRun, source: str, result_write: int
+    ) -> RunningProcess:
+        sandbox = self._sandbox
+        workspace = None
+        if sandbox.isolation.namespaces:
+            workspace = sandbox.launch_workspace
+            sandbox.copy_workspace(sandbox.workspace, workspace)
+        environment = sandbox.environment({"PYTHONPATH": ""})
+        folders: Mapping[str, Path] = {}
+        native = sandbox.plan.native
+        if native is not None:
+            environment |= native.environment(f"{sandbox.seen[WORKSPACE]}/install")
+            folders = native.folders
+        return await sandbox.start_confined(
+            run,
+            environment,
+            f"{self._root}/{Path(source).parent}",
+            workspace=workspace,
+            folders=folders,
+            pass_fds=(result_write,),
+            with_input=True,
+        )
+
+    @property
+    def _root(self) -> str:
+        """Folder of the sources, as the student's processes see it."""
+        return f"{self._sandbox.seen[WORKSPACE]}/src"
+
     # -- running ------------------------------------------------------------------------------
 
-    async def start(self, plain: Mapping[str, Any] | None) -> tuple[str, dict[str, Any]]:
+    async def start(self, plain: Mapping[str, Any] | None) -> Answer:
         """Start the processes of a plan, now or when it says."""
         if plain is None or plain.get("outcome") != "ok":
-            return "failed", {"problem": "the launch file could not be evaluated"}
+            return Answer("failed", StartResult("the launch file could not be evaluated"))
         plan = Plan.from_plain(plain)
         self._write_files(plan)
         self._absent = {process.id for process in plan.processes if process.absent}
-        for process in (p for p in plan.processes if not p.absent):
+        present = [process for process in plan.processes if not process.absent]
+        for process in present:
             if process.when is None:
                 await self._start(process)
             else:
                 self._later(self._start_when(process, process.when))
-        return "done", {
-            "processes": [process.id for process in plan.processes if not process.absent]
-        }
+        return Answer("done", StartResult(processes=[process.id for process in present]))
 
     def _write_files(self, plan: Plan) -> None:
         """Write the files that the launch file made, or had made, for its nodes."""
@@ -373,6 +394,12 @@ class LaunchRunner:
 _NAME = re.compile(r"(?:\w[\w.+-]{0,99}/){0,9}[\w.+-]{0,199}\w")
 #: What is said of an executable that its package has not.
 _LACKS = "found in package"
+
+
+def _ending(run: ProcessRun, in_time: bool, timeout_s: float) -> Ending:
+    """Return the end of the process of an evaluation."""
+    output = run.output[-1].text if run.output else ""
+    return Ending(in_time, timeout_s, run.exit_status, run.limit, output)
 
 
 def _meant(wanted: str, names: Iterable[str]) -> str | None:

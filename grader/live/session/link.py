@@ -25,15 +25,16 @@ import socket
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from typing import IO, Any
 
 from confine.limits import set_limit
 from confine.namespaces import bring_loopback_up, enter_own_network
+from grader.lab.steps.link import Crossing, LinkedTopic, LinkResult, LinkStep
 from grader.live.process.forked import Program, become
 from grader.live.process.process import RunningProcess
-from grader.recording.link import Crossing, LinkedTopic, LinkPlan, LinkResult
+from grader.live.ros_node.link_plan import LinkPlan
 from grader.recording.session import (
     LINK,
     Claim,
@@ -241,15 +242,20 @@ class Link:
 
     def __init__(
         self,
-        step: StepRun,
+        run: StepRun,
+        step: LinkStep,
         endpoints: Callable[[], Iterable[Endpoint]],
         claims: Callable[[], Sequence[Claim]],
         names: Mapping[str, str],
         watch: Callable[[RunningProcess], object],
     ) -> None:
-        self._step, self._endpoints, self._claims, self._names = step, endpoints, claims, names
+        self._run = run
+        self._step = step
+        self._endpoints = endpoints
+        self._claims = claims
+        self._names = names
         self._watch = watch
-        self.result = LinkResult(delay_ms=float(step.parameters["delay_ms"]), means=_MEANS)
+        self.result = LinkResult(delay_ms=step.delay_ms, means=_MEANS)
 
     async def run(self, seed: int, environment: Mapping[str, str]) -> ProcessRun:
         """Carry the topics that have two sides; what came of it stands in the step in the end, with when it ended."""
@@ -268,8 +274,9 @@ class Link:
             self.result.problem = (
                 "none of the topics has both a publisher and a subscription of the student's"
             )
-        self._step.outcome = "failed" if self.result.problem else "done"
-        self._step.result, self._step.ended_ns = asdict(self.result), time.time_ns()
+        self._run.outcome = "failed" if self.result.problem else "done"
+        self._run.result = self.result.to_plain()
+        self._run.ended_ns = time.time_ns()
         return run
 
     def _look(self) -> bool:
@@ -277,7 +284,7 @@ class Link:
         endpoints, claims = list(self._endpoints()), self._claims()
         self.result.topics = []
         known = []
-        for name in self._step.parameters["topics"]:
+        for name in self._step.topics:
             linked = LinkedTopic(name, self._names.get(name, name))
             self.result.topics.append(linked)
             for kind, side in (("publisher", "offered"), ("subscription", "requested")):
@@ -298,11 +305,9 @@ class Link:
         seed: int,
         environment: Mapping[str, str],
     ) -> None:
-        parameters, said = self._step.parameters, list[bytes]()
-        loss = [float(share) for share in parameters["loss"]]
-        plan = LinkPlan(
-            carried, loss, float(parameters["rate_hz"]), float(parameters["duration_s"])
-        )
+        said: list[bytes] = []
+        loss = self._step.loss
+        plan = LinkPlan(carried, loss, self._step.rate_hz, self._step.duration_s)
         main = partial(carry, plan, self.result.delay_ms / 1e3, seed)
 
         def hear(line: bytes) -> None:

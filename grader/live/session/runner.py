@@ -160,7 +160,7 @@ class SessionRunner:
                 versions=self.versions,
                 problems=[self.lacking[spec.id]] if spec.id in self.lacking else [],
             ),
-            steps=[(StepRun(s.kind, s.parameters, s.label), s.step.describe()) for s in spec.steps],
+            steps=[(StepRun(s.kind, s.parameters, s.label), s.step) for s in spec.steps],
             folder=folder.resolve(),
             scratch=scratch,
             staged=self.staged.resolve(),

@@ -10,6 +10,9 @@ from typing import Any, NamedTuple
 
 from grader.evidence.recorded import Recorded
 from grader.lab import references as ref
+from grader.lab.steps import CallStep, SetParametersStep
+from grader.lab.steps.call import CallRecord, CallResult
+from grader.lab.steps.words import fields, literal
 from grader.recording.session import Claim, Endpoint, Qos, StepRun, asked_for, completed
 from grader.report.escape import line
 from grader.report.figures.svg import (
@@ -22,7 +25,6 @@ from grader.report.figures.svg import (
     duration,
     padded,
 )
-from grader.report.views import fields, literal
 
 _MOST_ENDPOINTS = 16
 _HEIGHT = 260
@@ -40,11 +42,10 @@ class Call:
     response: Any
 
     @classmethod
-    def of(cls, recorded: Recorded, call: Mapping[str, Any]) -> Call:
+    def of(cls, recorded: Recorded, call: CallRecord) -> Call:
         """Read a call from the result of a step."""
-        started_ns = call["started_ns"]
-        latency_s = (call["ended_ns"] - started_ns) / 1e9
-        return cls(recorded.since_start_s(started_ns), latency_s, call["response"])
+        latency_s = (call.ended_ns - call.started_ns) / 1e9
+        return cls(recorded.since_start_s(call.started_ns), latency_s, call.response)
 
     @property
     def end_s(self) -> float:
@@ -119,11 +120,12 @@ def _groups_of(recorded: Recorded, service: str) -> list[CallGroup]:
     """Return the calls of a service, step by step."""
     groups = []
     for step in recorded.record.steps:
-        if step.kind != "call" or step.result.get("service") != service:
+        if step.kind != CallStep.kind:
             continue
-        calls = [Call.of(recorded, call) for call in step.result.get("calls") or ()]
-        if calls:
-            request = fields(step.parameters.get("request", {}))
+        result = CallResult.of(step)
+        if result.service == service and result.calls:
+            calls = [Call.of(recorded, call) for call in result.calls]
+            request = fields(CallStep.given(step).request)
             groups.append(CallGroup(step.label or "call", request, calls))
     return groups
 
@@ -144,7 +146,7 @@ def _parameters_set(recorded: Recorded, calls: Sequence[Call]) -> list[_SetParam
 
 def _assignments(step: StepRun) -> str:
     """Write the parameters that a step sets: `max_speed = 1.5, mode = 'fast'`."""
-    values = step.parameters.get("values", {})
+    values = SetParametersStep.given(step).values
     return ", ".join(f"{name} = {literal(value)}" for name, value in values.items())
 
 

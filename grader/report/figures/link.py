@@ -16,8 +16,7 @@ from grader.checks.endpoints import clash
 from grader.evidence.recorded import Floats, Recorded
 from grader.evidence.text.result_rows import LINE_LIMIT, lines_naming
 from grader.lab import references as ref
-from grader.recording.link import Crossing, LinkedTopic, LinkResult
-from grader.recording.record import from_plain
+from grader.lab.steps.link import Crossing, LinkedTopic, LinkResult
 from grader.recording.session import Endpoint, Qos
 from grader.report.escape import line
 from grader.report.figures.svg import (
@@ -113,7 +112,7 @@ class LinkTable:
     #: Id of the check that found the student's explanation.
     explained_by: str | None
     #: Reason why there is no picture.
-    problem: str = ""
+    problem: str | None = ""
 
     @property
     def losses(self) -> list[float]:
@@ -144,7 +143,7 @@ class Link(FigureKind):
         step = recorded.step(self.step)
         if step is None or not step.result:
             return None
-        result = from_plain(LinkResult, step.result)
+        result = LinkResult.of(step)
         profiles = self._profiles(result.topics, recorded)
         content = LinkTable(profiles, self.explained_by, result.problem)
         shown = [profile for profile in profiles if profile.outcomes]

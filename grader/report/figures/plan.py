@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from grader.evidence.recorded import Recorded
+from grader.lab.steps.words import fields, literal
 from grader.report.figures.svg import Figure, FigureKind
-from grader.report.views import fields, literal
 from launch_plan.plan import (
     Argument,
     Component,

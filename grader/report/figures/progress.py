@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from grader.evidence.recorded import Recorded
 from grader.lab import references as ref
+from grader.lab.steps.change_state import ChangeStateResult, ChangeStateStep
+from grader.lab.steps.send_goal import GoalRecord, SendGoalResult, SendGoalStep
+from grader.lab.steps.words import fields
 from grader.recording.session import StepRun
 from grader.report.escape import line
 from grader.report.figures.svg import (
@@ -24,7 +26,6 @@ from grader.report.figures.svg import (
     Range,
     padded,
 )
-from grader.report.views import fields
 
 _MOST_ROWS = 16
 #: Heights of a row and of its bar in px.
@@ -124,21 +125,19 @@ class _Goal:
     """A goal that was sent, and the step that sent it."""
 
     step: StepRun
-    #: Entry of the step's result.
-    facts: Mapping[str, Any]
+    record: GoalRecord
 
     @property
     def accepted(self) -> bool | None:
         """True if the server accepted the goal, and None without an answer."""
-        accepted: bool | None = self.facts["accepted"]
-        return accepted
+        return self.record.accepted
 
     @property
     def end_ns(self) -> int:
         """Time at which the goal ended or was rejected, or waiting ended."""
-        ended_ns: int | None = self.facts["ended_ns"]
+        ended_ns = self.record.ended_ns
         if not ended_ns and self.accepted is False:
-            ended_ns = self.facts["answered_ns"]
+            ended_ns = self.record.answered_ns
         return ended_ns or self.step.ended_ns
 
     @property
@@ -149,21 +148,21 @@ class _Goal:
             return f"{label}: no answer"
         if not self.accepted:
             return f"{label}: rejected"
-        title = f"{label}: {self.facts['status']}"
-        if self.facts["result"]:
-            title += f", {fields(self.facts['result'])}"
+        title = f"{label}: {self.record.status}"
+        if self.record.result:
+            title += f", {fields(self.record.result)}"
         return title
 
     def row(self, recorded: Recorded) -> _Row:
-        begin_s = recorded.since_start_s(self.facts["sent_ns"])
+        begin_s = recorded.since_start_s(self.record.sent_ns)
         end_s = recorded.since_start_s(self.end_ns)
         style = "call-accepted faint" if self.accepted else "call-refused"
         span = _Span(begin_s, end_s, "", style)
-        feedback_s = [recorded.since_start_s(each["t_ns"]) for each in self.facts["feedback"]]
+        feedback_s = [recorded.since_start_s(each.t_ns) for each in self.record.feedback]
         marks = []
-        cancel = self.facts["cancel"]
+        cancel = self.record.cancel
         if cancel is not None:
-            marks.append(_Mark(recorded.since_start_s(cancel["sent_ns"]), "cancel"))
+            marks.append(_Mark(recorded.since_start_s(cancel.sent_ns), "cancel"))
         return _Row(self.title, [span], _thinned(feedback_s), marks)
 
 
@@ -181,7 +180,7 @@ class Goals(FigureKind):
         feedback = 0
         for goal in goals:
             accepted += goal.accepted is True
-            feedback += goal.facts["feedback_count"]
+            feedback += goal.record.feedback_count
         caption = f"{len(goals)} goals, {accepted} accepted, with {feedback} messages of feedback, a dot each."
         chart = _Chart([goal.row(recorded) for goal in goals])
         return Figure(caption, chart.paint)
@@ -190,8 +189,8 @@ class Goals(FigureKind):
         """Return the goals that steps sent to the action."""
         goals = []
         for step in recorded.record.steps:
-            if step.kind == "send_goal" and step.parameters["action"] == self.action:
-                goals += [_Goal(step, facts) for facts in step.result.get("goals", ())]
+            if step.kind == SendGoalStep.kind and SendGoalStep.given(step).action == self.action:
+                goals += [_Goal(step, record) for record in SendGoalResult.of(step).goals]
         return goals[:_MOST_ROWS]
 
 
@@ -223,13 +222,14 @@ class States(FigureKind):
 
 def _spans(recorded: Recorded, steps: Sequence[StepRun]) -> list[_Span]:
     """Return the states before, between and after transitions."""
+    changes = [ChangeStateResult.of(step) for step in steps]
     begins_ns = [recorded.record.started_ns]
     ends_ns = []
-    states = [str(steps[0].result["before"])]
-    for step in steps:
-        ends_ns.append(step.result["called_ns"])
-        begins_ns.append(step.result["answered_ns"])
-        states.append(str(step.result["after"]))
+    states = [str(changes[0].before)]
+    for change in changes:
+        ends_ns.append(change.called_ns)
+        begins_ns.append(change.answered_ns)
+        states.append(str(change.after))
     ends_ns.append(recorded.record.ended_ns)
     spans = []
     for begin_ns, end_ns, state in zip(begins_ns, ends_ns, states, strict=True):
@@ -241,7 +241,11 @@ def _spans(recorded: Recorded, steps: Sequence[StepRun]) -> list[_Span]:
 
 def _transitions(steps: Sequence[StepRun]) -> str:
     """Write transitions with their results: `configure → inactive, activate → active`."""
-    return ", ".join(f"{step.parameters['transition']} → {step.result['after']}" for step in steps)
+    texts = []
+    for step in steps:
+        transition = ChangeStateStep.given(step).transition
+        texts.append(f"{transition} → {ChangeStateResult.of(step).after}")
+    return ", ".join(texts)
 
 
 def _thinned(times_s: Sequence[float]) -> Sequence[float]:

@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 from grader.evidence.recorded import Recorded
-from grader.lab.steps import STEPS
+from grader.lab.steps import STEPS, CallStep, ObserveStep
+from grader.lab.steps.base import Step, StepResult
+from grader.lab.steps.call import CallResult
+from grader.lab.steps.observe import ObserveResult
+from grader.lab.steps.wait_for import WaitForResult
+from grader.lab.steps.words import fields
 from grader.recording.session import StepRun
 from grader.report.figures.graph import Call
 from grader.report.figures.svg import duration
 from grader.report.timeline.moments import Lane, Moment
-from grader.report.views import fields
 
 
 def lanes_of_steps(recorded: Recorded) -> Iterator[Lane]:
@@ -28,15 +31,17 @@ def lanes_of_steps(recorded: Recorded) -> Iterator[Lane]:
 
 def _moments_of(recorded: Recorded, step: StepRun) -> list[Moment]:
     """Return the calls of a step, or else the step as one moment."""
-    if step.result.get("calls"):
+    if step.kind == CallStep.kind and CallResult.of(step).calls:
         return list(_calls(recorded, step))
     return [_span(recorded, step)]
 
 
 def _span(recorded: Recorded, step: StepRun) -> Moment:
     """Return a step from its start to its end, or its window while this was open."""
-    opened_ns = step.result.get("opened_ns")
-    closed_ns = step.result.get("closed_ns")
+    window = ObserveResult()
+    if step.kind == ObserveStep.kind:
+        window = ObserveResult.of(step)
+    opened_ns, closed_ns = window.opened_ns, window.closed_ns
     style = "step"
     if opened_ns:
         style = "window"
@@ -61,7 +66,7 @@ def _described(step: StepRun) -> str:
     if model is None:
         return step.kind
     try:
-        return model.model_construct(**step.parameters).describe()
+        return model.given(step).describe()
     except (KeyError, ValueError, TypeError):
         # At the time of the recording the step had other parameters.
         return step.kind
@@ -73,68 +78,20 @@ def _described(step: StepRun) -> str:
 def _note(step: StepRun) -> str:
     """Describe the outcome of a step."""
     outcomes = {"done": "", "timeout": "not in time"}
-    notes = [
-        outcomes.get(step.outcome, step.outcome),
-        str(step.result.get("problem", "")),
-        _alias(step),
-    ]
-    result_of = _RESULTS.get(step.kind)
-    if result_of is not None:
-        notes.append(result_of(step.result))
+    model = STEPS.get(step.kind, Step)
+    result = model.result.of(step)
+    outcome = outcomes.get(step.outcome, step.outcome)
+    notes = [outcome, result.problem, _alias(step, result), result.note()]
     return "; ".join(filter(None, notes))
 
 
-def _alias(step: StepRun) -> str:
+def _alias(step: StepRun, result: StepResult) -> str:
     """Describe another name under which a step found its object."""
-    name = step.result.get("name")
-    if not isinstance(name, str) or name in step.parameters.values():
+    if not isinstance(result, WaitForResult):
         return ""
-    return f"found as {name}"
-
-
-def _started(result: Mapping[str, Any]) -> str:
-    if result.get("started") is False:
-        return "it was running"
-    return ", ".join(result.get("processes", ()))
-
-
-def _published(result: Mapping[str, Any]) -> str:
-    if result.get("matched", True):
+    if result.name is None or result.name in step.parameters.values():
         return ""
-    return "no subscription was matched"
-
-
-def _parameters_read(result: Mapping[str, Any]) -> str:
-    values = {}
-    for name, held in result.get("values", {}).items():
-        if held:
-            values[name] = held.get("value")
-    return fields(values)
-
-
-def _parameters_set(result: Mapping[str, Any]) -> str:
-    if not result.get("refused"):
-        return ""
-    return f"refused: {fields(result['refused'])}"
-
-
-def _state_changed(result: Mapping[str, Any]) -> str:
-    return " → ".join(str(result[key]) for key in ("before", "after") if key in result)
-
-
-def _planned(result: Mapping[str, Any]) -> str:
-    return str(result.get("plan", {}).get("problem") or "")
-
-
-#: Description of a step's result, by its kind.
-_RESULTS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
-    "start": _started,
-    "publish": _published,
-    "get_parameters": _parameters_read,
-    "set_parameters": _parameters_set,
-    "change_state": _state_changed,
-    "plan": _planned,
-}
+    return f"found as {result.name}"
 
 
 # -- calls -------------------------------------------------------------------------------------
@@ -142,9 +99,10 @@ _RESULTS: Mapping[str, Callable[[Mapping[str, Any]], str]] = {
 
 def _calls(recorded: Recorded, step: StepRun) -> Iterator[Moment]:
     """Yield the calls of a step; consecutive calls with the same answer are one moment."""
-    calls = [Call.of(recorded, call) for call in step.result["calls"]]
-    request = fields(step.parameters.get("request", {})) or "an empty request"
-    text = f"calling {step.result.get('service', '')} with {request}{_label(step)}"
+    result = CallResult.of(step)
+    calls = [Call.of(recorded, call) for call in result.calls]
+    request = fields(CallStep.given(step).request) or "an empty request"
+    text = f"calling {result.service} with {request}{_label(step)}"
     for (style, _), alike in itertools.groupby(calls, key=_likeness):
         group = list(alike)
         end_s = max(call.end_s for call in group)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from grader.evidence.recorded import Floats, Recorded
+from grader.lab.steps.change_state import ChangeStateResult, ChangeStateStep
+from grader.lab.steps.send_goal import GoalRecord, SendGoalResult, SendGoalStep
+from grader.lab.steps.words import fields
 from grader.recording.session import StepRun
 from grader.report.figures.svg import short
 from grader.report.timeline.moments import MOST_LANES, Lane, Moment, stacked
-from grader.report.views import fields
 
 #: Least silence of a topic, as a multiple of its usual interval, and in s.
 _SILENT_INTERVALS, _SILENT_S = 8, 0.25
@@ -29,43 +30,40 @@ class _Goal:
     """A goal that a step sent."""
 
     step: StepRun
-    #: Entry of the step's result.
-    facts: Mapping[str, Any]
+    record: GoalRecord
 
     def moment(self, recorded: Recorded) -> Moment:
         """Return the time from sending to the result."""
-        start_s = recorded.since_start_s(self.facts["sent_ns"])
+        start_s = recorded.since_start_s(self.record.sent_ns)
         end_s = recorded.since_start_s(self._end_ns())
-        text = f"{self.step.label or 'goal'}: {fields(self.facts.get('goal', {}))}"
+        text = f"{self.step.label or 'goal'}: {fields(self.record.goal)}"
         style = "goal-silent" if self.silent else "goal"
         return Moment(style, start_s, text, self._note(), end_s, self.silent)
 
     @property
     def silent(self) -> bool:
         """True for a goal without a result that was not rejected."""
-        return self.facts.get("accepted") is not False and not self.facts.get("ended_ns")
+        return self.record.accepted is not False and not self.record.ended_ns
 
     def _end_ns(self) -> int:
         """Return the time of the result, of the end of waiting, or of the rejection."""
-        ended_ns: int | None = self.facts.get("ended_ns")
-        if ended_ns:
-            return ended_ns
+        if self.record.ended_ns:
+            return self.record.ended_ns
         if self.silent:
             return self.step.ended_ns
-        answered_ns: int = self.facts["answered_ns"]
-        return answered_ns
+        return self.record.answer_ns
 
     def _note(self) -> str:
         """Describe answer, status and result."""
-        accepted = self.facts.get("accepted")
-        status = self.facts.get("status") if self.facts.get("ended_ns") else "no result"
+        accepted = self.record.accepted
+        status = self.record.status if self.record.ended_ns else "no result"
         note = "rejected"
         if accepted:
             note = f"accepted, {status}"
         elif accepted is None:
             note = "not answered"
-        if self.facts.get("result") is not None:
-            result = fields(self.facts["result"])
+        if self.record.result is not None:
+            result = fields(self.record.result)
             if result:
                 note += f": {result}"
         return note
@@ -73,16 +71,18 @@ class _Goal:
     def beside(self, recorded: Recorded) -> Iterator[Moment]:
         """Yield feedback and cancelling."""
         goal = self.step.label or "the goal"
-        count = self.facts.get("feedback_count", 0)
+        count = self.record.feedback_count
         if count:
-            first_s = recorded.since_start_s(self.facts["first_feedback_ns"])
-            last_s = recorded.since_start_s(self.facts["last_feedback_ns"])
+            first_ns, last_ns = self.record.feedback_span_ns
+            first_s, last_s = recorded.since_start_s(first_ns), recorded.since_start_s(last_ns)
             yield Moment("feedback", first_s, f"feedback on {goal}", f"{count} messages", last_s)
-        cancel = self.facts.get("cancel")
+        cancel = self.record.cancel
         if cancel:
             answers = {True: "accepted", False: "refused"}
-            answer = answers.get(cancel["accepted"], "no answer")
-            at_s = recorded.since_start_s(cancel["sent_ns"])
+            answer = "no answer"
+            if cancel.accepted is not None:
+                answer = answers[cancel.accepted]
+            at_s = recorded.since_start_s(cancel.sent_ns)
             yield Moment("cancel", at_s, f"{goal} is to be cancelled", answer)
 
 
@@ -90,9 +90,10 @@ def lanes_of_actions(recorded: Recorded) -> Iterator[Lane]:
     """Yield lanes for each action: its goals, and below them feedback and cancelling."""
     sent: dict[str, list[_Goal]] = {}
     for step in recorded.record.steps:
-        action = str(step.parameters.get("action", ""))
-        for facts in step.result.get("goals", ()):
-            sent.setdefault(action, []).append(_Goal(step, facts))
+        if step.kind == SendGoalStep.kind:
+            action = SendGoalStep.given(step).action
+            for record in SendGoalResult.of(step).goals:
+                sent.setdefault(action, []).append(_Goal(step, record))
     for action, goals in itertools.islice(sent.items(), MOST_LANES):
         yield from stacked(action, "goals", [goal.moment(recorded) for goal in goals])
         beside: list[Moment] = []
@@ -106,23 +107,29 @@ def lanes_of_actions(recorded: Recorded) -> Iterator[Lane]:
 
 def lanes_of_states(recorded: Recorded) -> Iterator[Lane]:
     """Yield a lane for each lifecycle node: its states before and after each transition."""
-    changes: dict[str, list[StepRun]] = {}
+    changes: dict[str, list[_Change]] = {}
     for step in recorded.record.steps:
-        if step.kind == "change_state" and "called_ns" in step.result:
-            node = str(step.result.get("node", ""))
-            changes.setdefault(node, []).append(step)
+        if step.kind == ChangeStateStep.kind:
+            result = ChangeStateResult.of(step)
+            if result.called_ns:
+                changes.setdefault(result.node or "", []).append((step, result))
     for node, steps in itertools.islice(changes.items(), MOST_LANES):
         yield Lane(node, "state", list(_states(recorded, node, steps)))
 
 
-def _states(recorded: Recorded, node: str, steps: Sequence[StepRun]) -> Iterator[Moment]:
+#: A step that asked for a transition, and its result.
+_Change = tuple[StepRun, ChangeStateResult]
+
+
+def _states(recorded: Recorded, node: str, changes: Sequence[_Change]) -> Iterator[Moment]:
     """Yield the states of a node, each up to the answer to the next transition."""
-    state = steps[0].result["before"]
-    begin_s = recorded.since_start_s(steps[0].started_ns)
-    for step in steps:
-        end_s = recorded.since_start_s(step.result["answered_ns"])
+    first, result = changes[0]
+    state = result.before
+    begin_s = recorded.since_start_s(first.started_ns)
+    for _, result in changes:
+        end_s = recorded.since_start_s(result.answered_ns)
         yield Moment("state", begin_s, f"{node} is {state}", end_s=end_s)
-        state = step.result["after"]
+        state = result.after
         begin_s = end_s
     end_s = recorded.since_start_s(recorded.record.ended_ns)
     yield Moment("state", begin_s, f"{node} is {state}", end_s=end_s)

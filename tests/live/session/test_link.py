@@ -14,8 +14,8 @@ pytest.importorskip("rclpy")
 ROOT = Path(__file__).parents[3]
 sys.path.append(str(ROOT))
 
+from grader.lab.steps.link import LinkedTopic, LinkResult  # noqa: E402
 from grader.live.sandbox.probing import probe_isolation  # noqa: E402
-from grader.recording.link import LinkedTopic, LinkResult  # noqa: E402
 from grader.recording.record import from_plain  # noqa: E402
 from grader.recording.session import SessionRecord, read_session  # noqa: E402
 from tests.live.small_lab import TEXT, make_lab, record_one  # noqa: E402
