@@ -1,18 +1,18 @@
-"""Deadlines that only run while somebody looks: who stalls for a while must not take others for late."""
+"""Deadlines that only run while the grader looks: a stall of the grader must not make others late."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-#: Who waits looks every few hundredths of a second; where so much lies between two looks, it stalled itself.
+#: Time in s between two looks that counts as a stall of the grader, which looks every few hundredths of a second.
 _STALL_S = 0.25
-#: So much of a stall is left out of account, and no more.
+#: Most stalled time in s that is left out.
 _MOST_LEFT_OUT_S = 10.0
 
 
 class Deadline:
-    """A time that something may take; `stall_s` is for how long nobody looked, which does not count."""
+    """A time limit; the time `stall_s` without looks does not count."""
 
     def __init__(self, timeout_s: float, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock

@@ -1,4 +1,4 @@
-"""Values of a rubric in a message, whose type may be a student's own.
+"""Values of a rubric in a message; the type of the message may be a student's own.
 
 The C code of a type ends the process where a field holds something else, such as an integer for a `float64`. So every
 value is checked in Python before.
@@ -49,7 +49,7 @@ def fields_in(kind: Any, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _value(spelled: str, value: Any) -> Any:
-    """Return a value as a field takes it, whose type is spelled so."""
+    """Return a value in the form that a field takes; `spelled` is the type of the field, e.g. "sequence<double>"."""
     if isinstance(value, (list, tuple)):
         return [_value(_element(spelled), each) for each in value]
     if isinstance(value, Mapping):

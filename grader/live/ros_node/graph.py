@@ -1,6 +1,6 @@
 """The ROS graph as one node sees it, as snapshots without the endpoints of the node's own process.
 
-What is ours is known by its gid: a student's node may have any name.
+The grader's endpoints are known by their gids, because a student's node may have any name.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def new_context(domain_id: int | None) -> rclpy.Context:
 
 
 def silent_node(name: str, context: rclpy.Context) -> Node:
-    """Make a node of the grader's: nobody can ask anything of it, or find its words in the log."""
+    """Make a node of the grader without services and without a log."""
     return Node(
         name,
         namespace=GRADER_NAMESPACE,
@@ -73,7 +73,7 @@ def silent_node(name: str, context: rclpy.Context) -> Node:
 def interface_named(name: str) -> Any:
     """Import the class of an interface's type, e.g. ``std_srvs/srv/SetBool``; raises ImportError without one.
 
-    Only what an installed package defines is imported: the name may come from outside, and a module does what it likes.
+    Only types of installed packages are imported: the name may come from outside, and an import executes code.
     """
     if not type_hash_of(name):
         raise ImportError(f"no installed package defines {name}")
@@ -96,7 +96,7 @@ def is_reserved(name: str) -> bool:
 
 
 def _readable(ask: Callable[[], list[T]], otherwise: list[T]) -> list[T]:
-    """Return what rclpy reports of the graph, or something else where a name in it is no text or empty."""
+    """Return a report of rclpy about the graph; `otherwise` if a name in it is empty or no text."""
     try:
         return ask()
     except (UnicodeDecodeError, RuntimeError):
@@ -113,7 +113,7 @@ def _topics(node: Node, known: Collection[str]) -> list[tuple[str, list[str]]]:
 def gid_prefix_of(node: Node) -> str:
     """Return the digits with which the gids of all endpoints of a node's process begin.
 
-    They are read from the graph, on a topic whose name nobody else can know.
+    They are read from the graph, on a topic with a secret name.
     """
     topic = f"{GRADER_NAMESPACE}/_{secrets.token_hex(8)}"
     publisher = node.create_publisher(Empty, topic, 1)
@@ -161,54 +161,65 @@ def _endpoints_of(node: Node, topic: str) -> list[Endpoint]:
 def snapshot(
     node: Node, own_prefix: str, first: Collection[str], before: GraphSnapshot
 ) -> GraphSnapshot:
-    """Take a snapshot of the graph, without the endpoints of the process that `own_prefix` is of.
+    """Take a snapshot of the graph, without the endpoints of the process with the prefix `own_prefix`.
 
-    Of too many topics those of `first` are looked at before all others. Where names are not known, those of the last
-    snapshot stand in.
+    Of too many topics, those in `first` are looked at before all others. If names cannot be read, those of the snapshot
+    `before` stand in.
     """
     taken = GraphSnapshot(time.time_ns())
-    named = _readable(
-        node.get_node_names_and_namespaces, [full.rsplit("/", 1)[::-1] for full in before.nodes]
-    )
-    taken.nodes = sorted(full_name(namespace, name) for name, namespace in named)
-    known = {*first, *(endpoint.topic for endpoint in before.endpoints)}
-    topics = sorted(name for name, _ in _topics(node, known) if not is_reserved(name))
-    topics.sort(key=lambda name: name not in first)
-    for topic in topics[:MAX_TOPICS]:
-        if len(taken.endpoints) >= MAX_ENDPOINTS:
-            break
-        taken.endpoints += [
-            e for e in _endpoints_of(node, topic) if not e.gid.startswith(own_prefix)
-        ]
-    # Nodes are told apart by their names alone. In our namespace those with endpoints of others are kept.
+    names = _node_names(node, before)
+    taken.endpoints = _student_endpoints(node, own_prefix, first, before)
+    # Nodes are told apart by their names alone. In the grader's namespace, those with endpoints of others are kept.
     others = {endpoint.node for endpoint in taken.endpoints}
-    taken.endpoints = sorted(
-        taken.endpoints[:MAX_ENDPOINTS], key=lambda e: (e.topic, e.kind, e.gid)
-    )
-    taken.nodes = [full for full in taken.nodes if not is_reserved(full) or full in others][
-        :MAX_NODES
-    ]
+    kept = [full for full in names if not is_reserved(full) or full in others]
+    taken.nodes = kept[:MAX_NODES]
     for full in sorted(set(taken.nodes)):
         taken.services += _services_of(node.get_service_names_and_types_by_node, full)
         taken.clients += _services_of(node.get_client_names_and_types_by_node, full)
     if len(taken.nodes) > len(set(taken.nodes)):
-        # Of several nodes of one name the middleware tells the services of one alone.
-        several, known = (
-            Counter(taken.nodes).most_common(1)[0][0],
-            {service.name for service in taken.services},
-        )
-        for found in _services_of(lambda *_: node.get_service_names_and_types(), several):
-            if (
-                found.name not in known
-                and _TOPIC_NAME.fullmatch(found.name)
-                and node.count_services(found.name)
-            ):
-                taken.services.append(found)
+        taken.services += _services_of_namesakes(node, taken)
     return taken
 
 
+def _node_names(node: Node, before: GraphSnapshot) -> list[str]:
+    """Return the full names of all nodes, sorted, with duplicates."""
+    otherwise = []
+    for full in before.nodes:
+        namespace, name = full.rsplit("/", 1)
+        otherwise.append((name, namespace))
+    named = _readable(node.get_node_names_and_namespaces, otherwise)
+    return sorted(full_name(namespace, name) for name, namespace in named)
+
+
+def _student_endpoints(
+    node: Node, own_prefix: str, first: Collection[str], before: GraphSnapshot
+) -> list[Endpoint]:
+    known = {*first, *(endpoint.topic for endpoint in before.endpoints)}
+    topics = sorted(name for name, _ in _topics(node, known) if not is_reserved(name))
+    topics.sort(key=lambda name: name not in first)
+    endpoints: list[Endpoint] = []
+    for topic in topics[:MAX_TOPICS]:
+        if len(endpoints) >= MAX_ENDPOINTS:
+            break
+        found = _endpoints_of(node, topic)
+        endpoints += [each for each in found if not each.gid.startswith(own_prefix)]
+    return sorted(endpoints[:MAX_ENDPOINTS], key=lambda each: (each.topic, each.kind, each.gid))
+
+
+def _services_of_namesakes(node: Node, taken: GraphSnapshot) -> list[ServiceEndpoint]:
+    """Return services of several nodes with one name, because the middleware reports those of only one."""
+    name = Counter(taken.nodes).most_common(1)[0][0]
+    known = {service.name for service in taken.services}
+    services = []
+    for found in _services_of(lambda *_: node.get_service_names_and_types(), name):
+        is_new = found.name not in known and _TOPIC_NAME.fullmatch(found.name)
+        if is_new and node.count_services(found.name):
+            services.append(found)
+    return services
+
+
 def _glance(node: Node) -> object:
-    """Return what of the graph costs a tenth of a snapshot to look at: names, types, and how many endpoints."""
+    """Return the facts of the graph that cost a tenth of a snapshot: names, types, numbers of endpoints."""
     topics = _topics(node, ())
     handle, names = node.handle, [name for name, _ in topics[:MAX_TOPICS]]
     with handle:

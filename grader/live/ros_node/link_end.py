@@ -74,7 +74,7 @@ def is_compatible(topic: LinkedTopic) -> bool:
 
 
 def profile_of(qos: Qos) -> QoSProfile:
-    """Return the profile of a recorded one; where history or depth are not known, those of most nodes."""
+    """Return the QoS profile of a recorded one, with the usual history and depth if they are unknown."""
     known = qos.history in ("keep_last", "keep_all")
     more: dict[str, Any] = {
         name: Duration(nanoseconds=value)
@@ -148,7 +148,7 @@ def send(plan: LinkPlan) -> None:
             if not sys.stdin.readline():
                 return
         _say("done")
-        sys.stdin.readline()  # What was published last is there for who asks again.
+        sys.stdin.readline()  # The last messages must stay available for retransmission.
 
 
 def _message_of(topic_type: str) -> bytes:
@@ -189,7 +189,7 @@ def _publish(each: Sequence[tuple[Any, bytes]], rate_hz: float, duration_s: floa
 
 @dataclass(frozen=True, eq=False)
 class _Reader:
-    """A subscription, with what it has received: publication sequence number and latency in µs of each message."""
+    """A subscription, with the publication sequence number and the latency in µs of each received message."""
 
     handle: Any
     message_type: type
@@ -200,7 +200,7 @@ class _Reader:
     received: list[tuple[int, int]] = field(default_factory=list)
 
     def take(self) -> None:
-        """Take what has come."""
+        """Take the messages that have arrived."""
         while (message := self.handle.take_message(self.message_type, True)) is not None:
             info: Mapping[str, int] = message[1]
             latency_ns = time.time_ns() - info["source_timestamp"]
@@ -249,7 +249,7 @@ class _Receiver:
             reader.take()
 
     def received(self) -> list[list[dict[str, Any]]]:
-        """Return for each topic and level what came, and what came to each subscription that joined late."""
+        """Return the messages of each topic and level, and those of each subscription that joined late."""
         found: list[list[dict[str, Any]]] = [
             [
                 {"received": [], "late": self._none_late(n, level)}

@@ -1,4 +1,4 @@
-"""Messages as JSON has them, cut to what is of use: a student's may be as large as its sender likes."""
+"""Messages as JSON has them, cut to a bounded size, because a student's message may have any size."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from itertools import islice
 from typing import Any
 
-#: What is passed on of a text, and of the elements of an array.
+#: Longest text, and most elements of an array.
 LONGEST_TEXT, MOST_ELEMENTS = 10_000, 1000
 #: Characters and values that are passed on of a whole message.
 MOST_IN_MESSAGE = 100_000
@@ -20,7 +20,7 @@ class Room:
 
 
 def plain(value: Any, room: Room | None = None) -> Any:
-    """Return a message, or a part of one, as JSON has it; None in place of what there is no room for."""
+    """Return a message, or a part of one, as JSON has it; None for values without room."""
     room = room or Room()
     if room.left <= 0:
         return None

@@ -90,7 +90,7 @@ def _names_given_by(node: ast.stmt) -> list[str]:
 
 
 def _called(nodes: Iterator[ast.AST]) -> set[str]:
-    """Return the names of what is called: of methods those that run a node."""
+    """Return the names of called functions, and of called methods that run a node."""
     found = set()
     for function in (node.func for node in nodes if isinstance(node, ast.Call)):
         if isinstance(function, ast.Name):
@@ -102,7 +102,7 @@ def _called(nodes: Iterator[ast.AST]) -> set[str]:
 
 
 def _outside_of_functions(node: ast.AST) -> Iterator[ast.AST]:
-    """Give a statement and what lies in it, without the bodies of functions that it defines."""
+    """Yield a statement and all nodes in it, without the bodies of functions that it defines."""
     waiting = [node]
     while waiting:
         each = waiting.pop()

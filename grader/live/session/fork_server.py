@@ -1,4 +1,4 @@
-"""Starts the first processes of sandboxes as forks of a process that has imported what they need.
+"""Starts the first processes of sandboxes as forks of a process with all imports done.
 
 The server has an environment made from nothing, starts no thread and nothing of ROS, and serves one grading; that of a
 class branches, so that each of its gradings has one of its own, which ends with it. Each sandbox's first process then
@@ -67,19 +67,19 @@ class ForkServer(ForkingServer):
         self.types = types
 
     def request(self, form: Form, plan: Path | None = None) -> bytes:
-        """Return what asks for the session of a plan, or for a branch."""
+        """Return the message that asks for the session of a plan, or for a branch."""
         return b"\0".join(map(os.fsencode, (form.value, plan or "", *self.types)))
 
     async def start_sandbox(self, form: Form, plan: Path, errors: Path) -> asyncio.StreamReader:
         """Start the session of a pickled `SessionPlan` in a sandbox of its own, with a file for its standard error.
 
-        Returns what its first process says, see `ForkingServer.start`; by its process id the sandbox ends. `form` must
+        Returns the output of its first process, see `ForkingServer.start`; its process id ends the sandbox. `form` must
         be the same for all sandboxes of a server.
         """
         return await self.start(self.request(form, plan), errors)
 
     def branch(self, form: Form) -> ForkServer:
-        """Return a server that is a fork of this one, for what is to end apart from it."""
+        """Return a fork of this server, which ends by itself."""
         return _Branch(self, form)
 
 
@@ -109,11 +109,11 @@ class _Branch(ForkServer):
 
 
 def _load_ros(types: Sequence[str]) -> None:
-    """Import what directors and reference nodes need, and load what their nodes do; start nothing of it."""
+    """Import the modules and types of directors and reference nodes, and start nothing."""
     importlib.import_module("grader.live.ros_node.director")
     importlib.import_module("rclpy").get_rmw_implementation_identifier()
     for name in (*_STANDARD_TYPES, *types):
-        with suppress(Exception):  # What is not there, or is no type, is told where it is missed.
+        with suppress(Exception):  # Missing types are reported by the step that needs them.
             interface = importlib.import_module("grader.live.ros_node.graph").interface_named(name)
             importlib.import_module("rclpy.type_support").check_for_type_support(interface)
             recorded = f"{name}_Event" if "/srv/" in name else name
@@ -125,13 +125,13 @@ def _load_ros(types: Sequence[str]) -> None:
 
 
 def _program_of(request: bytes) -> Program:
-    """Return the first process of a sandbox, or a branch of this server; loads what they need the first time."""
+    """Return the first process of a sandbox, or a branch of this server; loads all modules the first time."""
     word, name, *types = map(os.fsdecode, request.split(b"\0"))
     form, plan = Form(word), Path(name)
     if not _loaded:
         enter_own_mounts(
             form
-        )  # Before: what is loaded has threads of its own, which keep a user from it.
+        )  # First, because the modules start threads, and the kernel then refuses.
         _load_ros(types)
         _loaded.append(form)
         # A collection in a fork would touch, and so copy, the memory of all objects that are there now.
@@ -161,7 +161,7 @@ def _run_in_sandbox(form: Form, file: Path) -> None:
 
 def _serve_branch() -> None:
     put_self_first()
-    # What serves others stands in the place of the standard output of programs.
+    # The socket for requests stands in the place of standard output.
     with socket.socket(fileno=os.dup(1)) as link:
         os.dup2(0, 1)
         serve(link, _program_of)
@@ -171,14 +171,14 @@ def main() -> None:
     """Serve what comes through the socket of the number in argv[1]."""
     end_with_parent()  # If that has ended already, so has the other side of the socket.
     put_self_first()
-    # What limits the grader's own memory is not for the sandboxes, which have limits of their own.
+    # Sandboxes have memory limits of their own, instead of the grader's.
     lift("as")
-    gc.disable()  # Nothing of what is imported is for collection.
+    gc.disable()  # Imported modules are never collected.
     for module in _WITHOUT_ROS:
         importlib.import_module(module)
     with socket.socket(fileno=int(sys.argv[1])) as link:
         serve(link, _program_of)
-    os._exit(0)  # For what a process with ROS tidies up at its end, 26 ms, somebody would wait.
+    os._exit(0)  # Skips the cleanup of a process with ROS, which takes 26 ms.
 
 
 if __name__ == "__main__":

@@ -44,7 +44,7 @@ _MOST_RENAMED = 20
 _MOST_LIKENED = 100
 #: Where a prefix lists its packages.
 _INDEX = "share/ament_index/resource_index/packages"
-#: What a second evaluation gets in any case: the mistake that the first one found is repaired to see the rest.
+#: Least time of a second evaluation in s: it shows mistakes behind the repaired one.
 _LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
 #: Where it waits for a core, it may take so many times as long at most. A wait is known when it is over: so long one
@@ -60,9 +60,9 @@ class LaunchRunner:
     def __init__(self, sandbox: StudentSandbox) -> None:
         self._sandbox = sandbox
         self._ending = False
-        #: Plans of files that did not come to their end: what was tried once is not waited for again.
+        #: Plans of files whose evaluation did not end; these are not evaluated again.
         self._given_up: dict[str, Plan] = {}
-        #: Processes that cannot be started here; what waits for one of them does not wait.
+        #: Processes that cannot be started here; no other process waits for them.
         self._absent: set[str] = set()
         #: Text by name of the plan's own files.
         self._files: dict[str, str] = {}
@@ -100,9 +100,9 @@ class LaunchRunner:
         return Answer(outcome, PlanResult(plan=plan.to_plain(), mended=repairs))
 
     def _repair(self, problem: Problem, known: Mapping[str, str], arguments: dict[str, str]) -> str:
-        """Repair a known mistake on a copy, or give the argument that lacks; returns what was done, if anything was."""
+        """Repair a known mistake on a copy, or give a missing argument; returns the repair in words, or nothing."""
         wanted, *more = [*re.findall(r"'([^']+)'", problem.message), ""]
-        # What stands in the workspace is the student's to change once something of theirs runs.
+        # A running program of the student could change the workspace.
         if self._sandbox.students() or not _NAME.fullmatch(wanted):
             return ""
         # Reading a launch file runs it, and without namespaces the workspace was open to it.
@@ -129,7 +129,7 @@ class LaunchRunner:
             done = by_kind.get(problem.kind, str)()
             if done:
                 self._sandbox.copy_workspace(copy, self._sandbox.workspace)
-        except OSError:  # What no file system takes, or has room for, is not repaired.
+        except OSError:  # The file system may refuse the name or have no room.
             remove_tree(copy)
             self._sandbox.copy_workspace(self._sandbox.plan.staged, self._sandbox.workspace)
             return ""
@@ -179,7 +179,7 @@ class LaunchRunner:
         """Write the keyword that the remedy names in its place, in the launch files of that name."""
         meant = re.search(r"'(\w{1,100})=?'", problem.remedy)
         name = PurePosixPath(problem.file or "").name
-        # What a plan names is a student's: no pattern, and no more than anybody would write.
+        # The names in a plan are a student's: they are no patterns, and there may be many.
         scripts = (
             path for path in self._own_copy().rglob("*.py") if path.name == name and path.is_file()
         )
@@ -341,7 +341,7 @@ class LaunchRunner:
             self._later(self._restart(process, running, respawns + 1))
 
     def _free_name(self, wanted: str) -> str:
-        """Return a name that no process of the session has: who took another's place would not be looked after."""
+        """Return a name that no process of the session has, so that no process replaces another one in the list."""
         taken = {"", *self._sandbox.processes, *self._sandbox.plan.reference}
         return next(
             name
@@ -376,7 +376,7 @@ class LaunchRunner:
             await self._start(process, respawns)
 
     async def _start_when(self, process: Process, when: Mapping[str, Any]) -> None:
-        # Nobody leads a lifecycle node through its states here: what waits for one starts with the node.
+        # Lifecycle nodes change no states here: an action that waits for one starts with the node.
         awaited = when.get("on_exit_of") or when.get("on_start_of") or when.get("on_transition_of")
         if awaited is None and "after_s" not in when:
             return  # It waits for the shutdown, which ends the session.
@@ -392,7 +392,7 @@ class LaunchRunner:
 
 #: A name of something that is missing, or a path below the submission.
 _NAME = re.compile(r"(?:\w[\w.+-]{0,99}/){0,9}[\w.+-]{0,199}\w")
-#: What is said of an executable that its package has not.
+#: Words about an executable that is missing in its package.
 _LACKS = "found in package"
 
 
@@ -411,7 +411,7 @@ def _meant(wanted: str, names: Iterable[str]) -> str | None:
 
 
 def with_places(text: str, names: Container[str], folder: str) -> str:
-    """Return a text in which each of the plan's own files stands under its path in a folder."""
+    """Replace the placeholders of the plan's own files in a text by their paths in a folder."""
     return _OWN_FILE.sub(
         lambda match: f"{folder}/{match[1]}" if match[1] in names else match[0], text
     )

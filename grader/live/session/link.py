@@ -51,7 +51,7 @@ _ANNOUNCED, _EVERYBODY, _HERE = 7400, "239.255.0.1", "127.0.0.1"
 _BUFFER_BYTES, _LARGEST_BYTES = 2**20, 2**16
 #: After the last message of a level so many subscriptions join, one after another, and then it ends.
 _LATE, _FIRST_LATE_S, _LATE_EACH_S, _LATE_END_S = 4, 0.1, 0.15, 1.0
-#: How long the student's endpoints, and what they were asked for, may take to be known.
+#: Time in s that the student's endpoints and their claims may take to be known.
 _KNOWN_S, _LOOK_S = 1.0, 0.02
 #: Address space of each of its processes.
 _TRUSTED_BYTES = 3 * 1024**3
@@ -127,7 +127,7 @@ def _bound(address: str, port: int) -> socket.socket:
 
 
 class _Relay:
-    """Carries packets between two ends, and what the one says to the other: when a level begins, and when it ends."""
+    """Carries packets between two ends, and their messages about the begin and the end of a level."""
 
     def __init__(
         self, sender: _End, receiver: _End, loss: Sequence[float], delay_s: float, seed: int
@@ -137,7 +137,7 @@ class _Relay:
         self._losing = 0.0
         self._random = random.Random(seed)
         self._order = itertools.count()
-        #: What is to be done at a time: (when, number, what).
+        #: Actions with their times: (time, number, action).
         self._due: list[tuple[float, int, Callable[[], object]]] = []
         self._sent = [0] * len(loss)
         self._received: Any = None
@@ -145,7 +145,7 @@ class _Relay:
         self.late_s: list[float] = []
 
     def run(self) -> tuple[list[int], Any]:
-        """Carry until all levels are through; return how many messages were sent in each, and what was received."""
+        """Carry until all levels are through; return the number of messages sent in each, and the received ones."""
         with selectors.EpollSelector() as selector:
             for way in (*self._sender.ways(self._receiver), *self._receiver.ways(self._sender)):
                 selector.register(way.near, selectors.EVENT_READ, partial(self._carry, way))
@@ -202,7 +202,7 @@ def _pass_on(way: _Way, packet: bytes) -> None:
 
 
 def carry(plan: LinkPlan, delay_s: float, seed: int) -> None:
-    """Be the link, and start its two ends; prints lines of JSON: that a level begins, and last what came of it."""
+    """Be the link, and start its two ends; prints lines of JSON: the begin of each level, and last the results."""
     from grader.live.ros_node import link_end
 
     planned_s = len(plan.loss) * (plan.duration_s + _LATE_END_S)
@@ -258,7 +258,7 @@ class Link:
         self.result = LinkResult(delay_ms=step.delay_ms, means=_MEANS)
 
     async def run(self, seed: int, environment: Mapping[str, str]) -> ProcessRun:
-        """Carry the topics that have two sides; what came of it stands in the step in the end, with when it ended."""
+        """Carry the topics that have two sides, and write the result and the time of the end into the step."""
         run = ProcessRun(LINK, "grader", ["python", "-m", __name__])
         end_s = time.monotonic() + _KNOWN_S
         while not (known := self._look()) and time.monotonic() < end_s:

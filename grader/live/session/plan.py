@@ -1,4 +1,4 @@
-"""What the first process of a session's sandbox needs to know."""
+"""The plan of a session, for the first process of its sandbox."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from grader.recording.session import SessionRecord, StepRun
 
 @dataclass(frozen=True)
 class SessionPlan:
-    """All that the process of a session needs to know.
+    """Everything that the process of a session needs.
 
-    The `record` holds what is known before, `steps` what is to be run, each with its entry for the record; the caller
+    The `record` holds facts from before the session, `steps` its steps, each with its entry for the record; the caller
     removes `scratch`. For each artifact there are the wrapper's path relative to `staged`, and the source's
     relative to `staged`/src; for each reference node the absolute path of its "file" and its full name as "node".
     `expected` are the names of topics, services and nodes that the rubric uses. In the folder `interfaces` lie the

@@ -30,14 +30,14 @@ from grader.recording.submission import SubmissionRecord
 
 #: Time that a session may take beyond its own limit before its sandbox is killed.
 _GRACE_S = 25.0
-#: How long a sandbox that is to end may take to say by which process id, and then to end.
+#: Time in s that a sandbox may take to report its process id, and again to end.
 _END_S = 5.0
 _REMEDY = "Check whether memory or processes ran out and whether /dev/shm exists; `grade doctor` shows more."
 
 
 @dataclass(frozen=True)
 class Progress:
-    """What a session is doing now; the grader's own work, where that is empty."""
+    """The current work of a session; of the grader itself if the session is empty."""
 
     session: str
     text: str
@@ -59,7 +59,7 @@ _NAMING = (
 
 
 def given_in_steps(rubric: Rubric, *keys: str, sessions: Sequence[str] | None = None) -> list[str]:
-    """Return what steps of all or some sessions give under some keys: names, or by `type` those of interfaces."""
+    """Return the names under some keys of all or some sessions' steps; under `type` the names of interfaces."""
     listed = (
         rubric.sessions.values()
         if sessions is None
@@ -197,7 +197,7 @@ class SessionRunner:
 
 
 async def sandbox_pid(messages: asyncio.StreamReader) -> int:
-    """Return the process id by which a sandbox ends, or raise `PlatformError` with why it could not be made."""
+    """Return the process id that ends a sandbox; raises PlatformError with the reason if there is no sandbox."""
     first = (await messages.readline()).decode("utf-8", "replace").strip()
     if not first:
         raise ProcessLostError("the process that starts sandboxes has ended", remedy=_REMEDY)
@@ -212,7 +212,7 @@ async def _follow(
     session: str,
     on_progress: Callable[[Progress], None],
 ) -> None:
-    """Pass on what a session reports, until its sandbox has ended."""
+    """Pass on the reports of a session, until its sandbox has ended."""
     await asyncio.shield(pid)
     async for line in messages:
         with suppress(ValueError, KeyError):

@@ -53,7 +53,7 @@ _INIT = re.compile(r"(^|/)__init__\.py$")
 #: Folders that are looked through for modules.
 _MOST_FOLDERS = 100
 
-#: What is installed beside the sources at most: data files once for each package, and programs.
+#: Most bytes and entries beside the sources: data files once for each package, and programs.
 _MOST_INSTALLED_BYTES, _MOST_INSTALLED = 64 * 1024 * 1024, 8_000
 
 _RUN_FILE = 'runpy.run_path(source, run_name="__main__")'
@@ -69,11 +69,11 @@ _RUN_MODULE = 'runpy.run_module({module!r}, run_name="__main__", alter_sys=True)
 def stage(
     source: Path, record: SubmissionRecord, rubric: Rubric, folder: Path, interpreter: str
 ) -> dict[str, str]:
-    """Make the workspace of a submission's folder, of which only the files listed in `record` are copied.
+    """Make the workspace of a submission's folder with the files listed in `record`.
 
     Returns for each artifact the path of its wrapper in there.
 
-    Of data there may be more than a session has room for, once it is installed for each of several packages; then what
+    Data may need more room than a session has, once it is installed for each of several packages; then a file that
     is no text is left out. The interpreter is the absolute path of the Python that runs students' code.
     """
     for file in record.files:
@@ -86,7 +86,7 @@ def stage(
 
 @dataclass(eq=False)
 class _Installation:
-    """The ament prefix, and what is left of the room in it."""
+    """The ament prefix, and the room left in it."""
 
     folder: Path
     record: SubmissionRecord
@@ -230,7 +230,7 @@ class _Installation:
         return self._wrapper(path, root, str(file.relative_to(root)), run)
 
     def _entry_points_of(self, path: PurePosixPath, executable: str | None) -> list[str]:
-        """Return the functions of a file that entry points of its package name, that of an executable first."""
+        """Return the functions of a file that are entry points of its package, the executable's first."""
         points = self._entry_points.get(path.with_suffix(""), [])
         return [
             function for name, function in sorted(points, key=lambda point: point[0] != executable)
@@ -253,7 +253,7 @@ class _Installation:
 
     @cached_property
     def _python_path(self) -> list[str]:
-        """Folders whose modules a program finds besides its own, as in a sourced workspace: those of all packages."""
+        """Folders of all packages, in which a program finds modules besides its own, as in a sourced workspace."""
         if not self.record.packages:
             return []
         inner = (

@@ -148,7 +148,7 @@ class StudentSandbox:
         return {**found, "TMPDIR": self.seen[TEMPORARY], **more}
 
     def with_interfaces(self, environment: Mapping[str, str]) -> dict[str, str]:
-        """Return the environment of a process of the grader's own in which the interfaces are found that were built."""
+        """Add the built interfaces to the environment of a process of the grader."""
         return with_prefixes(environment, [str(self.interfaces / p.name) for p in self._prefixes])
 
     async def start(
@@ -197,7 +197,7 @@ class StudentSandbox:
             and cwd is not None
             and PurePosixPath(cwd).is_relative_to(self.seen[WORKSPACE])
         ):
-            # An earlier program may have made of it what it liked, which must not keep this one from its beginning.
+            # An earlier program may have changed it, which must not prevent the start of this one.
             try:
                 restore_way(
                     self.workspace, PurePosixPath(cwd).relative_to(self.seen[WORKSPACE]), _OPEN
@@ -238,7 +238,7 @@ class StudentSandbox:
         return claims_in(text, process, f"{self.seen[WORKSPACE]}/src/")
 
     def claims_so_far(self) -> list[Claim]:
-        """Return what the student's processes have asked rclpy for, those that run included."""
+        """Return the claims of all processes of the student until now, also of running ones."""
         running = (
             claim
             for name, tap in self._taps.items()
@@ -247,7 +247,7 @@ class StudentSandbox:
         return [*self.record.claims, *running]
 
     def note_unstarted(self, run: ProcessRun, what: str) -> None:
-        """Note that a program of the student's never began; `blame_unstarted` says in the end whose doing that is."""
+        """Note that a program of the student never began; `blame_unstarted` finds the cause at the end."""
         output = run.output[-1].text if run.output else "nothing"
         self._unstarted.append((run, f"{what} in its sandbox: {output}"))
 
@@ -269,7 +269,7 @@ class StudentSandbox:
         self.end_orphans()
 
     def end_orphans(self) -> None:
-        """End what the student's processes left behind, where no namespace does; none of them may be running."""
+        """End processes that the student's programs left behind, if no namespace does; no program may be running."""
         if self.isolation.namespaces:
             return
         end_s = time.monotonic() + _CLEAN_UP_S

@@ -48,7 +48,7 @@ def publish(probe: Probe, step: PublishStep) -> Answer:
 
 
 def _is_matched(probe: Probe, publisher: Publisher[object], topic: str) -> bool:
-    """Wait for the subscriptions of the student, and for that of the recorder."""
+    """Wait for the subscriptions of the student and of the recorder."""
     students = 0
     for endpoint in probe.watch.last.endpoints:
         students += endpoint.kind == "subscription" and endpoint.topic == topic

@@ -62,16 +62,22 @@ def _set_invalid(node: ParameterServices, wanted: Mapping[str, Any]) -> Answer:
     after: dict[str, Any] = {}
     if refused is not None:
         after = {name: value for name, value in node.all_values().items() if name in wanted}
-    changed = {}
-    for name, value in before.items():
-        if name in after and after[name] != value:
-            changed[name] = value
+    changed = _changed(before, after)
     if changed:
         node.refused(changed)
     is_answered = refused is not None and before.keys() == after.keys()
     problem = None if is_answered else NO_ANSWER
     result = _result(node, problem, refused=refused or {}, before=before, after=after)
     return Answer("done" if is_answered else "timeout", result)
+
+
+def _changed(before: Mapping[str, Any], after: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the earlier values of the parameters that have another value now."""
+    changed = {}
+    for name, value in before.items():
+        if name in after and after[name] != value:
+            changed[name] = value
+    return changed
 
 
 def _result(
