@@ -1,6 +1,6 @@
-"""The trail of results that were replaced: one line each in `audit.jsonl`, and each old result in `history/`.
+"""The audit trail of replaced results: a line for each in `audit.jsonl`, and each old result in `history/`.
 
-Nothing that stands there is ever changed. Both lie beside the submissions' folders.
+Existing lines and results never change. Both lie beside the submissions' folders.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ AUDIT_SCHEMA = "ros-lab-grader/audit/v1"
 def note_replaced(
     results: Path, name: str, before: str | None, command: str, *, overrides_sha256: str
 ) -> None:
-    """Keep an old result and add a line to the trail; nothing is written where nothing was replaced.
+    """Keep an old result and add a line to the trail; nothing is written if nothing was replaced.
 
-    `before` is the text of the submission's `result.json` as it was, `command` is by what it was replaced, and the
-    hash is that of the file of overrides that was applied, empty if there was none. Raises RecordingError if what is
-    there now is no result.
+    `before` is the previous text of the submission's `result.json`, `command` the command that replaced it, and the
+    hash that of the applied file of overrides, empty without one. Raises RecordingError if the present file is no
+    result.
     """
     after = (results / name / RESULT_FILE).read_text(encoding="utf-8")
     old, new = result_of_text(before), read_result(json.loads(after))

@@ -1,4 +1,4 @@
-"""A class: all submissions side by side, each result kept as soon as it is whole, and reused while nothing changes."""
+"""A class run: several submissions at a time; each complete result is kept, and reused while nothing changes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from grader.submission.submission_time import set_submission_time
 
 @dataclass(frozen=True)
 class _Task:
-    """A submission, and what its result depends on."""
+    """A submission, and the hashes of its result's sources."""
 
     source: SubmissionSource
     submission: str
@@ -54,15 +54,15 @@ class ClassRun:
     journal: Journal
     machine: Machine
     display: RunProgress
-    #: What is known so far, in the order in which it came to be.
+    #: Finished submissions, in the order of their endings.
     rows: list[Row] = field(default_factory=list)
 
     def grade(self, sources: Sequence[SubmissionSource], location: Isolation | str) -> None:
-        """Grade what has not been graded; whatever becomes of one submission.
+        """Grade all submissions without a valid result; a failure of one does not affect the others.
 
-        The location is how students' code is confined here, or the address of a Dask scheduler for other machines.
-        Raises PlatformError if the scheduler is not to be reached; KeyboardInterrupt or SystemExit when asked to end:
-        all processes have ended then, and what is graded is kept.
+        The location is the confinement of students' code here, or the address of a Dask scheduler for other machines.
+        Raises PlatformError if the scheduler cannot be reached; KeyboardInterrupt or SystemExit on a request to end,
+        after all processes have ended and all results are kept.
         """
         common = fingerprint.sha256_of(
             (
@@ -76,7 +76,8 @@ class ClassRun:
             least = location.level
         else:
             least = Level.of(self.options.least_isolation)
-        # All are read, and judged where that suffices, before the first is started, so that no session is timed then.
+        # All submissions are read, and judged if this is enough, before the first starts; no session is timed
+        # meanwhile.
         tasks = [self._task(one, common, lab) for one in sources]
         kept: dict[_Task, Entry] = {}
         for task in tasks:
@@ -103,7 +104,7 @@ class ClassRun:
         return sum(sessions[name].typical_s for name in chosen if name in sessions)
 
     def _note_left_out(self, tasks: Sequence[_Task]) -> None:
-        """Name the submissions without recordings that hold good, apart from those never graded."""
+        """Name the submissions without valid recordings, apart from submissions that were never graded."""
         graded = [task.source.name for task in tasks if self.journal.knows(task.source.name)]
         never = [task.source.name for task in tasks if task.source.name not in graded]
         if never:
@@ -118,7 +119,7 @@ class ClassRun:
             )
 
     def _undecided(self, judged: Mapping[_Task, Row]) -> dict[_Task, Result]:
-        """Return the results whose undecided sessions were asked for once more."""
+        """Return the results with undecided sessions that must be recorded once more."""
         found: dict[_Task, Result] = {}
         if self.options.scope is Scope.UNDECIDED:
             for task, row in judged.items():
@@ -128,7 +129,7 @@ class ClassRun:
 
     def _task(self, source: SubmissionSource, common: str, lab: str) -> _Task:
         submission, submission_time = "", source.submission_time
-        # What is wrong with it will be said when it is its turn.
+        # A problem with the submission is reported later, in its turn.
         with suppress(Exception), open_submission(source, prefix=scratch_prefix()) as intake:
             submission = fingerprint.submission_sha256(intake)
             submission_time = intake.source.submission_time
@@ -137,7 +138,7 @@ class ClassRun:
         return _Task(source, submission, submission_time, key, policy)
 
     def _entry(self, task: _Task, least: Level) -> Entry | None:
-        """Return what the journal says of recordings that hold good."""
+        """Return the journal's entry of valid recordings."""
         entry = self.journal.holds(task.source.name, task.key) if task.submission else None
         enough = [level.value for level in Level if level.at_least(least)]
         return entry if entry is not None and entry.isolation in enough else None
@@ -152,7 +153,7 @@ class ClassRun:
     # -- what was recorded before ----------------------------------------------------------------
 
     def _judge(self, kept: Mapping[_Task, Entry]) -> dict[_Task, Row]:
-        """Take over the results that hold good, and judge the recordings whose rubric or policy is another now."""
+        """Reuse valid results, and judge recordings again if their rubric or policy has changed."""
         rows: dict[_Task, Row] = {}
         others: dict[str, _Task] = {}
         for task, entry in kept.items():
@@ -175,7 +176,7 @@ class ClassRun:
         return rows
 
     def _result(self, task: _Task) -> Result | None:
-        """Return the finished result of a submission by this rubric, or None if there is no such."""
+        """Return the complete result of a submission by this rubric, or None if there is none."""
         folder = self.journal.results / task.source.name
         with suppress(FileNotFoundError, RecordingError):
             result = load_result(folder / RESULT_FILE)
@@ -184,7 +185,7 @@ class ClassRun:
         return None
 
     def _state_intake(self, task: _Task) -> None:
-        """Let the recordings say what is known now of who handed them in, and when."""
+        """Write the known identity and time of submission into the recordings."""
         recordings = self.journal.results / task.source.name / RECORDINGS
         record, source = read_submission(recordings), task.source
         known = replace(record, student_id=source.student_id, identity=source.identity)
@@ -203,7 +204,7 @@ class ClassRun:
                 opened = await stack.enter_async_context(cluster(location, self.display.note))
             else:
                 opened = stack.enter_context(Here(location, self.machine))
-            # What this machine leaves undecided is recorded again when no other waits to be begun.
+            # Undecided sessions are recorded again after the first recordings of all submissions.
             scope = Scope.ALL if isinstance(location, str) else Scope.ONCE
             await side_by_side(
                 self._finish(t, undecided.get(t), opened, scope) for t in (*tasks, *undecided)
@@ -212,12 +213,12 @@ class ClassRun:
     async def _finish(
         self, task: _Task, earlier: Result | None, site: Here | Cluster, scope: Scope
     ) -> None:
-        """Grade a submission, and record again what is undecided in its result, or in an earlier one."""
+        """Grade a submission, and record undecided sessions of its result, or of an earlier one, again."""
         if (left := earlier or await self._first(task, site, scope)) is not None:
             await self._again(task, left, site)
 
     async def _first(self, task: _Task, site: Here | Cluster, scope: Scope) -> Result | None:
-        """Grade a submission; returns its result if something undecided is to be recorded again."""
+        """Grade a submission; returns a result with undecided sessions that must be recorded again."""
         name = task.source.name
         try:
             ending = await self._grade(task, site, scope)
@@ -232,7 +233,7 @@ class ClassRun:
         return None
 
     async def _again(self, task: _Task, earlier: Result, site: Here | Cluster) -> None:
-        """Record again what is undecided in a result, which stays where that fails."""
+        """Record undecided sessions of a result again; the result stays if this fails."""
         name = task.source.name
         try:
             ending = await self._grade(task, site, Scope.UNDECIDED)
@@ -267,14 +268,15 @@ class ClassRun:
             or ending.exit_status == RecordingError.exit_status
         ):
             return ending if scope is Scope.UNDECIDED else self._abandoned(task, ending)
-        # What was recorded could not be judged: the next run tries again.
+        # The recordings could not be judged; the next run tries again.
         if before is not None:
             audit.keep(self.journal.results, name, before)
         self.journal.note(name, task.key, UNJUDGED, isolation.value)
         return ending
 
     def _abandoned(self, task: _Task, why: GraderError) -> GraderError:
-        with suppress(OSError):  # Such as a full disk, which is likely to be the reason itself.
+        # A full disk, for example, is probably the reason itself.
+        with suppress(OSError):
             self.journal.abandon(task.source.name, why)
         return why
 
@@ -291,7 +293,7 @@ def entries_of(results: Path, rows: Sequence[Row]) -> list[ClassEntry]:
             entry = ClassEntry(source.name, None, row.ending.problem)
         entries[source.name] = replace(
             entry,
-            # What only the archive tells stands in the record.
+            # The record has the facts of the archive.
             submitted_at=source.submitted_at or entry.submitted_at,
             time_source=source.time_source if source.submitted_at else entry.time_source,
             student_id=source.student_id or entry.student_id,

@@ -1,7 +1,7 @@
-"""Other machines, through a Dask scheduler: a submission goes there as bytes, its results come back as bytes.
+"""Grading on other machines through a Dask scheduler; submissions and results travel as bytes.
 
 Each worker grades as this machine would: in a process of its own for each submission, and within the slots of the
-worker's machine. The scheduler gives the submissions of a worker that is lost to others.
+worker's machine. The scheduler gives the submissions of a lost worker to others.
 """
 
 from __future__ import annotations
@@ -41,9 +41,9 @@ _LOST = "Read the workers' logs, then run the same command again: finished submi
 
 @dataclass(frozen=True)
 class Bundle:
-    """What another machine needs to grade a submission."""
+    """All data for grading a submission on another machine."""
 
-    #: Hash of the grader that sends it; only the same one may grade it.
+    #: Hash of the sending grader; the worker must have the same one.
     engine: str
     job: Job
     #: The extracted files, packed.
@@ -54,7 +54,7 @@ class Bundle:
 
 
 def packed(files: dict[str, Path]) -> bytes:
-    """Return files as an archive, by the names that they shall have."""
+    """Return files as an archive, with given names."""
     stream = io.BytesIO()
     with tarfile.open(
         fileobj=stream, mode="w:gz", compresslevel=1, format=tarfile.PAX_FORMAT
@@ -77,9 +77,9 @@ def unpack(content: bytes, folder: Path) -> None:
 
 
 def grade_bundle(bundle: bytes) -> tuple[Ending, str, bytes]:
-    """Grade a submission on the machine where this is called: what a worker does.
+    """Grade a submission on the calling machine, as a worker.
 
-    Returns how it ended, the level of confinement, and the packed results: without points too, for what was recorded.
+    Returns the ending, the level of confinement, and the packed results; recordings are packed even without points.
     """
     sent: Bundle = pickle.loads(bundle)
     if sent.engine != fingerprint.engine_sha256():
@@ -147,7 +147,8 @@ async def cluster(address: str, note: Callable[[str], None]) -> AsyncIterator[Cl
         yield opened
     finally:
         watching.cancel()
-        with suppress(Exception):  # A scheduler that is gone needs no farewell.
+        # A lost scheduler needs no goodbye.
+        with suppress(Exception):
             await client.close()
 
 
@@ -195,11 +196,11 @@ class Cluster:
         return ending, Level(level)
 
     async def workers(self) -> int:
-        """Return how many submissions the workers can grade at a time."""
+        """Return the number of submissions that the workers can grade at a time."""
         return sum((await self.client.nthreads()).values())
 
     async def watch(self) -> None:
-        """Follow which workers there are and what they do, until cancelled."""
+        """Follow the workers and their progress, until cancelled."""
         while True:
             with suppress(OSError, asyncio.TimeoutError):
                 self._threads = await self.workers()

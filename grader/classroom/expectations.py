@@ -1,4 +1,4 @@
-"""Fixtures: submissions with the verdict that they must get, and how a result differs from it."""
+"""Fixtures: submissions with an expected verdict, and the differences of a result from it."""
 
 from __future__ import annotations
 
@@ -22,8 +22,10 @@ EXPECTED_FILE = "expected.yaml"
 
 def _rising(value: Any) -> Any:
     if isinstance(value, (list, tuple)) and len(value) == 2:
-        with suppress(ArithmeticError):  # of what is no number
-            least, most = (Decimal(str(number)) for number in value)
+        # Decimal raises ArithmeticError for a text that is no number.
+        with suppress(ArithmeticError):
+            least = Decimal(str(value[0]))
+            most = Decimal(str(value[1]))
             if least <= most:
                 return least, most
     raise ValueError("the least and the most points are expected, such as [1, 5]")
@@ -35,77 +37,77 @@ _NOTHING = (Decimal(0), Decimal(0))
 
 
 class ExpectedCheck(Strict):
-    """What a check must say."""
+    """The expected finding of a check."""
 
     outcome: Literal["passed", "partial", "failed", "not_reached"]
-    #: The least and the most points. By default nothing where it fails; anything where it is partial.
+    #: Least and most points. By default 0 for a failed check, and any points for a partial one.
     earned: Bounds | None = None
-    #: What its reason or hint mentions; case does not matter.
+    #: A text in the reason or the hint; case does not matter.
     reason_has: str = ""
 
     def differences(self, check: CheckResult) -> Iterator[str]:
-        """Say in what a check's result differs from this."""
-        found = " | ".join(part for part in (check.measured, check.reason) if part)
+        """Yield a sentence about each difference of a check's result."""
+        found = " | ".join(filter(None, (check.measured, check.reason)))
         if check.outcome.value != self.outcome:
-            is_now, wanted = (
-                outcome.replace("_", " ") for outcome in (check.outcome.value, self.outcome)
-            )
-            yield f"{check.id} is {is_now}, not {wanted}: {found}"
-        loses_all = check.outcome in (Outcome.FAILED, Outcome.NOT_REACHED)
-        bounds = self.earned or (_NOTHING if loses_all else (check.earned, check.earned))
-        if not bounds[0] <= check.earned <= bounds[1]:
+            outcome = check.outcome.value.replace("_", " ")
+            wanted = self.outcome.replace("_", " ")
+            yield f"{check.id} is {outcome}, not {wanted}: {found}"
+        bounds = self.earned
+        if bounds is None and check.outcome in (Outcome.FAILED, Outcome.NOT_REACHED):
+            bounds = _NOTHING
+        if bounds is not None and not bounds[0] <= check.earned <= bounds[1]:
             yield f"{check.id} earns {check.earned}, not {_span(*bounds)}: {found}"
         if self.reason_has.lower() not in f"{check.reason} {check.hint}".lower():
             yield f"{check.id} does not mention {self.reason_has!r}: {check.reason} {check.hint}"
 
 
 class ExpectedCriterion(Strict):
-    """The checks of a criterion that do not pass; the others must."""
+    """The checks of a criterion that must not pass; all other checks must pass."""
 
     checks: Annotated[dict[str, ExpectedCheck], _OR_EMPTY] = Field(default_factory=dict)
 
 
 class Expectation(Strict):
-    """The verdict that a fixture must get."""
+    """The expected verdict of a fixture."""
 
     about: str
-    #: Those that run; only what they and the files decide is asserted.
+    #: Sessions that run; only checks of these and of the files are asserted.
     sessions: tuple[str, ...]
-    #: Folder, relative to that in which the folder of fixtures lies, whose files are laid below the fixture's
-    #: own.
+    #: Folder with files below the fixture's own, relative to the parent of the folder of fixtures.
     with_files_of: str | None = None
-    #: Which of these are left out.
+    #: Files of that folder that are left out.
     without: tuple[str, ...] = ()
-    #: Criteria that are asserted, by their id.
+    #: Asserted criteria, by their id.
     criteria: Annotated[dict[str, ExpectedCriterion], _OR_EMPTY] = Field(default_factory=dict)
-    #: The least and the most points of a criterion that a teacher would give; asserted where all of it is judged.
+    #: Least and most points of a teacher for a criterion; asserted if the whole criterion is judged.
     teacher: dict[str, Bounds] = Field(default_factory=dict)
-    #: Criteria for which the grader gives others, and why.
+    #: Criteria with other points from the grader, with the reason.
     apart: dict[str, str] = Field(default_factory=dict)
-    #: The least and the most points of all that is judged.
+    #: Least and most points of all judged checks.
     total: Bounds | None = None
 
     @model_validator(mode="after")
     def _asserts_something(self) -> Expectation:
         if not self.criteria and not self.teacher and self.total is None:
             raise ValueError("it asserts nothing: name a criterion or the total")
-        if aims := self.apart.keys() - self.teacher.keys():
-            raise ValueError(f"a teacher's range is missing for {', '.join(sorted(aims))}")
+        missing = sorted(self.apart.keys() - self.teacher.keys())
+        if missing:
+            raise ValueError(f"a teacher's range is missing for {', '.join(missing)}")
         return self
 
     def loses_in(self, criterion: str) -> bool:
-        """Whether a check of a criterion is expected not to pass."""
+        """Return whether a check of a criterion is expected not to pass."""
         expected = self.criteria.get(criterion)
-        return expected is not None and any(
-            check.outcome != "passed" for check in expected.checks.values()
-        )
+        if expected is None:
+            return False
+        return any(check.outcome != "passed" for check in expected.checks.values())
 
     def unfit(self, rubric: Rubric) -> list[tuple[Loc, str]]:
-        """Say what is named here, and where, that is not in a rubric."""
+        """Return the names that a rubric does not have, with their places."""
         return list(self._unfit(rubric))
 
     def _unfit(self, rubric: Rubric) -> Iterator[tuple[Loc, str]]:
-        """Yield each name that a rubric does not have, or that nothing can be expected of."""
+        """Yield each unknown name, and each name without a possible expectation."""
         for n, name in enumerate(self.sessions):
             if name not in rubric.sessions:
                 words = f"the rubric has no session {name!r}"
@@ -134,7 +136,7 @@ def _unfit_checks(
     known: Mapping[str, Collection[str]],
     by_person: Collection[str],
 ) -> Iterator[tuple[Loc, str]]:
-    """Yield the checks of a criterion that the rubric does not have there, and those that a person grades."""
+    """Yield the checks that a criterion of the rubric does not have, and checks that a person grades."""
     for check in checks:
         loc = ("criteria", name, "checks", check)
         if name in known and check not in known[name]:
@@ -149,34 +151,40 @@ class Fixture:
     """A submission with its expected verdict."""
 
     name: str
-    #: Folders of files, each laid over those before it.
+    #: Folders of files; files of a later folder replace earlier ones.
     layers: tuple[Path, ...]
     expectation: Expectation
 
     def lay_out(self, target: Path) -> Path:
-        """Make the submission below a folder, in place of an earlier one; returns its folder."""
-        submission, left_out = target / self.name, shutil.ignore_patterns("__pycache__")
+        """Make the submission below a folder, and replace an earlier one; returns its folder."""
+        submission = target / self.name
+        left_out = shutil.ignore_patterns("__pycache__")
         shutil.rmtree(submission, ignore_errors=True)
         for number, layer in enumerate(self.layers):
             shutil.copytree(layer, submission, ignore=left_out, dirs_exist_ok=True)
-            for name in self.expectation.without if number == 0 else ():
-                (submission / name).unlink()
+            if number == 0:
+                for name in self.expectation.without:
+                    (submission / name).unlink()
         return submission
 
 
 def load_fixture(folder: Path, rubric: Rubric | None = None) -> Fixture:
     """Read a fixture; raises RubricError with every mistake in its `expected.yaml`, each with its line.
 
-    A rubric that is given must have what it names.
+    With a rubric, the names in `expected.yaml` must be in it.
     """
-    path, what = folder / EXPECTED_FILE, f"what {folder.name} expects"
-    plain, mistakes = parse_yaml(path, read_text(path, what, "Each fixture has one."), what)
+    path = folder / EXPECTED_FILE
+    described = f"what {folder.name} expects"
+    text = read_text(path, described, "Each fixture has one.")
+    plain, mistakes = parse_yaml(path, text, described)
     layers: list[Path] = []
     try:
         expectation = Expectation.model_validate(plain)
-        base, own = expectation.with_files_of, folder / "submission"
-        layers += [folder.resolve().parent.parent / base] if base is not None else []
-        layers += [own] if own.is_dir() else []
+        if expectation.with_files_of is not None:
+            layers.append(folder.resolve().parent.parent / expectation.with_files_of)
+        own = folder / "submission"
+        if own.is_dir():
+            layers.append(own)
         unfit = expectation.unfit(rubric) if rubric is not None else []
         for loc, words in (*unfit, *_absent(expectation, layers)):
             mistakes.add(loc, words)
@@ -187,20 +195,15 @@ def load_fixture(folder: Path, rubric: Rubric | None = None) -> Fixture:
 
 
 def _absent(expectation: Expectation, layers: Sequence[Path]) -> Iterator[tuple[Loc, str]]:
-    """Say which of the files are not there that a fixture is laid out from."""
+    """Yield a sentence about each missing file or folder of a fixture."""
     if not layers:
         yield (), "it has no files: neither a folder 'submission' nor with_files_of"
     elif not layers[0].is_dir():
         yield ("with_files_of",), f"there is no folder {expectation.with_files_of!r}"
     else:
-        gone = [
-            (n, name)
-            for n, name in enumerate(expectation.without)
-            if not (layers[0] / name).is_file()
-        ]
-        yield from (
-            (("without", n), f"there is no file {name!r} in {layers[0].name}") for n, name in gone
-        )
+        for number, name in enumerate(expectation.without):
+            if not (layers[0] / name).is_file():
+                yield ("without", number), f"there is no file {name!r} in {layers[0].name}"
 
 
 def fixtures_in(folder: Path) -> list[Fixture]:
@@ -215,7 +218,7 @@ def fixtures_in(folder: Path) -> list[Fixture]:
 
 
 def left_to_a_person(rubric: Rubric) -> frozenset[str]:
-    """Return the checks that no grading decides: those that a person grades, and those that require one of them."""
+    """Return the checks that the grader does not decide: checks that a person grades, and checks that require one."""
     found: set[str] = set()
     for check in rubric.checks():
         if check.by_person or found.intersection(check.requires):
@@ -224,7 +227,7 @@ def left_to_a_person(rubric: Rubric) -> frozenset[str]:
 
 
 def solution(folder: Path, rubric: Rubric) -> Fixture:
-    """Return the lab's own solution as a fixture: all points are earned but those that a person gives."""
+    """Return the lab's own solution as a fixture, which earns all points except in checks by a person."""
     by_person = left_to_a_person(rubric)
     checks = [check for criterion in rubric.criteria for check in criterion.checks]
     most = sum((check.points for check in checks if check.id not in by_person), Decimal(0))
@@ -239,18 +242,18 @@ def solution(folder: Path, rubric: Rubric) -> Fixture:
 
 @dataclass(frozen=True)
 class Verdict:
-    """How a result compares with what is expected."""
+    """The differences of a result from an expectation."""
 
     differences: tuple[str, ...]
-    #: Whether something that is asserted is undecided, so that another run may tell.
+    #: True if something asserted is undecided; another run may decide it.
     undecided: bool
 
 
 def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict:
-    """Say in which points a result differs from what is expected.
+    """Compare a result with an expectation.
 
-    Checks by the files alone are asserted where they are named, or where their criterion has no others. Checks that
-    a person decides are left out.
+    Checks of the files alone are asserted if they are named, or if their criterion has no other checks. Checks that a
+    person decides are left out.
     """
     by_person = left_to_a_person(rubric)
     differences: list[str] = []
@@ -268,28 +271,33 @@ def compare(expectation: Expectation, result: Result, rubric: Rubric) -> Verdict
 def _of_checks(
     expectation: Expectation, result: Result, rubric: Rubric, by_person: frozenset[str]
 ) -> Iterator[Verdict]:
-    """Compare each criterion that is named with what its checks must say."""
+    """Compare the checks of each named criterion with the expected ones."""
     listed = (*result.criteria, *result.bonus)
     judged = {criterion.id: {check.id: check for check in criterion.checks} for criterion in listed}
     in_sessions = {check.id for check in rubric.checks() if check.session is not None}
     for name, expected in expectation.criteria.items():
         checks = judged.get(name, {})
-        absent = [check for check in expected.checks if check not in checks]
-        found = [f"{check} is expected, but was not judged" for check in absent]
+        found = []
+        for check_id in expected.checks:
+            if check_id not in checks:
+                found.append(f"{check_id} is expected, but was not judged")
         if not checks:
             found.append(f"{name} is expected, but nothing of it was judged")
-        asserted = (checks.keys() & in_sessions or checks.keys()) | expected.checks.keys()
-        compared = [each for id_, each in checks.items() if id_ in asserted - by_person]
-        for check in compared:
-            wanted = expected.checks.get(check.id, ExpectedCheck(outcome="passed"))
-            found += wanted.differences(check)
-        yield Verdict(tuple(found), any(not check.outcome.decided for check in compared))
+        own = checks.keys() & in_sessions or checks.keys()
+        asserted = (own | expected.checks.keys()) - by_person
+        undecided = False
+        for id_, check in checks.items():
+            if id_ in asserted:
+                wanted = expected.checks.get(id_, ExpectedCheck(outcome="passed"))
+                found += wanted.differences(check)
+                undecided = undecided or not check.outcome.decided
+        yield Verdict(tuple(found), undecided)
 
 
 def _of_teacher(
     expectation: Expectation, result: Result, rubric: Rubric, by_person: frozenset[str]
 ) -> Iterator[Verdict]:
-    """Compare each criterion all of which is judged with the points that a teacher would give."""
+    """Compare the points of each completely judged criterion with a teacher's."""
     possible = {criterion.id: criterion.points for criterion in (*rubric.criteria, *rubric.bonus)}
     for criterion in (*result.criteria, *result.bonus):
         is_whole = criterion.possible == possible[criterion.id]
@@ -300,7 +308,7 @@ def _of_teacher(
 
 
 def _of_total(expectation: Expectation, result: Result, by_person: frozenset[str]) -> Verdict:
-    """Compare the points of all that is judged."""
+    """Compare the points of all judged checks."""
     if expectation.total is None:
         return Verdict((), undecided=False)
     least, most = expectation.total
@@ -313,10 +321,13 @@ def _of_total(expectation: Expectation, result: Result, by_person: frozenset[str
 
 
 def _from_teacher(expectation: Expectation, criterion: CriterionResult) -> Iterator[str]:
-    """Say that a criterion earns what no teacher would give, or does so where that is said not to be."""
+    """Yield a sentence if a criterion does not earn a teacher's points, or earns them although it is `apart`."""
     least, most = expectation.teacher[criterion.id]
-    if (least <= criterion.earned <= most) == (criterion.id in expectation.apart):
-        wanted = f"{'not ' * (criterion.id not in expectation.apart)}{_span(least, most)}"
+    is_apart = criterion.id in expectation.apart
+    if (least <= criterion.earned <= most) == is_apart:
+        wanted = _span(least, most)
+        if not is_apart:
+            wanted = f"not {wanted}"
         yield f"{criterion.id} earns {criterion.earned}, {wanted} as a teacher would give"
 
 

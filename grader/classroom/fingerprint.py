@@ -1,4 +1,4 @@
-"""What a result depends on, as a hash: equal hashes need no second grading."""
+"""Hashes of the sources of a result: equal hashes need no second grading."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import confine
 import grader
 import launch_plan
 from grader.lab.kept_lab import interface_files, named_files
@@ -19,9 +20,9 @@ from grader.submission.extraction import Intake
 
 
 def engine_sha256() -> str:
-    """Return the hash of the grader's own code and of the versions that a recording keeps."""
+    """Return the hash of the grader's own code, and of the versions in a recording."""
     ours: dict[str, Path] = {}
-    for package in (grader, launch_plan):
+    for package in (confine, grader, launch_plan):
         for folder in package.__path__:
             ours |= {f"{package.__name__}/{name}": path for name, path in files_below(Path(folder))}
     ours = {n: path for n, path in ours.items() if not n.startswith("grader/shipped_lab/")}
@@ -30,20 +31,20 @@ def engine_sha256() -> str:
 
 
 def lab_files(rubric: Rubric, *, figures: bool = True) -> dict[str, Path]:
-    """Return the files beside a rubric that a grading by it may use, by their path relative to the rubric's folder.
+    """Return the files beside a rubric for a grading, by their path relative to the rubric's folder.
 
-    These are the reference programs and oracles, with all else in their folders; also those that only figures name.
+    These are the reference programs and oracles, with all other files in their folders, and files of figures.
     """
     return _with_folders(rubric, named_files(rubric, figures=figures))
 
 
 def _with_folders(rubric: Rubric, names: Iterable[str]) -> dict[str, Path]:
-    """Return files beside a rubric with all else in their folders, which they may import."""
+    """Return files beside a rubric with all other files in their folders, which they can import."""
     files = {}
     named = (rubric.folder / name for name in names)
     for folder in {path.parent for path in named if path.is_file()}:
         for name, path in files_below(folder):
-            # Of the rubric's own folder, which may be anybody's home, only what lies in it.
+            # The rubric's own folder can be a home folder; only its files count, not its folders.
             if folder != rubric.folder or "/" not in name:
                 files[path.relative_to(rubric.folder).as_posix()] = path
     return dict(sorted(files.items()))
@@ -96,15 +97,15 @@ def options_sha256(options: Options) -> str:
 
 
 def judging_sha256(options: Options, name: str, submission_time: str, lab: str) -> str:
-    """Return the hash of everything that needs another judgement of a submission, and no other recordings.
+    """Return the hash of all sources of a judgement that do not affect the recordings.
 
-    The lab's hash is that of `lab_sha256`.
+    The lab's hash is `lab_sha256`.
     """
     return sha256_of((repr(options.overrides.of(name)), submission_time, lab))
 
 
 def seed_for(submission: str, run_seed: int) -> int:
-    """Return the seed of stimuli for a submission's hash: another for each, the same wherever it is graded."""
+    """Return the seed of stimuli for a submission's hash: different for each submission, and equal on all machines."""
     return int(sha256_of([submission, run_seed])[:8], 16) % 2**31
 
 

@@ -1,4 +1,4 @@
-"""What is said between the process that grades many submissions and those that grade one each."""
+"""Messages between the process that grades many submissions and the processes that grade one each."""
 
 from __future__ import annotations
 
@@ -14,26 +14,26 @@ from grader.report.exports.writing import ExportTarget
 from grader.result import Result
 from grader.submission.extraction import Intake, SubmissionSource
 
-#: What is kept of a text that says what went wrong.
+#: Characters of a problem's description that are kept.
 _MOST_TEXT = 2_000
 
 
 @dataclass(frozen=True)
 class Job:
-    """What to grade, by what, and where its results go."""
+    """A submission to grade, with the rubric and the place of its results."""
 
     #: The submission; already extracted if another machine did that.
     source: SubmissionSource | Intake
     results: Path
     rubric: Rubric
     options: Options
-    #: How students' code is confined on the machine that grades it, and the slots there; filled in there.
+    #: Confinement of students' code on the machine that grades it, and the slots there; filled in there.
     isolation: Isolation | None = None
     machine: Machine | None = None
-    #: How long its process may say nothing, in seconds, beyond what a session may take; all that it does by itself has
-    #: a tighter bound.
+    #: Timeout of a silent process beyond the time of a session, in s; all its own work has a tighter bound.
     silence_s: float = 120.0
-    #: How long it may have the machine for itself; after that its sessions are recorded beside few others.
+    #: Time for which a submission can have the machine for itself, in s; afterwards its sessions run beside few
+    #: others.
     alone_s: float = 60.0
 
     def absolute(self) -> Job:
@@ -49,12 +49,12 @@ class Job:
         return replace(self, source=source, results=self.results.absolute(), options=options)
 
 
-#: How a grading ended: with a result, or with the reason why there is none.
+#: The ending of a grading: a result, or the reason why there is none.
 Ending = Result | GraderError
 
 
 def problem_of(error: Exception) -> GraderError:
-    """Return what an exception says, on one line and of a length that can be shown in a table."""
+    """Return the text of an exception, on one line and short enough for a table."""
     found = described(error)
     problem = (
         "; ".join([found.problem, *found.mistakes])
@@ -71,11 +71,11 @@ def problem_of(error: Exception) -> GraderError:
 
 @dataclass(frozen=True)
 class Row:
-    """What became of a submission."""
+    """The ending of a submission's grading."""
 
     source: SubmissionSource
     ending: Ending
-    #: Whether it was graded before, and nothing has changed.
+    #: True if an earlier result is reused, because nothing has changed.
     reused: bool = False
-    #: From its first phase on.
+    #: Time since the first phase.
     took_s: float = 0.0

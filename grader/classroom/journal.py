@@ -1,8 +1,8 @@
-"""`journal.jsonl` in a results folder: what has been graded there, so that an interrupted run goes on where it stopped.
+"""`journal.jsonl` in a results folder: the list of graded submissions, with which an interrupted run continues.
 
-Only ever appended to, a line at a time, each on the disk before the run goes on. A result counts as whole if the
-journal says so, and if the recordings in its folder are those of which the journal speaks. It may end anywhere:
-half a line is no line.
+Lines are only appended, and each is on the disk before the run continues. A result is complete if the journal lists
+it, and if its folder has the recordings that the journal names. The file can end anywhere: an incomplete line does
+not count.
 """
 
 from __future__ import annotations
@@ -25,20 +25,20 @@ from grader.recording.session import SESSION_FILE
 from grader.recording.submission import read_submission
 from grader.result_folder import JOURNAL_FILE, LAYOUT_FILE, RECORDINGS
 
-#: Earlier results of submissions whose present state could not be graded.
+#: Folder for earlier results of submissions that could not be graded again.
 OUTDATED = ".outdated"
-#: In place of the hash of a policy: what was recorded has not been judged yet.
+#: Mark instead of the hash of a policy: the recordings are not judged yet.
 UNJUDGED = ""
 _SCHEMA = "ros-lab-grader/journal/v1"
 
 
 @dataclass(frozen=True)
 class Entry:
-    """What the journal says of a submission that was graded."""
+    """A line of the journal about a graded submission."""
 
-    #: Hash of all that the recordings and their judgement depend on.
+    #: Hash of all sources of the recordings and their judgement.
     key: str
-    #: Hash of what people decided since, such as overrides; another needs another judgement only.
+    #: Hash of all sources of the judgement alone, such as overrides.
     policy: str
     #: Level at which students' code was confined.
     isolation: str
@@ -47,7 +47,7 @@ class Entry:
 
 
 class Journal:
-    """The journal of one run, which has the results folder for itself."""
+    """The journal of one run; a results folder belongs to one run at a time."""
 
     def __init__(self, results: Path, file: int, *, afresh: bool) -> None:
         self.results = results
@@ -61,16 +61,16 @@ class Journal:
 
     @property
     def run_seed(self) -> int:
-        """The number from which the seeds of this class come, until it is graded afresh."""
+        """The number that determines the seeds of this class, until it is graded afresh."""
         assert self._seed is not None
         return self._seed
 
     @classmethod
     @contextmanager
     def open(cls, results: Path, *, afresh: bool = False) -> Iterator[Journal]:
-        """Open a results folder for a run; raises GraderError if another one is at work there.
+        """Open a results folder for a run; raises GraderError if another run is at work there.
 
-        What was graded before does not count for a run that grades `afresh`.
+        A run that grades `afresh` ignores earlier results.
         """
         results.mkdir(parents=True, exist_ok=True)
         file = os.open(
@@ -83,7 +83,7 @@ class Journal:
             os.close(file)
 
     def holds(self, name: str, key: str) -> Entry | None:
-        """Return the entry of a submission that was graded from the same, if its recordings are still there."""
+        """Return the entry of a submission with the same sources, if its recordings still exist."""
         entry = self._entries.get(name)
         there = (
             entry is not None
@@ -93,11 +93,11 @@ class Journal:
         return entry if there else None
 
     def knows(self, name: str) -> bool:
-        """Whether a submission was graded, by any rubric and options, also by itself, and has not failed since."""
+        """Return whether a submission was graded in any way, and has not failed since."""
         return name in self._entries or (self.results / name / RECORDINGS).is_dir()
 
     def note(self, name: str, key: str, policy: str, isolation: str) -> None:
-        """Note that the results of a submission are whole, once they lie on the disk; raises OSError if they cannot."""
+        """Sync the results of a submission to the disk, and note that they are complete; raises OSError."""
         for path in [*(self.results / name).rglob("*"), self.results / name, self.results]:
             _sync(path)
         self._entries[name] = Entry(key, policy, isolation, recordings_sha256(self.results / name))
@@ -106,7 +106,7 @@ class Journal:
     def abandon(self, name: str, why: GraderError) -> None:
         """Note that a submission could not be graded; the next run tries again.
 
-        Earlier results of it are put aside, since they are not of what was handed in.
+        Earlier results of the submission are moved away, because they belong to other files.
         """
         shutil.rmtree(self.results / OUTDATED / name, ignore_errors=True)
         if (self.results / name).is_dir():
@@ -150,10 +150,10 @@ def _lock(file: int, results: Path) -> None:
 
 
 def recordings_sha256(folder: Path) -> str:
-    """Return the hash that tells the recordings of a submission's results from any others; empty without such.
+    """Return a hash that identifies the recordings of a submission's results; empty without recordings.
 
-    The records hold their own times, so no two are equal; of the bags, which are large, the sizes must do. Layouts
-    are left out, because every judgement writes them anew.
+    The records contain their own times, and no two are equal. Bags are large, and only their sizes enter. Layouts are
+    left out, because every judgement writes them anew.
     """
     recordings = folder / RECORDINGS
     try:

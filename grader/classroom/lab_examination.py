@@ -1,4 +1,4 @@
-"""All that can be known of a lab before it is run, and what the recording of its solution tells of its checks."""
+"""Examination of a lab before it is used, and of its checks by the recording of its solution."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from grader.result import CheckResult, Outcome, Result
 from grader.result_folder import RECORDINGS, RUBRIC_COPY
 from grader.submission.file_names import tool_folder
 
-#: What importing the files of a lab may take.
+#: Bounds for importing the files of a lab.
 _IMPORT_BOUND = Bound(
     "importing the lab's files", cpu_s=30.0, wall_s=60.0, memory_bytes=2 * 1024**3
 )
@@ -49,16 +49,16 @@ _REMEDY = "`grade checks`, `grade steps` and `grade figures` list what can be us
 
 @dataclass(frozen=True)
 class Remark:
-    """What was found: "✓" in order, "!" a warning."""
+    """A finding: "✓" in order, "!" a warning."""
 
     sign: str
     text: str
 
 
 def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
-    """Examine a lab whose rubric loads; raises RubricError with all mistakes in its files, each with its line.
+    """Examine a lab with a valid rubric; raises RubricError with all mistakes in its files, each with its line.
 
-    `tried` are results of its solution, if there are any.
+    `tried` has results of its solution, if there are any.
     """
     _, mistakes = parse_yaml(rubric_file, rubric.text, "the lab")
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as built:
@@ -86,7 +86,7 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
 
 
 def _pattern_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
-    """Find patterns of files that are never taken from a submission: those in folders that tools make."""
+    """Find patterns of files that are never taken from a submission, because tools make their folders."""
     for name, spec in rubric.artifacts.items():
         for n, pattern in enumerate(spec.find):
             made = tool_folder(tuple(pattern.split("/")))
@@ -99,9 +99,10 @@ def _solution_mistakes(rubric: Rubric) -> Iterator[tuple[Loc, str]]:
     folder = rubric.folder / (rubric.lab.solution or "")
     if not folder.is_dir():
         yield ("lab", "solution"), f"there is no folder {rubric.lab.solution!r} beside the rubric"
-    for name, artifact in (
-        rubric.artifacts.items() if rubric.lab.solution and folder.is_dir() else ()
-    ):
+        return
+    if not rubric.lab.solution:
+        return
+    for name, artifact in rubric.artifacts.items():
         if name not in rubric.bonus_artifacts and not any(folder.rglob(artifact.file)):
             yield ("artifacts", name, "file"), f"there is no {artifact.file} in the solution"
 
@@ -111,13 +112,13 @@ def _fixture_mistakes(rubric: Rubric) -> Iterator[str]:
         try:
             load_fixture(path.parent, rubric)
         except RubricError as error:
-            yield from (
-                f"{path.parent.relative_to(rubric.folder)}/{mistake}" for mistake in error.mistakes
-            )
+            folder = path.parent.relative_to(rubric.folder)
+            for mistake in error.mistakes:
+                yield f"{folder}/{mistake}"
 
 
 def _with_interfaces(rubric: Rubric, folder: Path) -> Collection[str]:
-    """Put the interfaces that reference nodes import before they run into a folder; returns what cannot be built."""
+    """Put the interfaces that reference nodes import into a folder; returns packages that cannot be built."""
     texts = files_of(rubric)
     lines = [
         line for spec in rubric.reference.values() for line in texts.get(spec.file, "").splitlines()
@@ -132,8 +133,9 @@ def _with_interfaces(rubric: Rubric, folder: Path) -> Collection[str]:
 def _code_mistakes(
     rubric: Rubric, built: Path, not_built: Collection[str]
 ) -> list[tuple[Loc, str]]:
-    """Execute the lab's files and say what is wrong with them, in a process that ends with it."""
-    sys.argv = sys.argv[:1]  # A program without a guard finds no configuration and ends.
+    """Execute the lab's files, and return their mistakes, in a process that ends afterwards."""
+    # A program without a guard finds no configuration, and ends.
+    sys.argv = sys.argv[:1]
     sys.path += map(str, built.glob("*/lib/python*/site-packages"))
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         works = _works(rubric)
@@ -142,14 +144,15 @@ def _code_mistakes(
             for loc, work, named in works
             if (words := _failure(loc, work, named, not_built))
         ]
-    # What is wrong with a file is said where it is named first.
+    # A mistake of a file is reported at its first place in the rubric.
     return [(loc, words) for words, loc in dict(reversed(found)).items()]
 
 
 def _failure(loc: Loc, work: Callable[[], object], named: str, not_built: Collection[str]) -> str:
     try:
         work()
-    except SystemExit as end:  # A program may end; a file of checks would end the judging.
+    # A program can end; a file of checks would end the judging.
+    except SystemExit as end:
         return describe_failure(end, named) if loc[0] in ("criteria", "bonus") else ""
     except Exception as problem:
         module = (
@@ -162,10 +165,11 @@ def _failure(loc: Loc, work: Callable[[], object], named: str, not_built: Collec
 
 
 def _works(rubric: Rubric) -> Iterator[tuple[Loc, Callable[[], object], str]]:
-    """Give what is to be tried of each file: where the rubric names it, the work, and the file."""
+    """Yield the attempts for each file: its place in the rubric, the work, and the file."""
     folder = rubric.folder
-    for name, spec in rubric.reference.items() if find_spec("rclpy") is not None else ():
-        yield ("reference", name, "file"), partial(load_file, folder, spec.file), spec.file
+    if find_spec("rclpy") is not None:
+        for name, spec in rubric.reference.items():
+            yield ("reference", name, "file"), partial(load_file, folder, spec.file), spec.file
     for session in rubric.sessions.values():
         for n, step in enumerate(session.steps):
             start = step.step
@@ -173,22 +177,20 @@ def _works(rubric: Rubric) -> Iterator[tuple[Loc, Callable[[], object], str]]:
                 continue
             settings = rubric.reference[start.reference].settings
             if settings is not None:
-                loc = ("sessions", session.id, "steps", n, step.kind)
-                yield loc, partial(_settle, folder, settings, start.with_), settings
-    placed = [
-        (key, n, each)
-        for key in ("criteria", "bonus")
-        for n, each in enumerate(getattr(rubric, key))
-    ]
-    for key, n, criterion in placed:
-        for kind, parts in (("checks", criterion.checks), ("figures", criterion.figures)):
-            for m, part in enumerate(parts):
-                for function in functions_of(part):
-                    yield (
-                        (key, n, kind, m, "with"),
-                        partial(_call, folder, function, part),
-                        function,
-                    )
+                step_loc = ("sessions", session.id, "steps", n, step.kind)
+                yield step_loc, partial(_settle, folder, settings, start.with_), settings
+    for key, criteria in (("criteria", rubric.criteria), ("bonus", rubric.bonus)):
+        for n, criterion in enumerate(criteria):
+            for kind, parts in (("checks", criterion.checks), ("figures", criterion.figures)):
+                for m, part in enumerate(parts):
+                    loc = (key, n, kind, m, "with")
+                    yield from _works_of(folder, loc, part)
+
+
+def _works_of(folder: Path, loc: Loc, part: Any) -> Iterator[tuple[Loc, Callable[[], object], str]]:
+    """Yield the attempts for the functions of a check or figure."""
+    for function in functions_of(part):
+        yield loc, partial(_call, folder, function, part), function
 
 
 def _settle(folder: Path, settings: str, values: dict[str, Any]) -> None:
@@ -196,9 +198,9 @@ def _settle(folder: Path, settings: str, values: dict[str, Any]) -> None:
 
 
 def _call(folder: Path, function: str, part: Any) -> None:
-    """Load a function and see whether it can be called as it will be; an oracle is, with streams, parameters, seed.
+    """Load a function and check that it can be called; an oracle takes streams, parameters and a seed.
 
-    What else a check of the lab's own names is for itself to call.
+    Other functions of a lab's own check are called by the check itself.
     """
     if not isinstance(part.parameters, OwnParameters):
         inspect.signature(load_oracle(folder, function)).bind({}, {}, 0)
@@ -210,7 +212,7 @@ def _call(folder: Path, function: str, part: Any) -> None:
 
 
 def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
-    """Yield the checks that the solution does not pass, and those that pass where nothing happens."""
+    """Yield the checks that the solution does not pass, and checks that an idle submission passes."""
     recordings = tried / RECORDINGS
     outdated = _outdated(rubric, recordings)
     if outdated:
@@ -235,7 +237,7 @@ def _by_recording(rubric: Rubric, tried: Path) -> Iterator[Remark]:
 
 
 def _outdated(rubric: Rubric, recordings: Path) -> str:
-    """Say that recordings of the solution are missing, or were made with other sessions; empty otherwise."""
+    """Report missing recordings of the solution, or recordings of other sessions; empty otherwise."""
     try:
         recorded = _experiments((recordings / RUBRIC_COPY).read_text(encoding="utf-8"))
     except OSError:
@@ -246,7 +248,7 @@ def _outdated(rubric: Rubric, recordings: Path) -> str:
 
 
 def _absent_bonus(result: Result, rubric: Rubric) -> Iterator[Remark]:
-    """Yield a remark if the solution has not all of the bonus."""
+    """Yield a remark if the solution lacks a part of the bonus."""
     there = {criterion.id for criterion in result.bonus}
     absent = [criterion.id for criterion in rubric.bonus if criterion.id not in there]
     if absent:
@@ -257,7 +259,7 @@ def _absent_bonus(result: Result, rubric: Rubric) -> Iterator[Remark]:
 
 
 def _lost(result: Result, by_person: Collection[str]) -> Iterator[Remark]:
-    """Yield each check that the solution does not pass, except those that a person grades."""
+    """Yield each check that the solution does not pass, except checks by a person."""
     for check in result.every_check:
         if check.outcome is Outcome.PASSED or check.id in by_person:
             continue
@@ -269,7 +271,7 @@ def _lost(result: Result, by_person: Collection[str]) -> Iterator[Remark]:
 
 
 def _free(idle: Sequence[CheckResult]) -> Iterator[Remark]:
-    """Yield each check that earns points where nothing happens."""
+    """Yield each check in which an idle submission earns points."""
     for check in idle:
         if check.earned:
             words = f"{check.id} earns {points(check.earned)} points also where nothing happens"
@@ -277,7 +279,7 @@ def _free(idle: Sequence[CheckResult]) -> Iterator[Remark]:
 
 
 def _broken(idle: Sequence[CheckResult]) -> Iterator[Remark]:
-    """Yield each check that fails with an error where nothing happens."""
+    """Yield each check that fails with an error for an idle submission."""
     for check in idle:
         if check.outcome is Outcome.ERROR:
             yield Remark(
@@ -296,7 +298,7 @@ def _judged(recordings: Path, rubric: Rubric) -> Result:
 
 
 def _judged_idle(recordings: Path, rubric: Rubric) -> list[CheckResult]:
-    """Judge what would be, had the programs started, done nothing, and been ended; and had no files been handed in."""
+    """Judge the recordings as if the programs had started and done nothing, and as if no files had been submitted."""
     found = open_recordings(recordings, rubric)
     sessions = {
         name: Recorded(_idle(recorded.record), Bag.empty())

@@ -28,10 +28,10 @@ _BAR_WIDTH = 40
 
 
 class RunProgress(Live):
-    """What is done, what runs and in which phase, what waits, and how long it will take.
+    """Progress of a run: finished, running (with its phase) and waiting submissions, and the estimated time left.
 
-    On a terminal in place; elsewhere, as in a CI job, a line when a submission ends. By the number of sessions side by
-    side the time is estimated first.
+    On a terminal the view is updated in place; elsewhere, as in a CI job, each ending prints a line. The first
+    estimate uses the number of sessions at a time.
     """
 
     def __init__(self, console: Console, at_a_time: int, noun: str = "submissions") -> None:
@@ -49,11 +49,11 @@ class RunProgress(Live):
         super().__init__(console=console, get_renderable=self.view, transient=True)
 
     def expect(self, name: str, work_s: float) -> None:
-        """Take note of a submission that is to be graded, with the time that its sessions take together."""
+        """Add a submission that will be graded, with the time of its sessions."""
         self._work_s[name] = work_s
 
     def phase(self, name: str, progress: Progress) -> None:
-        """Take note of what a submission is doing."""
+        """Note the phase of a submission."""
         self._since_s.setdefault(name, time.monotonic())
         phases = self._phases.setdefault(name, {})
         if progress.session:
@@ -65,12 +65,12 @@ class RunProgress(Live):
             phases[progress.session] = progress.text[:200] + step
 
     def took_s(self, name: str) -> float:
-        """Return how long ago a submission was first heard of; 0 if that was not yet."""
+        """Return the time since the first phase of a submission in s; 0 before it."""
         now_s = time.monotonic()
         return now_s - self._since_s.get(name, now_s)
 
     def done(self, name: str, line: Text | None, remark: str = "") -> None:
-        """Take note that a submission needs no more; remarks of a kind are counted."""
+        """Note the end of a submission; remarks of a kind are counted."""
         self._phases.pop(name, None)
         self._done_s += self._work_s.pop(name, 0.0)
         self._done += 1
@@ -82,7 +82,7 @@ class RunProgress(Live):
                 self._console.print(count.append(line), soft_wrap=True, highlight=False)
 
     def ended(self, row: Row) -> None:
-        """Take note of what became of a submission of a class."""
+        """Note the ending of a submission of a class."""
         failed = isinstance(row.ending, GraderError)
         remark = "as before" if row.reused else "not graded" if failed else ""
         self.done(row.source.name, None if row.reused else _line(row), remark)
@@ -94,7 +94,7 @@ class RunProgress(Live):
     # -- what is shown ------------------------------------------------------------------------
 
     def view(self) -> RenderableType:
-        """Return what the terminal shows."""
+        """Return the view of the terminal."""
         table = Table.grid(padding=(0, 2))
         table.add_column(no_wrap=True, max_width=_NAME_WIDTH)
         table.add_column(no_wrap=True, overflow="ellipsis")
@@ -105,7 +105,8 @@ class RunProgress(Live):
             table.add_row(
                 Text(terminal_text(name, _NAME_WIDTH)), Text(terminal_text(doing, 300), "dim")
             )
-        bar = Table.grid()  # by itself it would not end its line
+        # The library does not end the line.
+        bar = Table.grid()
         bar.add_row(
             ProgressBar(
                 total=max(1, self._done + len(self._work_s)), completed=self._done, width=_BAR_WIDTH
@@ -153,7 +154,7 @@ def _problem(ending: GraderError, name: str) -> str:
 
 
 def print_class(console: Console, rows: Sequence[Row]) -> None:
-    """Print the points of a class, a line each, and below them what needs a person."""
+    """Print the points of a class, a line for each submission, and below them the questions for a person."""
     table = Table(box=None, padding=(0, 2, 0, 0))
     table.add_column("submission", overflow="fold")
     table.add_column("points", justify="right", no_wrap=True)

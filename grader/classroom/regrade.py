@@ -1,6 +1,6 @@
-"""Recordings judged again, side by side: first what would change, then, if wanted, the new results.
+"""Regrading of recordings, several at a time: first the changes, then, on request, the new results.
 
-No result is touched before all have been judged.
+No result is replaced before all have been judged.
 """
 
 from __future__ import annotations
@@ -36,27 +36,30 @@ from grader.result import Result, load_result, result_of_text
 from grader.result_folder import RECORDINGS, RESULT_FILE
 from grader.submission.separation import made_from, uncounted_overrides
 
-#: What to judge by: a rubric, and what people decided.
+#: A rubric and the overrides for judging.
 Measure = tuple[Rubric, Overrides]
 
 
 def is_class(folder: Path) -> bool:
-    """Whether a folder holds results of submissions, and is not itself those of one."""
-    return not (folder / RECORDINGS).is_dir() and bool(recorded_in(folder))
+    """Return whether a folder holds results of several submissions, and not of a single one."""
+    if (folder / RECORDINGS).is_dir():
+        return False
+    return bool(recorded_in(folder))
 
 
 def recorded_in(results: Path) -> list[Path]:
-    """Return the folders of the submissions that were recorded, in the order of their names."""
-    if not results.is_dir():
-        return []
-    return sorted(
-        p for p in results.iterdir() if not p.name.startswith(".") and (p / RECORDINGS).is_dir()
-    )
+    """Return the folders of recorded submissions, in the order of their names."""
+    found: list[Path] = []
+    if results.is_dir():
+        for folder in results.iterdir():
+            if not folder.name.startswith(".") and (folder / RECORDINGS).is_dir():
+                found.append(folder)
+    return sorted(found)
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A submission that was judged again, by what, and what changes for it."""
+    """A submission that was judged again, with the rubric, the overrides, and the changes."""
 
     judgement: Judgement
     changes: Changes
@@ -65,56 +68,62 @@ class Judged:
 
     @property
     def result(self) -> Result:
-        """Its result now."""
+        """The new result."""
         return self.judgement.result
 
 
 @dataclass(frozen=True)
 class Regrade:
-    """What judging submissions again comes to, each under the name of its folder."""
+    """Regraded submissions, by the names of their folders."""
 
     results: Path
     judged: Mapping[str, Judged]
-    #: Why those that could not be judged could not.
+    #: Submissions that could not be judged.
     failed: Mapping[str, GraderError]
 
     @property
     def changes(self) -> dict[str, Changes]:
-        """What changes for each that was judged."""
+        """The changes of each judged submission."""
         return {name: judged.changes for name, judged in self.judged.items()}
 
     def apply(self, command: str = "regrade") -> None:
-        """Put the new results, which were made with their pages, in place of the old, and note it in the trail."""
+        """Replace the results and pages by the new ones, and add the old results to the audit trail."""
         for name, judged in self.judged.items():
             folder = self.results / name
-            before, sha256 = text_of(folder / RESULT_FILE), judged.overrides.sha256
-            with uninterrupted():  # so that no result is replaced without being kept
+            before = text_of(folder / RESULT_FILE)
+            sha256 = judged.overrides.sha256
+            # No result is replaced without being kept.
+            with uninterrupted():
                 replace_files(files_of(judged.judgement, folder, judged.rubric))
                 note_replaced(self.results, name, before, command, overrides_sha256=sha256)
 
     @property
     def overrides(self) -> Overrides:
-        """What people decided, and was applied."""
-        return next((judged.overrides for judged in self.judged.values()), Overrides())
+        """The overrides that were applied."""
+        for judged in self.judged.values():
+            return judged.overrides
+        return Overrides()
 
     def remarks(self, *, whole_class: bool = True) -> list[str]:
-        """Say which overrides do nothing, and where other files of the lab judge than those it was recorded with."""
+        """Report overrides without an effect, and recordings that are judged by other files of the lab."""
         remarks: list[str] = []
         if whole_class:
             names = [*(changes.submission for changes in self.changes.values()), *self.failed]
             late = any(judged.rubric.policy.late is not None for judged in self.judged.values())
             remarks += self.overrides.remarks(names, times_matter=late)
-        ignored = uncounted_overrides(
-            self.results, [made_from(self.results / name) for name in self.judged]
-        )
-        remarks += [ignored] if ignored is not None and not self.overrides.sha256 else []
+        sources = [made_from(self.results / name) for name in self.judged]
+        ignored = uncounted_overrides(self.results, sources)
+        if ignored is not None and not self.overrides.sha256:
+            remarks.append(ignored)
         about: dict[str, list[str]] = {}
         for name, judged in self.judged.items():
             for remark in remarks_on_lab(self.results / name / RECORDINGS, judged.rubric):
                 about.setdefault(remark, []).append(name)
-        return remarks + [
-            f"{', '.join(of)}: {remark}" if whole_class else remark for remark, of in about.items()
-        ]
+        for remark, names in about.items():
+            if whole_class:
+                remark = f"{', '.join(names)}: {remark}"
+            remarks.append(remark)
+        return remarks
 
 
 def regrade(
@@ -128,13 +137,15 @@ def regrade(
     jobs: int | None = None,
     on_judged: Callable[[str], None] = lambda name: None,
 ) -> Regrade:
-    """Judge the recordings of one submission or many again, whose results lie all in one folder.
+    """Judge the recordings of one submission or several again; their results lie in one folder.
 
-    By default, each is judged by the rubric by which it was judged last, with the `overrides.yaml` beside the folders,
-    and as many side by side as there are cores. `pages` makes the reports too, for `Regrade.apply`, and `trusted` lets
-    files of the lab that came with the recordings be executed though they are not known here. Without `again`, what was
-    judged stays, and only people's decisions are applied to it anew. Raises RubricError if
-    the rubric given, or the overrides, cannot be used, and RecordingError if there is nothing to judge.
+    By default, each submission is judged by its last rubric and the `overrides.yaml` beside the folders, and as many
+    at a time as there are cores. `pages` makes the reports too, for `Regrade.apply`. `trusted` allows executing
+    unknown files of the lab that came with the recordings. Without `again`, findings stay, and only the overrides are
+    applied again.
+
+    Raises RubricError if the given rubric, or the overrides, cannot be used, and RecordingError if there is nothing
+    to judge.
     """
     if not folders:
         raise RecordingError(
@@ -188,7 +199,7 @@ def _measures(
     *,
     trusted: bool,
 ) -> tuple[dict[Path, Measure], dict[str, GraderError]]:
-    """Load each rubric once; returns by what each folder is judged, and why which, by its name, cannot be."""
+    """Load each rubric once; returns the rubric and overrides of each folder, and errors by the folder's name."""
     given = chosen_rubric(folders, rubric) if rubric is not None else None
     rubrics: dict[object, Rubric] = {}
     rubric_of: dict[Path, Rubric] = {}
@@ -232,7 +243,7 @@ def _judge_sparingly(
 def _judge(
     folder: Path, measure: Measure, pages: bool, again: bool, effort: Effort = FULL
 ) -> tuple[Judgement, Changes]:
-    """Judge one folder; returns what it comes to now, and what that changes."""
+    """Judge one folder; returns the judgement and its changes."""
     earlier = None if again else load_result(folder / RESULT_FILE)
     new = judgement.judge_recordings(
         folder / RECORDINGS, *measure, page=pages, earlier=earlier, effort=effort

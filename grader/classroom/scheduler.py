@@ -1,4 +1,4 @@
-"""Slots for sandboxes on this machine, shared by all gradings that run on it at a time."""
+"""Slots for sandboxes on this machine, shared by all gradings on it."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _POLL_S = 0.1
 #: the usual session takes. With twice the share a fifth of the cores' time was left over. To ask for what the very
 #: session took before kept the short, busy ones waiting, and all others behind them.
 ROOM_SHARE, ROOM_S = 0.1, 0.3
-#: The most slots there are; what runs alone holds all of them.
+#: Largest number of slots; a request for all of them runs alone.
 MOST_SLOTS = 16
 
 
 class Machine:
-    """A number of slots for sandboxes, or many of them for one; by the name, gradings find each other.
+    """A number of slots for sandboxes, found by all gradings through its name.
 
-    Whoever holds the abstract socket of a slot's name holds the slot, so the kernel frees what a killed process
-    held, and nothing is left behind. Everyone comes through a `turnstile`, so that sandboxes which come later do not
-    keep one that waits for many slots from them. Some are `spare`: given while the machine's cores have little to do.
+    A slot is held by binding the abstract socket with its name. The kernel frees the slots of a killed process, and
+    nothing is left behind. All requests pass a `turnstile`, so that later sandboxes do not starve a request for many
+    slots. Spare slots are given while the machine's cores are mostly idle.
     """
 
     def __init__(
@@ -44,9 +44,9 @@ class Machine:
 
     @classmethod
     def of(cls, isolation: Isolation, jobs: int | None = None) -> Machine:
-        """Return this machine's slots: so many as are wanted, or as its cores allow, and as many more if they are idle.
+        """Return this machine's slots: the wanted number, or one for each core, and as many spare ones.
 
-        Where sandboxes share a network, one could speak in another's, so that there is one slot.
+        Sandboxes that share a network could send messages to each other; they get a single slot.
         """
         slots = sessions_at_a_time(isolation)
         if jobs is not None and isolation.namespaces:
@@ -54,10 +54,10 @@ class Machine:
         return cls(slots, spare=slots if isolation.namespaces else 0)
 
     async def take(self, parts: int | None = None) -> Callable[[], None]:
-        """Wait for a slot, or for all slots of one of so many parts; returns what gives them back.
+        """Wait for a slot, or for all slots of one of some parts; returns the context that frees them.
 
-        Of n parts each has every n-th slot: one part is all there is, and with as many as `slots`, what runs there runs
-        beside no spare ones.
+        Of n parts, each has every n-th slot: a single part has all slots, and with as many parts as `slots`, a part
+        excludes spare slots.
         """
         with await self._bind([["turnstile"]]):
             count = parts or self.slots + self.spare
@@ -72,7 +72,7 @@ class Machine:
     async def _bind(
         self, groups: Sequence[Sequence[str]], spare: Sequence[Sequence[str]] = ()
     ) -> ExitStack:
-        """Wait until a group of names is free, or a spare one while cores are idle; returns what holds all of it."""
+        """Wait until a group of names is free, or a spare one while cores are idle, and hold the group."""
         looked_s, idle_s = time.monotonic(), self._idle_s() if spare else 0.0
         while True:
             has_room, past_s = False, time.monotonic() - looked_s

@@ -1,4 +1,4 @@
-"""Fixtures graded side by side, each compared with what it expects."""
+"""Grading of fixtures, several at a time, and comparison with their expectations."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ _LONGEST = 600
 
 @dataclass(frozen=True)
 class FixtureRun:
-    """What became of a fixture."""
+    """The outcome of a fixture."""
 
     name: str
     #: "✓" as expected, "✗" not, "?" undecided, "!" not graded.
     sign: str
-    #: In what it differs from what is expected, or why it was not graded.
+    #: Differences from the expectation, or the reason why it was not graded.
     differences: tuple[str, ...] = ()
-    #: Points of what was judged.
+    #: Points of all judged checks.
     earned: Decimal = Decimal(0)
     possible: Decimal = Decimal(0)
     took_s: float = 0.0
 
     @property
     def points(self) -> str:
-        """Its points in words."""
+        """The points in words."""
         if not self.possible:
             return "not graded" if self.sign in "!✗" else ""
         return f"{points(self.earned)} / {points(self.possible)}"
@@ -58,7 +58,7 @@ async def run_fixtures(
     folder: Path,
     display: RunProgress,
 ) -> list[FixtureRun]:
-    """Grade fixtures on this machine; whatever becomes of one, the others are graded.
+    """Grade fixtures on this machine; a failure of one does not affect the others.
 
     Submissions are laid out in the folder, and results go there.
     """
@@ -110,7 +110,7 @@ async def _graded(
 
 
 def print_fixtures(console: Console, found: Sequence[FixtureRun]) -> None:
-    """Print a table of all fixtures, and below it in what some differ from what is expected."""
+    """Print a table of all fixtures, and below it the differences from their expectations."""
     table = Table(box=None, padding=(0, 2, 0, 0), show_header=False)
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
@@ -133,10 +133,10 @@ def print_fixtures(console: Console, found: Sequence[FixtureRun]) -> None:
 
 
 def quick(fixtures: Sequence[Fixture], rubric: Rubric) -> list[Fixture]:
-    """Choose fixtures that say much in little time.
+    """Choose fixtures that test much in little time.
 
-    These are all that state their total or need no session, and for each criterion the first one of one session
-    that loses points there.
+    These are all fixtures that state their total or need no session, and for each criterion the first fixture with
+    one session that loses points in it.
     """
     chosen = [f for f in fixtures if not f.expectation.sessions or f.expectation.total is not None]
     for criterion in rubric.criteria:

@@ -1,4 +1,4 @@
-"""What the recorded submissions of a class have in common: read, compared within bounds, and kept as a file."""
+"""Code that the recorded submissions of a class have in common: read, compared within bounds, and kept as a file."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from grader.recording.submission import SubmissionRecord, read_submission
 from grader.result_folder import RECORDINGS, SIMILARITY_FILE
 from grader.submission.artifacts import collect_files
 
-#: What parsing one submission, and comparing all, may take: 0.02 s, and 1 s for 125, on a core of today.
+#: Bounds for parsing one submission, which takes 0.02 s, and for comparing all, which takes 1 s for 125 submissions.
 _READING_BOUND = Bound(what="parsing its files", cpu_s=20.0, wall_s=100.0, memory_bytes=1024**3)
 _COMPARING_BOUND = Bound(
     what="comparing the class", cpu_s=600.0, wall_s=1200.0, memory_bytes=4 * 1024**3
@@ -34,10 +34,10 @@ _COMPARING_BOUND = Bound(
 
 
 def common_folders(folders: Sequence[Path], rubric: Rubric, given: Sequence[Path]) -> list[Path]:
-    """Return where the code lies that all were given: that of the rubric's handout and solution, and what is named.
+    """Return the folders of code that all students were given: the rubric's handout and solution, and given folders.
 
-    The lab's folder is the rubric's, or that by which a submission was recorded. Raises SubmissionError where a folder
-    that is named is not there.
+    The lab's folder is the rubric's, or the folder of a submission's recording. Raises SubmissionError if a given
+    folder is missing.
     """
     for folder in given:
         if not folder.is_dir():
@@ -54,7 +54,7 @@ def common_folders(folders: Sequence[Path], rubric: Rubric, given: Sequence[Path
 
 
 def compare(folders: Sequence[Path], common: Sequence[Path]) -> Similarity:
-    """Compare the submissions that were recorded in these folders; what one hands in costs the others nothing."""
+    """Compare the submissions that were recorded in some folders; a failure of one does not affect the others."""
     cores = (
         len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     )
@@ -103,14 +103,14 @@ def _adapter() -> TypeAdapter[Similarity]:
 
 
 def write_similarity(results: Path, similarity: Similarity) -> Path:
-    """Keep what a class has in common beside its results; returns the file."""
+    """Write the common code of a class beside its results; returns the file."""
     file = results / SIMILARITY_FILE
     replace_file(file, json_text(_adapter().dump_python(similarity, mode="json")))
     return file
 
 
 def read_similarity(results: Path) -> Similarity | None:
-    """Read what was compared last; None if nothing was, and RecordingError if that cannot be read."""
+    """Read the last comparison; returns None if there is none, and raises RecordingError if it cannot be read."""
     file = results / SIMILARITY_FILE
     try:
         return _adapter().validate_json(file.read_bytes())

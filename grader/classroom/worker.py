@@ -1,9 +1,11 @@
-"""One submission in a process of its own, so that nothing it holds can end the grading of the others.
+"""Grading of one submission in a process of its own, so that no submission can end the grading of the others.
 
-Both ends: `grade_in_process` asks for a process with a job in a file, and ends it when it hangs; the process says
-through a pipe what it is doing, and at last how that ended. For each session, and for its own work, it waits for one of
-the machine's slots. All of a class are forks of one process, `Workers`, which has imported what they need, and which
-`Here` replaces where it is lost.
+The module has both ends. `grade_in_process` asks for a process with a job in a file, and ends the process if it
+hangs. The process reports its progress and its ending through a pipe, and waits for one of the machine's slots for
+each session and for its own work.
+
+All processes of a class are forks of one process, `Workers`, with everything imported; `Here` replaces it if it is
+lost.
 """
 
 from __future__ import annotations
@@ -48,14 +50,14 @@ from grader.live.session.runner import Progress, given_in_steps
 from grader.live.session.scheduler import Slot
 from grader.live_exports import export_variables
 
-#: What reading and judging a submission may take of the address space; some 0.7 GiB suffice. The sandboxes that it
-#: starts have limits of their own.
+#: Address space for reading and judging a submission, of which 0.7 GiB suffice. Its sandboxes have limits of their
+#: own.
 MOST_MEMORY_BYTES = 4 * 1024**3
-#: How long it may take to end when it is asked to.
+#: Time for a process to end after a request, in s.
 _END_S = 15.0
-#: How often one that waits says so.
+#: Interval between reports of a waiting process, in s.
 _STILL_WAITS_S = 10.0
-#: How often in a row the process that grades many may be lost, with no grading ended between.
+#: Number of losses of the common process in a row, without a finished grading in between, that are tolerated.
 _MOST_LOST = 3
 
 
@@ -63,7 +65,7 @@ _MOST_LOST = 3
 
 
 class Workers(ForkingServer):
-    """The process whose forks grade a submission each; used as a context, with which all of them end."""
+    """The process with a fork for each submission; used as a context that ends all forks."""
 
     def __init__(self) -> None:
         environment = helper_environment(export_variables())
@@ -74,9 +76,9 @@ class Workers(ForkingServer):
 
 
 class Here(ExitStack):
-    """Grading on this machine, so many submissions at a time as it may have slots; used as a context.
+    """Grading on this machine, of as many submissions at a time as it can have slots; used as a context.
 
-    What was lost with a process that somebody killed is graded again once, by a new one where all need it.
+    Submissions lost with a killed process are graded once more, by a new process if it was the common one.
     """
 
     def __init__(self, isolation: Isolation, machine: Machine) -> None:
@@ -89,7 +91,7 @@ class Here(ExitStack):
     async def grade(
         self, job: Job, on_progress: Callable[[Progress], None]
     ) -> tuple[Ending, Level]:
-        """Grade a submission in a process of its own; returns how it ended, and how its code was confined."""
+        """Grade a submission in a process of its own; returns its ending, and the confinement of its code."""
         job = replace(job, isolation=self._isolation, machine=self._machine)
         async with self._room:
             ending = await self._grade(job, on_progress)
@@ -114,7 +116,7 @@ class Here(ExitStack):
         if workers is self._workers:
             self._lost += 1
             self._workers = None
-        # Whatever it said may come of that: sessions whose server is gone are recorded as not decided.
+        # Any report can be an effect of that: sessions of a lost server are recorded as undecided.
         return (
             ending
             if isinstance(ending, ProcessLostError)
@@ -125,7 +127,7 @@ class Here(ExitStack):
 async def grade_in_process(
     job: Job, workers: Workers, on_progress: Callable[[Progress], None]
 ) -> Ending:
-    """Grade one submission in a process of its own; returns how it ended, and never fails because of it."""
+    """Grade one submission in a process of its own; returns its ending, and never fails because of it."""
     try:
         with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as scratch:
             (Path(scratch) / "job").write_bytes(pickle.dumps(job.absolute()))
@@ -134,7 +136,8 @@ async def grade_in_process(
         return problem_of(error)
     finally:
         shutil.rmtree(job.results / UNFINISHED, ignore_errors=True)
-        with suppress(OSError):  # It is not empty, as a rule.
+        # The folder is usually not empty.
+        with suppress(OSError):
             job.results.rmdir()
 
 
@@ -181,7 +184,7 @@ async def _end(process: int, said: asyncio.StreamReader) -> None:
 
 
 def _broken(status: int | None, errors: Path) -> GraderError:
-    """Return what is known of a process that ended without an ending."""
+    """Return the known facts about a process without an ending."""
     if status is None:
         return ProcessLostError("the process that grades all submissions was killed")
     how = f"status {status}" if status >= 0 else signal.Signals(-status).name
@@ -196,7 +199,7 @@ def _broken(status: int | None, errors: Path) -> GraderError:
 
 
 def main() -> None:
-    """Fork a process for each job whose file is named through the socket of the number in argv[1]."""
+    """Fork a process for each job file that is named through the socket with the number in argv[1]."""
     end_with_parent()  # If that has ended already, so has the other side of the socket.
     # Python finds it by writing a file there, which one that is killed at that moment would leave.
     tempfile.gettempdir()
@@ -207,7 +210,8 @@ def main() -> None:
             job: Job = pickle.loads(Path(os.fsdecode(request)).read_bytes())
             if not servers:  # All jobs have the same rubric.
                 servers.append(stack.enter_context(ForkServer(given_in_steps(job.rubric, "type"))))
-                with suppress(Exception):  # What fails then is told where it is needed.
+                # A failed import is reported by its first use.
+                with suppress(Exception):
                     prepare(job.rubric)
                 gc.freeze()
             grade = partial(_grade, job, servers[0])
@@ -218,7 +222,7 @@ def main() -> None:
 
 def _grade(job: Job, forks: ForkServer) -> None:
     limit_memory(MOST_MEMORY_BYTES)
-    # A lab's own code may print, also what a student wrote: none of that is a message, which is unpickled.
+    # A lab's own code can print, also students' texts: none of that is a message, because messages are unpickled.
     send = partial(_send, os.dup(1))
     os.dup2(2, 1)
     try:
@@ -230,7 +234,7 @@ def _grade(job: Job, forks: ForkServer) -> None:
     except Exception as error:
         traceback.print_exc()
         ending = problem_of(error)
-    # Not through a file: that the disk is full may be what has to be said.
+    # Not through a file, because a full disk can be the problem.
     send(ending)
 
 
@@ -242,8 +246,8 @@ def _send(channel: int, what: Progress | Ending) -> None:
 class _WorkerScheduler:
     """The machine's slots for the sessions of this process, and for its own work.
 
-    A slot for work is kept until there is no more of it for now, since it is of this process alone, which does work
-    and sessions in turn. What this process holds is freed at its end in any case.
+    A slot for work is kept until the work is done, because this process does work and sessions in turn. The end of
+    the process frees its slots in any case.
     """
 
     job: Job

@@ -1,1 +1,1 @@
-"""`grade doctor`: what this machine can do, and how to fix what it cannot. Imports what grading does."""
+"""`grade doctor`: abilities of this machine, and remedies for its problems. Imports the same as grading."""

@@ -1,4 +1,4 @@
-"""Examines this machine: whether it can grade, how well it confines students' code, and how quiet it is."""
+"""Examination of this machine: its ability to grade, the confinement of students' code, and its noise."""
 
 from __future__ import annotations
 
@@ -33,33 +33,41 @@ from grader.result import Outcome
 from grader.submission.artifacts import read_submission_folder
 
 _LAB = Path(__file__).parent / "lab"
-#: What the lab's node does.
-_RATE_HZ, _TOPIC, _NODE, _SESSION = 100.0, "/beat", "beat", "beat"
-_RATE_OFF, _JITTER_S = 0.01, 0.006
+#: Rate of the lab's node.
+_RATE_HZ = 100.0
+_TOPIC = "/beat"
+_NODE = "beat"
+_SESSION = "beat"
+#: Largest relative error of the rate.
+_RATE_OFF = 0.01
+_JITTER_S = 0.006
 _SLOW_DISCOVERY_S = 2.0
+#: Time for which a core is kept busy.
 _BUSY_S = 1.0
+#: Largest share of that time for others.
 _BUSY_SHARE = 0.10
+#: Largest share of a session for which a student's process may wait for a core.
 _UNSTEADY_SHARE = 0.05
-#: Of disk, and of memory.
+#: Least free space of the disk, and of the memory.
 _LEAST_BYTES = 2 * 1024**3
 
 
 def _status(good: bool, subject: str, found: str, remedy: str) -> Status:
-    return (
-        Status(Verdict.PASS, subject, found)
-        if good
-        else Status(Verdict.WARNING, subject, found, remedy)
-    )
+    if good:
+        return Status(Verdict.PASS, subject, found)
+    return Status(Verdict.WARNING, subject, found, remedy)
 
 
 def examine(interpreter: Path) -> Iterator[Status]:
-    """Look at one thing after another; ends early where nothing more can be found out."""
+    """Examine one thing after another; ends early if the remaining ones need a failed one."""
     platform_status = _platform(interpreter)
     yield platform_status
     isolation = probe_isolation(interpreter)
     yield from _confinement(isolation)
-    cores, slots = len(os.sched_getaffinity(0)), sessions_at_a_time(isolation)
-    found = f"{cores} for this process; {f'{slots} sessions side by side' if slots > 1 else 'one session at a time'}"
+    cores = len(os.sched_getaffinity(0))
+    slots = sessions_at_a_time(isolation)
+    at_a_time = f"{slots} sessions side by side" if slots > 1 else "one session at a time"
+    found = f"{cores} for this process; {at_a_time}"
     yield _status(cores >= 2, "cores", found, "Two cores or more make grading faster and surer.")
     yield _real_time()
     yield _noise()
@@ -115,7 +123,7 @@ def _confinement(isolation: Isolation) -> Iterator[Status]:
 
 
 def _real_time() -> Status:
-    """Try, in a process that does nothing, whether the grader's own may be scheduled in real time."""
+    """Try real-time scheduling in an idle process, as the grader's own processes use it."""
     tried = f"import os; os.sched_setscheduler(0, os.SCHED_RR, os.sched_param({WATCHING}))"
     is_permitted = run_helper(python(sys.executable, "-c", tried)).returncode == 0
     found = (
@@ -128,8 +136,9 @@ def _real_time() -> Status:
 
 
 def _noise() -> Status:
-    """Keep a core busy for a second: what of it went to others, of this machine or beside it, is noise."""
-    steal_before, stat = stolen_ns(), _own_wait_ns()
+    """Keep a core busy for a second; the share that went to others, on this machine or beside it, is noise."""
+    steal_before = stolen_ns()
+    stat = _own_wait_ns()
     started = time.monotonic()
     while time.monotonic() - started < _BUSY_S:
         pass
@@ -174,12 +183,13 @@ def _toolchain() -> Status:
 
 
 def _traffic(interpreter: Path) -> Iterator[Status]:
-    """Record the examination's node in a real sandbox, and see what of its 100 messages a second arrives."""
+    """Record the examination's node in a real sandbox, and examine its discovery and its 100 messages per second."""
     with tempfile.TemporaryDirectory(prefix="grade-doctor-") as scratch:
         started = time.monotonic()
         recorded = _record(interpreter, Path(scratch))
         took_s = time.monotonic() - started
-        step, window = recorded.step("heard"), recorded.window("watched")
+        step = recorded.step("heard")
+        window = recorded.window("watched")
         if step is None or step.outcome != "done" or window is None:
             output = "; ".join(recorded.record.problems) or "the node was not heard"
             yield Status(
@@ -194,27 +204,31 @@ def _traffic(interpreter: Path) -> Iterator[Status]:
         found = f"a node in a real sandbox was heard {waited_s:.2f} s after its start, by unicast on loopback"
         remedy = "The machine is slow to start programs; expect longer gradings."
         yield _status(waited_s < _SLOW_DISCOVERY_S, "discovery", found, remedy)
-        timing = timing_of(recorded.stream(_TOPIC), window)
-        if timing is None:
-            yield Status(
-                Verdict.FAIL, "100 Hz", "almost nothing was recorded", "Run `grade doctor` again."
-            )
-            return
-        process = recorded.process(_NODE)
-        delay_s = recorded.machine_delay_s(process, window) if process is not None else 0.0
-        jitter_s = timing.deviation_s(0.99)
-        found = (
-            f"{timing.rate_hz:.2f} Hz, {jitter_s * 1000:.1f} ms of jitter (99 %), {timing.lost} of {timing.written} "
-            f"lost, {delay_s * 1000:.0f} ms of machine delay; the session took {took_s:.1f} s"
+        yield _rate(recorded, window, took_s)
+
+
+def _rate(recorded: Recorded, window: Span, took_s: float) -> Status:
+    """Examine the rate, jitter and losses of the recorded messages."""
+    timing = timing_of(recorded.stream(_TOPIC), window)
+    if timing is None:
+        return Status(
+            Verdict.FAIL, "100 Hz", "almost nothing was recorded", "Run `grade doctor` again."
         )
-        rate_is_good = abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF
-        good = all((rate_is_good, jitter_s < _JITTER_S, timing.lost == 0))
-        remedy = "Grade when less is running; timing that a busy machine disturbs is undecided."
-        yield _status(good, "100 Hz", found, remedy)
+    process = recorded.process(_NODE)
+    delay_s = recorded.machine_delay_s(process, window) if process is not None else 0.0
+    jitter_s = timing.deviation_s(0.99)
+    found = (
+        f"{timing.rate_hz:.2f} Hz, {jitter_s * 1000:.1f} ms of jitter (99 %), {timing.lost} of {timing.written} "
+        f"lost, {delay_s * 1000:.0f} ms of machine delay; the session took {took_s:.1f} s"
+    )
+    rate_is_good = abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF
+    good = rate_is_good and jitter_s < _JITTER_S and timing.lost == 0
+    remedy = "Grade when less is running; timing that a busy machine disturbs is undecided."
+    return _status(good, "100 Hz", found, remedy)
 
 
 def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Status]:
-    """Grade the lab's own solution, and tell what of its checks this machine cannot decide, and how steady it is."""
+    """Grade the lab's own solution, and report checks that this machine cannot decide, and its steadiness."""
     if rubric.lab.solution is None or not (rubric.folder / rubric.lab.solution).is_dir():
         yield Status(
             Verdict.WARNING,
@@ -229,27 +243,16 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Status]:
         solution = rubric.folder / rubric.lab.solution
         result = pipeline.grade(solution, rubric, Path(scratch), options, lambda progress: None)
         took_s = time.monotonic() - started
-        sessions = {
-            name: Recorded.open(Path(scratch) / result_folder.RECORDINGS / name)
-            for name in rubric.sessions
-        }
+        recordings = Path(scratch) / result_folder.RECORDINGS
+        sessions = [Recorded.open(recordings / name) for name in rubric.sessions]
     score = result.score
     found = (
         f"{score.earned} of {score.possible} points, {score.undecided} undecided, in {took_s:.1f} s"
     )
     remedy = "Grade when less is running, or on a faster machine; what it cannot decide costs nobody points."
     yield _status(score.earned == score.possible, "solution", found, remedy)
-    for recorded in sessions.values():
-        record = recorded.record
-        span = Span(record.started_ns, record.ended_ns)
-        delays = [
-            recorded.machine_delay_s(run, span) for run in record.processes if run.role == "student"
-        ]
-        share = max(delays, default=0.0) / max(span.duration_s, 1e-9)
-        again = f", recorded {record.attempt} times" if record.attempt > 1 else ""
-        found = f"a student's process waited for a core {share:.1%} of {span.duration_s:.1f} s at most{again}"
-        remedy = "Timing may be undecided; end other programs."
-        yield _status(share <= _UNSTEADY_SHARE, f"session {record.session}", found, remedy)
+    for recorded in sessions:
+        yield _steadiness(recorded)
     for check in result.checks:
         if check.outcome is not Outcome.PASSED:
             output = f"{check.outcome.value}: {check.measured}. {check.reason}"
@@ -259,6 +262,20 @@ def calibrate(interpreter: Path, rubric: Rubric) -> Iterator[Status]:
                 output,
                 "This check cannot be trusted on this machine as it is now.",
             )
+
+
+def _steadiness(recorded: Recorded) -> Status:
+    """Examine the waits of a session's student's processes for a core."""
+    record = recorded.record
+    span = Span(record.started_ns, record.ended_ns)
+    longest_s = 0.0
+    for run in recorded.students:
+        longest_s = max(longest_s, recorded.machine_delay_s(run, span))
+    share = longest_s / max(span.duration_s, 1e-9)
+    again = f", recorded {record.attempt} times" if record.attempt > 1 else ""
+    found = f"a student's process waited for a core {share:.1%} of {span.duration_s:.1f} s at most{again}"
+    remedy = "Timing may be undecided; end other programs."
+    return _status(share <= _UNSTEADY_SHARE, f"session {record.session}", found, remedy)
 
 
 def _record(interpreter: Path, scratch: Path) -> Recorded:

@@ -1,4 +1,4 @@
-"""A line of the examination, and the first lines: the limits, without which nothing else can be examined."""
+"""A line of the examination, and its first lines: the limits, which everything else needs."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from grader.live.sandbox.enough import present_shortages
 
 
 class Verdict(str, Enum):
-    """What an examination says of one thing."""
+    """Verdicts of an examination."""
 
     PASS = "PASS"
     WARNING = "WARNING"
@@ -18,7 +18,7 @@ class Verdict(str, Enum):
 
 @dataclass(frozen=True)
 class Status:
-    """One line of the examination: what was seen, with its figures, and the one thing that would fix it."""
+    """One line of the examination: the finding with its figures, and the remedy."""
 
     verdict: Verdict
     subject: str
@@ -27,7 +27,7 @@ class Status:
 
 
 def status_of_limits() -> Status:
-    """Return whether the hard limits of this process suffice, and if not, the lowest of them."""
+    """Examine the hard limits of this process, and name the lowest ones that are too low."""
     found = present_shortages()
     if not found:
         return Status(Verdict.PASS, "limits", "as high as grading makes use of")

@@ -1,5 +1,6 @@
 """Interface packages of labs and students, built by rosidl and a compiler; of the live half it imports `sandbox`.
 
-The grader's own processes load what is built of a student's text, since the recorder needs the support of each type. So
-no build file of a package is run, and its definitions are compiled in a sandbox (`inside/build_package.py`).
+The grader's own processes load libraries built from a student's definitions, because the recorder needs the support
+of each type. Therefore no build file of a package is run, and its definitions are compiled in a sandbox
+(`inside/build_package.py`).
 """

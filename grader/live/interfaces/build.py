@@ -1,4 +1,4 @@
-"""Interface packages → ament prefixes, each built once in a sandbox and kept in the user's cache."""
+"""Building of interface packages into ament prefixes, once in a sandbox, with a cache of the user."""
 
 from __future__ import annotations
 
@@ -33,20 +33,24 @@ from grader.recording.interfaces import InterfacePackage, in_order, packages_of,
 _INSIDE = Path(__file__).parent / "inside"
 _SHIPPED = Path(__file__).parent / "shipped"
 _SUBSETS = Path(__file__).parent / "subsets"
-#: Packages that the grader brings -> words of a text that show that it needs them.
+#: Words of a text that need a package of the grader.
 _NEEDED_FOR = {"tf2_msgs": ("tf2_msgs", "tf2_ros")}
-#: Of one submission; a package with three interfaces takes 9 s of a core, which a busy machine may give late.
-_MOST_PACKAGES, _MOST_S = 20, 300.0
-#: Of one package; less than a class waits for a word of a grading (`classroom.job.Job.silence_s`).
+#: Packages of one submission.
+_MOST_PACKAGES = 20
+#: Time for all packages of a submission, in s; three interfaces take 9 s of a core, more on a busy machine.
+_MOST_S = 300.0
+#: Time for one package, in s; less than the timeout of a silent grading (`classroom.job.Job.silence_s`).
 _MOST_EACH_S = 100.0
-#: How often is looked whether another grading still builds.
+#: Interval between attempts to get the lock of another grading's build, in s.
 _LOOK_S = 0.5
-#: What a built package has at most; ten interfaces take some 1 MB.
-_MOST_FILES, _MOST_BYTES = 10_000, 128 * 1024**2
+#: Files of the largest built package.
+_MOST_FILES = 10_000
+#: Size of the largest built package; ten interfaces take 1 MB.
+_MOST_BYTES = 128 * 1024**2
 _MOST_CACHED = 500
-#: Ends the name of a prefix with a part of a package.
+#: Suffix of a prefix with a part of a package.
 _PART = "-part"
-#: Of what a built package depends on, beside its own definitions.
+#: Distributions on which a built package depends, beside its own definitions.
 _VERSIONS = (
     "ros-rclpy",
     "ros-common-interfaces",
@@ -64,35 +68,39 @@ _GENERATORS = (
 
 @dataclass
 class Built:
-    """Which packages there are, as prefixes in one folder; of the others why not."""
+    """Built packages, as prefixes in one folder, and reasons for packages that were not built."""
 
     prefixes: dict[str, Path] = field(default_factory=dict)
-    #: Through no fault of who wrote them.
+    #: Packages that were not built for another reason than a mistake in them.
     missing: dict[str, str] = field(default_factory=dict)
-    #: For a mistake in them, for which `colcon build` would stop too.
+    #: Packages with a mistake, at which `colcon build` stops too.
     invalid: dict[str, str] = field(default_factory=dict)
-    #: How long building took, in s, failed builds included.
+    #: Time of all builds, in s, including failed ones.
     took_s: float = 0.0
 
 
 def lacking_toolchain() -> str:
-    """Say what building interfaces needs and this machine lacks; empty if nothing."""
-    lacks = [name for name in ("cc", "c++") if find_tool(name) is None]
-    lacks += [] if Path(sysconfig.get_path("include"), "Python.h").is_file() else ["Python.h"]
-    return ", ".join(
-        [*lacks, *(name for name in _GENERATORS if importlib.util.find_spec(name) is None)]
-    )
+    """Name the missing tools for building interfaces; empty if this machine has all."""
+    missing = []
+    for name in ("cc", "c++"):
+        if find_tool(name) is None:
+            missing.append(name)
+    if not Path(sysconfig.get_path("include"), "Python.h").is_file():
+        missing.append("Python.h")
+    for name in _GENERATORS:
+        if importlib.util.find_spec(name) is None:
+            missing.append(name)
+    return ", ".join(missing)
 
 
 def shipped_for(texts: Iterable[str]) -> list[InterfacePackage]:
-    """Return the packages of the grader's own that some texts need."""
-    shown = [
-        name
-        for text in texts
-        for name, words in _NEEDED_FOR.items()
-        if any(word in text for word in words)
-    ]
-    return [package for package in packages_of(read_folder(_SHIPPED)) if package.name in shown]
+    """Return the packages of the grader that some texts need."""
+    whole = "\n".join(texts)
+    found = []
+    for package in packages_of(read_folder(_SHIPPED)):
+        if any(word in whole for word in _NEEDED_FOR.get(package.name, ())):
+            found.append(package)
+    return found
 
 
 def provide(
@@ -102,21 +110,35 @@ def provide(
     before: Built | None = None,
     on_progress: Callable[[], object] = lambda: None,
 ) -> Built:
-    """Put the prefixes of some packages into a folder, from the cache or built now, to those that there were `before`.
+    """Put the prefixes of packages into a folder, from the cache or by building them.
 
-    Of several packages of one name the first counts. `on_progress` is called before each that is built, and again and
-    again while others build.
+    Parameters
+    ----------
+    packages
+        The packages; of several with one name, the first counts.
+    folder
+        The folder.
+    isolation
+        Confinement of the builds.
+    before
+        Previous packages in the folder.
+    on_progress
+        Called before each build, and repeatedly while other gradings build.
     """
     built = before or Built()
     tried = {*built.prefixes, *built.missing, *built.invalid}
     first = {package.name: package for package in reversed(packages) if package.name not in tried}
     for number, package in enumerate(in_order(first.values())):
+        name = package.name
         try:
             if number >= _MOST_PACKAGES:
                 raise _NotBuilt(f"there are more than {_MOST_PACKAGES} packages of interfaces")
-            built.prefixes[package.name] = _in_time(package, built, folder, isolation, on_progress)
+            built.prefixes[name] = _in_time(package, built, folder, isolation, on_progress)
         except _NotBuilt as reason:
-            (built.invalid if reason.invalid else built.missing)[package.name] = str(reason)
+            if reason.invalid:
+                built.invalid[name] = str(reason)
+            else:
+                built.missing[name] = str(reason)
     if "tf2_msgs" in built.prefixes.keys() - tried and importlib.util.find_spec("tf2_ros") is None:
         _subset("tf2_ros", folder)
     return built
@@ -129,7 +151,7 @@ class _NotBuilt(Exception):
 
 
 class _TookTooLong(_NotBuilt):
-    """Raised where the machine did not build a package in time, which it may another time."""
+    """Raised if a package was not built in time; another attempt can succeed."""
 
 
 def _in_time(
@@ -139,7 +161,7 @@ def _in_time(
     isolation: Isolation,
     on_progress: Callable[[], object],
 ) -> Path:
-    """Return a package's prefix; what took too long is built once more, since other work may have kept it."""
+    """Return a package's prefix; a build that took too long is repeated once, because other work can delay it."""
     try:
         return _prefix_of(package, built, folder, isolation, on_progress)
     except _TookTooLong:
@@ -162,13 +184,16 @@ def _prefix_of(
             raise _NotBuilt(f"it uses {used}, which was not built", invalid=used in built.invalid)
     needed = [built.prefixes[name] for name in sorted(package.used) if name in built.prefixes]
     name = f"{package.name}-{_key(package, [prefix.name for prefix in needed])}"
-    target, cached = folder / name, _cache() / name
+    target = folder / name
+    cached = _cache() / name
     if _from_cache(cached, target):
         return target
-    if lacks := lacking_toolchain():
-        raise _NotBuilt(f"the grading computer lacks what builds it ({lacks})")
+    missing = lacking_toolchain()
+    if missing:
+        raise _NotBuilt(f"the grading computer lacks what builds it ({missing})")
     with _alone(cached.parent, on_progress):
-        if _from_cache(cached, target):  # another grading has built it meanwhile
+        # Another grading can have built the package meanwhile.
+        if _from_cache(cached, target):
             return target
         on_progress()
         began_s = time.monotonic()
@@ -184,7 +209,7 @@ def _prefix_of(
 
 
 def _key(package: InterfacePackage, needed: Sequence[str]) -> str:
-    """Return a hash of all that a built package comes from."""
+    """Return a hash of all sources of a built package."""
     versions: dict[str, str] = {"python": sys.version}
     for name in _VERSIONS:
         with suppress(PackageNotFoundError):
@@ -203,11 +228,12 @@ def _build(
     isolation: Isolation,
     left_s: float,
 ) -> None:
-    """Have it built in a sandbox, and take from that what is expected, which are files."""
+    """Build a package in a sandbox, and copy its files to the target."""
     with tempfile.TemporaryDirectory(prefix=scratch_prefix()) as name:
         scratch = Path(name)
         room: Room = made_room(scratch, OWN_INTERPRETER)
-        sources, out = scratch / "sources", room.areas[TEMPORARY] / "out"
+        sources = scratch / "sources"
+        out = room.areas[TEMPORARY] / "out"
         for file, text in package.files.items():
             path = sources / package.name / file
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -231,7 +257,7 @@ def _run(
     others: Sequence[Path],
     left_s: float,
 ) -> Mapping[str, Any]:
-    """Return what the program in the sandbox says, which is nothing where all went well."""
+    """Return the answer of the program in the sandbox; it is empty after a successful build."""
     seen = room.seen(isolation)
     temporary = seen[TEMPORARY]
     command = python(OWN_INTERPRETER, f"{seen['/building']}/build_package.py")
@@ -251,9 +277,9 @@ def _run(
                 timeout_s=max(1.0, left_s),
             )
             answer = json.loads(done.stdout.strip().rsplit("\n", 1)[-1])
-            return (
-                answer if isinstance(answer, dict) else {"problem": "its building gave no answer"}
-            )
+            if isinstance(answer, dict):
+                return answer
+            return {"problem": "its building gave no answer"}
         except subprocess.TimeoutExpired:
             return {"too_long": True}
         except (OSError, ValueError):
@@ -261,10 +287,19 @@ def _run(
 
 
 def _take(made: Path, target: Path) -> None:
-    """Copy what was made: files of a size that is to be expected, and no links, whoever made them."""
-    files = [path for path in made.rglob("*") if path.is_symlink() or not path.is_dir()]
-    sizes = [path.lstat().st_size for path in files if path.is_file() and not path.is_symlink()]
-    if len(sizes) < len(files) or len(files) > _MOST_FILES or sum(sizes) > _MOST_BYTES:
+    """Copy a built package; links and an unexpected size or number of files are refused."""
+    files = []
+    size_bytes = 0
+    is_expected = True
+    for path in made.rglob("*"):
+        if path.is_symlink():
+            is_expected = False
+        elif path.is_file():
+            files.append(path)
+            size_bytes += path.lstat().st_size
+        elif not path.is_dir():
+            is_expected = False
+    if not is_expected or len(files) > _MOST_FILES or size_bytes > _MOST_BYTES:
         raise _NotBuilt("what was built is not what is expected")
     for path in files:
         copy = target / path.relative_to(made)
@@ -274,13 +309,13 @@ def _take(made: Path, target: Path) -> None:
 
 
 def _open_to_all(folder: Path) -> None:
-    """Let the student's user read what the grader's has made, whatever its umask is."""
+    """Let the student's user read files of the grader's user, regardless of its umask."""
     for path in (folder, *folder.rglob("*")):
         path.chmod(0o755 if path.is_dir() else 0o644)
 
 
 def _subset(package: str, folder: Path) -> None:
-    """Put what the grader has of a package that cannot be installed, Python alone, into a prefix of its own."""
+    """Put the grader's part of a package that cannot be installed, in Python alone, into a prefix of its own."""
     prefix = folder / f"{package}{_PART}"
     version_name = f"python{sys.version_info.major}.{sys.version_info.minor}"
     shutil.copytree(_SUBSETS / package, prefix / "lib" / version_name / "site-packages" / package)
@@ -291,7 +326,7 @@ def _subset(package: str, folder: Path) -> None:
 
 
 def parts_in(folder: Path) -> dict[str, str]:
-    """Return the packages of which a folder of prefixes has but a part, for the versions that a recording keeps."""
+    """Return the packages with only a part in a folder of prefixes, for the versions in a recording."""
     return {path.name.removesuffix(_PART): "a part of it" for path in folder.glob(f"*{_PART}")}
 
 
@@ -299,11 +334,11 @@ def parts_in(folder: Path) -> dict[str, str]:
 
 
 def _cache() -> Path:
-    """Return the folder that only the grader's own processes write: no sandbox sees it."""
+    """Return the folder of the cache, which only the grader's own processes write; no sandbox sees it."""
     chosen = os.environ.get("XDG_CACHE_HOME")
-    return (
-        Path(chosen) if chosen else Path(os.environ.get("HOME", "/nowhere")) / ".cache"
-    ) / "grade/interfaces"
+    if not chosen:
+        chosen = os.environ.get("HOME", "/nowhere") + "/.cache"
+    return Path(chosen, "grade/interfaces")
 
 
 def _from_cache(cached: Path, target: Path) -> bool:
@@ -319,7 +354,7 @@ def _from_cache(cached: Path, target: Path) -> bool:
 
 @contextmanager
 def _alone(folder: Path, on_wait: Callable[[], object]) -> Iterator[None]:
-    """Wait until no other grading builds: it takes all cores, and maybe for the same. Without a home none is known."""
+    """Wait until no other grading builds, because a build takes all cores; without a home folder, none is known."""
     with ExitStack() as held:
         with suppress(OSError):
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
@@ -331,7 +366,7 @@ def _alone(folder: Path, on_wait: Callable[[], object]) -> Iterator[None]:
 
 
 def _locked(file: IO[str]) -> bool:
-    """Lock a file, and return whether that was possible."""
+    """Lock a file, and return whether this was possible."""
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -340,12 +375,11 @@ def _locked(file: IO[str]) -> bool:
 
 
 def _keep(prefix: Path, cached: Path) -> None:
-    """Keep a prefix for the next time; without a home nothing is kept."""
+    """Keep a prefix in the cache; without a home folder, nothing is kept."""
     with suppress(OSError), tempfile.TemporaryDirectory(dir=cached.parent, prefix=".new-") as new:
         shutil.copytree(prefix, Path(new) / "prefix")
         (Path(new) / "prefix").rename(cached)
         entries = sorted(cached.parent.glob("[!.]*"), key=lambda path: path.stat().st_mtime)
         for old in entries[:-_MOST_CACHED]:
-            old.rename(
-                Path(new) / old.name
-            )  # At once: who copies it at the time has all of it, or fails.
+            # A rename is atomic: a concurrent copy is complete, or fails.
+            old.rename(Path(new) / old.name)

@@ -1,10 +1,10 @@
-"""Which interface packages a submission and its lab need, and what follows where one of them cannot be had."""
+"""Interface packages that a submission and its lab need, and the sessions affected by a missing one."""
 
 from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,7 +23,7 @@ _SOURCES = (".py", ".msg", ".srv", ".action")
 
 @dataclass(frozen=True)
 class Needed:
-    """Packages of interfaces: the lab's, those that the grader brings, and the student's."""
+    """Packages of interfaces: the lab's, the grader's, and the student's."""
 
     labs: Sequence[InterfacePackage]
     shipped: Sequence[InterfacePackage]
@@ -31,28 +31,30 @@ class Needed:
 
     @property
     def packages(self) -> list[InterfacePackage]:
-        """Return all of them; of several of one name, the first counts."""
+        """All packages; of several with one name, the first counts."""
         return [*self.labs, *self.shipped, *self.students]
 
 
 def needed_interfaces(
     rubric: Rubric, submission: SubmissionRecord, sessions: Sequence[str]
 ) -> Needed:
-    """Return the packages that a lab and a submission define, and those of the grader's own that they name.
+    """Return the packages that a lab and a submission define, and packages of the grader that they name.
 
-    The lab's are needed where a session that is recorded, or something that was handed in, names one of them.
+    The lab's packages are needed if a recorded session or a submitted source names one of them.
     """
     sources = [text for path, text in submission.texts.items() if path.endswith(_SOURCES)]
     shipped = shipped_for([rubric.text, *kept_lab.files_of(rubric).values(), *sources])
-    named = [*sources, *(_texts_of(rubric.sessions[name], rubric) for name in sessions)]
-    ours = [
-        package
-        for package in rubric.interface_packages
-        if any(package.name in text for text in named)
-    ]
-    return Needed(
-        rubric.interface_packages if ours else [], shipped, list(interface_packages(submission))
-    )
+    naming = list(sources)
+    for name in sessions:
+        naming.append(_texts_of(rubric.sessions[name], rubric))
+    labs = rubric.interface_packages
+    if not any(_is_named(package, naming) for package in labs):
+        labs = []
+    return Needed(labs, shipped, list(interface_packages(submission)))
+
+
+def _is_named(package: InterfacePackage, texts: Iterable[str]) -> bool:
+    return any(package.name in text for text in texts)
 
 
 def provide_interfaces(
@@ -64,10 +66,14 @@ def provide_interfaces(
     interpreter: Path,
     on_progress: Callable[[], object] = lambda: None,
 ) -> dict[str, str]:
-    """Put what can be had into a folder, and note in the submission's record what cannot.
+    """Build the needed packages into a folder, and note missing ones in the submission's record.
 
-    Returns for each session that needs more than there is what it lacks. A package of the lab's counts before one of
-    the grader's own, and both before a student's of the same name. For `on_progress` see `provide`.
+    Of packages with the same name, the lab's has priority over the grader's, and both over a student's. For
+    `on_progress` see `provide`.
+
+    Returns
+    -------
+    A sentence about the missing package of each affected session.
     """
     ours = [*needed.labs, *needed.shipped]
     if needed.packages and not _is_like_ours(interpreter):
@@ -75,7 +81,7 @@ def provide_interfaces(
         built = Built(missing=dict.fromkeys(_names(needed.packages), why))
     else:
         built = provide(ours, folder, isolation, on_progress=on_progress)
-        # A mistake in one of these is not a student's, nor is what follows from it.
+        # Neither a mistake in one of these nor its effects are the student's.
         built = Built(built.prefixes, {**built.missing, **built.invalid}, took_s=built.took_s)
         built = provide(needed.students, folder, isolation, built, on_progress)
     submission.not_built = built.missing
@@ -84,21 +90,28 @@ def provide_interfaces(
         submission.absent_modules = sorted(absent)
     _note_problems(needed, built, submission)
     lost = {name: why for name, why in built.missing.items() if name in _names(ours)}
-    whole = {spec.id: _texts_of(spec, rubric) for spec in rubric.sessions.values() if lost}
-    return {
-        session: f"{name} could not be built on the grading computer: {why}"
-        for session, text in whole.items()
-        for name, why in lost.items()
-        if name in text
-    }
+    return _affected_sessions(lost, rubric)
+
+
+def _affected_sessions(lost: Mapping[str, str], rubric: Rubric) -> dict[str, str]:
+    """Return a sentence for each session that names a missing package."""
+    affected: dict[str, str] = {}
+    if not lost:
+        return affected
+    for spec in rubric.sessions.values():
+        text = _texts_of(spec, rubric)
+        for name, why in lost.items():
+            if name in text:
+                affected[spec.id] = f"{name} could not be built on the grading computer: {why}"
+    return affected
 
 
 def _is_like_ours(interpreter: Path) -> bool:
-    """Whether an interpreter can load what was compiled for the grader's own."""
-    tell = "import sys; print(*sys.version_info[:2])"
-    return interpreter == OWN_INTERPRETER or ask_interpreter(interpreter, tell) == "{} {}\n".format(
-        *sys.version_info
-    )
+    """Return whether an interpreter can load modules compiled for the grader's interpreter."""
+    if interpreter == OWN_INTERPRETER:
+        return True
+    own = f"{sys.version_info.major} {sys.version_info.minor}\n"
+    return ask_interpreter(interpreter, "import sys; print(*sys.version_info[:2])") == own
 
 
 def _names(packages: Iterable[InterfacePackage]) -> set[str]:
@@ -106,7 +119,7 @@ def _names(packages: Iterable[InterfacePackage]) -> set[str]:
 
 
 def _note_problems(needed: Needed, built: Built, submission: SubmissionRecord) -> None:
-    """Note what students should know of their own packages."""
+    """Note problems of a student's own packages."""
     ours = _names([*needed.labs, *needed.shipped])
     for package in submission.packages:
         if package.name not in _names(needed.students):
@@ -124,10 +137,10 @@ def _note_problems(needed: Needed, built: Built, submission: SubmissionRecord) -
 
 
 def _texts_of(spec: SessionSpec, rubric: Rubric) -> str:
-    """Return what stands in a session's steps and in the lab's programs that it starts."""
+    """Return the text of a session's steps, and of the lab's programs that it starts."""
     started = {step.parameters.get("reference") for step in spec.steps if step.kind == "start"}
     texts = kept_lab.files_of(rubric)
-    programs = [
-        texts.get(rubric.reference[name].file, "") for name in sorted(filter(None, started))
-    ]
-    return json.dumps([step.parameters for step in spec.steps]) + "".join(programs)
+    parts = [json.dumps([step.parameters for step in spec.steps])]
+    for name in sorted(filter(None, started)):
+        parts.append(texts.get(rubric.reference[name].file, ""))
+    return "".join(parts)

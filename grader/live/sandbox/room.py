@@ -7,6 +7,7 @@ from pathlib import Path
 
 import confine
 import grader
+import launch_plan
 from confine.room import SHARED_MEMORY, TEMPORARY, Room
 from grader.live.sandbox.environment import INSIDE_FOLDER, LAUNCHING_FOLDER
 
@@ -57,7 +58,7 @@ def _own_folders(roots: Sequence[Path]) -> list[Path]:
     package = Path(grader.__file__).parent
     checkout = package.parent
     if not (checkout / "rubric.yaml").is_file():
-        return [package, Path(confine.__file__).parent]
+        return [package, *(Path(other.__file__).parent for other in (confine, launch_plan))]
     theirs: set[Path] = set()
     if checkout in roots:
         theirs = {checkout / name for name in _OF_ENVIRONMENTS}
