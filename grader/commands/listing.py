@@ -91,8 +91,8 @@ def entries_of(command: str) -> list[Entry]:
     if command == "steps":
         return [_entry(name, model, {}, "") for name, model in STEPS.items()]
     if command == "figures":
-        around = {"title": "What was published", "session": "talking"}
-        return [_entry(name, model, around, "kind") for name, model in kinds.figures.items()]
+        beside = {"title": "What was published", "session": "talking"}
+        return [_entry(name, model, beside, "kind") for name, model in kinds.figures.items()]
     around = {"id": "talker.right", "title": "It is right", "points": 5, "session": "talking"}
     return [_entry(name, model, around, "check") for name, model in kinds.checks.items()]
 
