@@ -1,7 +1,7 @@
-"""What the documentation site has besides the pages in `docs/`; a hook of mkdocs.
+"""Hook of mkdocs: generated parts of pages, and copies of files of the repository.
 
-Where a page says `<!-- generated: NAME -->`, what the grader's own models say comes in its place. A link from a page to
-a file of the repository leads to a copy of it in the site.
+A mark `<!-- generated: NAME -->` in a page is replaced by a description from the grader's models. A link from a page to a
+file of the repository leads to a copy of the file in the site.
 """
 
 from __future__ import annotations
@@ -36,21 +36,23 @@ from grader.lab.rubric import json_schema, own_models
 from grader.lab.steps import STEPS
 
 ROOT = Path(__file__).resolve().parents[1]
-#: Where copies of the repository's files lie in the site.
+#: Folder of the site for copies of the repository's files.
 COPIES = "repository"
 _GENERATED = re.compile(r"<!-- generated: (\w+)([^>]*) -->")
-#: Keys of a part of a rubric that have a page or a section of their own.
+#: Keys of a part of a rubric with a page or a section of their own.
 _APART = ("checks", "figures", "steps")
-#: Keys whose values a page lists.
+#: Keys with their values listed on a page.
 _KINDS = ("check", "kind")
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
-#: A command of a command, as argparse lists it.
+#: A subcommand in a list by argparse.
 _PART = re.compile(r"^    ([a-z]+) {2,}\S", re.MULTILINE)
+#: Marks of Markdown and HTML.
+_MARK = re.compile(r"[<>\[\]*|\\]")
 _LINK_OUT = re.compile(r"(?<=\]\()\.\./([^)#\s]+)")
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add copies of the files of the repository to which pages lead, and which the navigation names."""
+    """Add copies of the repository's files that pages link to or the navigation names."""
     paths = {
         path
         for page in files.documentation_pages()
@@ -64,7 +66,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Fill in what is generated, and lead links out of `docs/` to the copies."""
+    """Insert the generated parts, and lead links out of `docs/` to the copies."""
     if page.file.src_uri.startswith(f"{COPIES}/"):
         return markdown.replace("](docs/", "](../")
     filled = _GENERATED.sub(lambda found: GENERATED[found[1]](*found[2].split()), markdown)
@@ -75,71 +77,53 @@ def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Fil
 
 
 def table(parameters: Iterable[Parameter]) -> str:
-    """Return the table of the keys of a mapping, with those within them."""
+    """Return the table of the keys of a mapping, nested keys included."""
     rows = list(_rows(parameters))
     if not rows:
         return "It has no parameters."
-    return "\n".join(
-        [
-            "<div class='keys' markdown>\n",
-            "| key | value | default | |",
-            "|---|---|---|---|",
-            *rows,
-            "\n</div>",
-        ]
-    )
+    head = ["<div class='keys' markdown>\n", "| key | value | default | |", "|---|---|---|---|"]
+    return "\n".join([*head, *rows, "\n</div>"])
 
 
 def _rows(parameters: Iterable[Parameter], prefix: str = "") -> Iterator[str]:
     for each in parameters:
-        cells = (
-            _plain(each.type.replace("number or text", "share")),
-            _need(each),
-            _plain(each.description),
-        )
-        yield f"| `{prefix}{each.name}` | " + " | ".join(cells) + " |"
-        within = (
-            "[]"
-            if each.type.startswith("list")
-            else ".NAME"
-            if each.type.startswith("mapping of")
-            else ""
-        )
-        yield from _rows(each.parameters, f"{prefix}{each.name}{within}.")
+        value = _plain(each.type.replace("number or text", "share"))
+        name = f"{prefix}{each.name}"
+        yield f"| `{name}` | {value} | {_need(each)} | {_plain(each.description)} |"
+        if each.type.startswith("list"):
+            name += "[]"
+        elif each.type.startswith("mapping of"):
+            name += ".NAME"
+        yield from _rows(each.parameters, f"{name}.")
 
 
 def _need(parameter: Parameter) -> str:
     if parameter.required:
         return "**required**"
-    value = parameter.default
-    return "optional" if value in (None, [], {}, "") else f"`{json.dumps(value)}`".replace('"', "")
+    if parameter.default in (None, [], {}, ""):
+        return "optional"
+    value = json.dumps(parameter.default).replace('"', "")
+    return f"`{value}`"
 
 
 def _plain(text: str) -> str:
-    """Return a text of a model as Markdown that shows it as it is, but for what it sets as code."""
+    """Return a text of a model as Markdown, with marks escaped outside of code: `a*b` for `a&#42;b`."""
     parts = text.split("`")
-    parts[::2] = (
-        re.sub(r"[<>\[\]*|\\]", lambda found: f"&#{ord(found[0])};", part) for part in parts[::2]
-    )
+    for place in range(0, len(parts), 2):
+        parts[place] = _MARK.sub(lambda found: f"&#{ord(found[0])};", parts[place])
     return "`".join(parts)
 
 
 def described_steps() -> str:
-    """Return a section for each kind of step; of some keys of a step exactly one is given."""
-    one = " Exactly one of {} is given."
-    entries = entries_of("steps")
-    targets = {
-        entry.name: ", ".join(f"`{key}`" for key in STEPS[entry.name].exactly_one)
-        for entry in entries
-    }
-    return _sections(
-        replace(
-            entry,
-            description=entry.description
-            + (one.format(targets[entry.name]) if targets[entry.name] else ""),
-        )
-        for entry in entries
-    )
+    """Return a section for each kind of step, with a sentence on keys that exclude each other."""
+    entries = []
+    for entry in entries_of("steps"):
+        keys = ", ".join(f"`{key}`" for key in STEPS[entry.name].exactly_one)
+        if keys:
+            about = f"{entry.description} Exactly one of {keys} is given."
+            entry = replace(entry, description=about)
+        entries.append(entry)
+    return _sections(entries)
 
 
 def _sections(entries: Iterable[Entry], level: int = 2) -> str:
@@ -151,7 +135,7 @@ def _sections(entries: Iterable[Entry], level: int = 2) -> str:
 
 
 def grouped_checks() -> str:
-    """Return a section for each check, below a heading for each of their modules."""
+    """Return a section for each check, below a heading for each module of checks."""
     groups: dict[str, list[Entry]] = {}
     for entry in entries_of("checks"):
         groups.setdefault(REGISTRY[entry.name].find.__module__, []).append(entry)
@@ -161,7 +145,7 @@ def grouped_checks() -> str:
 
 
 def overview() -> str:
-    """Return a table of all checks, each with the first sentence of what it says of itself."""
+    """Return a table of all checks, each with the first sentence of its description."""
     first = {
         entry.name: re.split(r"[.;] ", entry.description)[0].rstrip(".")
         for entry in entries_of("checks")
@@ -178,7 +162,7 @@ def own_checks(rubric: str, folder: str) -> str:
 
 
 def _heading(module: str) -> str:
-    """Return what the checks of a module are of: how its docstring begins, without that they are checks."""
+    """Return the subject of a module of checks: the start of its docstring, without `Checks of`."""
     said = re.split(r"[.:,]", importlib.import_module(module).__doc__ or module)[0]
     said = re.sub(r"^(The )?[Cc]hecks? (of|that) ", "", said)
     return said[:1].upper() + said[1:]
@@ -187,18 +171,20 @@ def _heading(module: str) -> str:
 def part(name: str) -> str:
     """Return the keys of a part of a rubric."""
     schema = json_schema(rubric_kinds())
-    # What has a page or a section of its own is not told again.
-    told = [
-        each for each in parameters_in(schema["$defs"][name], schema) if each.name not in _APART
-    ]
-    return table(replace(each, type="text") if each.name in _KINDS else each for each in told)
+    keys = []
+    for each in parameters_in(schema["$defs"][name], schema):
+        if each.name in _KINDS:
+            each = replace(each, type="text")
+        if each.name not in _APART:
+            keys.append(each)
+    return table(keys)
 
 
 # -- commands and code -------------------------------------------------------------------------------
 
 
 def commands_said() -> str:
-    """Return what each command says of itself, and each of their own commands."""
+    """Return the help of each command and subcommand."""
     sections = [f"## grade\n\n```text\n{_help('grade')}```\n"]
     for name in COMMANDS:
         said = _help(name)
@@ -222,14 +208,14 @@ def _help(*words: str) -> str:
 
 
 def code(path: str, *names: str) -> str:
-    """Return classes and functions of a file by what they are given and say of themselves."""
+    """Return the signatures and docstrings of classes and functions of a file."""
     tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     found = {node.name: node for node in tree.body if isinstance(node, (ast.ClassDef, *_FUNCTIONS))}
     return "\n\n".join(f"```python\n{ast.unparse(_outside(found[name]))}\n```" for name in names)
 
 
 def _outside(node: ast.stmt) -> ast.stmt:
-    """Leave out of a class or function what is none of others' business."""
+    """Remove bodies of functions and private members of classes."""
     if isinstance(node, _FUNCTIONS):
         node.body = node.body[:1] if ast.get_docstring(node) else [ast.Expr(ast.Constant(...))]
     elif isinstance(node, ast.ClassDef):

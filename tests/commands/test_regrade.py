@@ -161,7 +161,7 @@ def test_a_class_by_a_rubric_of_an_older_version(
             kept.read_text(encoding="utf-8").replace("check: topic_rate", "check: topic_speed")
         )
     status, output, errors = run(capsys, results)
-    assert (status, output) == (4, "2 of 2 could not be judged, for the causes below.")
+    assert (status, output) == (4, "2 of 2 could not be judged, for the reasons below.")
     assert errors.count("topic_speed") == 1
     assert errors.startswith("grade: ann, bob: ")
     assert "`--rubric rubric.yaml` judges by the present rubric." in errors
