@@ -45,7 +45,8 @@ def layout_of(recorded: Recorded) -> str:
 
 def _column(panels: Iterable[str]) -> Any:
     """Return the tree that puts the panels below each other."""
-    *above, tree = panels
+    *above, last = panels
+    tree: Any = last
     for panel in reversed(above):
         tree = {"direction": "column", "first": panel, "second": tree}
     return tree
