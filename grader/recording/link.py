@@ -1,4 +1,4 @@
-"""What a step of the kind `link` found: how topics crossed a link that loses and delays, with a student's profiles."""
+"""Result of a step `link`: how topics crossed a link with loss and delay, under a student's QoS profiles."""
 
 from __future__ import annotations
 
@@ -10,23 +10,24 @@ from grader.recording.session import Qos
 
 @dataclass
 class Crossing:
-    """A topic on the link while that lost a share of the packets of data."""
+    """A topic on the link at one share of lost packets of data."""
 
     loss: float
-    #: So many messages were sent.
+    #: Number of sent messages.
     sent: int
-    #: Publication sequence number, from 1, and latency in µs of each message, in the order in which they were taken.
+    #: Publication sequence number, from 1, and latency in µs of each message, in the order of reception.
     received: list[list[int]] = field(default_factory=list)
-    #: For each subscription that joined after the last message: the numbers of those that it got.
+    #: For each subscription that joined after the last message: the numbers of its received messages.
     late: list[list[int]] = field(default_factory=list)
 
 
 @dataclass
 class LinkedTopic:
-    """A topic with the profiles of the student's publisher and subscription; what has not both was not carried."""
+    """A topic with the profiles of the student's publisher and subscription; a topic without both did not cross the link."""
 
-    #: Its name in the rubric, and the one that the student used.
+    #: Name in the rubric.
     name: str
+    #: Name in the student's graph.
     topic: str
     type: str = ""
     offered: Qos | None = None
@@ -36,23 +37,23 @@ class LinkedTopic:
 
 @dataclass
 class LinkResult:
-    """All of the step. The latencies are of the link; `delay_ms` of them is its own delay, each way."""
+    """All results of the step. Latencies include `delay_ms`, the link's own delay each way."""
 
     topics: list[LinkedTopic] = field(default_factory=list)
     delay_ms: float = 0.0
-    #: Of the packets 95 % were no more than this later than that: what the grading computer added.
+    #: Delay that the grading computer added: 95th percentile of the packets.
     late_ms: float = 0.0
-    #: By what means it loses and delays.
+    #: Means of loss and delay.
     means: str = ""
-    #: What it took of the grading computer.
+    #: CPU time of the link.
     cpu_s: float = 0.0
-    #: Why there is no more.
+    #: Reason why the result is incomplete.
     problem: str = ""
 
 
 @dataclass(frozen=True)
 class LinkPlan:
-    """What is sent: each topic at a rate, once for each share of packets that the link loses."""
+    """The messages to send: each topic at a rate, once for each share of packets that the link loses."""
 
     topics: Sequence[LinkedTopic]
     loss: Sequence[float]
