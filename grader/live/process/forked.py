@@ -1,8 +1,8 @@
-"""Starts the grader's own processes as forks of one that has imported what they need.
+"""Starts the grader's own processes as forks of a process that has already imported their modules.
 
-A Python that imports rclpy anew takes a sixth of a second of a core, and its first node nearly another tenth for the
-libraries that it loads; a fork has them. Nothing of ROS may have been started before: neither a context nor its threads
-would be whole in the child.
+A Python that imports rclpy anew takes a sixth of a second of a core, and its first node nearly another tenth to load
+libraries; a fork has them. ROS must not have been started before the fork: neither a context nor its threads would be
+whole in the child.
 """
 
 from __future__ import annotations
@@ -26,13 +26,13 @@ from grader.live.sandbox.namespaces import (
     open_descriptors,
 )
 
-#: The longest message of a program: a snapshot of a graph that somebody floods.
+#: Longest message of a program, in bytes: a snapshot of a flooded graph.
 _LONGEST_LINE_BYTES = 64 * 2**20
 
 
 @dataclass(frozen=True)
 class Program:
-    """What a fork does, under a name, with all of its environment, and with descriptors that it keeps open."""
+    """The work of a fork, its name, its whole environment, and the descriptors that it keeps open."""
 
     name: str
     main: Callable[[], object]
@@ -87,16 +87,15 @@ async def start_forked(program: Program) -> ForkedProcess:
     for descriptor in (stdin, stdout, stderr):
         os.close(descriptor)
     loop = asyncio.get_running_loop()
-    protocol = asyncio.StreamReaderProtocol(
-        asyncio.StreamReader()
-    )  # which knows when the pipe is full
+    # The protocol knows when the pipe is full.
+    protocol = asyncio.StreamReaderProtocol(asyncio.StreamReader())
     transport, _ = await loop.connect_write_pipe(lambda: protocol, os.fdopen(to_it, "wb", 0))
     writer = asyncio.StreamWriter(transport, protocol, None, loop)
     return ForkedProcess(pid, writer, await read_pipe(from_it), await read_pipe(errors))
 
 
 async def read_pipe(descriptor: int) -> asyncio.StreamReader:
-    """Return what reads a pipe, and closes it at its end."""
+    """Return a reader of a pipe, which closes the pipe at its end."""
     reader = asyncio.StreamReader(limit=_LONGEST_LINE_BYTES)
     protocol = asyncio.StreamReaderProtocol(reader)
     await asyncio.get_running_loop().connect_read_pipe(
@@ -119,7 +118,7 @@ def become(program: Program, parent: int, descriptors: Sequence[int]) -> NoRetur
     except BaseException:
         traceback.print_exc()
     finally:
-        # Not as Python ends: what else is in this image, such as the event loop, is the other process's to end.
+        # Python's own end would also end the parent's objects in this image, such as its event loop.
         try:
             sys.stdout.flush()
             sys.stderr.flush()
@@ -128,7 +127,7 @@ def become(program: Program, parent: int, descriptors: Sequence[int]) -> NoRetur
 
 
 def _leave_everything(program: Program, parent: int, descriptors: Sequence[int]) -> None:
-    """Keep nothing of the other process but its image."""
+    """Give up everything of the parent process but its image."""
     end_with_parent()
     if os.getppid() != parent:
         os._exit(1)

@@ -1,7 +1,7 @@
-"""A process that forks others on request, so that what they need is imported once.
+"""A process that forks others on request; their common modules are imported once.
 
-Python that imports rclpy and a session anew takes a seventh of a second of a core, and what grades a submission most
-of one; a fork takes a hundredth.
+A new Python that imports rclpy and a session takes a seventh of a second of a core, and one that grades a submission
+most of a second; a fork takes a hundredth.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 _MOST_REQUEST_BYTES = 16 * 1024
-#: How long a server may take to end when nothing more is asked of it.
+#: Time in which a server must end after its last request, in s.
 _END_S = 5.0
 
 
 class _Running(Protocol):
-    """A server, as a process of this one, or as one of another server's."""
+    """A server, as a child of this process or of another server."""
 
     def wait(self, timeout: float) -> object: ...
 
@@ -38,10 +38,10 @@ class _Running(Protocol):
 
 
 class ForkingServer:
-    """A process that forks others; used as a context, with which all that it started ends.
+    """A process that forks others; used as a context, and all its forks end with it.
 
-    It runs a module of the grader's as a program, which calls `serve` with the socket of the number that comes first
-    among its arguments.
+    The server runs a module of the grader's as a program. Its first argument is the number of a socket, with which the
+    program calls `serve`.
     """
 
     def __init__(
@@ -51,7 +51,8 @@ class ForkingServer:
         environment: Mapping[str, str],
     ) -> None:
         self._command = python(sys.executable, "-m", module)
-        self._arguments, self._environment = arguments, environment
+        self._arguments = arguments
+        self._environment = environment
 
     def __enter__(self) -> Self:
         self._link, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -68,11 +69,11 @@ class ForkingServer:
         )
 
     def fileno(self) -> int:
-        """Return the descriptor by which it is asked."""
+        """Return the descriptor of the socket for requests."""
         return self._link.fileno()
 
     def has_ended(self) -> bool:
-        """Whether its process is gone: it says nothing by this descriptor, so that only its end can be read."""
+        """Return True if its process has ended: it never writes to this descriptor, and only its end can be read."""
         return bool(select.select([self], [], [], 0)[0])
 
     def __exit__(self, *_: object) -> None:
@@ -87,14 +88,14 @@ class ForkingServer:
             self._link.close()
 
     async def start(self, request: bytes, errors: Path) -> asyncio.StreamReader:
-        """Start what a request asks for, with a file for its standard error.
+        """Start the program of a request, with a file for its standard error, and return its output.
 
-        Returns what it says, until all has ended: first its process id, or why it could not be started; at last, on a
-        line, `ended` and its exit status (negative: the signal that ended it).
+        The first line of output is the program's process id, or the reason why it could not be started. When all has ended,
+        a line with `ended` and the exit status follows (negative: the signal that ended it).
         """
         with errors.open("wb") as file:
             reader, writer = os.pipe()
-            with suppress(ConnectionError):  # Then nothing will be said.
+            with suppress(ConnectionError):  # The output will be empty.
                 socket.send_fds(self._link, [request], [writer, file.fileno()])
         os.close(writer)
         return await read_pipe(reader)
@@ -105,23 +106,19 @@ def serve(
     program_of: Callable[[bytes], Program],
     needed: Sequence[ForkingServer] = (),
 ) -> None:
-    """Fork a program for each request, until there will be no more; what still runs then is killed.
+    """Fork a program for each request, until the last one; then kill the programs that still run.
 
-    A request comes with two descriptors, the program's standard output and error. `program_of` raises OSError where
-    it cannot be started. Where a server that all `needed` has ended, this one is of no more use: it is to end at once,
-    which kills its forks.
+    A request comes with two descriptors, the program's standard output and error. `program_of` raises OSError if the
+    program cannot be started. If one of the `needed` servers has ended, this server returns at once, and its process
+    must end, which kills its forks.
     """
-    server, null = os.getpid(), os.open(os.devnull, os.O_RDONLY)
+    null = os.open(os.devnull, os.O_RDONLY)
     outputs: dict[int, int] = {}
-    woken, waking = os.pipe()
-    os.set_blocking(waking, False)
-    signal.signal(signal.SIGCHLD, lambda *_: None)
-    signal.set_wakeup_fd(waking, warn_on_full_buffer=False)
+    woken = _wake_on_ended_child()
+    watched = [link.fileno(), woken, *(each.fileno() for each in needed)]
     while True:
-        ready, _, _ = select.select(
-            [link.fileno(), woken, *(server.fileno() for server in needed)], [], []
-        )
-        if any(server.fileno() in ready for server in needed):
+        ready, _, _ = select.select(watched, [], [])
+        if any(each.fileno() in ready for each in needed):
             return
         if woken in ready:
             os.read(woken, _MOST_REQUEST_BYTES)
@@ -131,42 +128,70 @@ def serve(
         request, descriptors, *_ = socket.recv_fds(link, _MOST_REQUEST_BYTES, 2)
         if not request:
             break
-        try:
-            program = program_of(request)
-            forked = os.fork()
-        except OSError as problem:  # What runs already goes on.
-            with suppress(OSError):
-                os.write(descriptors[0], f"{problem}\n".encode())
-            forked = -1
-        if forked == 0:
-            with suppress(OSError):
-                os.write(descriptors[0], f"{os.getpid()}\n".encode())
-            become(program, server, (null, *descriptors))
-        os.close(descriptors[1])
-        if forked > 0:
-            outputs[forked] = descriptors[0]
+        output, errors = descriptors
+        pid = _fork(program_of, request, (null, output, errors))
+        os.close(errors)
+        if pid is None:
+            os.close(output)
         else:
-            os.close(descriptors[0])
+            outputs[pid] = output
     signal.set_wakeup_fd(-1)
-    for pid in outputs:
-        for kill in (os.killpg, os.kill):  # One that has just begun leads no group yet.
-            with suppress(OSError):
-                kill(pid, signal.SIGKILL)
+    _kill_all(outputs)
     _reap(outputs, 0)
 
 
+def _fork(
+    program_of: Callable[[bytes], Program], request: bytes, standard: tuple[int, int, int]
+) -> int | None:
+    """Start the program of a request with its standard descriptors; None, and a reason as output, if that fails."""
+    server = os.getpid()
+    output = standard[1]
+    try:
+        program = program_of(request)
+        pid = os.fork()
+    except OSError as problem:
+        with suppress(OSError):
+            os.write(output, f"{problem}\n".encode())
+        return None
+    if pid == 0:
+        with suppress(OSError):
+            os.write(output, f"{os.getpid()}\n".encode())
+        become(program, server, standard)
+    return pid
+
+
+def _wake_on_ended_child() -> int:
+    """Return a descriptor that becomes readable when a child process ends."""
+    woken, waking = os.pipe()
+    os.set_blocking(waking, False)
+    signal.signal(signal.SIGCHLD, lambda *_: None)
+    signal.set_wakeup_fd(waking, warn_on_full_buffer=False)
+    return woken
+
+
+def _kill_all(pids: Iterable[int]) -> None:
+    for pid in pids:
+        for kill in (os.killpg, os.kill):  # A new fork leads no group yet.
+            with suppress(OSError):
+                kill(pid, signal.SIGKILL)
+
+
 def _reap(outputs: dict[int, int], options: int) -> None:
-    """Take note of forks that have ended, so that their CPU time counts as the server's, and say so."""
+    """Report forks that have ended; the wait adds their CPU time to the server's."""
     with suppress(ChildProcessError):
-        while outputs and (ended := os.waitpid(-1, options))[0]:
-            # The program may have started others of its own, such as a server.
-            if (output := outputs.pop(ended[0], None)) is not None:
-                _say_end(output, os.waitstatus_to_exitcode(ended[1]))
+        while outputs:
+            pid, status = os.waitpid(-1, options)
+            if not pid:
+                break
+            # A program may have started other children, such as a server.
+            output = outputs.pop(pid, None)
+            if output is not None:
+                _say_end(output, os.waitstatus_to_exitcode(status))
                 os.close(output)
 
 
 def _say_end(output: int, status: int) -> None:
-    """Say it without waiting: nobody may read any more, or what was said before may fill the pipe still."""
+    """Report the end of a fork without waiting: the pipe may have no reader any more, or be full."""
     with suppress(OSError):
         said = os.open(f"/proc/self/fd/{output}", os.O_WRONLY | os.O_NONBLOCK)
         try:

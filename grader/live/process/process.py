@@ -24,43 +24,44 @@ from grader.live.sandbox.machine import (
 )
 from grader.recording.session import OutputLine, ProcessRun, Usage
 
-#: Output kept of one process, in bytes and in lines; what comes after is counted and dropped.
+#: Output kept of one process, in bytes and in lines; further output is counted and dropped.
 MAX_OUTPUT_BYTES = 1024 * 1024
 MAX_OUTPUT_LINES = 50_000
-#: Output after which a process is ended, in bytes: reading it takes time from others.
+#: Output after which a process is ended, in bytes: reading it takes time from other processes.
 MAX_FLOOD_BYTES = 64 * 1024 * 1024
 #: The longest line that is kept whole, in bytes.
 MAX_LINE_BYTES = 8 * 1024
 _READ_BYTES = 64 * 1024
-#: After SIGINT, how long a process may take to SIGTERM and then to SIGKILL.
+#: Time between SIGTERM and SIGKILL, in s.
 _TERMINATE_GRACE_S = 1.0
-#: After its exit, how long what it wrote last may take to be read on a busy machine.
+#: Time after a process's exit in which its last output is still read, in s.
 _LAST_OUTPUT_S = 2.0
-#: What holding a process to a core by another program may take; it takes a few ms.
+#: Timeout of the program that holds a process to a core, in s; it takes a few ms.
 _HOLD_S = 2.0
 
 
 @dataclass
 class OutputRoom:
-    """What may still be kept of the output of several processes together."""
+    """The remaining room for kept output of several processes together."""
 
     bytes: int = 16 * MAX_OUTPUT_BYTES
     lines: int = 4 * MAX_OUTPUT_LINES
 
     def take(self, length: int) -> bool:
-        """Take the room for a line, if there is so much."""
+        """Take the room for a line; return False if there is not enough."""
         if self.bytes < length or self.lines < 1:
             return False
-        self.bytes, self.lines = self.bytes - length, self.lines - 1
+        self.bytes -= length
+        self.lines -= 1
         return True
 
 
 class RunningProcess:
-    """A started process and the record that it leaves.
+    """A started process and its record.
 
     With bubblewrap, `child_pid_fd` is the read end of its `--info-fd`: the process is a child of the pid written there.
-    A trusted process may speak in lines on standard output: `on_message` gets each, whole, and none is kept. Of other
-    output as much is kept as there is `room`, which a session's processes share.
+    A trusted process may send messages as lines on standard output: `on_message` gets each whole line, and none is kept.
+    Other output is kept as long as there is `room`, which the processes of a session share.
     """
 
     def __init__(
@@ -76,23 +77,20 @@ class RunningProcess:
         self._child_pid_fd = child_pid_fd
         self._sandbox_info = b""
         self._sandbox_pid: int | None = None
-        #: By thread id; those that have ended keep what they used.
+        #: CPU time and run-queue delay by thread id, those of ended threads included, in ns.
         self._usage: dict[int, tuple[int, int]] = {}
-        #: Ids of those that it had when it was last looked at.
+        #: Ids of the threads at the last sample.
         self.threads: list[int] = []
         self._kept = self._written = 0
         self._room = room
         assert process.stdout is not None
         assert process.stderr is not None
-        reader = (
-            self._read(process.stdout, "stdout")
-            if on_message is None
-            else _hear(process.stdout, on_message)
-        )
-        self._readers = [
-            asyncio.create_task(reader),
-            asyncio.create_task(self._read(process.stderr, "stderr")),
-        ]
+        if on_message is None:
+            output = self._read(process.stdout, "stdout")
+        else:
+            output = _hear(process.stdout, on_message)
+        errors = self._read(process.stderr, "stderr")
+        self._readers = [asyncio.create_task(output), asyncio.create_task(errors)]
         self.exited = asyncio.create_task(self._wait())
 
     @classmethod
@@ -129,11 +127,11 @@ class RunningProcess:
 
     @property
     def alive(self) -> bool:
-        """Whether it has not ended."""
+        """True until the process has ended."""
         return not self.exited.done()
 
     def write(self, data: bytes, *, last: bool = False) -> None:
-        """Write to its standard input (only if started `with_input`), and close that if it is the last."""
+        """Write to the standard input of a process started `with_input`, and close it after the `last` data."""
         if self._process.stdin is not None and self.alive:
             with suppress(ConnectionError, RuntimeError):
                 self._process.stdin.write(data)
@@ -154,7 +152,8 @@ class RunningProcess:
                 continue
             *lines, rest = (rest + block).split(b"\n")
             if len(rest) > MAX_LINE_BYTES:
-                lines, rest = [*lines, rest], b""
+                lines.append(rest)
+                rest = b""
             for line in lines:
                 self._keep(now, name, line)
         if rest:
@@ -168,27 +167,25 @@ class RunningProcess:
             return
         self._kept += len(cut) + 1
         self.run.output_dropped_bytes += len(line) - len(cut)
-        self.run.output.append(
-            OutputLine(t_ns, stream, cut.rstrip(b"\r").decode("utf-8", "replace"))
-        )
+        text = cut.rstrip(b"\r").decode("utf-8", "replace")
+        self.run.output.append(OutputLine(t_ns, stream, text))
 
     async def _wait(self) -> int:
         status = await self._process.wait()
         self.run.exited_ns = time.time_ns()
         self.run.exit_status = status
-        # A grandchild may hold the pipes open; what it writes later is not waited for.
+        # A grandchild may hold the pipes open; its later output is not waited for.
         await asyncio.wait(self._readers, timeout=_LAST_OUTPUT_S)
         for reader in self._readers:
             reader.cancel()
         self._note_last_usage()
-        if (
-            self._child_pid_fd is not None
-        ):  # A launch file may start more programs than one may have files open.
+        # A launch file may start more programs than the limit on open files.
+        if self._child_pid_fd is not None:
             os.close(self._child_pid_fd)
         return status
 
     def _pid(self) -> int | None:
-        """Process id of the student's program: bubblewrap's child's child, or the process itself."""
+        """Return the process id of the student's program: bubblewrap's child's child, or the process itself."""
         if self._child_pid_fd is None:
             return self._process.pid
         if self._sandbox_pid is None and self.alive:
@@ -202,7 +199,7 @@ class RunningProcess:
         return children[0] if children else None
 
     async def stop(self, timeout_s: float) -> None:
-        """Interrupt the program itself as Ctrl-C would, then terminate, then kill it; `ended_by` says what it took."""
+        """Interrupt the program as Ctrl-C would, then terminate, then kill it; `ended_by` names the last needed way."""
         # Without a program, it is just beginning or just ending.
         if not self.alive or (self._pid() is None and await self.wait_exit(_TERMINATE_GRACE_S)):
             return
@@ -212,18 +209,20 @@ class RunningProcess:
             ("terminate", signal.SIGTERM, _TERMINATE_GRACE_S),
         )
         for ended_by, number, grace_s in ways:
-            if (pid := self._pid()) is not None:
-                if number == signal.SIGINT:
-                    self.run.interrupted_ns = time.time_ns()
-                with suppress(ProcessLookupError):
-                    os.kill(pid, number)
-                if await self.wait_exit(grace_s):
-                    self.run.ended_by = ended_by
-                    return
+            pid = self._pid()
+            if pid is None:
+                continue
+            if number == signal.SIGINT:
+                self.run.interrupted_ns = time.time_ns()
+            with suppress(ProcessLookupError):
+                os.kill(pid, number)
+            if await self.wait_exit(grace_s):
+                self.run.ended_by = ended_by
+                return
         await self.kill()
 
     async def kill(self, limit: str | None = None) -> None:
-        """Kill it, for a `limit` if it exceeded one, with its process group (and with bubblewrap, its sandbox)."""
+        """Kill the process group (and with bubblewrap, its sandbox); `limit` is the limit that it exceeded, if any."""
         if self.alive:
             self.sample_usage()
             self.run.ended_by = "kill" if limit is None else "limit"
@@ -236,31 +235,34 @@ class RunningProcess:
             os.killpg(self._process.pid, signal.SIGKILL)
 
     def root_pid(self) -> int | None:
-        """Process id below which all of its processes are, while they have not left it."""
+        """Return the process id above all of its processes, until they leave it."""
         return self._sandbox_pid or self._pid()
 
     def descendants(self) -> list[int]:
-        """Process ids of all its processes that have not left it."""
+        """Return the process ids of all its processes that have not left it."""
         root = self.root_pid()
         return descendants_of(root) if root is not None else []
 
     async def wait_exit(self, timeout_s: float) -> bool:
-        """Wait until it has ended; False if it has not in time."""
+        """Wait until it has ended; return False if it has not ended in time."""
         done, _ = await asyncio.wait({self.exited}, timeout=timeout_s)
         return bool(done)
 
     def put_standing(self, nice: int = STANDING) -> None:
-        """Let it go before what is still starting: from now on its timing counts; what is the grader's in real time."""
+        """Raise its priority above that of starting programs, because its timing counts from now on.
+
+        Programs of the grader get real-time priority.
+        """
         put_standing(self.descendants(), nice)
         if self.run.role != "student":
             put_in_real_time(self.descendants())
 
     def hold_to_core(self, core: int, user: int | None) -> None:
-        """Let all its threads, and those to come, run on one core only.
+        """Hold all its threads, present and future, to one core.
 
         On several cores CPython's threads hand the interpreter's lock to each other badly: a subscription under rclpy's
-        MultiThreadedExecutor was seen to handle 27 of 400 messages on two cores, and 400 of 400 on one. It is done once
-        the node stands, and has seen all cores. `user` is a user id of its own.
+        MultiThreadedExecutor was seen to handle 27 of 400 messages on two cores, and 400 of 400 on one. The node is held
+        when it is ready, and has seen all cores. `user` is a user id of its own.
         """
         for pid in self.descendants():
             try:
@@ -269,13 +271,12 @@ class RunningProcess:
                 if user is not None:
                     _hold_as_user(pid, core, user)
         root = self.root_pid()
+        if root is None or self.run.core == core:
+            return
         with suppress(OSError):
-            if (
-                root is not None
-                and self.run.core != core
-                and os.sched_getaffinity(self._pid() or root) == {core}
-            ):
-                self.run.core, self.run.held_ns = core, time.time_ns()
+            if os.sched_getaffinity(self._pid() or root) == {core}:
+                self.run.core = core
+                self.run.held_ns = time.time_ns()
 
     def sample_usage(self) -> None:
         """Read CPU time and run-queue delay of all its processes and threads, while they exist."""
@@ -283,46 +284,54 @@ class RunningProcess:
         if root is None or not self.alive:
             return
         pids = descendants_of(root)
-        now = {thread: used for pid in pids for thread, used in _scheduling_of(pid).items()}
+        now: dict[int, tuple[int, int]] = {}
+        for pid in pids:
+            now.update(_scheduling_of(pid))
         self._usage.update(now)
         self.threads = list(now)
-        if not self._usage:  # It ended before it was ever looked at.
+        if not self._usage:  # It ended before its first sample.
             return
-        cpu_ns, delay_ns = (sum(values) for values in zip(*self._usage.values(), strict=True))
-        # Children that came and went between two looks are in the times of those that waited for them.
-        cpu_ns = max(
-            cpu_ns,
-            sum(map(cpu_with_children_ns, pids)),
-            self.run.usage[-1].cpu_ns if self.run.usage else 0,
-        )
+        cpu_ns = 0
+        delay_ns = 0
+        for thread_cpu_ns, thread_delay_ns in self._usage.values():
+            cpu_ns += thread_cpu_ns
+            delay_ns += thread_delay_ns
+        # A parent's time includes that of its ended children, even if no sample has seen them.
+        with_children_ns = sum(map(cpu_with_children_ns, pids))
+        last_ns = self.run.usage[-1].cpu_ns if self.run.usage else 0
+        cpu_ns = max(cpu_ns, with_children_ns, last_ns)
         self.run.usage.append(Usage(time.time_ns(), cpu_ns, delay_ns))
 
     def lately_used(self) -> float:
-        """Return the share of a core that it used between the last two looks at it."""
-        *_, before, now = Usage(0, 0, 0), Usage(1, 0, 0), *self.run.usage
+        """Return the share of a core that it used between the last two samples."""
+        samples = [Usage(0, 0, 0), Usage(1, 0, 0), *self.run.usage]
+        before = samples[-2]
+        now = samples[-1]
         return (now.cpu_ns - before.cpu_ns) / (now.t_ns - before.t_ns)
 
     def _note_last_usage(self) -> None:
-        """Note the CPU time that it took until its end, which no sample has seen; its delay is as last seen.
+        """Note the CPU time until its end, which no sample has seen; its delay stays that of the last sample.
 
-        The sandbox that ends leaves its first process, with the CPU time of all in it, to the first of the session.
+        The sandbox leaves its first process, with the CPU time of all in it, to the first process of the session.
         """
         if self._sandbox_pid is None or not self.run.usage:
             return
         with suppress(ChildProcessError):
             pid, _, used = os.wait4(self._sandbox_pid, os.WNOHANG)
-            last, cpu_ns = self.run.usage[-1], round((used.ru_utime + used.ru_stime) * 1e9)
+            last = self.run.usage[-1]
+            cpu_ns = round((used.ru_utime + used.ru_stime) * 1e9)
             if pid and cpu_ns > last.cpu_ns:
-                self.run.usage.append(
-                    Usage(self.run.exited_ns or last.t_ns, cpu_ns, last.run_delay_ns)
-                )
+                ended_ns = self.run.exited_ns or last.t_ns
+                self.run.usage.append(Usage(ended_ns, cpu_ns, last.run_delay_ns))
 
 
 class PipeReader:
-    """Collects what comes through a pipe, up to a limit, and hands it on when the pipe closes."""
+    """Collects the data of a pipe, up to a limit, and hands it on when the pipe closes."""
 
     def __init__(self, fd: int, limit_bytes: int, on_end: Callable[[str], None]) -> None:
-        self._fd, self._limit, self._on_end = fd, limit_bytes, on_end
+        self._fd = fd
+        self._limit = limit_bytes
+        self._on_end = on_end
         self._data = bytearray()
         os.set_blocking(fd, False)
         asyncio.get_running_loop().add_reader(fd, self._read)
@@ -331,21 +340,23 @@ class PipeReader:
         with suppress(BlockingIOError):
             block = os.read(self._fd, _READ_BYTES)
             self._data += block
-            if (
-                not block or len(self._data) >= self._limit
-            ):  # Who writes on gets an error, and keeps nobody busy here.
+            # Closed at the limit, the pipe gives its writer an error, and takes no more time here.
+            if not block or len(self._data) >= self._limit:
                 self.close()
 
     def so_far(self) -> str:
-        """Return what has come, as long as it has not been handed on."""
+        """Return the data so far, unless it has been handed on."""
         return self._data.decode("utf-8", "replace") if self._fd >= 0 else ""
 
     def close(self) -> None:
-        """Take what is left in the pipe, close it, and hand everything on."""
+        """Read the rest of the pipe, close it, and hand everything on."""
         if self._fd < 0:
             return
         with suppress(BlockingIOError):
-            while len(self._data) < self._limit and (block := os.read(self._fd, _READ_BYTES)):
+            while len(self._data) < self._limit:
+                block = os.read(self._fd, _READ_BYTES)
+                if not block:
+                    break
                 self._data += block
         asyncio.get_running_loop().remove_reader(self._fd)
         os.close(self._fd)
@@ -366,7 +377,7 @@ def _hold(pid: int, core: int) -> None:
 
 
 def _hold_as_user(pid: int, core: int, user: int) -> None:
-    """Hold a process to a core as the user that it runs as: root in a container has no say over others' cores."""
+    """Hold a process to a core as the process's user, because root in a container has no say over other users' cores."""
     become = ["setpriv", f"--reuid={user}", f"--regid={user}", "--clear-groups", "--no-new-privs"]
     command = [*become, "taskset", "--all-tasks", "--cpu-list", "--pid", str(core), str(pid)]
     with suppress(OSError, subprocess.TimeoutExpired):

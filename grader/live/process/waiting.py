@@ -1,4 +1,4 @@
-"""Waiting for work: for one piece not too long, for several until each has cleaned up."""
+"""Waiting for work: for one piece up to a timeout, for several until each has cleaned up."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ T = TypeVar("T")
 
 
 async def within(work: Awaitable[T], timeout_s: float) -> T:
-    """Return what some work gives; what has not ended in time is cancelled, and `asyncio.TimeoutError` raised.
+    """Return the result of some work; cancel work that has not ended in time, and raise `asyncio.TimeoutError`.
 
-    Before Python 3.12, `asyncio.wait_for` returns as usual where it is cancelled just as the work has ended: then
-    whoever was asked to end goes on.
+    Before Python 3.12, `asyncio.wait_for` returns normally if it is cancelled just as the work ends; a caller that was
+    asked to end would then go on.
     """
     task = asyncio.ensure_future(work)
     try:
@@ -28,12 +28,12 @@ async def within(work: Awaitable[T], timeout_s: float) -> T:
 
 
 async def side_by_side(works: Iterable[Coroutine[Any, Any, T]]) -> list[T]:
-    """Do all of them at a time; the first that fails ends the others. Waits in any case until each has cleaned up."""
+    """Do all works at the same time; the first that fails ends the others. Always wait until each has cleaned up."""
     running = [asyncio.ensure_future(work) for work in works]
     try:
         return await asyncio.gather(*running)
     finally:
-        # `gather` ends with the first that fails or is cancelled; the others are then to clean up.
+        # `gather` ends with the first work that fails or is cancelled; the others must then clean up.
         for task in running:
             task.cancel()
         if running:
