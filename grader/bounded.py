@@ -1,7 +1,7 @@
-"""Runs work on what students wrote in processes of its own, each with a bound on its time and memory.
+"""Runs work on students' files in processes of its own, each with a bound on its time and memory.
 
-A process is a fork of this one; what it returns, or raises, comes back through a pipe. On other systems than Linux,
-where nothing is graded, the work is done here, unbounded.
+A process is a fork of this one; its result, or its exception, comes back through a pipe. On other systems than Linux,
+where no submission is graded, the work is done in this process, unbounded.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Any, NoReturn, TypeVar, cast
 from grader.errors import BoundError
 from grader.limits import set_limit, set_soft_limit
 
-with suppress(ImportError):  # There is none on Windows.
+with suppress(ImportError):  # Windows has no such module.
     import resource
 
 T = TypeVar("T")
@@ -38,11 +38,11 @@ _SET_PDEATHSIG = 1  # prctl(2)
 
 @dataclass(frozen=True)
 class Bound:
-    """What a process may take.
+    """The limits of a process.
 
-    `what` is the work as a message names it, `cpu_s` its computing, so that a busy machine does not count, and `wall_s`
-    all its time, for work that waits for ever. `memory_bytes` is beyond what this process has, `file_bytes` of a file.
-    What is None is not bounded, and so not for what the process starts.
+    `what` is the work as a message names it. `cpu_s` is its CPU time, which a busy machine does not lengthen, and `wall_s`
+    its whole time, for work that waits for ever. `memory_bytes` is beyond the memory of this process, `file_bytes` the
+    size of a file. None stands for no limit, neither for the process nor for its children.
     """
 
     what: str
@@ -53,14 +53,14 @@ class Bound:
 
 
 def in_process(work: Callable[[], T], bound: Bound) -> T:
-    """Return what work returns in a process of its own, or raise what it raises, or `BoundError` beyond the bound."""
+    """Return the result of work in a process of its own; raise its exception, or `BoundError` beyond the bound."""
     with begun(work, bound) as outcome:
         return outcome()
 
 
 @contextmanager
 def begun(work: Callable[[], T], bound: Bound) -> Iterator[Callable[[], T]]:
-    """Do work in a process of its own, which ends with the context; gives what returns, or raises, what comes of it."""
+    """Do work in a process of its own, which ends with the context; yield a function that returns its result, or raises."""
     if sys.platform != "linux":
         yield work
         return
@@ -68,25 +68,25 @@ def begun(work: Callable[[], T], bound: Bound) -> Iterator[Callable[[], T]]:
     ended = functools.cache(child.wait)
 
     def outcome() -> T:
-        if isinstance(found := ended(), BaseException):
+        found = ended()
+        if isinstance(found, BaseException):
             raise found
         return cast(T, found)
 
     try:
         yield outcome
     finally:
-        child.ends_s = min(
-            child.ends_s, time.monotonic() + 2.0
-        )  # Nobody may have asked for it, or will.
+        # The result may not have been asked for, and is no longer wanted.
+        child.ends_s = min(child.ends_s, time.monotonic() + 2.0)
         ended()
 
 
 def in_processes(
     works: Mapping[K, Callable[[], T]], bound: Bound, at_a_time: int = 1
 ) -> Iterator[tuple[K, T | Exception]]:
-    """Do pieces of work, so many at a time, and give what came of each as soon as it is there.
+    """Do pieces of work, `at_a_time` at once, and yield the result or exception of each as soon as it is there.
 
-    An exception stands for itself; `BoundError` for what took more than the bound.
+    A piece beyond the bound yields a `BoundError`.
     """
     if sys.platform != "linux":
         for key, work in works.items():
@@ -131,7 +131,8 @@ class _Child:
     @classmethod
     def start(cls, work: Callable[[], object], bound: Bound) -> _Child:
         reading, writing = os.pipe()
-        parent, process = os.getpid(), os.fork()
+        parent = os.getpid()
+        process = os.fork()
         if process == 0:
             os.close(reading)
             _be_child(work, writing, bound, parent)
@@ -139,23 +140,22 @@ class _Child:
         return cls(process, reading, bound, time.monotonic() + bound.wall_s)
 
     def read(self) -> bool:
-        """Take what has come; returns whether more may follow."""
+        """Read a piece of the result; return False at its end."""
         piece = os.read(self.pipe, _PIECE_BYTES)
         self.received.append(piece)
         self.is_over = not piece
         return bool(piece)
 
     def wait(self) -> Any:
-        """Wait until it ends, or its time is over; returns its outcome."""
-        while (
-            select.select([self.pipe], [], [], max(0.0, self.ends_s - time.monotonic()))[0]
-            and self.read()
-        ):
-            pass
-        return self.end()
+        """Wait until it ends, or its time is over, and return its outcome."""
+        while True:
+            left_s = max(0.0, self.ends_s - time.monotonic())
+            ready, _, _ = select.select([self.pipe], [], [], left_s)
+            if not ready or not self.read():
+                return self.end()
 
     def end(self) -> Any:
-        """End it, if it has not ended; returns its outcome."""
+        """Kill it, if it has not ended, and return its outcome."""
         if not self.is_over:
             os.kill(self.process, signal.SIGKILL)
         os.close(self.pipe)
@@ -163,11 +163,8 @@ class _Child:
         if os.waitstatus_to_exitcode(status) == 0:
             outcome = pickle.loads(b"".join(self.received))  # From a copy of this process.
             return outcome.here() if isinstance(outcome, _Raised) else outcome
-        if (
-            os.WIFSIGNALED(status)
-            and os.WTERMSIG(status) == signal.SIGXCPU
-            and self.bound.cpu_s is not None
-        ):
+        is_out_of_cpu = os.WIFSIGNALED(status) and os.WTERMSIG(status) == signal.SIGXCPU
+        if is_out_of_cpu and self.bound.cpu_s is not None:
             return _exceeded(self.bound, f"took more than {self.bound.cpu_s:g} s of CPU time")
         if not self.is_over:
             return _exceeded(self.bound, f"took longer than {self.bound.wall_s:g} s")
@@ -180,36 +177,23 @@ def _exceeded(bound: Bound, problem: str) -> BoundError:
 
 
 def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) -> NoReturn:
-    """Work, send what comes of it, and end without a word to what this process shares with the one it came from."""
+    """Do the work, send its outcome, and end without touching anything that this process shares with its parent."""
     status = 1
-    # What it was born with is not its own to collect, and was seen to crash where that was tried; of what it makes
-    # little is in cycles, for which to look takes a tenth of judging, and its memory is bounded.
+    # Collecting the parent's objects was seen to crash. The child's own objects have few cycles; looking for them
+    # takes a tenth of judging, and its memory is bounded.
     gc.freeze()
     gc.disable()
     try:
-        # It shares what its parent holds, such as a slot of the machine, and must not hold that longer.
+        # It shares its parent's locks, such as a slot of the machine, and must not hold them longer.
         ctypes.CDLL(None).prctl(_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:
             os._exit(status)
-        signal.signal(
-            signal.SIGINT, signal.SIG_IGN
-        )  # Ctrl-C is for the process that asked, which ends this one.
+        # Ctrl-C is for the parent, which ends this process.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGXCPU):
             signal.signal(number, signal.SIG_DFL)
         _limit(bound)
-        try:
-            outcome = work()
-        except Exception as error:
-            lacks_memory = (
-                isinstance(error, MemoryError) or getattr(error, "errno", None) == errno.ENOMEM
-            )
-            memory = f"took more than {(bound.memory_bytes or 0) / 2**30:g} GiB of memory"
-            outcome = (
-                _exceeded(bound, memory)
-                if lacks_memory and bound.memory_bytes
-                else _Raised.of(error)
-            )
-        write_all(pipe, pickle.dumps(outcome))
+        write_all(pipe, pickle.dumps(_outcome_of(work, bound)))
         status = 0
     except BaseException:
         os.write(2, traceback.format_exc().encode(errors="replace"))
@@ -217,9 +201,25 @@ def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) 
         os._exit(status)
 
 
+def _outcome_of(work: Callable[[], object], bound: Bound) -> object:
+    """Return the result of work, its exception as `_Raised`, or `BoundError` if it lacks memory."""
+    try:
+        return work()
+    except Exception as error:
+        lacks_memory = isinstance(error, MemoryError) or _error_number(error) == errno.ENOMEM
+        if lacks_memory and bound.memory_bytes:
+            most_gib = bound.memory_bytes / 2**30
+            return _exceeded(bound, f"took more than {most_gib:g} GiB of memory")
+        return _Raised.of(error)
+
+
+def _error_number(error: Exception) -> int | None:
+    return getattr(error, "errno", None)
+
+
 @dataclass(frozen=True)
 class _Raised:
-    """An exception that is sent, and its trace for those who look for its cause, which no exception takes with it."""
+    """An exception to be sent, with its traceback as text, because no exception takes its traceback along."""
 
     error: Exception
     trace: str
@@ -239,7 +239,7 @@ class _Raised:
 
 
 class _InProcess(Exception):
-    """Where an exception came up in the other process."""
+    """The traceback of an exception in the other process."""
 
 
 def _limit(bound: Bound) -> None:
@@ -255,7 +255,7 @@ def _limit(bound: Bound) -> None:
 
 
 def limit_memory(most_bytes: int) -> None:
-    """Limit the address space of this process, unless it is limited to less."""
+    """Limit the address space of this process, unless a smaller limit holds."""
     soft = resource.getrlimit(resource.RLIMIT_AS)[0]
     if soft == resource.RLIM_INFINITY:
         soft = most_bytes
@@ -263,7 +263,7 @@ def limit_memory(most_bytes: int) -> None:
 
 
 def write_all(file: int, content: bytes) -> None:
-    """Write to a descriptor, however little of it is taken at a time."""
+    """Write all content to a descriptor, even if it takes only a little at a time."""
     left = memoryview(content)
     while left:
         left = left[os.write(file, left) :]

@@ -30,11 +30,11 @@ exit status:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command; returns the exit status."""
+    """Run the command, and return the exit status."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     write_to_any_terminal()
     console = _Console(highlight=False)
-    # What is imported stays: looking for garbage in it took a sixth of the start, and 0.16 s at the end.
+    # Imported objects stay: the search for garbage among them took a sixth of the start, and 0.16 s at the end.
     gc.set_threshold(200_000, 20, 100)
     atexit.register(gc.freeze)
     try:
@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         _discard_output()
         return GraderError.exit_status
     except (GraderError, OSError) as error:
-        # Late: what it imports takes a fifth of a second, which is for when this process goes before others.
+        # Imported late, because it takes a fifth of a second, which a successful command does not need.
         from grader.commands.arguments import print_error
 
         print_error(described(error))
@@ -60,13 +60,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _report_defect(error: Exception) -> int:
-    """Say what an unexpected exception means; returns the exit status."""
+    """Explain an unexpected exception, and return the exit status."""
     limit = limit_behind(f"{type(error).__name__}: {error}")
     if limit is not None:
         print(f"grade: {limit.present}, which can be the cause\n  {limit.remedy}", file=sys.stderr)
         return PlatformError.exit_status
     print("grade: this is a defect of the grader; there is no result", file=sys.stderr)
-    # Not 1, with which Python would end: that is a score below --fail-under.
+    # Python itself would end with 1, which stands for a score below --fail-under.
     return GraderError.exit_status
 
 
@@ -150,7 +150,7 @@ def _grade(arguments: list[str], console: Console) -> int:
 
 
 class _Console(Console):
-    """Goes on without a reader: with `grade ... | head` the results are written all the same."""
+    """Continues without a reader: with `grade ... | head` the results are still written."""
 
     def on_broken_pipe(self) -> None:
         """Print nothing more; rich would end with 1, which is a score below --fail-under."""
@@ -159,7 +159,7 @@ class _Console(Console):
 
 
 def _discard_output() -> None:
-    """Lead the standard output to where nothing breaks, also for what is written when Python ends."""
+    """Send the standard output to the null device, with the output that Python writes at its end."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)
     os.close(nowhere)
