@@ -140,7 +140,7 @@ def _msg_text(name: str) -> str | None:
 
 
 def _plain_text(file: Path) -> str | None:
-    """Return a `.msg` text without what readers of bags take for something else than rosidl does.
+    """Return a `.msg` text without the parts that readers of bags understand differently than rosidl.
 
     A ruler in a comment is no end of the definition, each line ends with a line feed, and `char` is `uint8`.
     """

@@ -56,7 +56,7 @@ def _bound(topic_type: str, types: _Types) -> tuple[int, float]:
 
     @functools.cache
     def size_of(name: str) -> tuple[int, int]:
-        """Return values and bytes of a message of a type whose sequences are empty."""
+        """Return values and bytes of a message of a type if all its sequences are empty."""
         values = 1
         size = 1
         for _, kind in types[name][1] or _FILLER:

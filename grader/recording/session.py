@@ -28,7 +28,7 @@ OF_ACTION = "/_action/"
 _GOAL_SERVICE = "/_action/send_goal"
 #: Topics of every node, or of the clock; a misspelled name of a student's never means one of them.
 STANDARD_TOPICS = ("/rosout", "/parameter_events", "/clock")
-#: Keys of a step, one of which names the awaited part of the graph.
+#: Keys of a step; one of them names the awaited part of the graph.
 AWAITED = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
 GRADER_NAMESPACE = "/_grader"
@@ -75,7 +75,7 @@ class MachineSample:
 class ProcessRun:
     """One process, from start to exit; two processes with equal contents are not equal."""
 
-    #: Unique in the session: the artifact's name, or that of the launched node's process.
+    #: Name, unique in the session: the artifact's, or the one of the launched node's process.
     name: str
     #: "student", "reference" or "grader".
     role: str

@@ -155,7 +155,7 @@ def _badges_of(row: int, summary: ClassSummary) -> list[Badge]:
 
 
 def _numbered_mistakes(summary: ClassSummary, *, shared: bool) -> list[tuple[int, Mistake]]:
-    """Return the numbered mistakes of several submissions, or else those of a single one."""
+    """Return the numbered mistakes of several submissions, or else of a single one."""
     found = []
     for n, mistake in enumerate(summary.mistakes):
         count = len(mistake.made_by)
@@ -174,7 +174,7 @@ def _mistakes_of(row: int, summary: ClassSummary) -> list[int]:
 
 
 def _has_points_beside(summary: ClassSummary) -> bool:
-    """Tell whether a submission has points beside those of the criteria."""
+    """Tell whether a submission has points that belong to no criterion."""
     results = [row.result for row in summary.rows if row.result]
     return any(result.beside_criteria for result in results)
 
@@ -219,13 +219,13 @@ def _codes(row: Row, summary: ClassSummary) -> str:
 
 
 def _zone(summary: ClassSummary) -> timezone | None:
-    """Return the zone for all times: that of the times if they share one, or else UTC; None without zoned times."""
+    """Return the zone for all times: their common zone, or else UTC; None without zoned times."""
     offsets = set()
     for row in summary.rows:
         time = row.entry.submitted_at
-        if time is not None:
-            offsets.add(time.utcoffset())
-    offsets.discard(None)
+        offset = time.utcoffset() if time is not None else None
+        if offset is not None:
+            offsets.add(offset)
     if not offsets:
         return None
     if len(offsets) > 1:

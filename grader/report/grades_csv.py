@@ -54,7 +54,7 @@ def csv_cell(value: str | int | Decimal) -> str | int | Decimal:
 def csv_text(
     rows: Iterable[Sequence[str | int | Decimal]], quoting: Literal[0, 1] = csv.QUOTE_MINIMAL
 ) -> str:
-    """Return the text of a file of rows, the first of which is its head; numbers have no trailing zeros."""
+    """Return the text of a file of rows, the head first; numbers have no trailing zeros."""
     text = io.StringIO(newline="")
     writer = csv.writer(text, lineterminator="\r\n", quoting=quoting)
     for row in rows:

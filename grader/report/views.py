@@ -121,7 +121,7 @@ class Share:
 
 
 def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)) -> Share:
-    """Describe points; the badge is that of the whole."""
+    """Describe points; the badge shows the outcome of the whole."""
     whole = possible or Decimal(1)
     return Share(
         points(earned),
@@ -135,7 +135,7 @@ def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)
 
 @dataclass(frozen=True)
 class Loss:
-    """A check that lost points by itself, its criterion, and the checks whose points the same fix opens."""
+    """A check that lost points by itself, its criterion, and the checks that the same fix opens."""
 
     check: CheckResult
     criterion: CriterionResult
@@ -617,7 +617,7 @@ def utc(t_ns: Any) -> str:
 def isolations_of(
     sessions: Mapping[str, SessionRecord],
 ) -> list[tuple[Mapping[str, Any], list[str]]]:
-    """Return the ways in which sessions were confined, each with the names of its sessions."""
+    """Return the ways of confinement, each with the names of its sessions."""
     found: list[tuple[Mapping[str, Any], list[str]]] = []
     for name, record in sessions.items():
         for way, names in found:

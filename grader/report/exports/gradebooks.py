@@ -42,7 +42,7 @@ from grader.report.views import points
 
 @dataclass(frozen=True)
 class Column:
-    """A column: its heading (none for that of the points), its content, and whether students are found by it."""
+    """A column: its heading (none for the points), its content, and whether it identifies students."""
 
     heading: str
     cell: Callable[[Share], str | Decimal]
@@ -51,7 +51,7 @@ class Column:
 
 @dataclass(frozen=True)
 class _Line:
-    """A student's line: the share, and the cells by which the grade book can find the student, by heading."""
+    """A student's line: the share, and the cells that identify the student in the grade book, by heading."""
 
     share: Share
     keys: dict[str, str]
@@ -88,7 +88,7 @@ class GradeBook:
         return [column.heading for column in self.columns if column.is_key]
 
     def render(self, given: ReturnedClass) -> Returned:
-        """Return the table of a class in which somebody has a result, and further ones if one cannot name all.
+        """Return the table of a class with at least one result, and further tables if one cannot name all students.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class GradeBook:
         """Divide the lines into tables that have a complete key column each, the largest first."""
         while lines:
             missing = self._missing(lines)
-            # Of those that name equally many students, the first in the table.
+            # The first column in the table, if several name equally many students.
             key = min(missing, key=lambda heading: len(missing[heading]))
             others = [] if self.line_by_line else missing[key]
             yield [found for found in lines if found not in others]
@@ -178,7 +178,7 @@ class GradeBook:
         return notes
 
     def _keys(self, share: Share) -> dict[str, str]:
-        """Return the cells by which the grade book finds a student, by heading, as far as they can be written unchanged."""
+        """Return the cells that identify a student in the grade book, by heading, as far as they can be written unchanged."""
         keys = {}
         for column in self.columns:
             if column.is_key:
