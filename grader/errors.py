@@ -18,12 +18,12 @@ _SCRATCH = re.compile(
     r"/(?:confine-\d+-\d+-\d+-|grade-intake-|grade-doctor-|grade-temporary-)[^/]+"
     r"(?:/(?:submission|workspace|trial|sources|lab|results)(?![^/]))?/*"
 )
-#: Folders in which results, and the recording of a session, are made before they take their places.
+#: Names of unfinished results and recordings of sessions.
 _IN_THE_MAKING = re.compile(r"/\.unfinished(?=/)|(?<=/)\.([\w-]+)\.partial(?![^/\s'\":])")
 
 
 def without_temporary_names(text: str) -> str:
-    """Return a text in which no name of a temporary folder of the grader's stands.
+    """Return a text without the names of the grader's temporary folders.
 
     For example `/tmp/confine-1-2-3-intake-x/submission/a/b.py` becomes `a/b.py`, and `results/ann/.unfinished/recordings`
     becomes `results/ann/recordings`.
@@ -33,7 +33,7 @@ def without_temporary_names(text: str) -> str:
 
 
 def _known_part(path: str) -> str:
-    """Return the part of a path that the user knows: what follows a temporary folder."""
+    """Return the part of a path that the user knows, below a temporary folder."""
     folders = list(_SCRATCH.finditer(path))
     if not folders:
         return path
@@ -44,7 +44,7 @@ def _known_part(path: str) -> str:
 
 
 class GraderError(Exception):
-    """Base of all errors that end a grading without a score: what is wrong, where, and what can be done about it."""
+    """Base of all errors that end a grading without a score: the problem, its location, and a remedy."""
 
     exit_status = 70
 
@@ -56,7 +56,7 @@ class GraderError(Exception):
 
 
 class UsageError(GraderError):
-    """The command line asks for something that there is not."""
+    """The command line asks for something that does not exist."""
 
     exit_status = 2
 
@@ -86,7 +86,7 @@ class PlatformError(GraderError):
 
 
 class ProcessLostError(PlatformError):
-    """A process of the grader's was killed, and a grading with it that may succeed another time."""
+    """A grader process was killed, and its grading with it; a retry may succeed."""
 
 
 class RecordingError(GraderError):
@@ -96,17 +96,17 @@ class RecordingError(GraderError):
 
 
 class IsolationError(GraderError):
-    """The confinement that was asked for cannot be had here."""
+    """The requested confinement is not available here."""
 
     exit_status = 7
 
 
 class BoundError(GraderError):
-    """Work on what a student wrote took more time or memory than it may."""
+    """Work on a student's file exceeded its limit of time or memory."""
 
 
 def described(error: Exception) -> GraderError:
-    """Return what any exception says as an error of the grader, with what can be done about it."""
+    """Return any exception as an error of the grader, with a remedy."""
     if isinstance(error, GraderError):
         return error
     limit = limit_behind(f"{type(error).__name__}: {error}")

@@ -1,6 +1,6 @@
-"""Replaces files, and the results of a submission, in one go: what is new lies beside what is there until it is whole.
+"""Replaces files, and the results of a submission, in one step: new files lie beside the old ones until all are complete.
 
-This is the one place where files are replaced: nothing is written through a link that somebody else has laid out.
+All files are replaced by this module: nothing is written through another user's link.
 """
 
 from __future__ import annotations
@@ -14,9 +14,11 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-#: Within a folder of results: those that are being made.
+#: Folder of unfinished results within a folder of results.
 UNFINISHED = ".unfinished"
-_PARTIAL, _BEFORE = ".partial", ".before"
+#: Suffixes of the names of files that are being written, and of parts that are being replaced.
+_PARTIAL = ".partial"
+_BEFORE = ".before"
 _ASKING = [
     getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)
 ]
@@ -24,12 +26,12 @@ _ASKING = [
 
 @contextmanager
 def uninterrupted() -> Iterator[None]:
-    """Let a request to end (Ctrl-C, SIGTERM, SIGHUP) wait until a few files are in their places."""
+    """Delay a request to end (Ctrl-C, SIGTERM, SIGHUP) until a few files are in their places."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     received: list[int] = []
-    # None is a handler that is not Python's, and could not be put back.
+    # None is a handler of another library, which could not be restored.
     heeded = {
         n: before for n in _ASKING if (before := signal.getsignal(n)) not in (signal.SIG_IGN, None)
     }
@@ -53,15 +55,15 @@ def text_of(path: Path) -> str | None:
 
 
 def replace_file(path: Path, text: str | bytes) -> None:
-    """Write a file in one step, so that nobody reads half of it."""
+    """Write a file in one step; no reader sees half of it."""
     replace_files({path: text})
 
 
 def replace_files(texts: Mapping[Path, str | bytes | None]) -> None:
     """Write files that belong together: all are written before the first is put in its place, or none is.
 
-    None stands for a file that is to be there no longer. In a folder in which a submission may have laid out links,
-    nothing is written through one: each text goes to a new file under a name that cannot be guessed.
+    None stands for a file to be removed. A submission may have laid out links in the folder, and nothing is written through
+    a link: each text goes to a new file under a name that cannot be guessed.
     """
     partials = {path: path.with_name(f".{secrets.token_hex(8)}{_PARTIAL}") for path in texts}
     known = {str(partial): str(path) for path, partial in partials.items()}
@@ -77,7 +79,7 @@ def replace_files(texts: Mapping[Path, str | bytes | None]) -> None:
                 else:
                     partial.replace(path)
     except OSError as error:
-        # The user knows the file by the name that it was to have.
+        # The user knows the file by its final name.
         error.filename = known.get(str(error.filename), error.filename)
         raise
     finally:
@@ -89,11 +91,11 @@ def replace_files(texts: Mapping[Path, str | bytes | None]) -> None:
 def atomic_replacement(
     results: Path, parts: Sequence[str], keep: Callable[[Path], bool] = lambda new: False
 ) -> Iterator[Path]:
-    """Give an empty folder within a folder of results to make new ones in; its parts take their places in the end.
+    """Yield an empty folder within a folder of results for new ones; its parts take their places in the end.
 
-    The part that says that they are whole comes last: who is killed in the midst leaves no results that say so. If the
-    work is broken off, or a part cannot be put in its place, what was there before stays as it was, unless `keep` says
-    of the new folder that what is in it takes its place nevertheless.
+    The part that marks the results as complete is the last of `parts`, and a process that is killed before leaves
+    results without the mark. If the work is broken off, or a part cannot be put in its place, the old results stay
+    unchanged, unless `keep` returns True for the new folder: then its parts take their places nevertheless.
     """
     new = results / UNFINISHED
     shutil.rmtree(new, ignore_errors=True)
@@ -109,18 +111,19 @@ def atomic_replacement(
                     _exchange(new, results, parts)
     finally:
         shutil.rmtree(new, ignore_errors=True)
-        with suppress(OSError):  # It is not empty, as a rule.
+        with suppress(OSError):  # It is usually not empty.
             results.rmdir()
 
 
 def _exchange(new: Path, results: Path, parts: Sequence[str]) -> None:
-    """Move what is there aside, the last part first, and what is new in its place; or undo all of it."""
+    """Move the old parts aside, the last one first, and the new ones in their places; undo all moves if one fails."""
     moved: list[tuple[Path, Path]] = []
-    replaced = [(results / part, new / (part + _BEFORE)) for part in reversed(parts)]
+    moves = [(results / part, new / (part + _BEFORE)) for part in reversed(parts)]
+    moves += [(new / part, results / part) for part in parts]
     try:
-        for source, target in (*replaced, *((new / part, results / part) for part in parts)):
+        for source, target in moves:
             if os.path.lexists(source):
-                # A folder may lie where it can be copied only, as in a lower layer of a container's file system.
+                # A folder in a lower layer of a container's file system can only be copied.
                 shutil.move(source, target)
                 moved.append((source, target))
     except BaseException:

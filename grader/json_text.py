@@ -1,4 +1,4 @@
-"""Untrusted text in JSON: what every parser of JSON can read."""
+"""Untrusted text as JSON that every parser can read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Output that any terminal takes: signs that its encoding does not have are replaced, never an error."""
+"""Output for any terminal: signs that its encoding does not have are replaced, never an error."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import sys
 
 #: Name of the error handler below.
 _HANDLER = "grade-plain"
-#: Signs of our texts, and what says the same in ASCII.
+#: Signs of the grader's texts -> replacements in ASCII.
 _PLAIN = str.maketrans(
     {
         "✓": "+",
@@ -44,8 +44,8 @@ _PLAIN = str.maketrans(
 def write_to_any_terminal() -> None:
     r"""Make the standard output and the standard error replace signs that they cannot encode.
 
-    Letters of names become escapes such as `\xfc`, so that no two names look the same. Bytes that are written to the
-    buffer below, as exports on the standard output are, stay as they are.
+    Letters of names become escapes such as `\xfc`, and different names stay different. Bytes that are written to the
+    buffer below, as exports on the standard output are, stay unchanged.
     """
     codecs.register_error(_HANDLER, _replaced)
     for stream in (sys.stdout, sys.stderr):
@@ -54,7 +54,7 @@ def write_to_any_terminal() -> None:
 
 
 def _replaced(error: UnicodeError) -> tuple[str, int]:
-    """Return what stands for the text that cannot be encoded, and where to go on."""
+    """Return the replacement of the text that cannot be encoded, and the place after it."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end]

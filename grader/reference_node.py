@@ -1,6 +1,6 @@
-"""What the reference nodes of all labs share: their configuration, their node, their pace and their end.
+"""Common parts of the reference nodes of all labs: their configuration, their node, their pace and their end.
 
-A reference node is a program beside a lab's rubric, which stands beside students' nodes and is none of theirs:
+A reference node is a program of the lab, in the folder of its rubric, that runs beside students' nodes:
 
     import sys
     from dataclasses import dataclass
@@ -19,12 +19,12 @@ A reference node is a program beside a lab's rubric, which stands beside student
 
     sys.exit(run(Settings, play))
 
-It is started with one argument, `{"seed": 1, "names": {...}, "with": {...}}`, or with `-` in place of it, and reads it
-from standard input then: who may see the command line learns nothing from it. It prints `ready` once all its endpoints
-exist, runs until SIGINT or SIGTERM, and exits with status 0.
+It is started with one argument, `{"seed": 1, "names": {...}, "with": {...}}`. With `-` in place of it, it reads the
+configuration from standard input, and other users of the machine cannot see it on the command line. It prints `ready`
+once all its endpoints exist, runs until SIGINT or SIGTERM, and exits with status 0.
 
-It also prints who it is in the graph, and what it published (see `grader.recording.trusted_channel`). All that a node
-published has to be in the recording if it published nothing before `wait_until_recorded`.
+It also prints its identity in the graph, and the digests of its messages (see `grader.recording.trusted_channel`). All
+its messages must be in the recording if it published nothing before `wait_until_recorded`.
 """
 
 from __future__ import annotations
@@ -47,12 +47,15 @@ if TYPE_CHECKING:
     from rclpy.node import Node
     from rclpy.qos import QoSProfile
 
-# No sleep is longer than this, so that a stop is noticed soon: a signal does not cut `time.sleep` short.
+#: Longest sleep, in s. It delays the reaction to a signal, because a signal does not cut `time.sleep` short.
 LONGEST_SLEEP_S = 0.02
 BAD_CONFIGURATION_STATUS = 2
-# A line of output may not be longer than 8 KiB.
+#: Digests in a line of output, which may not be longer than 8 KiB.
 DIGESTS_IN_LINE = 500
 MATCH_POLL_NS = 5_000_000
+
+#: Keys of the configuration with objects, in the order of `Configuration`.
+_OBJECTS = ("names", "with", "subscriptions", "types")
 
 T = TypeVar("T")
 
@@ -65,53 +68,44 @@ class ConfigurationError(ValueError):
 class Configuration:
     """A reference node's only input."""
 
-    #: All that is drawn by lot is drawn from it.
+    #: Seed of all random choices.
     seed: int = 0
-    #: Topic or service name in the rubric -> name that the student used.
+    #: Topic or service name in the rubric -> name in the student's graph.
     names: dict[str, str] = field(default_factory=dict)
     #: The rubric's `with`.
     settings: dict[str, Any] = field(default_factory=dict)
-    #: Topic on the graph -> number of the student's subscriptions to it, and the type of these. DDS counts those of a
-    #: process that died until their lease has run out.
+    #: Topic on the graph -> number of the student's subscriptions. DDS counts the subscriptions of a dead process until
+    #: their lease has run out.
     subscriptions: dict[str, int] = field(default_factory=dict)
+    #: Topic on the graph -> type of these subscriptions.
     types: dict[str, str] = field(default_factory=dict)
 
     def name(self, rubric_name: str) -> str:
-        """Give the name to use on the graph for a topic or service of the rubric."""
+        """Return the name on the graph of a topic or service of the rubric."""
         return self.names.get(rubric_name, rubric_name)
 
 
 def parse_configuration(text: str) -> Configuration:
-    """Read the JSON object of the command line; raises ConfigurationError if it is not such an object."""
+    """Read a JSON object such as `{"seed": 1, "names": {"/in": "/input"}}`; raises ConfigurationError if it is none."""
     try:
         plain = json.loads(text)
     except ValueError as problem:
         raise ConfigurationError(f"the configuration is not JSON: {problem}") from problem
-    if not isinstance(plain, dict) or not set(plain) <= {
-        "seed",
-        "names",
-        "with",
-        "subscriptions",
-        "types",
-    }:
+    if not isinstance(plain, dict) or not plain.keys() <= {"seed", *_OBJECTS}:
         raise ConfigurationError(
             'the configuration must be an object with "seed", "names", "with" and "subscriptions"'
         )
     seed = plain.get("seed", 0)
-    names, settings, subscriptions, types = (
-        plain.get(key) or {} for key in ("names", "with", "subscriptions", "types")
-    )
-    if not isinstance(seed, int) or not all(
-        isinstance(x, dict) for x in (names, settings, subscriptions, types)
-    ):
+    objects = [plain.get(key) or {} for key in _OBJECTS]
+    if not isinstance(seed, int) or not all(isinstance(each, dict) for each in objects):
         raise ConfigurationError(
             '"seed" must be an integer, "names", "with" and "subscriptions" objects'
         )
-    return Configuration(seed, names, settings, subscriptions, types)
+    return Configuration(seed, *objects)
 
 
 def build_settings(kind: type[T], plain: dict[str, Any]) -> T:
-    """Build a settings dataclass from the rubric's `with`; raises ConfigurationError if one of these does not fit."""
+    """Build a settings dataclass from the rubric's `with`; raises ConfigurationError if a setting does not fit."""
     known = sorted(f.name for f in fields(kind))  # type: ignore[arg-type]
     for key in plain:
         if key not in known:
@@ -125,7 +119,7 @@ def build_settings(kind: type[T], plain: dict[str, Any]) -> T:
 
 
 class StopRequest:
-    """True as soon as SIGINT or SIGTERM has come, also where the parent had them ignored."""
+    """True as soon as SIGINT or SIGTERM has come, even if the parent had ignored them."""
 
     def __init__(self) -> None:
         self._requested = False
@@ -141,12 +135,15 @@ class StopRequest:
 
 def sleep_until(deadline_ns: int, stop: StopRequest) -> None:
     """Sleep until `time.monotonic_ns()` reaches the deadline, or a stop is requested."""
-    while not stop and (left_s := (deadline_ns - time.monotonic_ns()) / 1e9) > 0:
+    while not stop:
+        left_s = (deadline_ns - time.monotonic_ns()) / 1e9
+        if left_s <= 0:
+            break
         time.sleep(min(left_s, LONGEST_SLEEP_S))
 
 
 class ReportingPublisher:
-    """A publisher that keeps the digest of each message, to be reported through the pipe."""
+    """A publisher that keeps the digest of each message, to report it through the pipe."""
 
     def __init__(self, node: Node, message_class: type, topic: str, qos: QoSProfile) -> None:
         from rclpy.serialization import serialize_message
@@ -166,7 +163,7 @@ class ReportingPublisher:
 
     @property
     def subscription_count(self) -> int:
-        """How many subscriptions are matched."""
+        """Number of matched subscriptions."""
         return int(self._publisher.get_subscription_count())
 
     def publish(self, message: Any) -> None:
@@ -184,19 +181,19 @@ class ReportingPublisher:
 
 
 class ReferenceNode:
-    """A node that reports through the pipe what it does in the graph."""
+    """A node that reports its identity and its messages through the pipe."""
 
     def __init__(self, node: Node) -> None:
         self.node = node
         self._publishers: list[ReportingPublisher] = []
-        #: Names and types of what it publishes, those of its actions too.
+        #: Types of its topics by name, those of its actions included.
         self._topics: dict[str, str] = {}
         self._recorded = False
 
     def open_publisher(
         self, message_class: type, topic: str, qos: QoSProfile
     ) -> ReportingPublisher:
-        """Open a publisher. Each publisher of a reference node must be opened so."""
+        """Open a publisher; a reference node must open each of its publishers by this method."""
         publisher = ReportingPublisher(self.node, message_class, topic, qos)
         self._publishers.append(publisher)
         self._topics[publisher.topic] = publisher.topic_type
@@ -205,18 +202,17 @@ class ReferenceNode:
     def open_action_server(
         self, action_class: type, name: str, execute: Callable[[Any], Any], **more: Any
     ) -> Any:
-        """Open an action server, rclpy's with all that it takes; each one of a reference node must be opened so.
+        """Open rclpy's action server with further arguments; a reference node must open each of its servers by this method.
 
-        Goals are answered while the node spins. Feedback is in the recording if it spins after `wait_until_recorded`.
+        Goals are answered while the node spins. Feedback is in the recording if the node spins after `wait_until_recorded`.
         """
         from rclpy.action import ActionServer
 
         server = ActionServer(self.node, action_class, name, execute, **more)
         action = f"{self.node.resolve_topic_name(name)}/_action"
         package, folder, *_ = action_class.__module__.split(".")
-        self._topics[f"{action}/feedback"] = (
-            f"{package}/{folder}/{action_class.__name__}_FeedbackMessage"
-        )
+        feedback_type = f"{package}/{folder}/{action_class.__name__}_FeedbackMessage"
+        self._topics[f"{action}/feedback"] = feedback_type
         self._topics[f"{action}/status"] = "action_msgs/msg/GoalStatusArray"
         return server
 
@@ -228,48 +224,45 @@ class ReferenceNode:
     ) -> None:
         """Wait until the recorder has subscribed to each topic and action of this node, and each publisher is `ready`.
 
-        To be called before the first message. Once the time is up it goes on, and what is lost then counts as lost.
+        The node must call this before its first message. After the timeout it returns too; messages that the recorder
+        then misses count as missing.
         """
         self._recorded = True
         deadline_ns = time.monotonic_ns() + round(timeout_s * 1e9)
-        while not stop and (now_ns := time.monotonic_ns()) < deadline_ns:
-            if all(self._is_recorded(*topic) for topic in self._topics.items()) and all(
-                map(ready, self._publishers)
-            ):
+        while not stop and time.monotonic_ns() < deadline_ns:
+            recorded = all(self._is_recorded(*topic) for topic in self._topics.items())
+            if recorded and all(map(ready, self._publishers)):
                 return
-            sleep_until(min(now_ns + MATCH_POLL_NS, deadline_ns), stop)
+            sleep_until(min(time.monotonic_ns() + MATCH_POLL_NS, deadline_ns), stop)
 
     def _is_recorded(self, topic: str, topic_type: str) -> bool:
         try:
             found = self.node.get_subscriptions_info_by_topic(topic)
-        except (
-            UnicodeDecodeError,
-            RuntimeError,
-        ):  # A student's node may have a name that is no text.
-            return False
-        return (GRADER_NAMESPACE, topic_type) in {
-            (info.node_namespace, info.topic_type) for info in found
-        }
+        except (UnicodeDecodeError, RuntimeError):
+            return False  # A student's node may have a name that is no text.
+        subscribers = [(info.node_namespace, info.topic_type) for info in found]
+        return (GRADER_NAMESPACE, topic_type) in subscribers
 
     def report_participant(self) -> None:
-        """Print by which gids its endpoints are known: by those on a topic whose name no other node can know."""
+        """Print the first digits of its gids, from those on a topic with a name that no other node can know."""
         from std_msgs.msg import Empty
 
         topic = f"/_grader/_{secrets.token_hex(8)}"
         publisher = self.node.create_publisher(Empty, topic, 1)
         (info,) = self.node.get_publishers_info_by_topic(topic)
         self.node.destroy_publisher(publisher)
-        print(f"participant {bytes(info.endpoint_gid).hex()[:PARTICIPANT_DIGITS]}", flush=True)
+        gid = bytes(info.endpoint_gid).hex()
+        print(f"participant {gid[:PARTICIPANT_DIGITS]}", flush=True)
 
     def report_published(self) -> None:
-        """Print the digests of all messages that it published."""
+        """Print the digests of all its messages."""
         for publisher in self._publishers:
             publisher.report(recorded=self._recorded)
 
 
 @contextmanager
 def reference_node(name: str) -> Iterator[ReferenceNode]:
-    """Give a node that nobody can steer from outside: no services, no ROS arguments, no rosout."""
+    """Yield a node that cannot be steered from outside: no services, no ROS arguments, no rosout."""
     import rclpy
     from rclpy.parameter import Parameter
     from rclpy.signals import SignalHandlerOptions
@@ -292,14 +285,17 @@ def reference_node(name: str) -> Iterator[ReferenceNode]:
 
 
 def run(kind: type[T], play: Callable[[Configuration, T, StopRequest], None]) -> int:
-    """Run a reference node's `play` with the configuration of the command line; give the exit status."""
+    """Run a reference node's `play` with the configuration of the command line, and return the exit status."""
     stop = StopRequest()
     try:
         if len(sys.argv) != 2:
             raise ConfigurationError(
                 "one argument is expected: the configuration as a JSON object, or -"
             )
-        configuration = parse_configuration(sys.stdin.read() if sys.argv[1] == "-" else sys.argv[1])
+        text = sys.argv[1]
+        if text == "-":
+            text = sys.stdin.read()
+        configuration = parse_configuration(text)
         settings = build_settings(kind, configuration.settings)
     except ConfigurationError as problem:
         print(f"{sys.argv[0]}: {problem}", file=sys.stderr)

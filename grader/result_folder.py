@@ -1,15 +1,15 @@
-"""The names of what lies in a folder of results: a submission's, and a class's around it."""
+"""Names of the files and folders among the results of a submission and of a class."""
 
 from __future__ import annotations
 
 from pathlib import PurePosixPath
 
 RECORDINGS = "recordings"
-#: In a recording.
+#: Files in a recording.
 LAYOUT_FILE = "foxglove.json"
 RUBRIC_COPY = "rubric.yaml"
 RESULT_FILE = "result.json"
-#: Among recordings: the result of the submission before this one.
+#: Result of the previous submission, among recordings.
 EARLIER_FILE = "earlier.json"
 REPORT_FILE = "report.html"
 CLASS_PAGE = "index.html"
@@ -24,7 +24,7 @@ ANONYMOUS_PAGE = "index-anonymous.html"
 ANONYMOUS_GRADES_FILE = "grades-anonymous.csv"
 #: A rubric changed at the desk.
 EDITED_RUBRIC = "rubric-edited.yaml"
-#: The class list that was given last.
+#: Last given class list.
 CLASS_LIST_FILE = "class-list.csv"
 
 _FOLDERS = frozenset({RECORDINGS, HISTORY, EXPORTED})
@@ -36,9 +36,9 @@ _FILE_KINDS = frozenset(
 
 
 def is_reserved(name: str) -> bool:
-    """Whether the grader may write a file or folder of this name among results; no submission is called so.
+    """Tell whether a file or folder with this name among results may be the grader's; no submission has such a name.
 
-    Every name with the ending of a file of the grader's is reserved, e.g. `rubric-edited.yaml` and `Eve.HTML`.
+    Every name with the ending of a grader file is reserved, e.g. `rubric-edited.yaml` and `Eve.HTML`.
     """
     folded = name.casefold()
     return folded in _FOLDERS or PurePosixPath(folded).suffix in _FILE_KINDS

@@ -15,7 +15,7 @@ from tests.in_turn import InTurn, Kind, kind_of, step_behind
 from tests.machine import beside_others
 from tests.thorough import examples
 
-# How long an example takes says more about the machine than about the code.
+# The time of an example depends more on the machine than on the code.
 settings.register_profile(
     "any machine",
     deadline=None,
@@ -26,7 +26,7 @@ settings.load_profile("any machine")
 
 
 def pytest_configure() -> None:
-    """Heed Ctrl-C also where a shell's `&` started the tests: what they start would inherit that it is ignored."""
+    """React to Ctrl-C even if a shell's `&` started the tests; their child processes would inherit that it is ignored."""
     if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
 
@@ -53,7 +53,7 @@ def pytest_runtest_protocol() -> Generator[None, object, object]:
 
 @pytest.fixture(autouse=True, scope="session")
 def _own_state(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Keep what the tests trust apart from what the user does, also in the processes that they start."""
+    """Keep the tests' trusted files apart from the user's, also in processes that tests start."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
         yield
@@ -73,7 +73,7 @@ def judged_before() -> None:
 
 @pytest.fixture
 def plain_user() -> Iterator[None]:
-    """Let the superuser be somebody who may not read everything, for a while."""
+    """Replace the superuser by a user that may not read everything, for a while."""
     if os.geteuid() == 0:
         codecs.lookup("utf-8-sig")  # Python's own library may be where nobody else can read it.
         os.seteuid(65534)

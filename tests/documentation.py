@@ -1,4 +1,4 @@
-"""The pages of the documentation as texts: their blocks of code, and what is set as code in their sentences."""
+"""The pages of the documentation as texts: their blocks of code, and the code in their sentences."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ def blocks(page: Path, language: str = "") -> list[Block]:
 
 
 def inline(page: Path) -> list[str]:
-    """Give what is set as code in the sentences and tables of a page."""
+    """Return the code in the sentences and tables of a page."""
     return _INLINE.findall(_BLOCK.sub("", page.read_text(encoding="utf-8")))
 
 
 def command_lines(page: Path) -> Iterator[str]:
-    """Give the lines of a page's shell blocks, with what is continued on the next line."""
+    """Return the lines of a page's shell blocks, joined with their continuations."""
     for block in blocks(page, "bash"):
         yield from filter(None, block.text.replace("\\\n", " ").splitlines())

@@ -1,4 +1,4 @@
-"""Texts that are hard for a regular expression: for each repetition in it, what matches that, over and over."""
+"""Texts that are hard for a regular expression: matches of each of its repetitions, over and over."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from collections.abc import Iterator, Sequence
 from importlib import import_module
 from typing import Any
 
-#: What `re` makes of a pattern, which it shows nobody.
+#: Internal form of a pattern in `re`.
 _NEWER = sys.version_info >= (3, 11)
 codes: Any = import_module("re._constants" if _NEWER else "sre_constants")
 parser: Any = import_module("re._parser" if _NEWER else "sre_parse")
 
-#: A text of these three: a beginning, what follows again and again, and the end.
+#: The three parts of a text: its beginning, its repeated part, and its end.
 Parts = tuple[str, str, str]
 
 _REPEATS = (codes.MAX_REPEAT, codes.MIN_REPEAT)
@@ -55,7 +55,7 @@ def hard_texts(pattern: str, flags: int) -> list[Parts]:
 def _repetitions(
     items: Sequence[Any], before: Sequence[Any]
 ) -> Iterator[tuple[Sequence[Any], Sequence[Any]]]:
-    """Yield what stands before each long repetition in a pattern, and what is repeated."""
+    """Yield the part before each long repetition in a pattern, and the repeated part."""
     for item in items:
         code, value = item
         if code in _REPEATS:

@@ -1,4 +1,4 @@
-"""Texts that no student writes to be read: what breaks parsers, in place of sources, manifests and READMEs."""
+"""Texts that break parsers, in place of sources, manifests and READMEs."""
 
 from __future__ import annotations
 

@@ -1,8 +1,7 @@
-"""Which worker runs which test, and when, so that the cores have work for as long as a run takes.
+"""Order of the tests, and their distribution over the workers, to keep the cores busy for the whole run.
 
-Live tests wait most of their time, and measure it: what computes beside them would keep them from a core. So all
-workers but the last begin with them, and the last computes behind them, in what they leave of the cores. What is left
-of that in the end is for all.
+Live tests wait most of their time, and measure it: computation beside them would keep them from a core. Therefore all
+workers but the last begin with them, and the last one computes at a lower priority. The rest is for all workers.
 """
 
 from __future__ import annotations
@@ -20,21 +19,21 @@ from xdist.workermanage import WorkerController
 ROOT = Path(__file__).resolve().parents[1]
 #: With fewer workers, each runs everything.
 FEWEST_WORKERS = 4
-#: Of the worker that computes behind the live tests: a tenth of a core where these take all.
+#: Priority of the worker that computes beside live tests: a tenth of a core if these take all.
 NICE = 10
 #: Each attack's batch runs as many sessions side by side as the machine takes.
 ATTACKS_AT_A_TIME = 2
-#: Live modules of which each test stands for itself, and takes long.
+#: Live modules with long tests that are independent of each other.
 ONE_BY_ONE = (
     "test_fixtures.py", "test_runner.py", "test_launch_containment.py", "test_isolation.py", "test_class.py",
 )  # fmt: skip
-#: Folders of tests that compute, however long that takes by the clock; what others compute has bounds in seconds.
+#: Folders of tests that compute without a bound on their wall time; other computing tests have bounds in seconds.
 PATIENT = ("checks", "cohort", "evidence", "judging", "lab", "recording", "reference", "report")
 IMPATIENT = ("test_writing.py",)
 
 
 class Kind(IntEnum):
-    """What a test is, in the order in which it is begun: what may take longest first."""
+    """Kind of a test, in the order of starts: the kind that may take longest comes first."""
 
     ATTACK, LIVE_MODULE, LIVE_TEST, FIXTURE, CLOCK, LONG, PURE = range(7)
 
@@ -63,7 +62,7 @@ def _kind_of_live_module(name: str) -> Kind:
 
 
 def kind_of(nodeid: str) -> Kind:
-    """Return what a test is, by its module."""
+    """Return the kind of a test, by its module."""
     return _kind_of_module(nodeid.partition("::")[0])
 
 
@@ -123,7 +122,7 @@ def worker_behind(workers: int, collection: list[str]) -> str:
 
 
 def step_behind(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Let this process be behind others, if it is that worker; what it starts is so too."""
+    """Lower the priority of this process, and of its children, if it is the computing worker."""
     told = getattr(config, "workerinput", None)
     if told and told["workerid"] == worker_behind(
         told["workercount"], [item.nodeid for item in items]

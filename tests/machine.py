@@ -1,7 +1,7 @@
-"""Shares this machine between the tests that run side by side, also those of other workers.
+"""Shares this machine between tests that run side by side, also in other workers.
 
-A test that measures time, and found the machine too busy, may ask for it alone; all others that have begun end first,
-and none begins meanwhile.
+A test that measures time, and found the machine too busy, may ask for the machine alone: running tests end first, and
+no test begins in the meantime.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-#: How the reasons begin for which a busy machine leaves a measurement undecided.
+#: Beginnings of the reasons that a busy machine gives for an undecided measurement.
 MACHINE = ("Not your fault: the grading computer was too busy", "The measurement error ")
-#: Whether this process has a part of the machine now: tests within a test share it.
+#: True while this process has a part of the machine; tests within a test share it.
 _shares = False
 
 
@@ -58,7 +58,7 @@ def alone() -> Iterator[None]:
 
 
 class Others:
-    """What others took of this machine since this was made: other programs, and the host of a virtual machine."""
+    """The use of this machine by others since this was made: other programs, and the host of a virtual machine."""
 
     def __init__(self) -> None:
         self._begun = self._look()
@@ -74,7 +74,7 @@ class Others:
 
     @property
     def share(self) -> float:
-        """The part of all cores; of this process, those of its children that have ended are its own."""
+        """The others' share of all cores; ended children of this process count as its own."""
         elapsed_s, busy_s, own_s = (
             now - then for now, then in zip(self._look(), self._begun, strict=True)
         )

@@ -1,4 +1,4 @@
-"""Recordings judged again as the command does it, for tests of what comes of it."""
+"""Recordings judged again as the command does it, for tests of the results."""
 
 from __future__ import annotations
 

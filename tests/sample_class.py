@@ -33,7 +33,7 @@ FIRST, LAST = _FIRST.lower().split(), _LAST.lower().split()
 
 @dataclass(frozen=True)
 class Slip:
-    """A mistake: how often it is made, at which check, and what the grader says of it.
+    """A mistake: its frequency, its check, and the grader's text about it.
 
     `{...}` in the reason are values that differ from student to student.
     """
@@ -188,7 +188,7 @@ def sample_class(
 
 
 def values(chance: random.Random) -> dict[str, Any]:
-    """Draw what differs from student to student."""
+    """Draw the values that differ from student to student."""
     rate = chance.uniform(85, 95)
     modules = [f"{m}.py" for m in ("joint_publisher", "robot_service", "qos_comparison")]
     return {
@@ -216,7 +216,7 @@ def check_of(result: dict[str, Any], name: str) -> dict[str, Any]:
 
 
 def spoil(result: dict[str, Any], slip: Slip, chance: random.Random, hints: dict[str, str]) -> None:
-    """Let a result have a mistake, and what is behind it out of reach."""
+    """Add a mistake to a result, and put the checks that depend on it out of reach."""
     check = check_of(result, slip.check)
     if check["outcome"] != "passed":
         return

@@ -1,4 +1,4 @@
-"""The attack corpus by itself: every attack can be laid out, and says what must come of it."""
+"""The attack corpus itself: every attack can be laid out, and states its expected result."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def test_all_parts_are_attacked() -> None:
 
 @pytest.mark.parametrize("attack", read_corpus(), ids=lambda attack: attack.name)
 def test_an_attack_is_reported_so_that_it_can_be_judged(attack: Attack, rubric: Rubric) -> None:
-    """Sessions, checks, twin and files that it names exist, and it says what it does."""
+    """Named sessions, checks, twins and files exist, and the attack describes itself."""
     assert len(attack.about) > 40
     assert set(attack.sessions) <= set(rubric.sessions)
     judged = {c.id for c in rubric.checks() if c.session in attack.sessions}

@@ -1,4 +1,4 @@
-"""Work in processes of its own: what comes back, what ends it, and what stays behind."""
+"""Work in processes of its own: results, ends, and leftovers."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def test_work_beyond_its_bound_is_ended(
 
 
 def test_one_that_does_not_end_does_not_keep_the_others() -> None:
-    """Of several pieces of work each has its own bound; nothing of what is given up half-way stays behind."""
+    """Each of several pieces of work has its own bound; nothing of an abandoned one is left over."""
     works: dict[str, Callable[[], object]] = {
         "spins": _spin,
         "first": lambda: 1,
@@ -131,7 +131,7 @@ def test_judging_without_end_leaves_open_the_sessions_that_it_needs(
 
 
 def test_a_class_is_judged_but_for_the_one_that_breaks(tmp_path: Path) -> None:
-    """Of a class, only the submission whose judging breaks is named as not judged."""
+    """Only the submission with a failed judging is named as not judged."""
     for name in ("ann", "bob"):
         folder = tmp_path / name / result_folder.RECORDINGS
         shutil.copytree(ROOT / "tests/recordings/solution", folder)
@@ -158,7 +158,7 @@ in_process(work, Bound(what="work", cpu_s=1.0, wall_s=30.0, memory_bytes=2**28))
 
 
 def test_work_ends_with_the_process_that_asked_for_it() -> None:
-    """Who is killed leaves no process behind, which would hold what both share, such as a slot of the machine."""
+    """A killed process leaves no child behind, which would hold shared things, such as a slot of the machine."""
     with subprocess.Popen([sys.executable, "-c", _KILLED], stdout=subprocess.PIPE) as asking:
         assert asking.stdout is not None
         working = int(asking.stdout.readline())

@@ -17,7 +17,7 @@ from grader.commands.grade import _parser as grade_parser
 ROOT = Path(__file__).resolve().parents[1]
 SCRIPTS = ["ci/install.sh", "ci/github/grade.sh", "ci/gitlab/grade.sh", "ci/gradescope/setup.sh"]
 SCRIPTS += ["ci/gradescope/run_autograder"]
-#: Options of `grade` and `grade export` in scripts; those of other programs are told by name.
+#: Options of `grade` and `grade export` in scripts; options of other programs are excluded by name.
 _OTHERS = {
     "--quiet",
     "--no-install-recommends",
@@ -45,7 +45,7 @@ def read(path: str) -> dict[str, Any]:
     ],
 )
 def test_files_satisfy_the_systems_schemas(schema: str, file: str) -> None:
-    """Each is what its system accepts."""
+    """Each system accepts its file."""
     command = [
         sys.executable,
         "-m",
@@ -89,7 +89,7 @@ def test_shell_scripts_are_sound(script: str) -> None:
 
 @pytest.mark.parametrize("file", ["Dockerfile", ".dockerignore", "docs/ci.md"])
 def test_all_that_an_installation_is_made_of_goes_along(file: str) -> None:
-    """The image and Gradescope's archive have what the package's build includes by name, and the other labs."""
+    """The image and Gradescope's archive have the files that the package's build includes by name, and the other labs."""
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     included = set(re.findall(r'^"([^"]+)" = "grader/', project, re.MULTILINE))
     packages = re.search(r"^packages = \[(.*)\]", project, re.MULTILINE)
@@ -102,7 +102,7 @@ def test_all_that_an_installation_is_made_of_goes_along(file: str) -> None:
 
 @pytest.mark.parametrize("file", [*SCRIPTS, "ci/classroom50/autograder.py", "docs/ci.md"])
 def test_every_option_is_one_of_the_command(file: str) -> None:
-    """What the scripts and the page say, `grade` or `grade export` knows."""
+    """`grade` or `grade export` knows each option in the scripts and on the page."""
     known = {
         option
         for parser in (grade_parser(""), export_parser())
@@ -114,7 +114,7 @@ def test_every_option_is_one_of_the_command(file: str) -> None:
 
 
 def test_the_workflow_is_reported_little_and_trusted_less() -> None:
-    """It runs on the virtual machine, may only read, has no secrets, and leaves no credentials in the checkout."""
+    """The workflow runs on the virtual machine, may only read, has no secrets, and leaves no credentials in the checkout."""
     workflow = read("ci/github-workflow.yml")
     assert workflow["permissions"] == {"contents": "read"}
     assert "pull_request_target" not in workflow["on"]
@@ -130,7 +130,7 @@ def test_the_workflow_is_reported_little_and_trusted_less() -> None:
 
 
 def test_inputs_never_become_part_of_a_script() -> None:
-    """They are given as variables; the workflow uses inputs that the action has."""
+    """Inputs are given as variables; the workflow uses inputs that the action has."""
     action = read("action.yml")
     for step in action["runs"]["steps"]:
         assert "${{" not in step.get("run", "")

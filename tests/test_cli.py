@@ -1,4 +1,4 @@
-"""The `grade` command without a live graph: what it says of mistakes, and its exit statuses."""
+"""The `grade` command without a live graph: its messages about mistakes, and its exit statuses."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def run(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> tuple[int
 
 
 def test_no_such_submission(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A path that is not there ends with 3, and names what is."""
+    """A missing path ends with 3, and the message names paths that exist."""
     (tmp_path / "alice").mkdir()
     status, _, errors = run(capsys, tmp_path / "alcie", "-o", tmp_path / "results")
     assert status == 3
@@ -57,7 +57,7 @@ def test_no_such_submission(tmp_path: Path, capsys: pytest.CaptureFixture[str]) 
 
 
 def test_an_empty_submission(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A folder without files ends with 3, and says what to do."""
+    """A folder without files ends with 3, and the message has a remedy."""
     (tmp_path / "ann").mkdir()
     status, _, errors = run(capsys, tmp_path / "ann", "-o", tmp_path / "results")
     assert (status, "the submission is empty" in errors) == (3, True)
@@ -81,7 +81,7 @@ def test_a_file_in_place_of_a_folder(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_one_file_of_several_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Who gives a file in place of its folder is told so; who gives the folder, or the only file, is not."""
+    """A file in place of its folder gives a note; the folder, or the only file, gives none."""
     (tmp_path / "no-folder").touch()
     for name in ("joint_publisher.py", "robot_service.py"):
         (tmp_path / name).write_text("import rclpy\n")
@@ -119,7 +119,7 @@ def test_a_defect_of_the_grader_is_no_low_score(
 
 
 def test_a_reader_that_leaves_changes_no_result(tmp_path: Path) -> None:
-    """As with `grade ... | head`: the results are written, and the status is that of the grading."""
+    """With `grade ... | head` the results are written, and the status is that of the grading."""
     results = results_of("wrong_topic", tmp_path)
     command = [sys.executable, "-m", "grader.cli", "regrade", str(results)]
     reader, writer = os.pipe()
@@ -179,7 +179,7 @@ def test_a_file_that_cannot_be_written_has_its_own_name(
     assert (status, errors.splitlines()[0]) == (70, f"grade: {target}: No such file or directory")
 
 
-#: Environments in which a terminal has fewer signs than our texts.
+#: Environments of terminals with fewer signs than the grader's texts.
 TERMINALS = {
     "latin-1": {"PYTHONIOENCODING": "latin-1"},
     "ascii": {"PYTHONIOENCODING": "ascii"},
@@ -373,7 +373,7 @@ def test_a_rubric_is_checked_without_grading(
 def test_the_schema_takes_the_labs_rubric_and_finds_mistakes(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """It is a JSON Schema that an editor can use, made of the models that read rubrics, and the shipped one is it."""
+    """The shipped JSON Schema for editors is made of the models that read rubrics."""
     schema = json.loads(run(capsys, "rubric", "--schema")[1])
     assert schema == json.loads((ROOT / "rubric.schema.json").read_text(encoding="utf-8"))
     jsonschema.Draft202012Validator.check_schema(schema)

@@ -32,13 +32,13 @@ def resolve(python: str, folder: Path, *options: str) -> subprocess.CompletedPro
 
 @pytest.mark.parametrize("python", PYTHONS)
 def test_versions_resolve(python: str, tmp_path: Path) -> None:
-    """They are there for each Python that the package names, with all extras."""
+    """Constraints resolve for each Python that the package names, with all extras."""
     done = resolve(python, tmp_path, "--all-extras")
     assert done.returncode == 0, done.stderr
 
 
 def test_an_older_python_is_refused() -> None:
-    """The package names the oldest Python for which there are such versions, and so does `make`."""
+    """The package and `make` name the oldest Python that has such versions."""
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     assert f'requires-python = ">={PYTHONS[0]}"' in project
     assert "sys.version_info < (3, 11)" in (ROOT / "Makefile").read_text(encoding="utf-8")

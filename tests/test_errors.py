@@ -72,7 +72,7 @@ def test_a_file_that_cannot_be_written_is_called_by_its_own_name(
 
 
 def test_a_result_that_cannot_be_written_is_called_by_its_own_name(tmp_path: Path) -> None:
-    """The folder in which it is made is no part of its name."""
+    """The temporary folder is no part of its name."""
     with (
         pytest.raises(OSError, match="no space") as failed,
         atomic_replacement(tmp_path, ()) as new,
@@ -82,7 +82,7 @@ def test_a_result_that_cannot_be_written_is_called_by_its_own_name(tmp_path: Pat
 
 
 def test_all_temporary_folders_have_names_that_are_known() -> None:
-    """A folder whose name begins otherwise would show in messages."""
+    """A folder with another beginning of its name would show in messages."""
     bare = []
     for file in modules():
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):

@@ -32,7 +32,7 @@ def make(folder: Path, text: str) -> None:
 
 
 def test_new_results_take_the_place_of_old_ones(tmp_path: Path) -> None:
-    """All parts at once; what else lies there stays, and nothing of the old or of the work is left."""
+    """All parts are replaced at once; other files stay, and nothing of the old parts or of the work is left."""
     make(tmp_path, "old")
     (tmp_path / "recordings/of_old.json").write_text("old", encoding="utf-8")
     (tmp_path / "junit.xml").write_text("export", encoding="utf-8")
@@ -63,7 +63,7 @@ def test_work_that_is_broken_off_leaves_the_old_results(
 
 
 def test_work_that_is_broken_off_may_keep_what_is_whole(tmp_path: Path) -> None:
-    """Then what is new takes its place, and nothing of the old stays beside it."""
+    """The new parts take their places, and nothing of the old ones stays beside them."""
     make(tmp_path, "old")
 
     def work() -> None:
@@ -78,7 +78,7 @@ def test_work_that_is_broken_off_may_keep_what_is_whole(tmp_path: Path) -> None:
 
 
 def test_a_part_that_cannot_be_put_in_its_place_leaves_the_old_results(tmp_path: Path) -> None:
-    """Those that were put there already are taken back, and the recordings are not lost."""
+    """Parts that were already placed are taken back, and the recordings are not lost."""
     make(tmp_path, "old")
     before = contents(tmp_path)
 

@@ -1,4 +1,4 @@
-"""Each reader of what students wrote takes time that grows with the text, and raises nothing but what it documents."""
+"""Each reader of students' texts takes time in proportion to the text, and raises only documented exceptions."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ pytestmark = pytest.mark.slow
 NAMES = ("best_effort", "reliable")
 PARTS = words.Terms.of(("publisher", "subscriber"), 3)
 PYTHON = "<package><name>p</name><export><build_type>ament_python</build_type></export></package>"
-#: Far above what any of these takes, noise included, and far below what one takes that is not linear.
+#: Limit far above the time of any of these, noise included, and far below that of a quadratic reader.
 MOST_S = 10.0
 
 
@@ -188,7 +188,7 @@ def test_nested_f_strings_are_read_once_a_level() -> None:
 
 
 def test_files_of_thousands_of_functions_are_read() -> None:
-    """What the parser takes is right, where the compiler would take the square of its time."""
+    """The parser accepts the files in linear time; the compiler would take quadratic time."""
     began_s = time.process_time()
     (facts,) = source.read_sources(
         {"a.py": "def f():\n  pass\n  pass\n  pass\n  pass\n  pass\n" * 4_000}

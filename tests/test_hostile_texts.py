@@ -1,4 +1,4 @@
-"""Each reader of what students wrote ends, with a bounded and fair answer, whatever the text is."""
+"""Each reader of students' texts ends, with a bounded and fair answer, for any text."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PLACES = {
     "setup.cfg": {"package.xml": PYTHON},
     "CMakeLists.txt": {"package.xml": CMAKE},
 }
-#: What this commit tries.
+#: Texts that this commit tries.
 CHOSEN = part(list(TEXTS), 3)
 #: A package with as many files as are extracted, deep in folders.
 FILES = ["/".join([f"d{n % 20}", *["e"] * 15, f"f{n}.py"]) for n in range(500)]
@@ -74,7 +74,7 @@ def calls_limited(most: int) -> Iterator[None]:
 @pytest.mark.parametrize("place", PLACES)
 @pytest.mark.parametrize("text", CHOSEN)
 def test_packages_of_any_text(place: str, text: str, rubric: Rubric, tmp_path: Path) -> None:
-    """A package is found whatever stands in its files, and can be installed; what is wrong with it is said briefly."""
+    """A package is found for any text in its files, and can be installed; its problems are named briefly."""
     texts = {**PLACES[place], place: TEXTS[text]}
     with calls_limited(2_000_000):
         (package,) = find_packages(texts, [*texts, *FILES])
@@ -116,7 +116,7 @@ def test_judging_any_text(text: str, solution: Recordings, rubric: Rubric) -> No
 
 
 def test_commands_that_are_not_closed_are_looked_at_once() -> None:
-    """What is no command does not keep the ones that are from being found."""
+    """Text that is no command does not hide the real commands."""
     text = "install(" * 10_000 + "install(DIRECTORY d0 DESTINATION share/p)\n"
     found = Installed(False, {"share/p/d0/a": "d0/a"})
     assert list(installs_of(text, "p", ["d0/a"])) == [found]

@@ -83,7 +83,7 @@ def test_a_worse_figure_fails(
 
 
 def test_no_modules_import_each_other_in_a_circle() -> None:
-    """Each module can be read after those that it imports, what is imported for types or later included."""
+    """Each module can be read after its imports, those for types and later ones included."""
     root = HOUSE.parents[1]
     files = [
         path for path in modules() if "standin" not in path.parts and "inside" not in path.parts

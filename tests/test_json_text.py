@@ -15,7 +15,7 @@ from tests.report.untrusted_texts import MEGABYTE, hostile
 @given(hostile)
 @example("\ud83d\ude00 is a pair, \ud83d none, \ude00 none")
 def test_any_text_comes_back_without_halves_of_pairs(text: str) -> None:
-    """What is whole comes back as it was; half a pair is shown by its number, and can be encoded."""
+    """Whole characters come back unchanged; half a pair is shown by its number, and can be encoded."""
     written = json_text({"": [text], f"key {text}": 1})
     assert written.isascii()
     read = json.loads(written)[""][0]

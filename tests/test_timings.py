@@ -1,4 +1,4 @@
-"""The stopwatch of a grading, and what is told of it."""
+"""The stopwatch of a grading, and its printed times."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_sessions_are_measured_by_their_progress() -> None:
 
 
 def test_a_stage_that_fails_is_measured_too() -> None:
-    """What raised still took its time."""
+    """A failing stage took time too."""
     watch = Stopwatch()
     try:
         with watch.stage("judging"):

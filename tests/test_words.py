@@ -53,7 +53,7 @@ def test_a_path(word: str, written: str, capsys: pytest.CaptureFixture[str]) -> 
 
 @pytest.mark.parametrize("arguments", [["report"], ["lab"], ["report", "review"]])
 def test_the_word_alone(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    """It is the command, and the message says how to grade the folder."""
+    """The word alone is the command, and the message says how to grade the folder."""
     _, errors = errors_of(capsys, *arguments)
     assert f"To grade the folder of this name: grade ./{arguments[0]}" in errors
     assert "session" not in errors
@@ -68,7 +68,7 @@ def test_the_word_alone(arguments: list[str], capsys: pytest.CaptureFixture[str]
     ],
 )
 def test_the_command(arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]) -> None:
-    """What only the command can be given is the command's, without a word about the folder."""
+    """Options that only the command has mean the command, without a word about the folder."""
     status, errors = errors_of(capsys, *arguments)
     assert status != 0
     assert said in errors
@@ -96,7 +96,7 @@ def test_without_a_folder(working_folder: Path, capsys: pytest.CaptureFixture[st
 def test_help_and_version(
     arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """They are asked for as words, too."""
+    """Help and version can also be asked for as words."""
     with pytest.raises(SystemExit) as end:
         main(arguments)
     assert not end.value.code

@@ -65,7 +65,7 @@ def test_deep_nesting_is_refused() -> None:
 
 
 def test_a_name_in_an_export_is_bounded() -> None:
-    """What is no text in quotes stays as it is written."""
+    """Anything but a text in quotes stays as it is written."""
     hostile = "'a': [&a0 [x, x]" + "".join(f", &a{n} [*a{n - 1}, *a{n - 1}]" for n in range(1, 60))
     assert _scalar("'Anna'") == "Anna"
     assert _scalar(hostile + "]").startswith("'a': [")

@@ -1,4 +1,4 @@
-"""How much is tried: a part in every run, all of it with THOROUGH=1 (`make thorough`), and more examples with more."""
+"""Amount of trials: a part in every run, all with THOROUGH=1 (`make thorough`), and more examples with more."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""The format on disk: the only bridge between the live half and the judging half. Imports what replaces files."""
+"""The format on disk: the only bridge between the live half and the judging half."""

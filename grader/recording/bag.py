@@ -1,7 +1,8 @@
 """The rosbag2 bag of a recording: one MCAP file and its `metadata.yaml`.
 
-A message's `log_time` is when it was received, its `publish_time` the writer's DDS source timestamp, and its `sequence`
-the publication sequence number, which counts from 1 for each publisher. The bag opens with `ros2 bag` and Foxglove.
+A message's `log_time` is the time of its reception, its `publish_time` the writer's DDS source timestamp, and its
+`sequence` the publication sequence number, which counts from 1 for each publisher. The bag opens with `ros2 bag` and
+Foxglove.
 
 References
 ----------
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
     Int64s: TypeAlias = npt.NDArray[np.int64]
 
 METADATA_FILE = "metadata.yaml"
-#: Since 9, QoS profiles are no text there, which Humble cannot read.
+#: Last version with QoS profiles as text; Humble reads no other form.
 METADATA_VERSION = 8
 INFINITE_NS = 9_223_372_036_854_775_807
 
@@ -47,7 +48,7 @@ _RECOVERY_FOLDER = ".recovering"
 # -- metadata.yaml ---------------------------------------------------------------------------------
 
 
-#: Numbers of QoS policies in rmw's `types.h`, by which rosbag2 wrote them up to metadata version 8.
+#: Numbers of QoS policies in rmw's `types.h`; rosbag2 writes them up to metadata version 8.
 _HISTORY = ("system_default", "keep_last", "keep_all", "unknown")
 _RELIABILITY = ("system_default", "reliable", "best_effort", "unknown", "best_available")
 _DURABILITY = ("system_default", "transient_local", "volatile", "unknown", "best_available")
@@ -66,24 +67,24 @@ def _duration(duration_ns: int | None) -> dict[str, int]:
 def _qos_text(profiles: Sequence[Qos]) -> str:
     """Write offered QoS profiles in the terms of rosbag2 up to metadata version 8, as JSON, which is YAML.
 
-    Later versions understand policies as numbers too. The channel and `metadata.yaml` hold the same text: `rosbags`
-    gives no messages of a channel where the two differ.
+    Later versions understand policies as numbers too. The channel and `metadata.yaml` hold the same text, because
+    `rosbags` gives no messages of a channel if the two differ.
     """
-    listed = [
-        {
-            "history": _number(qos.history, _HISTORY),
-            "depth": qos.depth,
-            "reliability": _number(qos.reliability, _RELIABILITY),
-            "durability": _number(qos.durability, _DURABILITY),
-            "deadline": _duration(qos.deadline_ns),
-            "lifespan": _duration(qos.lifespan_ns),
-            "liveliness": _number(qos.liveliness, _LIVELINESS),
-            "liveliness_lease_duration": _duration(qos.liveliness_lease_ns),
-            "avoid_ros_namespace_conventions": False,
-        }
-        for qos in profiles
-    ]
-    return json.dumps(listed)
+    return json.dumps([_plain_qos(qos) for qos in profiles])
+
+
+def _plain_qos(qos: Qos) -> dict[str, Any]:
+    return {
+        "history": _number(qos.history, _HISTORY),
+        "depth": qos.depth,
+        "reliability": _number(qos.reliability, _RELIABILITY),
+        "durability": _number(qos.durability, _DURABILITY),
+        "deadline": _duration(qos.deadline_ns),
+        "lifespan": _duration(qos.lifespan_ns),
+        "liveliness": _number(qos.liveliness, _LIVELINESS),
+        "liveliness_lease_duration": _duration(qos.liveliness_lease_ns),
+        "avoid_ros_namespace_conventions": False,
+    }
 
 
 def offered_policies(qos_text: str) -> list[tuple[str, str]]:
@@ -91,14 +92,14 @@ def offered_policies(qos_text: str) -> list[tuple[str, str]]:
 
     Recordings of earlier versions name the policies: `[{"reliability": "best_effort", ...}]`; they are numbers today.
     """
+    policies = []
     try:
-        profiles = json.loads(qos_text or "[]")
-        return [
-            (_name(each["reliability"], _RELIABILITY), _name(each["durability"], _DURABILITY))
-            for each in profiles
-        ]
+        for profile in json.loads(qos_text or "[]"):
+            reliability = _name(profile["reliability"], _RELIABILITY)
+            policies.append((reliability, _name(profile["durability"], _DURABILITY)))
     except (ValueError, TypeError, KeyError, RecursionError):
         return []
+    return policies
 
 
 def _name(policy: object, policies: Sequence[str]) -> str:
@@ -111,20 +112,8 @@ def _metadata_yaml(
     file_name: str, channels: Sequence[TopicInfo], start_ns: int, end_ns: int
 ) -> str:
     total = sum(channel.count for channel in channels)
-    duration, start = {"nanoseconds": end_ns - start_ns}, {"nanoseconds_since_epoch": start_ns}
-    topics = [
-        {
-            "topic_metadata": {
-                "name": channel.topic,
-                "type": channel.topic_type,
-                "serialization_format": "cdr",
-                "offered_qos_profiles": channel.qos_text,
-                "type_description_hash": channel.type_hash,
-            },
-            "message_count": channel.count,
-        }
-        for channel in channels
-    ]
+    duration = {"nanoseconds": end_ns - start_ns}
+    start = {"nanoseconds_since_epoch": start_ns}
     file = {"path": file_name, "starting_time": start, "duration": duration, "message_count": total}
     information = {
         "version": METADATA_VERSION,
@@ -132,7 +121,7 @@ def _metadata_yaml(
         "duration": duration,
         "starting_time": start,
         "message_count": total,
-        "topics_with_message_count": topics,
+        "topics_with_message_count": [_plain_topic(channel) for channel in channels],
         "compression_format": "",
         "compression_mode": "",
         "relative_file_paths": [file_name],
@@ -143,13 +132,24 @@ def _metadata_yaml(
     return json.dumps({"rosbag2_bagfile_information": information}, indent=1) + "\n"
 
 
+def _plain_topic(channel: TopicInfo) -> dict[str, Any]:
+    metadata = {
+        "name": channel.topic,
+        "type": channel.topic_type,
+        "serialization_format": "cdr",
+        "offered_qos_profiles": channel.qos_text,
+        "type_description_hash": channel.type_hash,
+    }
+    return {"topic_metadata": metadata, "message_count": channel.count}
+
+
 # -- writing ---------------------------------------------------------------------------------------
 
 
 class BagWriter:
-    """Writes a bag into a folder, which is made if it is not there. One thread at a time may use it.
+    """Writes a bag into a folder, which is made if it is missing. One thread at a time may use it.
 
-    Chunks are compressed: a bag is a third as large, for less than 1 ms of CPU time in a session. `flush` ends one.
+    Chunks are compressed: a bag is a third as large, for less than 1 ms of CPU time in a session. `flush` ends a chunk.
     """
 
     def __init__(self, folder: Path, name: str) -> None:
@@ -164,7 +164,8 @@ class BagWriter:
         self._stream.flush()
         self._schemas: dict[tuple[str, MessageDefinition], int] = {}
         self._channels: dict[int, TopicInfo] = {}
-        self._start_ns, self._end_ns = INFINITE_NS, 0
+        self._start_ns = INFINITE_NS
+        self._end_ns = 0
 
     def add_channel(
         self,
@@ -174,17 +175,16 @@ class BagWriter:
         definition: MessageDefinition,
         offered_qos: Sequence[Qos],
     ) -> int:
-        """Add a topic of one type; returns the channel to `write` to."""
-        return self._add(
-            TopicInfo(topic, topic_type, type_hash, definition, _qos_text(offered_qos))
-        )
+        """Add a topic of one type, and return its channel for `write`."""
+        qos_text = _qos_text(offered_qos)
+        return self._add(TopicInfo(topic, topic_type, type_hash, definition, qos_text))
 
     def _add(self, channel: TopicInfo) -> int:
         key = (channel.topic_type, channel.definition)
         if key not in self._schemas:
-            encoding, text = channel.definition.encoding, channel.definition.text
+            text = channel.definition.text.encode()
             self._schemas[key] = self._writer.register_schema(
-                channel.topic_type, encoding, text.encode()
+                channel.topic_type, channel.definition.encoding, text
             )
         metadata = {"offered_qos_profiles": channel.qos_text, "topic_type_hash": channel.type_hash}
         number = self._writer.register_channel(channel.topic, "cdr", self._schemas[key], metadata)
@@ -195,27 +195,25 @@ class BagWriter:
         self, channel: int, data: bytes, *, received_ns: int, source_ns: int, sequence: int
     ) -> None:
         """Add a message: its CDR bytes with the header of four bytes, and its times."""
-        # The source timestamp comes over the wire, so that it can be anything.
+        # The source timestamp comes over the wire, and can be anything.
         received_ns = min(max(received_ns, 0), INFINITE_NS)
         source_ns = min(max(source_ns, 0), INFINITE_NS)
         self._writer.add_message(channel, received_ns, data, source_ns, sequence & 0xFFFFFFFF)
         self._channels[channel].count += 1
-        self._start_ns, self._end_ns = (
-            min(self._start_ns, received_ns),
-            max(self._end_ns, received_ns),
-        )
+        self._start_ns = min(self._start_ns, received_ns)
+        self._end_ns = max(self._end_ns, received_ns)
 
     def note_damage(self, damage: Sequence[str]) -> None:
-        """Note what could not be read of the bag from which this one is made, if anything."""
+        """Note the unreadable parts of the bag from which this one is made, if any."""
         if damage:
             self._writer.add_metadata(DAMAGE, {str(n): words for n, words in enumerate(damage)})
 
     def flush(self) -> None:
-        """Hand all that was written to the system: it outlives a kill of this process."""
+        """Hand all written data to the system; it outlives a kill of this process."""
         self._writer.flush()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
-        """Finish the MCAP file, then write `metadata.yaml`, whose presence says that the bag is whole."""
+        """Finish the MCAP file, then write `metadata.yaml`; its presence says that the bag is whole."""
         if self._stream.closed:
             return
         self._writer.finish()  # type: ignore[no-untyped-call]
@@ -235,10 +233,10 @@ def _mcap_file(folder: Path) -> Path | None:
 
 
 def recover(folder: Path) -> bool:
-    """Finish a bag whose recorder was killed, keeping all that can be read of it; False if it was whole.
+    """Finish a bag after its recorder was killed, with every readable message; return False if the bag was whole.
 
-    A bag that is damaged elsewhere than at its end tells so ever after. It raises `NotADirectoryError` if there is no
-    such folder.
+    A bag with damage elsewhere than at its end keeps a note of that. Raises `NotADirectoryError` if the folder is
+    missing.
     """
     if not folder.is_dir():
         raise NotADirectoryError(f"no bag at {folder}: give the folder that holds the .mcap file")
@@ -248,8 +246,16 @@ def recover(folder: Path) -> bool:
     path = found or folder / (folder.name + ".mcap")
     workshop = folder / _RECOVERY_FOLDER
     shutil.rmtree(workshop, ignore_errors=True)
-    writer, rows = BagWriter(workshop, path.stem), list[tuple[Row, int]]()
-    contents = contents_of(found)
+    _rewrite(contents_of(found), BagWriter(workshop, path.stem))
+    (workshop / path.name).replace(path)
+    (workshop / METADATA_FILE).replace(folder / METADATA_FILE)
+    shutil.rmtree(workshop)
+    return True
+
+
+def _rewrite(contents: Contents, writer: BagWriter) -> None:
+    """Write all readable messages in the order of their reception, and close the writer."""
+    rows: list[tuple[Row, int]] = []
     for info, messages in contents.topics().values():
         channel = writer._add(info)
         rows += [(row, channel) for row in messages]
@@ -259,10 +265,6 @@ def recover(folder: Path) -> bool:
         writer.write(channel, data, received_ns=received_ns, source_ns=source_ns, sequence=sequence)
     writer.note_damage(contents.damage_in_words())
     writer.close()
-    (workshop / path.name).replace(path)
-    (workshop / METADATA_FILE).replace(folder / METADATA_FILE)
-    shutil.rmtree(workshop)
-    return True
 
 
 # -- reading ---------------------------------------------------------------------------------------
@@ -270,12 +272,12 @@ def recover(folder: Path) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class Stream:
-    """All messages of one type on one topic, in the order in which they were received."""
+    """All messages of one type on one topic, in the order of their reception."""
 
-    #: `topic_type` is empty if nothing of the topic is in the bag.
     topic: str
+    #: Empty if the bag has no message of the topic.
     topic_type: str
-    #: int64[n]: When each message was received.
+    #: int64[n]: Time of each message's reception.
     received_ns: Int64s
     #: int64[n]: The publisher's DDS source timestamps.
     source_ns: Int64s
@@ -283,9 +285,9 @@ class Stream:
     sequence: Int64s
     #: CDR, with the header of four bytes.
     data: tuple[bytes, ...]
-    #: The type's definition as the bag has it.
+    #: The type's definition from the bag.
     definition: MessageDefinition | None = None
-    #: How many more messages there are, which are not looked at: decoding all would take too long.
+    #: Number of further messages, which are ignored because decoding all would take too long.
     unread: int = 0
 
     def __len__(self) -> int:
@@ -303,7 +305,7 @@ class Stream:
 
     @property
     def understood(self) -> bool:
-        """Whether the type's definition can be read; if not, no message can be decoded, whatever its bytes."""
+        """True if the type's definition can be read; if not, no message can be decoded, whatever its bytes."""
         return not self.data or self._decoder is not None
 
     @property
@@ -312,14 +314,14 @@ class Stream:
 
     @functools.cached_property
     def messages(self) -> tuple[object | None, ...]:
-        """All messages, decoded; None stands for one whose bytes do not fit the type."""
+        """All messages, decoded; None stands for a message with bytes that do not fit the type."""
         decoder = self._decoder
         if decoder is None:
             return (None,) * len(self.data)
         found: list[object | None] = []
         for data in self.data:
-            # The bytes are a student's. Decoding them fails in many ways (short, wrong lengths, bad UTF-8), and not by
-            # exceptions of one family.
+            # The bytes are a student's. Decoding fails in many ways (short, wrong lengths, bad UTF-8), with exceptions
+            # of several families.
             try:
                 found.append(decoder.decode(data, self.topic_type))
             except Exception:
@@ -327,9 +329,9 @@ class Stream:
         return tuple(found)
 
     def field(self, path: str) -> list[Any]:
-        """Value of one field in each message: None for those that are malformed or do not have it.
+        """Return the value of one field in each message: None if the message is malformed or has no such field.
 
-        The path is one of `definitions.field_steps`. Arrays of numbers are numpy arrays.
+        `definitions.field_steps` describes paths. Arrays of numbers are numpy arrays.
         """
         steps = field_steps(path)
         return [_pick(message, steps) for message in self.messages]
@@ -352,14 +354,14 @@ class _Decoder:
 
 @functools.lru_cache(maxsize=64)
 def _decoder(topic_type: str, definition: MessageDefinition) -> _Decoder | None:
-    """Return what decodes CDR by the definition in the bag; None where that cannot be understood."""
+    """Return a decoder of CDR by the definition in the bag; None if the definition cannot be understood."""
     from rosbags.typesys import Stores, TypesysError, get_typestore
 
     store = get_typestore(Stores.EMPTY)
     try:
         types = definition.types(topic_type)
         store.register(types)
-        # Makes its code, for which wide strings are unknown.
+        # Compiles the decoder, which fails for wide strings.
         store.get_msgdef(topic_type)
     except (TypesysError, KeyError):
         return None
@@ -367,27 +369,29 @@ def _decoder(topic_type: str, definition: MessageDefinition) -> _Decoder | None:
 
 
 class Bag:
-    """A bag opened for reading. It need not be `finished`: what can be read of it is there.
+    """A bag opened for reading, finished or not, with all messages that can be read.
 
-    It is if its recorder came to its end, and nothing is missing since; if not, the last moments may be. `damage` says
-    what else cannot be read of it. Its `topics` are sorted by name, then by type; a topic that had two types is there
-    twice.
+    The bag is `finished` if its recorder came to its end, and nothing is missing since; if not, the last moments may be
+    missing. `damage` names the other unreadable parts. Its `topics` are sorted by name, then by type; a topic with two
+    types is there twice.
     """
 
     def __init__(self, contents: Contents, most_values: int = MOST_VALUES) -> None:
         self._most_values = most_values
-        self.finished, self.damage = contents.finished, contents.damage_in_words()
+        self.finished = contents.finished
+        self.damage = contents.damage_in_words()
         self._contents = contents.topics()
-        counted = {
-            key: replace(info, count=len(rows)) for key, (info, rows) in self._contents.items()
-        }
-        self.topics = tuple(counted[key] for key in sorted(counted))
+        topics = []
+        for key in sorted(self._contents):
+            info, rows = self._contents[key]
+            topics.append(replace(info, count=len(rows)))
+        self.topics = tuple(topics)
 
     @classmethod
     def open(cls, folder: Path, most_values: int = MOST_VALUES) -> Bag:
         """Open the bag in a folder, finished or not, or raise `FileNotFoundError` if there is none.
 
-        Of each topic, so many values are decoded at most.
+        At most `most_values` values of each topic are decoded.
         """
         path = _mcap_file(folder)
         if path is None:
@@ -401,45 +405,50 @@ class Bag:
 
     @property
     def whole(self) -> bool:
-        """Whether all that was recorded can be read."""
+        """True if the whole recording can be read."""
         return self.finished and not self.damage
 
     @property
     def size_bytes(self) -> int:
         """Bytes of all messages together."""
-        return sum(end - start for _, rows in self._contents.values() for *_, start, end in rows)
+        total = 0
+        for _, rows in self._contents.values():
+            for *_, start, end in rows:
+                total += end - start
+        return total
 
     def received_ns(self, topic: str, topic_type: str) -> Int64s:
-        """When the messages of one type on a topic were received, in order."""
-        return _column(
-            sorted(self._contents.get((topic, topic_type), (None, []))[1], key=lambda row: row[0]),
-            0,
-        )
+        """Return the times of reception of the messages of one type on a topic, in order."""
+        return _column(self._rows(topic, topic_type), 0)
+
+    def _rows(self, topic: str, topic_type: str) -> list[Row]:
+        """Return the messages of one type on a topic, in the order of their reception."""
+        _, rows = self._contents.get((topic, topic_type), (None, []))
+        return sorted(rows, key=itemgetter(0))
 
     def messages(
         self, topics: Iterable[tuple[str, str]]
     ) -> Iterator[tuple[int, tuple[str, str], bytes]]:
-        """All messages of some topics (name and type) as they were received: when, of which of them, and their CDR."""
-        rows = (
-            (row, topic) for topic in topics for row in self._contents.get(topic, (None, []))[1]
-        )
-        for (received_ns, _, _, buffer, start, end), topic in sorted(
-            rows, key=lambda item: item[0][0]
-        ):
+        """Yield all messages of some topics (name and type) as they were received: time, topic, and CDR."""
+        found: list[tuple[Row, tuple[str, str]]] = []
+        for topic in topics:
+            _, rows = self._contents.get(topic, (None, []))
+            found += [(row, topic) for row in rows]
+        found.sort(key=lambda item: item[0][0])
+        for (received_ns, _, _, buffer, start, end), topic in found:
             yield min(received_ns, INFINITE_NS), topic, bytes(buffer[start:end])
 
     @functools.cache  # noqa: B019 - a bag lives as long as its judging
     def stream(self, topic: str, topic_type: str | None = None) -> Stream:
-        """Messages of a topic (fully qualified), of its type with the most where none is given; none if it has none.
+        """Return the messages of a topic (fully qualified), of its most frequent type if none is given.
 
-        Those that follow when the most values are reached are left out, see `Stream.unread`.
+        Messages beyond the most values are left out, see `Stream.unread`.
         """
         if topic_type is None:
-            infos = [info for info in self.topics if info.topic == topic]
-            topic_type = max(infos, key=lambda info: info.count).topic_type if infos else ""
-        found, rows = self._contents.get((topic, topic_type), (None, []))
-        rows = sorted(rows, key=lambda row: row[0])
+            topic_type = self._most_frequent_type(topic)
+        rows = self._rows(topic, topic_type)
         data = tuple(bytes(buffer[start:end]) for _, _, _, buffer, start, end in rows)
+        found, _ = self._contents.get((topic, topic_type), (None, []))
         definition = found.definition if found is not None else None
         decoder = _decoder(topic_type, definition) if definition is not None else None
         read = len(data)
@@ -457,11 +466,18 @@ class Bag:
             unread=len(data) - read,
         )
 
+    def _most_frequent_type(self, topic: str) -> str:
+        """Return the type of a topic with the most messages; empty if the bag has none."""
+        infos = [info for info in self.topics if info.topic == topic]
+        if not infos:
+            return ""
+        return max(infos, key=lambda info: info.count).topic_type
+
 
 def _column(rows: list[Row], index: int) -> Int64s:
-    # Imported here, since it would be a third of the start of the processes that only write bags.
+    # Imported here, because processes that only write bags would start a third slower.
     import numpy as np
 
-    # Times of foreign bags may use all 64 bits; they are held at the largest that int64 has.
+    # Times of foreign bags may use all 64 bits; they are limited to the largest value of int64.
     whole = np.fromiter(map(itemgetter(index), rows), dtype=np.uint64, count=len(rows))
     return np.minimum(whole, INFINITE_NS, out=whole).astype(np.int64)

@@ -1,7 +1,7 @@
-"""Message definitions as text, found in the installed ROS packages.
+"""Message definitions as text, from the installed ROS packages.
 
-A bag carries the definition of each of its types, so that it can be read where ROS is not installed. Packages install
-the texts and descriptions of their types in `share/<package>/<msg|srv|action>/`, with all that services and actions imply.
+A bag carries the definition of each of its types, and can be read on machines without ROS. Packages install the texts
+and descriptions of their types in `share/<package>/<msg|srv|action>/`, with all types that services and actions imply.
 """
 
 from __future__ import annotations
@@ -34,8 +34,14 @@ _IDL_TYPES = {
     10: "float", 11: "double", 12: "long double", 13: "char", 14: "wchar", 15: "boolean", 16: "octet",
     17: "string", 18: "wstring", 21: "string", 22: "wstring",
 }  # fmt: skip
-_NESTED, _BOUNDED_STRINGS, _WIDE = 1, (21, 22), (14, 18, 20, 22)
-_ARRAY, _BOUNDED_SEQUENCE, _SEQUENCE, _STEP = 1, 2, 3, 48
+_NESTED = 1
+_BOUNDED_STRINGS = (21, 22)
+_WIDE = (14, 18, 20, 22)
+#: Distance between the values of a type's forms: alone, in an array, in a bounded sequence, in a sequence.
+_STEP = 48
+_ARRAY = 1
+_BOUNDED_SEQUENCE = 2
+_SEQUENCE = 3
 
 
 class DefinitionNotFound(LookupError):
@@ -62,31 +68,32 @@ class MessageDefinition:
         """Return the types in it by their names, as `rosbags` describes them; `TypesysError` if it is no definition."""
         from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
+        types: Typesdict = {}
         if self.encoding == "ros2msg":
-            found = get_types_from_msg(self.text, topic_type)
-            # A constant is no part of a message, but `rosbags` has a field for it.
-            return {name: ([], fields) for name, (_, fields) in found.items()}
-        blocks = re.sub(r"^IDL: .*", "", self.text, flags=re.MULTILINE).split(SEPARATOR)
-        return {
-            name: kind
-            for block in blocks
-            if block.strip()
-            for name, kind in get_types_from_idl(block).items()
-        }
+            for name, (_, fields) in get_types_from_msg(self.text, topic_type).items():
+                # A constant is no part of a message, but `rosbags` has a field for it.
+                types[name] = ([], fields)
+            return types
+        text = re.sub(r"^IDL: .*", "", self.text, flags=re.MULTILINE)
+        for block in text.split(SEPARATOR):
+            if block.strip():
+                types.update(get_types_from_idl(block))
+        return types
 
 
 def share_folders() -> tuple[Path, ...]:
-    """Folders in which packages install their definitions, in order of search."""
-    prefixes = [p for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-    return tuple(Path(prefix) / "share" for prefix in dict.fromkeys([*prefixes, sys.prefix]))
+    """Return the folders with the definitions of installed packages, in order of search."""
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    used = dict.fromkeys([*filter(None, prefixes), sys.prefix])
+    return tuple(Path(prefix) / "share" for prefix in used)
 
 
 def definition_of(topic_type: str) -> MessageDefinition:
     """Return the definition of a type such as "std_msgs/msg/String" or "std_srvs/srv/SetBool_Event".
 
-    A type is defined by `.msg` texts where its package and those that it depends on install them, as in bags of rosbag2:
-    many readers know no other language. Types that services and actions imply have no such text, and no reader knows
-    wide strings in it: both are given as IDL.
+    A type is defined by `.msg` texts, as in bags of rosbag2, if its package and the packages that it depends on install
+    them, because many readers know no other language. Types that services and actions imply have no such text, and no
+    reader knows wide strings in it: both are given as IDL.
 
     Raises
     ------
@@ -97,10 +104,10 @@ def definition_of(topic_type: str) -> MessageDefinition:
     texts = [_msg_text(name) for name in fields]
     if None not in texts and not any(map(_has_wide_strings, fields.values())):
         return MessageDefinition("ros2msg", _joined(zip(fields, map(str, texts), strict=True)))
-    text = "\n".join(
-        f"{SEPARATOR}\nIDL: {name}\n{_idl_struct(name, fields[name])}" for name in fields
-    )
-    return MessageDefinition("ros2idl", text + "\n")
+    blocks = []
+    for name, members in fields.items():
+        blocks.append(f"{SEPARATOR}\nIDL: {name}\n{_idl_struct(name, members)}\n")
+    return MessageDefinition("ros2idl", "".join(blocks))
 
 
 def _needed_fields(topic_type: str) -> dict[str, list[dict[str, Any]]]:
@@ -133,7 +140,7 @@ def _msg_text(name: str) -> str | None:
 
 
 def _plain_text(file: Path) -> str | None:
-    """Return a `.msg` text without what readers of bags take for something else than rosidl does.
+    """Return a `.msg` text without the parts that readers of bags understand differently than rosidl.
 
     A ruler in a comment is no end of the definition, each line ends with a line feed, and `char` is `uint8`.
     """
@@ -169,13 +176,13 @@ def type_hash_of(topic_type: str) -> str:
     return next((str(h["hash_string"]) for h in hashes if h["type_name"] == topic_type), "")
 
 
-#: Packages whose definitions are at hand, and which need not be installed here.
+#: Packages with definitions at hand, which need not be installed here.
 _at_hand: ContextVar[tuple[InterfacePackage, ...]] = ContextVar("_at_hand", default=())
 
 
 @contextmanager
 def also_defined(packages: Sequence[InterfacePackage]) -> Iterator[None]:
-    """Let `fields_of`, `types_in` and `packages_with` know these packages too, as they are written."""
+    """Let `fields_of`, `types_in` and `packages_with` know these packages too, which are not built."""
     token = _at_hand.set(tuple(packages))
     try:
         yield
@@ -188,7 +195,7 @@ _FIELD_PATH = re.compile(r"[A-Za-z_]\w*(\.\w+|\[\d+\])*")
 
 
 def field_steps(path: str) -> tuple[str | int, ...]:
-    """Return the names and numbers of a field's path; `ValueError` if it is none.
+    """Return the names and numbers of a field's path; raise `ValueError` if it is none.
 
     "pose.position.x", "transforms[0].child_frame_id"; a number may stand behind a dot too: "layout.dim.0.size".
     """
@@ -196,26 +203,31 @@ def field_steps(path: str) -> tuple[str | int, ...]:
         raise ValueError(
             f"{path!r} is no path of a field such as pose.position.x or transforms[0].child_frame_id"
         )
-    return tuple(int(number) if number else name for name, number in _FIELD_STEP.findall(path))
+    steps: list[str | int] = []
+    for name, number in _FIELD_STEP.findall(path):
+        steps.append(int(number) if number else name)
+    return tuple(steps)
 
 
 def fields_of(name: str) -> Mapping[str, str] | None:
     """Return the fields of a message type, with their types as `.msg` files spell them, e.g. "float64[]".
 
-    The name may be that of a service's request or response too: "std_srvs/srv/SetBool_Request". None where it is not
-    known here.
+    The name may also be that of a service's request or response, such as "std_srvs/srv/SetBool_Request". None if the
+    type is not known here.
     """
-    own = next((package.fields[name] for package in _at_hand.get() if name in package.fields), None)
-    return _spelled_fields(own[1]) if own is not None else installed_fields(name)
+    for package in _at_hand.get():
+        if name in package.fields:
+            return _spelled_fields(package.fields[name][1])
+    return installed_fields(name)
 
 
 @lru_cache(maxsize=1024)
 def installed_fields(name: str) -> Mapping[str, str] | None:
-    """Return those of a type that is installed, or of ROS itself."""
+    """Return the fields of a type that is installed, or of ROS itself."""
     try:
         known: Mapping[str, Any] = definition_of(name).types(name)
     except DefinitionNotFound:
-        known = _types_of_rosbags()  # ROS itself is known also where one only judges again.
+        known = _types_of_rosbags()  # Types of ROS itself are known on machines without ROS, too.
     return _spelled_fields(known[name][1]) if name in known else None
 
 
@@ -238,53 +250,56 @@ def _spelled(nodetype: int, kind: Any) -> str:
 
 
 def types_in(package: str, folder: str) -> tuple[str, ...]:
-    """Return the types of a package in its folder ("msg", "srv"); none where the package is not known here."""
-    own = (name for each in _at_hand.get() if each.name == package for name in each.types)
-    found = tuple(sorted(name for name in own if f"/{folder}/" in name))
+    """Return the types of a package in its folder ("msg", "srv"); none if the package is not known here."""
+    found: set[str] = set()
+    for own in _at_hand.get():
+        if own.name == package:
+            found.update(name for name in own.types if f"/{folder}/" in name)
     if found:
-        return found
+        return tuple(sorted(found))
     return installed_types(package, folder)
 
 
 @lru_cache(maxsize=64)
 def installed_types(package: str, folder: str) -> tuple[str, ...]:
-    """Return those of a package that is installed, or of ROS itself."""
-    found = {
-        path.stem
-        for share in share_folders()
-        for path in (share / package / folder).glob(f"*.{folder}")
-    }
+    """Return the types of a package that is installed, or of ROS itself."""
+    found: set[str] = set()
+    for share in share_folders():
+        for path in (share / package / folder).glob(f"*.{folder}"):
+            found.add(f"{package}/{folder}/{path.stem}")
     if found or folder != "msg":
-        return tuple(f"{package}/{folder}/{stem}" for stem in sorted(found))
+        return tuple(sorted(found))
     return tuple(name for name in _types_of_rosbags() if name.startswith(f"{package}/msg/"))
 
 
 def packages_with(folder: str) -> tuple[str, ...]:
-    """Return the packages that are installed here and have such types."""
-    installed = {
-        path.parts[-3] for share in share_folders() for path in share.glob(f"*/{folder}/*.{folder}")
-    }
-    own = {
-        each.name for each in _at_hand.get() if any(f"/{folder}/" in name for name in each.types)
-    }
-    return tuple(sorted(installed | own))
+    """Return the installed packages with types in a folder ("msg", "srv"), and those at hand."""
+    packages = set()
+    for share in share_folders():
+        for path in share.glob(f"*/{folder}/*.{folder}"):
+            packages.add(path.parts[-3])
+    for own in _at_hand.get():
+        if any(f"/{folder}/" in name for name in own.types):
+            packages.add(own.name)
+    return tuple(sorted(packages))
 
 
 @lru_cache(maxsize=256)
 def _description(topic_type: str, folders: tuple[Path, ...]) -> dict[str, Any]:
-    """The installed type description (`.json`) that includes the type."""
+    """Return the installed type description (`.json`) that includes the type."""
     # The name comes from the graph, hence from students: it must not lead out of the folders.
     match = _TYPE_NAME.fullmatch(topic_type)
     if match is None:
         raise DefinitionNotFound(topic_type)
-    # Types that a service or an action implies (X_Event, X_Request, ...) are described with it; the name
-    # of a service or an action itself has no underscore.
-    owner = match[3] if match[2] == "msg" else match[3].partition("_")[0]
+    package, kind, owner = match.groups()
+    if kind != "msg":
+        # Types that a service or an action implies (X_Event, X_Request, ...) are described with it; the name
+        # of a service or an action itself has no underscore.
+        owner = owner.partition("_")[0]
     for folder in folders:
+        file = folder / package / kind / f"{owner}.json"
         try:
-            description: dict[str, Any] = json.loads(
-                (folder / match[1] / match[2] / f"{owner}.json").read_bytes()
-            )
+            description: dict[str, Any] = json.loads(file.read_bytes())
         except (OSError, ValueError):
             continue
         return description
@@ -293,7 +308,9 @@ def _description(topic_type: str, folders: tuple[Path, ...]) -> dict[str, Any]:
 
 def _idl_struct(name: str, fields: list[dict[str, Any]]) -> str:
     package, folder, struct = name.split("/")
-    members = "".join(f"      {_idl_member(field['name'], field['type'])};\n" for field in fields)
+    members = ""
+    for field in fields:
+        members += f"      {_idl_member(field['name'], field['type'])};\n"
     return f"module {package} {{\n  module {folder} {{\n    struct {struct} {{\n{members}    }};\n  }};\n}};"
 
 
@@ -309,4 +326,6 @@ def _idl_member(name: str, kind: dict[str, Any]) -> str:
         return f"{spelled} {name}[{kind['capacity']}]"
     if container == _BOUNDED_SEQUENCE:
         return f"sequence<{spelled}, {kind['capacity']}> {name}"
-    return f"sequence<{spelled}> {name}" if container == _SEQUENCE else f"{spelled} {name}"
+    if container == _SEQUENCE:
+        return f"sequence<{spelled}> {name}"
+    return f"{spelled} {name}"

@@ -1,7 +1,7 @@
-"""Counts what decoding makes of messages, without decoding them: a small message can hold very many empty parts.
+"""Counts the values in messages without decoding them, because a small message can hold very many empty parts.
 
-Values are counted as objects of Python: each message in a message, text, number, and array of numbers is one. The bytes
-of an array of numbers cost what they are, and the recording bounds these.
+Values are counted as objects of Python: each message in a message, text, number, and array of numbers is one. The
+bytes of arrays of numbers are not counted, because the size of the recording bounds them.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _SIZES = {"int16": 2, "uint16": 2, "int32": 4, "uint32": 4, "float32": 4,
 _LONGEST_ALIGNMENT = 8
 _TEXT_BYTES = 5  # its length, and the byte that ends it
 
-#: Field that a message without any has in CDR.
+#: Field of an empty message in CDR.
 _FILLER = (("structure_needs_at_least_one_member", (_BASE, ("uint8", 0))),)
 
 _Kind = tuple[int, Any]
@@ -36,10 +36,10 @@ class _Beyond(Exception):
 def readable_messages(
     topic_type: str, types: _Types, messages: Sequence[bytes], most: int = MOST_VALUES
 ) -> int:
-    """Return how many messages, from the first on, hold no more than so many values together."""
+    """Return the number of first messages that hold at most `most` values together."""
     fixed, per_byte = _bound(topic_type, types)
     size_bytes = sum(map(len, messages))
-    # Nearly always, the sizes tell that there are fewer.
+    # The sizes alone nearly always show that there are fewer.
     if fixed * len(messages) + per_byte * size_bytes <= most:
         return len(messages)
     count = 0
@@ -51,16 +51,18 @@ def readable_messages(
 
 
 def _bound(topic_type: str, types: _Types) -> tuple[int, float]:
-    """Return how many values a message has at least, and how many more for a byte at most."""
+    """Return the least number of values in a message, and the largest number of further values per byte."""
     densest = 0.0
 
     @functools.cache
     def size_of(name: str) -> tuple[int, int]:
-        """Return values and bytes of a message of a type whose sequences are empty."""
-        values, size = 1, 1
+        """Return values and bytes of a message of a type if all its sequences are empty."""
+        values = 1
+        size = 1
         for _, kind in types[name][1] or _FILLER:
             more, bytes_ = size_of_kind(kind)
-            values, size = values + more, size + bytes_
+            values += more
+            size += bytes_
         return values, max(1, size - 1)
 
     def size_of_kind(kind: _Kind) -> tuple[int, int]:
@@ -99,7 +101,7 @@ class _Counter:
         self._count = 0
 
     def values_of(self, topic_type: str) -> int:
-        """Return how many values a message of a type has; of one that is malformed, those up to the mistake."""
+        """Return the number of values in a message of a type, up to the mistake if the message is malformed."""
         with contextlib.suppress(_Beyond):
             self._message(topic_type)
         return self._count

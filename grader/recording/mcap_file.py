@@ -1,4 +1,4 @@
-"""Reads an MCAP file as far as it goes, and says what of it cannot be read.
+"""Reads an MCAP file as far as possible, and names its unreadable parts.
 
 A recording may be cut short by a kill, damaged on the way, or made to look small and open large. A chunk is opened only
 if its size is bounded, and counts only if it matches its checksum; the counts in the file's summary tell what is missing.
@@ -21,11 +21,11 @@ from mcap.opcode import Opcode
 from grader.recording.definitions import MessageDefinition
 
 MAGIC = b"\x89MCAP0\r\n"
-#: All chunks of a file together when they are opened: more than a session records (`recorder.DEFAULT_LIMIT_BYTES`).
+#: Limit on the decompressed size of all chunks, above that of a session (`recorder.DEFAULT_LIMIT_BYTES`).
 MOST_BYTES = 640 * 2**20
-#: Words about damage that are kept.
+#: Most kept descriptions of damage.
 _MOST_SAID = 5
-#: Name of the metadata record in which a mended bag tells what could not be read of it.
+#: Name of the metadata record with the unreadable parts of a mended bag.
 DAMAGE = "ros-lab-grader damage"
 
 _RECORD_HEAD = struct.Struct("<BQ")
@@ -40,7 +40,7 @@ _FOOTER = struct.Struct(
 )  # the head of its record, start of the summary and its offsets, checksum
 
 Buffer = Any  # bytes or mmap
-#: Log time, publish time, sequence, buffer, and where the data starts and ends in it.
+#: Log time, publish time, sequence, buffer, and the start and end of the data in the buffer.
 Row = tuple[int, int, int, Buffer, int, int]
 
 
@@ -65,21 +65,21 @@ class TopicInfo:
 
 @dataclass
 class Contents:
-    """All that can be read of an MCAP file."""
+    """The readable contents of an MCAP file."""
 
     schemas: dict[int, tuple[str, MessageDefinition]] = field(default_factory=dict)
     #: Number of a channel -> its topic.
     channels: dict[int, TopicInfo] = field(default_factory=dict)
     #: Number of a channel -> its messages.
     rows: dict[int, list[Row]] = field(default_factory=dict)
-    #: Whether the file was finished, so that nothing is missing at its end.
+    #: True if the file was finished: then nothing is missing at its end.
     finished: bool = False
-    #: What cannot be read, in words.
+    #: The unreadable parts, in words.
     damage: list[str] = field(default_factory=list)
     left_bytes: int = MOST_BYTES
 
     def topics(self) -> dict[tuple[str, str], tuple[TopicInfo, list[Row]]]:
-        """Return the messages by topic and type, of whichever channel they are."""
+        """Return the messages of all channels by topic and type."""
         found: dict[tuple[str, str], tuple[TopicInfo, list[Row]]] = {}
         for number, info in self.channels.items():
             _, rows = found.setdefault((info.topic, info.topic_type), (info, []))
@@ -91,7 +91,7 @@ class Contents:
         self.damage.append(f"the part at byte {place} {problem}")
 
     def damage_in_words(self) -> tuple[str, ...]:
-        """Return what cannot be read; of much only the first, and how much more there is."""
+        """Return the first unreadable parts, and the number of further ones."""
         said = self.damage[:_MOST_SAID]
         more = len(self.damage) - len(said)
         return (*said, f"and {more} more") if more else tuple(said)
@@ -99,14 +99,14 @@ class Contents:
 
 @dataclass
 class _Summary:
-    """What a finished file tells about itself at its end."""
+    """The summary at the end of a finished file."""
 
-    #: Where the records of its data end.
+    #: End of the data's records.
     end: int
     chunks: list[int] = field(default_factory=list)
     notes: list[int] = field(default_factory=list)
     chunk_count: int = 0
-    #: Number of a channel -> how many messages it has; None if the file does not tell.
+    #: Number of a channel -> its number of messages; None if the file does not tell.
     counts: dict[int, int] | None = None
 
 
@@ -117,7 +117,7 @@ def contents_of(path: Path | None) -> Contents:
     if path is None or size == 0:
         return contents
     with path.open("rb") as stream:
-        # The pages are the system's: a large bag costs memory only where it is read.
+        # A large bag takes memory only for the pages that are read.
         buffer = mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ)
     summary = _summary_of(buffer, size, contents)
     if summary is None:
@@ -149,7 +149,7 @@ def _summary_of(buffer: Buffer, size: int, contents: Contents) -> _Summary | Non
 
 
 def _summary_start(buffer: Buffer, place: int) -> int | None:
-    """Return where the summary starts, by the footer at a place, or None if either is damaged or missing."""
+    """Return the start of the summary from the footer at a place, or None if either is damaged or missing."""
     if place < len(MAGIC):
         return None
     if buffer[place + _FOOTER.size :] != MAGIC:
@@ -183,7 +183,7 @@ def _read_summary_record(opcode: int, data: bytes, summary: _Summary, contents: 
 
 
 def _read_finished(buffer: Buffer, summary: _Summary, contents: Contents) -> None:
-    """Read each chunk where the summary says that it lies, or else all records one after another."""
+    """Read each chunk at its place in the summary, or else all records one after another."""
     if not summary.chunks or len(summary.chunks) != summary.chunk_count:
         _read_records(buffer, len(MAGIC), summary.end, contents)
         return
@@ -194,7 +194,7 @@ def _read_finished(buffer: Buffer, summary: _Summary, contents: Contents) -> Non
 
 
 def _read_at(buffer: Buffer, place: int, expected: int, limit: int, contents: Contents) -> None:
-    """Read the record of an expected kind that lies at a place, or note that it does not."""
+    """Read the record of an expected kind at a place, or note that it is not there."""
     if not 0 < place <= limit - _RECORD_HEAD.size:
         contents.note(place, "lies outside of the file")
         return
@@ -218,7 +218,7 @@ def _compare(summary: _Summary, contents: Contents) -> None:
         info = contents.channels.get(number)
         topic = info.topic if info is not None else "a topic that is not described"
         found.append(f"{missing} of {count} messages on {topic} cannot be read")
-    # Such words first: they tell what the damage means.
+    # Such words come first, because they tell the meaning of the damage.
     contents.damage[:0] = found
 
 
@@ -226,7 +226,7 @@ def _compare(summary: _Summary, contents: Contents) -> None:
 
 
 def _records(buffer: Buffer, offset: int, end: int) -> Iterator[tuple[int, int, int]]:
-    """Give of each whole record its kind, and where its body starts and ends."""
+    """Yield the kind of each whole record, and the start and end of its body."""
     while offset + _RECORD_HEAD.size <= end:
         opcode, length = _RECORD_HEAD.unpack_from(buffer, offset)
         body = offset + _RECORD_HEAD.size
@@ -239,7 +239,7 @@ def _records(buffer: Buffer, offset: int, end: int) -> Iterator[tuple[int, int, 
 def _read_records(
     buffer: Buffer, offset: int, end: int, contents: Contents, *, in_chunk: bool = False
 ) -> int:
-    """Read records up to `end`, or to the first that is cut short or no record at all; returns where that is."""
+    """Read records up to `end`, or to the first that is cut short or no record at all, and return that place."""
     read_head, read_message, rows = (
         _RECORD_HEAD.unpack_from,
         _MESSAGE_HEAD.unpack_from,
@@ -273,7 +273,7 @@ def _read_records(
 def _read_chunk(
     buffer: Buffer, body: int, end: int, contents: Contents, *, cut: bool = False
 ) -> None:
-    """Read the messages in a chunk, or note why they cannot be read; one that is `cut` short lies at the file's end."""
+    """Read the messages in a chunk, or note why they cannot be read; a `cut` chunk is cut short at the file's end."""
     import zstandard
 
     try:
@@ -291,7 +291,7 @@ def _read_chunk(
 def _opened(
     buffer: Buffer, body: int, end: int, contents: Contents, cut: bool
 ) -> tuple[Buffer, int, int]:
-    """Return where a chunk's records lie once they are decompressed: in which buffer, from where and up to where."""
+    """Return the place of a chunk's decompressed records: buffer, start and end."""
     _, _, size, checksum, name_length = _CHUNK_HEAD.unpack_from(buffer, body)
     start = body + _CHUNK_HEAD.size + name_length + _LENGTH.size
     if start > end:
@@ -315,19 +315,19 @@ def _opened(
 
 
 def _require_checksum(data: Buffer, checksum: int) -> None:
-    """Raise _Unreadable if records do not match their CRC-32; 0 says that there is none."""
+    """Raise _Unreadable if records do not match their CRC-32; 0 stands for a missing checksum."""
     if checksum not in (0, zlib.crc32(data)):
         raise _Unreadable(_WRONG_CHECKSUM)
 
 
 def _decompressed(name: bytes, data: bytes, size: int) -> bytes:
-    """Decompress a chunk into at most the size that it claims to have, whatever its data says."""
+    """Decompress a chunk into at most the size of its header, whatever size its data claims."""
     if size == 0:
         return b""
     if name == b"zstd":
         import zstandard
 
-        # The decompressor believes the size in the data, which must be looked at first.
+        # The decompressor trusts the size in the data, which must therefore be checked first.
         if zstandard.frame_content_size(data) not in (-1, size):
             raise _Unreadable("is larger than it says")
         return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
@@ -340,7 +340,7 @@ def _decompressed(name: bytes, data: bytes, size: int) -> bytes:
 
 
 def _describe(opcode: int, data: bytes, contents: Contents) -> None:
-    """Read a schema, a channel, or what was noted of damage when the bag was mended; what is known already stays."""
+    """Read a schema, a channel, or the note of damage in a mended bag; known schemas and channels stay."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Channel, Metadata, Schema
 

@@ -14,69 +14,85 @@ from typing import Any, TypeVar, cast
 from grader.files import replace_file
 
 T = TypeVar("T")
+_Reader = Callable[[Any], Any]
+#: Types of the output of `json` for types that it does not have.
+_ACCEPTED: Any = {float: (int, float), tuple: list}
 
 
 def write_record(file: Path, record: Any) -> None:
-    """Write a record in one step, so that no half-written file can be mistaken for a whole one."""
+    """Write a record in one step: a reader never sees a half-written file."""
     replace_file(file, json.dumps(dataclasses.asdict(record), ensure_ascii=True))
 
 
 def read_record(file: Path, kind: type[T], schema: str) -> T:
-    """Read a record, or raise `FileNotFoundError`, or `ValueError` if it is not one whose `schema` says this."""
+    """Read a record with a schema; raise `FileNotFoundError`, or `ValueError` if it is no such record."""
     try:
         plain = json.loads(file.read_text(encoding="utf-8"))
     except RecursionError as problem:
         raise ValueError("it is nested too deeply") from problem
-    found = plain.get("schema") if isinstance(plain, dict) else None
+    found = None
+    if isinstance(plain, dict):
+        found = plain.get("schema")
     if found != schema:
         raise ValueError(f"schema {schema} expected, found {found!r}")
     return from_plain(kind, plain)
 
 
 def from_plain(kind: type[T], plain: Any) -> T:
-    """Build a dataclass from what `json` read, or raise `ValueError` if that does not have its shape."""
+    """Build a dataclass from the output of `json`, or raise `ValueError` if that has another shape."""
     if not isinstance(plain, dict):
         raise ValueError(f"{kind.__name__}: an object was expected")
     readers = _readers(cast(Any, kind))
-    if not plain.keys() <= readers.keys():
-        raise ValueError(f"{kind.__name__}: unknown key {min(plain.keys() - readers.keys())!r}")
+    unknown = plain.keys() - readers.keys()
+    if unknown:
+        raise ValueError(f"{kind.__name__}: unknown key {min(unknown)!r}")
     try:
-        return kind(**{name: readers[name](value) for name, value in plain.items()})
+        values = {name: readers[name](value) for name, value in plain.items()}
+        return kind(**values)
     except TypeError as problem:
         raise ValueError(f"{kind.__name__}: {problem}") from problem
 
 
 @functools.lru_cache(maxsize=64)
-def _readers(kind: type[Any]) -> dict[str, Callable[[Any], Any]]:
-    """Return what reads each field of a dataclass; finding that takes longer than all else in reading a record."""
+def _readers(kind: type[Any]) -> dict[str, _Reader]:
+    """Return a reader for each field of a dataclass. Finding them takes longer than reading a record."""
     hints = typing.get_type_hints(kind)
     return {f.name: _reader(hints[f.name]) for f in dataclasses.fields(kind)}
 
 
-def _reader(hint: Any) -> Callable[[Any], Any]:
-    """Return what turns a value that `json` read into one of a type, or raises `ValueError`."""
-    origin, arguments = typing.get_origin(hint), typing.get_args(hint)
+def _reader(hint: Any) -> _Reader:
+    """Return a function that turns output of `json` into a value of a type, or raises `ValueError`."""
+    origin = typing.get_origin(hint)
     if origin in (types.UnionType, typing.Union):
-        inner = _reader(next(a for a in arguments if a is not type(None)))
-        return lambda value: None if value is None else inner(value)
+        return _optional_reader(hint)
     if dataclasses.is_dataclass(hint):
         return functools.partial(from_plain, cast(Any, hint))
     kind: Any = origin or hint
     if kind is Any:
         return lambda value: value
-    accepted: Any = {float: (int, float), tuple: list}.get(kind, kind)
-
-    def checked(value: Any) -> Any:
-        if not isinstance(value, accepted) or (value.__class__ is bool and kind is not bool):
-            raise ValueError(f"{kind.__name__} expected, found {type(value).__name__}")
-        if kind is int and not -(2**63) <= value < 2**63:
-            raise ValueError("a number is too large")
-        return value
-
+    accepted = _ACCEPTED.get(kind, kind)
+    checked = functools.partial(_checked, kind=kind, accepted=accepted)
     if kind is dict:
-        of_item = _reader(arguments[1])
+        of_item = _reader(typing.get_args(hint)[1])
         return lambda value: {name: of_item(item) for name, item in checked(value).items()}
     if accepted is list:
-        of_item = _reader(arguments[0])
+        of_item = _reader(typing.get_args(hint)[0])
         return lambda value: kind(map(of_item, checked(value)))
     return checked
+
+
+def _optional_reader(hint: Any) -> _Reader:
+    """Return the reader of a type such as `int | None`."""
+    types_ = [each for each in typing.get_args(hint) if each is not type(None)]
+    inner = _reader(types_[0])
+    return lambda value: None if value is None else inner(value)
+
+
+def _checked(value: Any, kind: Any, accepted: Any) -> Any:
+    """Return a value of an accepted type, or raise `ValueError`; True and False are no numbers."""
+    is_other_bool = value.__class__ is bool and kind is not bool
+    if not isinstance(value, accepted) or is_other_bool:
+        raise ValueError(f"{kind.__name__} expected, found {type(value).__name__}")
+    if kind is int and not -(2**63) <= value < 2**63:
+        raise ValueError("a number is too large")
+    return value

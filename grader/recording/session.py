@@ -1,7 +1,7 @@
 """`session.json`: all of a session that is not ROS traffic.
 
 Times are integer nanoseconds of the system clock (CLOCK_REALTIME), the clock of DDS timestamps. Standard library only,
-since the trusted processes in a sandbox import it too.
+because the trusted processes in a sandbox import it too.
 """
 
 from __future__ import annotations
@@ -16,17 +16,19 @@ from grader.recording.record import read_record, write_record
 SESSION_SCHEMA = "ros-lab-grader/session/v1"
 SESSION_FILE = "session.json"
 
-#: What discovery says of an endpoint whose node is not known yet.
+#: Name of the node that discovery gives an endpoint before the node is known.
 UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"
-#: Hexadecimal digits of a gid that tell the participant: endpoints that share them live in one process.
+#: First hexadecimal digits of a gid that identify the participant: endpoints that share them live in one process.
 PARTICIPANT_DIGITS = 24
-#: Those that tell the process: all its participants share them.
+#: First hexadecimal digits of a gid that identify the process: all its participants share them.
 PROCESS_DIGITS = 16
-#: What an action's topics and services have in their names, and how that ends which takes its goals.
-OF_ACTION, _GOAL_SERVICE = "/_action/", "/_action/send_goal"
-#: Topics that every node has, or that belong to the clock: a student's node means none of them by a name of its own.
+#: Part of the names of an action's topics and services.
+OF_ACTION = "/_action/"
+#: End of the name of the service that takes an action's goals.
+_GOAL_SERVICE = "/_action/send_goal"
+#: Topics of every node, or of the clock; a misspelled name of a student's never means one of them.
 STANDARD_TOPICS = ("/rosout", "/parameter_events", "/clock")
-#: Keys of a step, one of which names what in the graph is waited for.
+#: Keys of a step; one of them names the awaited part of the graph.
 AWAITED = ("node", "publisher", "subscription", "service", "action", "action_client")
 #: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
 GRADER_NAMESPACE = "/_grader"
@@ -36,7 +38,7 @@ LINK = "link"
 
 @dataclass
 class OutputLine:
-    """A line that a process wrote. `t_ns` is when the grader read it."""
+    """A line of a process's output; `t_ns` is the time at which the grader read it."""
 
     t_ns: int
     stream: str  # "stdout" or "stderr"
@@ -57,35 +59,33 @@ class MachineSample:
     """The machine at one time."""
 
     t_ns: int
-    #: The system clock's reading less the monotonic clock's: it changes when the clock is set.
+    #: The system clock's time minus the monotonic clock's; it changes when the clock is set.
     clock_offset_ns: int
     #: Time that the host of a virtual machine took from its cores since boot, all cores together.
     stolen_ns: int = 0
-    #: Time since boot in which some process waited for a core (pressure stall information), where it is
-    #: readable.
+    #: Time since boot in which a process waited for a core (pressure stall information), if it is readable.
     waiting_us: int | None = None
-    #: Number of each core -> time since boot in which nothing ran on it.
+    #: Number of each core -> idle time since boot.
     idle_ns: dict[str, int] = field(default_factory=dict)
-    #: CPU time that the student's processes of the session took so far, those included that nobody saw or
-    #: waited for.
+    #: CPU time of the student's processes in the session so far, with those that no process saw or waited for.
     students_ns: int | None = None
 
 
 @dataclass(eq=False)
 class ProcessRun:
-    """One process, from start to exit; two with equal contents are two."""
+    """One process, from start to exit; two processes with equal contents are not equal."""
 
-    #: Unique in the session: the artifact's name, or that of the launched node's process.
+    #: Name, unique in the session: the artifact's, or the one of the launched node's process.
     name: str
     #: "student", "reference" or "grader".
     role: str
     argv: list[str]
-    #: The rubric's name of the file that runs, where there is one.
+    #: The rubric's name of the file that runs, if it has one.
     artifact: str | None = None
     started_ns: int = 0
     exited_ns: int | None = None
     interrupted_ns: int | None = None
-    #: Exit status; negative for the signal that ended it; None when it had to be given up.
+    #: Exit status; negative for the signal that ended it; None if the wait for it was given up.
     exit_status: int | None = None
     #: "itself", "interrupt" (SIGINT was sent first), "terminate" or "kill" (it did not stop), or "limit".
     ended_by: str = "itself"
@@ -93,14 +93,14 @@ class ProcessRun:
     output_dropped_bytes: int = 0
     #: Samples over time: CPU time used, and time ready to run but without a core, of all threads together.
     usage: list[Usage] = field(default_factory=list)
-    #: The limit that it hit, whether it was ended for that or not: "memory", "processes", "disk", "files"
+    #: The limit that it hit, with or without being ended for it: "memory", "processes", "disk", "files"
     #: (their number) or "output". Only the grader's own have "computing": the loss of real-time scheduling.
     limit: str | None = None
-    #: The core to which it is held, and since when.
+    #: The core to which it is held.
     core: int | None = None
+    #: Time since which it is held to the core.
     held_ns: int | None = None
-    #: When the machine delayed it: [begin of a time, its length, for how long within it], in ns. None
-    #: where it was not watched.
+    #: Delays by the machine: [begin of a span, its length, delay within it], in ns. None if it was not watched.
     disturbed: list[list[int]] | None = None
 
 
@@ -108,7 +108,7 @@ class ProcessRun:
 class Qos:
     """A QoS profile as rclpy spells its policies, in lower case ("reliable", "keep_last", ...).
 
-    `history` is "unknown" and `depth` 0 where they come from discovery. Durations in ns, None for infinite.
+    `history` is "unknown" and `depth` 0 if they come from discovery. Durations in ns, None for infinite.
     """
 
     reliability: str = "unknown"
@@ -155,12 +155,12 @@ class GraphSnapshot:
 
     @property
     def actions(self) -> list[ServiceEndpoint]:
-        """Servers of actions, each known by its service that takes goals."""
+        """Servers of actions, each identified by its service that takes goals."""
         return _actions_of(self.services)
 
     @property
     def action_clients(self) -> list[ServiceEndpoint]:
-        """Clients of actions, each known by its client of that service."""
+        """Clients of actions, each identified by its client of that service."""
         return _actions_of(self.clients)
 
 
@@ -176,26 +176,26 @@ def _actions_of(endpoints: list[ServiceEndpoint]) -> list[ServiceEndpoint]:
 
 @dataclass
 class StepRun:
-    """One step of the session as it went."""
+    """One step of the session, as it was carried out."""
 
     #: The step's key in the rubric, e.g. "wait_for".
     kind: str
     #: The step's value in the rubric.
     parameters: dict[str, Any]
-    #: The step's own label in the rubric, by which checks refer to it.
+    #: The step's own label in the rubric; checks refer to the step by it.
     label: str | None = None
     started_ns: int = 0
     ended_ns: int = 0
     #: "done", "timeout" (the student's side did not come in time), "cancelled" (the student's processes had
     #: ended before it could be done) or "failed".
     outcome: str = "done"
-    #: What the step found; depends on its kind.
+    #: The step's findings, which depend on its kind.
     result: dict[str, Any] = field(default_factory=dict)
 
 
 @dataclass
 class Claim:
-    """What the tap noted in a student's process: a claim by student code, never evidence of behaviour."""
+    """A note of the tap in a student's process: a claim by student code, never evidence of behaviour."""
 
     process: str
     #: "publisher", "subscription", "service", "client", "action", "action_client", "timer", "parameter", "node".
@@ -204,7 +204,7 @@ class Claim:
     name: str
     node: str = ""
     type: str = ""
-    #: Path relative to the submission's root, or absolute where outside it.
+    #: Path relative to the submission's root, or absolute if it is outside.
     file: str = ""
     line: int = 0
     qos: Qos | None = None
@@ -230,7 +230,7 @@ def _plain(name: str) -> str:
 
 
 def completed(seen: Qos, claim: Claim | None) -> Qos:
-    """Return a profile from discovery with history and depth, which are not announced there, as they were asked for."""
+    """Return a profile from discovery with the requested history and depth, which discovery does not announce."""
     if claim is None or claim.qos is None:
         return seen
     if seen.history == "unknown":
@@ -242,7 +242,7 @@ def completed(seen: Qos, claim: Claim | None) -> Qos:
 
 @dataclass
 class Trusted:
-    """A process of the grader's with endpoints in the graph, by what it told through its pipe."""
+    """A process of the grader with endpoints in the graph, as it reported through its pipe."""
 
     #: Its name in the session.
     process: str
@@ -252,33 +252,34 @@ class Trusted:
 
 @dataclass
 class Published:
-    """What a process of the grader's published on a topic, as it told through its pipe."""
+    """The messages of a grader process on a topic, as it reported through its pipe."""
 
     #: Its name in the session.
     process: str
     topic: str
     type: str
-    #: `digest` of each message's CDR, one behind the other: that of the message with the publication sequence
-    #: number n stands at place n, counted from 1.
+    #: `digest` of each message's CDR, one behind the other: the message with the publication sequence number n
+    #: stands at place n, counted from 1.
     digests: str
-    #: Whether it published nothing before the recorder's subscription was there, so that the whole has to be recorded.
+    #: True if it published nothing before the recorder subscribed; then every message must have been recorded.
     recorded: bool = False
 
 
 @dataclass
 class RecordingGap:
-    """Messages that the recorder left out: a topic of one type, or what came of it from some time on."""
+    """Messages that the recorder left out: a topic of one type, or all its messages from some time on."""
 
     topic: str
     type: str
-    #: When it was left off.
+    #: Time from which messages were left out.
     t_ns: int
-    #: How many were recorded until then, and what they filled.
+    #: Number of messages recorded until then.
     messages: int
+    #: Bytes of messages recorded until then.
     size_bytes: int
-    #: Why, as a clause.
+    #: The reason, as a clause.
     reason: str
-    #: Whether it was for a limit of the recording, in bytes or in topics; else it cannot be recorded at all.
+    #: True for a limit of the recording, in bytes or in topics; else the topic cannot be recorded at all.
     limit: bool
 
 
@@ -289,17 +290,15 @@ class SessionRecord:
     session: str
     schema: str = SESSION_SCHEMA
     seed: int = 0
-    #: 1 for the first recording, more where an earlier one left something undecided.
+    #: 1 for the first recording, more if an earlier one left something undecided.
     attempt: int = 1
-    #: Whether in an earlier recording of this session something was seen that disturbs the grader's own
-    #: processes.
+    #: True if an earlier recording of this session shows a disturbance of the grader's own processes.
     disturbed_before: bool = False
-    #: How often the session was recorded in all, where this recording was kept of several; see
-    #: `times_recorded`.
+    #: Number of recordings of the session, if this one was kept of several; see `times_recorded`.
     attempts: int = 0
     started_ns: int = 0
     ended_ns: int = 0
-    #: False while it runs, and if the grader was stopped in the midst of it.
+    #: False during the session, and if the grader was stopped before its end.
     complete: bool = False
     isolation: dict[str, Any] = field(default_factory=dict)
     versions: dict[str, str] = field(default_factory=dict)
@@ -310,7 +309,7 @@ class SessionRecord:
     machine: list[MachineSample] = field(default_factory=list)
     steps: list[StepRun] = field(default_factory=list)
     graph: list[GraphSnapshot] = field(default_factory=list)
-    #: Name in the rubric -> name that the student used, where a near miss was found and used.
+    #: Name in the rubric -> the student's name, if a near miss was found and used.
     names: dict[str, str] = field(default_factory=dict)
     claims: list[Claim] = field(default_factory=list)
     #: The plan of a launch file, see `launch_plan.plan`.
@@ -319,12 +318,12 @@ class SessionRecord:
     trusted: list[Trusted] = field(default_factory=list)
     #: All that the grader's own processes published.
     published: list[Published] = field(default_factory=list)
-    #: What the recorder left out. Whose doing that is, `grader.evidence.gaps` tells.
+    #: Messages that the recorder left out; `grader.evidence.gaps` attributes them.
     unrecorded: list[RecordingGap] = field(default_factory=list)
 
     @property
     def times_recorded(self) -> int:
-        """How often the session was recorded, as far as is known."""
+        """Known number of recordings of the session."""
         return max(self.attempt, self.attempts)
 
 
@@ -334,5 +333,5 @@ def write_session(folder: Path, record: SessionRecord) -> None:
 
 
 def read_session(folder: Path) -> SessionRecord:
-    """Read `session.json`; `read_record` says what it raises."""
+    """Read `session.json`; raises as `read_record` does."""
     return read_record(folder / SESSION_FILE, SessionRecord, SESSION_SCHEMA)

@@ -16,13 +16,13 @@ SUBMISSION_FILE = "submission.json"
 
 @dataclass(frozen=True)
 class Person:
-    """A person, as the download of a learning-management system or a class list knows them; empty where neither does.
+    """A person, from the download of a learning-management system or a class list; a fact that neither has is empty.
 
-    All are texts as they were written there: the zeros that an id begins with are part of it.
+    All facts are texts as they were written there; leading zeros are part of an id.
     """
 
     name: str = ""
-    #: By which the university knows them: Moodle's ID number, Canvas' SIS User ID, Brightspace's OrgDefinedId.
+    #: The university's id: Moodle's ID number, Canvas' SIS User ID, Brightspace's OrgDefinedId.
     student_id: str = ""
     login: str = ""
     email: str = ""
@@ -32,36 +32,38 @@ class Person:
     canvas: str = ""
 
     def completed(self, other: Person) -> Person:
-        """Return what this one knows, and where it is empty the other."""
+        """Return these facts, with those of another record of the person where these are empty."""
         return Person(**{fact: text or getattr(other, fact) for fact, text in vars(self).items()})
 
     @property
     def names(self) -> tuple[str, ...]:
-        """All by which something that was handed in can be known to be theirs."""
-        numbers = (
-            f"{system} {n}" for system, n in (("moodle", self.moodle), ("canvas", self.canvas)) if n
-        )
-        return (self.name, self.student_id, self.login, self.email, *numbers)
+        """All names and numbers that can identify something as handed in by the person."""
+        names = [self.name, self.student_id, self.login, self.email]
+        if self.moodle:
+            names.append(f"moodle {self.moodle}")
+        if self.canvas:
+            names.append(f"canvas {self.canvas}")
+        return tuple(names)
 
 
 @dataclass(frozen=True)
 class Identity:
-    """Who handed a submission in, and how a report gets back to them."""
+    """The people that handed a submission in, and the way of a report back to them."""
 
     #: Several if they handed it in together.
     people: tuple[Person, ...] = ()
-    #: Of which learning-management system the download was.
+    #: Learning-management system of the download.
     system: str = ""
-    #: Under which paths in an archive that system takes something back for it; see `Delivered.handback`.
+    #: Paths in an archive at which that system takes something back for it; see `Delivered.handback`.
     handback: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those of the one who handed it in; none of several, of whom no name tells for all."""
+        """Names of a single person; none of several, because no name of one stands for all."""
         return self.people[0].names if len(self.people) == 1 else ()
 
     def completed(self, other: Identity) -> Identity:
-        """Return what this one knows, and where it knows less what another one of the same submission does."""
+        """Return this identity, with the facts of another one of the same submission where this one has none."""
         people = self.people or other.people
         if self.people and other.people:
             people = (people[0].completed(other.people[0]), *people[1:])
@@ -79,22 +81,24 @@ class FileFact:
 
 @dataclass
 class ArtifactFact:
-    """Where an artifact of the rubric was found."""
+    """The file of the submission that stands for an artifact of the rubric."""
 
     name: str
     #: The file name that the lab asks for.
     expected: str
-    #: Relative path; None when nothing was found.
+    #: Relative path; None if no file was found.
     path: str | None = None
     #: "name" (as asked for), "near miss" (a similar name) or "missing".
     found_by: str = "missing"
     #: Other files that could have been meant.
     candidates: list[str] = field(default_factory=list)
-    #: Other files of its name that were not taken, why not, and whether nothing told them from the one that was.
+    #: Other files of its name that were not taken.
     passed_over: list[str] = field(default_factory=list)
+    #: The reason why the file was preferred to them.
     why: str = ""
+    #: True if no fact speaks for the file rather than for the others.
     is_open: bool = False
-    #: Whether nothing but the bonus is about it.
+    #: True if only the bonus needs it.
     bonus: bool = False
 
 
@@ -108,9 +112,9 @@ class PackageFact:
     build_type: str
     #: Executable name -> "module:function" or a file's path.
     executables: dict[str, str] = field(default_factory=dict)
-    #: What is installed below `share/`: path below the prefix -> file's path; None if that is not known.
+    #: Files installed below `share/`: path below the prefix -> file's path; None if they are not known.
     shared: dict[str, str] | None = None
-    #: What `colcon build` would stumble over, or not install.
+    #: Mistakes that make `colcon build` fail, or leave a file out.
     problems: list[str] = field(default_factory=list)
 
 
@@ -134,18 +138,18 @@ class SubmissionRecord:
     time_source: str = ""
     #: The time of the newest file in the archive, in the same form; it proves nothing.
     newest_file: str | None = None
-    #: By which a grade book knows the student, where a learning-management system or a class list told it.
+    #: The student's id in a grade book, if a learning-management system or a class list has it.
     student_id: str | None = None
     identity: Identity = field(default_factory=Identity)
-    #: The path that it was found by; empty where nobody knows.
+    #: The path at which it was found; empty if it is not known.
     source: str = ""
-    #: Modules that the submission may import, and that the grader did not find where its programs run; None
-    #: where it did not look.
+    #: Modules that the submission may import, and that are missing in its programs' environment; None if the
+    #: grader did not look.
     absent_modules: list[str] | None = None
-    #: Packages of interfaces that were not built where its programs run, through no fault of its own -> why; None
-    #: where none were built.
+    #: Packages of interfaces that were not built here, through no fault of the submission -> reason; None if
+    #: none were built.
     not_built: dict[str, str] | None = None
-    #: The lab by which it was recorded: its id and hash (`grader.lab.kept_lab.identity_of`), and where it was.
+    #: The lab of the recording: its id and hash (`grader.lab.kept_lab.identity_of`), and its folder.
     lab_id: str = ""
     lab_sha256: str = ""
     lab_folder: str = ""
@@ -153,8 +157,11 @@ class SubmissionRecord:
     lab_files: dict[str, str] = field(default_factory=dict)
 
     def artifact(self, name: str) -> ArtifactFact | None:
-        """Return the artifact of this name, or None if the rubric has none such."""
-        return next((a for a in self.artifacts if a.name == name), None)
+        """Return the artifact with a name, or None if the rubric has no such artifact."""
+        for artifact in self.artifacts:
+            if artifact.name == name:
+                return artifact
+        return None
 
 
 def write_submission(folder: Path, record: SubmissionRecord) -> None:
@@ -163,5 +170,5 @@ def write_submission(folder: Path, record: SubmissionRecord) -> None:
 
 
 def read_submission(folder: Path) -> SubmissionRecord:
-    """Read `submission.json`; `read_record` says what it raises."""
+    """Read `submission.json`; raises as `read_record` does."""
     return read_record(folder / SUBMISSION_FILE, SubmissionRecord, SUBMISSION_SCHEMA)

@@ -1,13 +1,13 @@
-"""What the grader's own processes report through their pipes, which no student's process can write to.
+"""Reports of the grader's own processes through their pipes, which no student's process can write to.
 
-Students' processes can read and forge all that travels over DDS. So the grader's report who they are and what they
-published by another way: the director in its messages, a reference node in lines on standard output:
+Students' processes can read and forge everything that travels over DDS. The grader's processes therefore report their
+identity and their messages by another way: the director in its messages, a reference node in lines on standard output:
 
     participant GID_PREFIX
     published TOPIC TYPE DIGESTS [recorded]
 
-The last may come in several lines, in order; `-` stands for no messages, `recorded` for a node that waited for the
-recorder's subscription before it published.
+The second kind may come in several lines, in order; `-` stands for no messages, `recorded` for a node that waited for
+the recorder's subscription before it published.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from __future__ import annotations
 import hashlib
 import re
 
-from grader.recording.session import Published, SessionRecord, Trusted
+from grader.recording.session import ProcessRun, Published, SessionRecord, Trusted
 
-#: Hexadecimal digits of one message's digest. It must not be possible to make another message of the same digest
-#: within the time of a session.
+#: Hexadecimal digits of a message's digest, enough that no other message of the same digest can be found within the
+#: time of a session.
 DIGEST_DIGITS = 12
 
 _PARTICIPANT = re.compile(r"participant ([0-9a-f]{24})")
@@ -28,22 +28,33 @@ _PUBLISHED = re.compile(rf"published (/\S+) (\S+) (-|(?:[0-9a-f]{{{DIGEST_DIGITS
 def digest(data: bytes) -> str:
     """Return the digest of a message's CDR, its header included.
 
-    RTPS fills what it sends up to a multiple of four bytes, so that some messages arrive longer than they were.
+    RTPS pads messages to a multiple of four bytes, and some messages arrive longer than they were sent.
     """
-    return hashlib.blake2b(data + bytes(-len(data) % 4), digest_size=DIGEST_DIGITS // 2).hexdigest()
+    padded = data + bytes(-len(data) % 4)
+    return hashlib.blake2b(padded, digest_size=DIGEST_DIGITS // 2).hexdigest()
 
 
 def collect_trusted_messages(record: SessionRecord) -> None:
-    """Move what reference nodes have reported from their output to where the record keeps it."""
-    for run in (run for run in record.processes if run.role == "reference"):
-        by_topic: dict[tuple[str, str], Published] = {}
-        output, run.output = run.output, []
-        for line in output:
-            if line.stream == "stdout" and (match := _PARTICIPANT.fullmatch(line.text)):
-                record.trusted.append(Trusted(run.name, match[1]))
-            elif line.stream == "stdout" and (match := _PUBLISHED.fullmatch(line.text)):
-                new = Published(run.name, match[1], match[2], "", bool(match[4]))
-                by_topic.setdefault((new.topic, new.type), new).digests += match[3].strip("-")
-            else:
-                run.output.append(line)
-        record.published += by_topic.values()
+    """Move the reports of reference nodes from their output to the record's fields for them."""
+    for run in record.processes:
+        if run.role == "reference":
+            _collect(run, record)
+
+
+def _collect(run: ProcessRun, record: SessionRecord) -> None:
+    by_topic: dict[tuple[str, str], Published] = {}
+    kept = []
+    for line in run.output:
+        is_report = line.stream == "stdout"
+        participant = _PARTICIPANT.fullmatch(line.text) if is_report else None
+        published = _PUBLISHED.fullmatch(line.text) if is_report else None
+        if participant:
+            record.trusted.append(Trusted(run.name, participant[1]))
+        elif published:
+            topic, topic_type, digests, recorded = published.groups()
+            new = Published(run.name, topic, topic_type, "", bool(recorded))
+            by_topic.setdefault((topic, topic_type), new).digests += digests.strip("-")
+        else:
+            kept.append(line)
+    run.output = kept
+    record.published += by_topic.values()

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from datetime import timezone
+from decimal import Decimal
+from typing import Any
 
 from grader.cohort.changes import Changes, by_check, changes_between
 from grader.cohort.entries import ClassEntry
@@ -64,48 +66,83 @@ def render(
 ) -> str:
     """Return the class page as HTML; equal arguments give equal bytes.
 
-    `anonymous` adds a note that names were replaced. Similarities of submissions are shown if they were compared; they
-    name students and quote them.
+    `anonymous` adds a note that names were replaced. `similarity` has the similarities of submissions, if they were
+    compared; they name and quote students.
     """
-    rows = range(len(summary.rows))
     compared = _compared(summary)
-    zone = _zone(summary)
-    times = [_when(row, zone) for row in summary.rows]
+    spread = summary.spread
     return render_page(
         "class.html.j2",
         ("report.css", "class.css"),
         ("class.js",),
         summary=summary,
         similarity=similarity,
-        reports={row.entry.name: row.entry.report for row in summary.rows},
-        compared=sorted(compared.items(), key=lambda item: (-abs(item[1].difference), item[0])),
+        compared=_largest_first(compared),
         by_check=by_check(compared.values()),
         stale=_stale(summary, similarity),
         anonymous=anonymous,
-        graded=summary.spread.count if summary.spread else 0,
-        chart=scores_figure(summary.spread) if summary.spread else None,
+        graded=spread.count if spread else 0,
+        chart=scores_figure(spread) if spread else None,
         tasks=_tasks(summary),
-        badges=[_badges_of(n, summary) for n in rows],
         shared=_numbered_mistakes(summary, shared=True),
         single=_numbered_mistakes(summary, shared=False),
-        mistakes=[_mistakes_of(n, summary) for n in rows],
-        codes=[_codes(row, summary) for row in summary.rows],
         final_share=views.final_share,
-        titles={check.id: check.title for check in summary.checks},
-        criteria={check.id: summary.columns[check.column].title for check in summary.checks},
-        remarks=[_remark(check, summary.noise) for check in summary.checks],
         adjustments_of=views.adjustments_of,
         cell_badge=views.cell_badge,
         beside=_has_points_beside(summary),
-        zone=zone,
-        dated=any(when != ("–", "") for when in times),
-        times=times,
         due=_due(summary),
+        **_by_row(summary),
+        **_by_check(summary),
+        **_times(summary),
     )
 
 
+def _by_row(summary: ClassSummary) -> dict[str, Any]:
+    """Return the template's values about each submission."""
+    reports = {}
+    badges = []
+    mistakes = []
+    codes = []
+    for number, row in enumerate(summary.rows):
+        reports[row.entry.name] = row.entry.report
+        badges.append(_badges_of(number, summary))
+        mistakes.append(_mistakes_of(number, summary))
+        codes.append(_codes(row, summary))
+    return {"reports": reports, "badges": badges, "mistakes": mistakes, "codes": codes}
+
+
+def _by_check(summary: ClassSummary) -> dict[str, Any]:
+    """Return the template's values about each check of the rubric."""
+    titles = {}
+    criteria = {}
+    remarks = []
+    for check in summary.checks:
+        titles[check.id] = check.title
+        criteria[check.id] = summary.columns[check.column].title
+        remarks.append(_remark(check, summary.noise))
+    return {"titles": titles, "criteria": criteria, "remarks": remarks}
+
+
+def _times(summary: ClassSummary) -> dict[str, Any]:
+    """Return the template's values about the times of submission."""
+    zone = _zone(summary)
+    times = [_when(row, zone) for row in summary.rows]
+    dated = any(when != ("–", "") for when in times)
+    return {"zone": zone, "times": times, "dated": dated}
+
+
+def _largest_first(compared: Mapping[int, Changes]) -> list[tuple[int, Changes]]:
+    """Return the changes with their rows; the largest differences come first."""
+
+    def rank(item: tuple[int, Changes]) -> tuple[Decimal, int]:
+        row, changes = item
+        return -abs(changes.difference), row
+
+    return sorted(compared.items(), key=rank)
+
+
 def _tasks(summary: ClassSummary) -> list[tuple[str, str, Badge, list[Todo]]]:
-    """Return title, text and badge of each kind of task that a person has, with its submissions."""
+    """Return title, text and badge of each kind of task for a person, with the submissions."""
     by_need: dict[Need, list[Todo]] = {}
     for todo in summary.todos:
         by_need.setdefault(todo.need, []).append(todo)
@@ -118,7 +155,7 @@ def _badges_of(row: int, summary: ClassSummary) -> list[Badge]:
 
 
 def _numbered_mistakes(summary: ClassSummary, *, shared: bool) -> list[tuple[int, Mistake]]:
-    """Return the mistakes of several submissions, or else those of a single one, with their numbers."""
+    """Return the numbered mistakes of several submissions, or else of a single one."""
     found = []
     for n, mistake in enumerate(summary.mistakes):
         count = len(mistake.made_by)
@@ -137,64 +174,67 @@ def _mistakes_of(row: int, summary: ClassSummary) -> list[int]:
 
 
 def _has_points_beside(summary: ClassSummary) -> bool:
-    """Tell whether a submission has points beside those of the criteria."""
-    return any(row.result.beside_criteria for row in summary.rows if row.result)
+    """Tell whether a submission has points that belong to no criterion."""
+    results = [row.result for row in summary.rows if row.result]
+    return any(result.beside_criteria for result in results)
 
 
 def _compared(summary: ClassSummary) -> dict[int, Changes]:
-    """Return the changes since the previous submission, by row, for the rows that have one."""
+    """Return the changes since the previous submission by row, for rows with a previous one."""
     found = {}
     for n, row in enumerate(summary.rows):
-        changes = _changes(row)
-        if changes is not None:
-            found[n] = changes
+        before = row.entry.before
+        now = row.result
+        if before is not None and now is not None:
+            found[n] = changes_between(before, now)
     return found
 
 
-def _changes(row: Row) -> Changes | None:
-    before, now = row.entry.before, row.result
-    return changes_between(before, now) if before is not None and now is not None else None
-
-
 def _stale(summary: ClassSummary, similarity: Similarity | None) -> list[str]:
-    """Return whose submissions were compared and have changed, or come, since then."""
-    results = ((row.entry.name, row.result) for row in summary.rows if similarity is not None)
-    now = {
-        name: result.provenance.get("submission_sha256", "")
-        for name, result in results
-        if result is not None
-    }
-    return [
-        name
-        for name, sha256 in now.items()
-        if similarity and similarity.compared.get(name, "") != sha256
-    ]
+    """Return the names of submissions that are new, or have changed, since submissions were compared."""
+    if similarity is None:
+        return []
+    names = []
+    for row in summary.rows:
+        if row.result is not None:
+            now = row.result.provenance.get("submission_sha256", "")
+            if similarity.compared.get(row.entry.name, "") != now:
+                names.append(row.entry.name)
+    return names
 
 
 def _codes(row: Row, summary: ClassSummary) -> str:
-    """Return a letter for each criterion, then for each check."""
-    checks = {check.id: check for check in row.result.checks} if row.result else {}
-    badges = [
-        views.cell_badge(row.result, cell) if row.result and cell else None for cell in row.cells
-    ]
-    badges += [
-        views.badge_of(checks[check.id].outcome) if check.id in checks else None
-        for check in summary.checks
-    ]
-    return "".join(badge.letter if badge else "-" for badge in badges)
+    """Return a letter for each criterion, then one for each check; `-` if there is none."""
+    result = row.result
+    if result is None:
+        return "-" * (len(row.cells) + len(summary.checks))
+    letters = []
+    for cell in row.cells:
+        letters.append(views.cell_badge(result, cell).letter if cell else "-")
+    checks = {check.id: check for check in result.checks}
+    for column in summary.checks:
+        check = checks.get(column.id)
+        letters.append(views.badge_of(check.outcome).letter if check else "-")
+    return "".join(letters)
 
 
 def _zone(summary: ClassSummary) -> timezone | None:
-    """Return the zone that times are shown in: the one that all were given in, or else UTC; None without such times."""
-    times = [row.entry.submitted_at for row in summary.rows if row.entry.submitted_at is not None]
-    offsets = {offset for time in times if (offset := time.utcoffset()) is not None}
+    """Return the zone for all times: their common zone, or else UTC; None without zoned times."""
+    offsets = set()
+    for row in summary.rows:
+        time = row.entry.submitted_at
+        offset = time.utcoffset() if time is not None else None
+        if offset is not None:
+            offsets.add(offset)
     if not offsets:
         return None
-    return timezone(offsets.pop()) if len(offsets) == 1 else timezone.utc
+    if len(offsets) > 1:
+        return timezone.utc
+    return timezone(offsets.pop())
 
 
 def _due(summary: ClassSummary) -> str:
-    """Return when the class's submissions were due without extensions; empty if the rubric does not say so."""
+    """Return when submissions without an extension were due; empty if the rubric does not say so."""
     for row in summary.rows:
         if row.result is not None and row.result.timing is not None:
             return row.result.timing.due_for_all or row.result.timing.due
@@ -202,12 +242,12 @@ def _due(summary: ClassSummary) -> str:
 
 
 def _when(row: Row, zone: timezone | None) -> tuple[str, str]:
-    """Return the time of a submission in a zone, and the source of the time with an extension of the due date."""
+    """Return the time of a submission in a zone, and notes: the source of the time, and an extension."""
     timing = row.result.timing if row.result is not None else None
     shown, notes = _time_and_source(row.entry, timing, zone)
     if timing is not None and timing.due_for_all:
         notes.append(f"due {timing.due}, extended")
-    return shown, "; ".join(note for note in notes if note)
+    return shown, "; ".join(filter(None, notes))
 
 
 def _time_and_source(
@@ -230,7 +270,7 @@ def _time_and_source(
 
 
 def _remark(check: CheckStatistics, noise: float | None) -> str:
-    """Say where a check itself deserves a look."""
+    """Write a remark if the outcomes suggest a mistake in the check itself; empty if not."""
     discrimination = check.discrimination
     if isinstance(discrimination, float) and noise is not None and discrimination < -noise:
         return "Strong submissions fail it more often than weak ones: look at the check."

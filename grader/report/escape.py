@@ -1,7 +1,7 @@
 """Untrusted text made fit to be shown: in a page, on a terminal, in the log of a CI job and in Markdown.
 
-What would steer a terminal, hide or reorder text becomes visible; what another reader would obey stays text. Escaping
-for HTML and XML is another matter, which libraries see to.
+Characters that would steer a terminal, hide or reorder text become visible; commands to another reader stay text.
+Libraries escape for HTML and XML.
 """
 
 from __future__ import annotations
@@ -11,10 +11,10 @@ import unicodedata
 
 LONGEST = 4000
 
-#: What a terminal obeys and does not show: CSI, OSC and other string sequences, and two-character escapes.
+#: Sequences that a terminal obeys and does not show: CSI, OSC and other strings, and two-character escapes.
 _ANSI = re.compile(
     r"(?:\x1b\[|\x9b)[0-?]*[ -/]*[@-~]"
-    # No string goes on over the beginning of another: thousands of them would each be read to the end.
+    # A string ends before the next one begins: thousands of beginnings would each be read to the end.
     r"|(?:\x1b[\]PX^_]|[\x9d\x90\x98\x9e\x9f])[^\x07\x1b\x9c\x9d\x90\x98\x9e\x9f]{0,4000}(?:\x07|\x1b\\|\x9c)"
     r"|\x1b[ -/]*[0-~]"
 )
@@ -26,13 +26,13 @@ _HIDDEN = frozenset({"Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp"})
 
 
 def shown(text: str, longest: int = LONGEST) -> str:
-    """Return a text as it can be shown, cut after so many characters, with a mark that says so.
+    """Return a text as it can be shown, cut after `longest` characters, with a mark at the cut.
 
-    Terminal sequences are left out; what is hidden, or changes the direction of text, is shown by its number, e.g.
-    ⟨U+202E⟩. Line ends and tabs stay, and at most three combining marks on a letter.
+    Terminal sequences are left out. A character that is hidden, or changes the direction of text, is shown by its
+    number, such as ⟨U+202E⟩. Line ends and tabs stay, and at most three combining marks on a letter.
     """
     if len(text) <= longest and text.isascii() and text.isprintable():
-        return text  # Nearly all is, and there is much of it.
+        return text  # Nearly all texts end here.
     cut = len(text) > longest * 2
     text = _ANSI.sub("", text[: longest * 2])
     cut = cut or len(text) > longest
@@ -43,29 +43,33 @@ def shown(text: str, longest: int = LONGEST) -> str:
         if marks <= _MOST_MARKS:
             hidden = character not in _KEPT and unicodedata.category(character) in _HIDDEN
             kept.append(f"⟨U+{ord(character):04X}⟩" if hidden else character)
-    return "".join(kept) + (" … (cut)" if cut else "")
+    if cut:
+        kept.append(" … (cut)")
+    return "".join(kept)
 
 
 def line(text: str, longest: int = 300) -> str:
     """Return a text as one line that can be shown; cut with an ellipsis."""
-    # Split again, since where a terminal sequence stood between blanks, two are left.
-    whole = " ".join(shown(" ".join(text[: longest * 4].split()), longest * 4).split())
-    return (
-        whole if len(whole) <= longest and len(text) <= longest * 4 else whole[: longest - 1] + "…"
-    )
+    most = longest * 4
+    words = shown(" ".join(text[:most].split()), most)
+    # A terminal sequence between two blanks has left both.
+    whole = " ".join(words.split())
+    if len(text) > most or len(whole) > longest:
+        return whole[: longest - 1] + "…"
+    return whole
 
 
 # -- terminal and CI log -----------------------------------------------------------------------
 # GitHub's runner reads each printed line for `::name properties::data` at its start (after blanks) and for
 # `##[name properties]data` anywhere in it. Azure Pipelines and TeamCity use `##word[` in the same way.
 
-#: The first of two colons with which a command could begin, wherever a line may be broken.
+#: First of two colons that can begin a command, wherever a line may be broken.
 _COLONS = re.compile(r":(?=:[^\s:])")
 _BRACKET = re.compile(r"##(?=[A-Za-z]*\[)")
 
 
 def command_data(text: str, longest: int = LONGEST) -> str:
-    """Return a text as the data of a workflow command; line ends stay, as the runner writes them."""
+    """Return a text as the data of a workflow command; line ends stay, in the runner's notation."""
     return _percent(uncommanded(shown(text, longest)))
 
 
@@ -75,9 +79,10 @@ def command_property(text: str, longest: int = LONGEST) -> str:
 
 
 def uncommanded(text: str) -> str:
-    """Return a text of which no part is a command, at whatever place its lines are broken when it is printed.
+    """Return a text without any workflow command, at whatever place its lines are broken when it is printed.
 
-    A blank parts two colons where a name and two more follow, and `##` from a bracket; names of two parts in C++ stay.
+    A blank parts two colons before a name with two more behind it, and `##` from a bracket. Names of two parts in C++
+    stay.
     """
     last = text.rfind("::")
     parted = _COLONS.sub(lambda found: ": " if found.start() + 2 <= last else ":", text)
@@ -96,28 +101,28 @@ def terminal_text(text: str, limit: int = 400) -> str:
 
 # -- Markdown as GitHub renders it -------------------------------------------------------------
 
-#: What GitHub makes something of after Markdown is done with, so that only a code span keeps it from that:
-#: mentions, addresses, numbers of issues, emoji, URLs, commits, ticket numbers. Names of files and topics
-#: (with a point, an underscore, a leading slash) are set as code because they read better so.
+#: Words that GitHub turns into links or pictures after it has rendered Markdown, except in a code span: mentions,
+#: addresses, numbers of issues, emoji, URLs, commits, ticket numbers. Names of files and topics (with a point, an
+#: underscore, a leading slash) are set as code to be easier to read.
 _CODE = re.compile(
     r"[@#_]|:(?!$)|^\W*/|www\.|\w\.[^\W\d_]{2}|(?<![^\W_])[0-9a-f]{7,}(?![^\W_])|[A-Za-z]-\d",
     re.IGNORECASE,
 )
-#: A word's code goes without stops, brackets and quotes around it; those of a call are its own.
+#: A word without the stops, brackets and quotes around it; the brackets of a call belong to the word.
 _AROUND = re.compile(r"([(\"'‘“]*)(.*?(?:\(\))?)([)\"'’”.,;:!?…]{0,20})", re.DOTALL)
-#: Within a code span these would end it, part a table's cells, or open a formula.
+#: Characters that end a code span, part a table's cells, or open a formula.
 _NOT_IN_CODE = re.compile(r"([`|$])")
-#: What would make a line a list, a rule, or the underline of a heading or of a table's first row.
+#: Beginning of a list, a rule, or the underline of a heading or of a table's first row.
 _BLOCK = re.compile(r"[-+=:]|\d+[.)]")
 #: ASCII characters that are never markup within a line.
 _INERT = frozenset(",.;:%()'\"?/+-= ")
 
 
 def markdown_text(text: str, longest: int = 600) -> str:
-    """Return one line of Markdown that is rendered as `line` shows the text, and does nothing; in a table too.
+    """Return one line of Markdown, also for a table, that is rendered as `line` shows the text, and does nothing.
 
-    Escapes are not enough: mentions, addresses and issue numbers become links in what comes out of Markdown. So a word
-    that could become one is set as code, and elsewhere what could be markup is written by its number.
+    Escapes are not enough: mentions, addresses and issue numbers become links in rendered Markdown. Therefore a word
+    that could become one is set as code, and elsewhere each character that could be markup is written by its number.
 
     References
     ----------
@@ -125,7 +130,9 @@ def markdown_text(text: str, longest: int = 600) -> str:
     """
     words = [_word(word) for word in line(text, longest).split(" ")]
     whole = " ".join(words)
-    return f"&#{ord(whole[0])};{whole[1:]}" if _BLOCK.match(whole) else whole
+    if _BLOCK.match(whole):
+        return f"&#{ord(whole[0])};{whole[1:]}"
+    return whole
 
 
 def _word(word: str) -> str:
@@ -133,12 +140,19 @@ def _word(word: str) -> str:
         return _prose(word)
     around = _AROUND.fullmatch(word)
     assert around is not None
-    parts = enumerate(_NOT_IN_CODE.split(around[2]))
-    core = "".join(f"`{part}`" if n % 2 == 0 else _prose(part) for n, part in parts if part)
+    core = ""
+    for n, part in enumerate(_NOT_IN_CODE.split(around[2])):
+        if n % 2:
+            core += _prose(part)
+        elif part:
+            core += f"`{part}`"
     return _prose(around[1]) + core + _prose(around[3])
 
 
 def _prose(text: str) -> str:
-    return "".join(
-        c if c.isalnum() or c in _INERT or not c.isascii() else f"&#{ord(c)};" for c in text
-    )
+    """Write each character that could be markup by its number: `*` as `&#42;`."""
+    written = ""
+    for character in text:
+        is_inert = character.isalnum() or character in _INERT or not character.isascii()
+        written += character if is_inert else f"&#{ord(character)};"
+    return written

@@ -1,13 +1,13 @@
-"""A layout for Foxglove, and Lichtblick, that shows what a recording holds: its numbers as plots, and the log.
+"""A layout for Foxglove, and Lichtblick, that shows a recording: its numbers as plots, and the log.
 
-As both export layouts, `configById` has the settings of each panel by its id, which begins with the panel's type, and
-`layout` is a tree of these ids.
+As in both programs' exported layouts, `configById` has the settings of each panel by its id, which begins with the
+panel's type, and `layout` is a tree of these ids.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import islice
 from numbers import Real
 from typing import Any
@@ -17,33 +17,52 @@ import numpy as np
 from grader.evidence.recorded import Recorded
 
 _LOG = "/rosout"
-#: More lines in a plot, and more plots, nobody can read; messages in messages are looked at so deep.
-_MOST_LINES, _MOST_PLOTS, _DEEPEST = 8, 4, 4
+#: Most readable lines in a plot, and elements of an array that are looked at.
+_MOST_LINES = 8
+#: Most readable plots in a layout.
+_MOST_PLOTS = 4
+#: Levels of messages in messages that are looked at.
+_DEEPEST = 4
 #: Topics of every node and of time, and parts of messages that are no quantity.
 _NO_QUANTITY = ("/clock", "/parameter_events", _LOG, "stamp", "layout")
 
 
 def layout_of(recorded: Recorded) -> str:
     """Return the layout of a session's recording as JSON; equal recordings give equal bytes."""
-    topics = {i.topic for i in recorded.bag.topics if i.count and "/_" not in i.topic} - {
-        *_NO_QUANTITY
-    }
-    ordered = sorted(topics, key=lambda name: (name not in recorded.awaited, name))
-    plots = [_plot(topic, paths) for topic in ordered if (paths := _paths(recorded, topic))][
-        :_MOST_PLOTS
-    ]
-    panels = {f"Plot!{number}": plot for number, plot in enumerate(plots, 1)}
+    panels: dict[str, Any] = {}
+    for number, plot in enumerate(islice(_plots(recorded), _MOST_PLOTS), 1):
+        panels[f"Plot!{number}"] = plot
     panels["RosOut!log"] = {"topicToRender": _LOG, "minLogLevel": 1, "searchTerms": []}
-    tree: Any = None
-    for panel in reversed(panels):
-        tree = panel if tree is None else {"direction": "column", "first": panel, "second": tree}
     layout = {
         "configById": panels,
         "globalVariables": {},
         "userNodes": {},
         "playbackConfig": {"speed": 1},
+        "layout": _column(panels),
     }
-    return json.dumps({**layout, "layout": tree}, indent=1) + "\n"
+    return json.dumps(layout, indent=1) + "\n"
+
+
+def _column(panels: Iterable[str]) -> Any:
+    """Return the tree that puts the panels below each other."""
+    *above, last = panels
+    tree: Any = last
+    for panel in reversed(above):
+        tree = {"direction": "column", "first": panel, "second": tree}
+    return tree
+
+
+def _plots(recorded: Recorded) -> Iterator[dict[str, Any]]:
+    """Yield a plot of each topic with numbers; topics that the session waits for come first."""
+    topics = set()
+    for info in recorded.bag.topics:
+        is_hidden = "/_" in info.topic
+        if info.count and not is_hidden and info.topic not in _NO_QUANTITY:
+            topics.add(info.topic)
+    for topic in sorted(topics, key=lambda name: (name not in recorded.awaited, name)):
+        paths = _paths(recorded, topic)
+        if paths:
+            yield _plot(topic, paths)
 
 
 def _paths(recorded: Recorded, topic: str) -> list[str]:
@@ -54,27 +73,36 @@ def _paths(recorded: Recorded, topic: str) -> list[str]:
 
 
 def _numbers(value: Any, depth: int) -> Iterator[str]:
+    """Yield the paths of the numbers in a value, such as `.pose.position.x` or `[0]`."""
     if isinstance(value, Real):
         yield ""
-    elif isinstance(value, (list, np.ndarray)) and depth:
+    elif depth:
+        for step, held in _held(value):
+            for path in _numbers(held, depth - 1):
+                yield step + path
+
+
+def _held(value: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the elements of an array, or the fields of a message, each with its step of a path."""
+    if isinstance(value, (list, np.ndarray)):
         for place, element in enumerate(value[:_MOST_LINES]):
-            yield from (f"[{place}]{path}" for path in _numbers(element, depth - 1))
-    elif hasattr(value, "__dict__") and depth:
+            yield f"[{place}]", element
+    elif hasattr(value, "__dict__"):
         for name, held in vars(value).items():
             if name not in _NO_QUANTITY and not name.startswith("_"):
-                yield from (f".{name}{path}" for path in _numbers(held, depth - 1))
+                yield f".{name}", held
 
 
 def _plot(topic: str, paths: Sequence[str]) -> dict[str, Any]:
     lines = [{"value": path, "enabled": True, "timestampMethod": "receiveTime"} for path in paths]
-    shown = dict.fromkeys(
-        ("isSynced", "showLegend", "showXAxisLabels", "showYAxisLabels", "showPlotValuesInLegend"),
-        True,
-    )
     return {
         "foxglovePanelTitle": topic,
         "paths": lines,
         "xAxisVal": "timestamp",
         "legendDisplay": "floating",
-        **shown,
+        "isSynced": True,
+        "showLegend": True,
+        "showXAxisLabels": True,
+        "showYAxisLabels": True,
+        "showPlotValuesInLegend": True,
     }

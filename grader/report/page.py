@@ -1,6 +1,6 @@
-"""A page of HTML that needs nothing else: style and script within it, named by their hashes in its policy.
+"""Make pages of HTML that need no other file: style and script within, named by their hashes in the page's policy.
 
-All that comes from students passes `shown`, through the template engine's last stage, before it is escaped.
+All text of students passes `shown`, by the template engine's `finalize`, before it is escaped.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _FOLDER = Path(__file__).parent / "templates"
 def render_page(name: str, styles: tuple[str, ...], scripts: tuple[str, ...], **values: Any) -> str:
     """Return a page, made of files in the folder of templates; equal arguments give equal bytes."""
     page = _template(name, styles, scripts).render(**values)
-    # A lone surrogate cannot be written; all that is shown was cleaned of them, so this changes nothing.
+    # A lone surrogate cannot be encoded. `shown` has replaced them all, and this changes nothing.
     return page.encode("utf-8", "replace").decode("utf-8")
 
 
@@ -38,50 +38,69 @@ def _template(name: str, styles: tuple[str, ...], scripts: tuple[str, ...]) -> T
         loader=FileSystemLoader(_FOLDER),
         autoescape=True,
         undefined=StrictUndefined,
-        # Text is made fit to be shown; markup of ours and numbers stay as they are.
-        finalize=lambda value: (
-            shown(value) if isinstance(value, str) and not isinstance(value, Markup) else value
-        ),
+        finalize=_fit_to_show,
         trim_blocks=True,
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
     environment.filters.update(
-        line=line, duration=duration, prose=prose, breakable=breakable, fields=fields
+        line=line,
+        duration=duration,
+        prose=prose,
+        breakable=breakable,
+        fields=fields,
+        percent=percent,
+        points=views.points,
+        tenths=views.tenths,
+        signed=views.signed,
+        tenths_signed=_tenths_signed,
     )
-    environment.filters.update(percent=percent)
-    environment.filters.update(points=views.points, tenths=views.tenths, signed=views.signed)
-    environment.filters.update(
-        tenths_signed=lambda value: views.signed(value.quantize(Decimal("0.1")))
+    css = "".join(map(_read, styles))
+    js = "".join(map(_read, scripts))
+    policy = (
+        f"default-src 'none'; style-src {_hash(css)}; script-src {_hash(js)}; "
+        "base-uri 'none'; form-action 'none'"
     )
     environment.globals.update(
         widths=(WIDE, HALF, NARROW),
         anchor=views.anchor,
         badge_of=views.badge_of,
         share_of=views.share_of,
-    )
-    css, js = ("".join(map(_read, files)) for files in (styles, scripts))
-    environment.globals.update(
         css=Markup(css),
         js=Markup(js),
-        policy=(
-            f"default-src 'none'; style-src {_hash(css)}; script-src {_hash(js)}; base-uri 'none'; form-action 'none'"
-        ),
+        policy=policy,
     )
     return environment.get_template(name)
 
 
+def _fit_to_show(value: Any) -> Any:
+    """Return text as it can be shown; the grader's own markup, and numbers, stay as they are."""
+    if isinstance(value, Markup) or not isinstance(value, str):
+        return value
+    return shown(value)
+
+
+def _tenths_signed(value: Decimal) -> str:
+    return views.signed(value.quantize(Decimal("0.1")))
+
+
 def prose(text: str) -> Markup:
-    """Make text fit to be shown, with what stands between backticks as code."""
+    """Return text as it can be shown, with the parts between backticks as code.
+
+    With an odd number of backticks, all of it is text.
+    """
     parts = shown(text).split("`")
     if len(parts) % 2 == 0:
         return Markup.escape(shown(text))
-    pieces = [Markup("<code>{}</code>") if n % 2 else Markup("{}") for n in range(len(parts))]
-    return Markup("").join(piece.format(part) for piece, part in zip(pieces, parts, strict=True))
+    page = Markup("")
+    for number, part in enumerate(parts):
+        form = Markup("<code>{}</code>") if number % 2 else Markup("{}")
+        page += form.format(part)
+    return page
 
 
 def breakable(name: str) -> Markup:
-    """Make a name fit to be shown, with leave to break it behind its marks."""
+    """Return a name as it can be shown, with permitted line breaks after `_`, `.` and `-`."""
     return Markup("<wbr>").join(re.split(r"(?<=[_.-])(?=.)", shown(name)))
 
 

@@ -1,4 +1,4 @@
-"""The HTML report of one submission, as one self-contained page: it needs no network, and no scripts to be read."""
+"""The HTML report of one submission, as one self-contained page: readable without a network, and without scripts."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import Any
 
 from grader.cohort.changes import changes_between
 from grader.evidence.recorded import Recorded
+from grader.recording.session import SessionRecord
 from grader.recording.submission import SubmissionRecord
 from grader.report import views
 from grader.report.figures.posture import Motion
@@ -33,8 +34,12 @@ def render(
     before
         Result of the previous submission.
     """
-    sessions = {name: recorded.record for name, recorded in recordings.items()}
-    timelines = {name: timeline_of(recorded, result) for name, recorded in recordings.items()}
+    sessions = {}
+    timelines = {}
+    for name, recorded in recordings.items():
+        sessions[name] = recorded.record
+        timelines[name] = timeline_of(recorded, result)
+    started_ns = [record.started_ns for record in sessions.values()]
     losses = views.losses_of(result)
     placed = _Placed.of(figures, losses)
     return render_page(
@@ -47,7 +52,7 @@ def render(
         judged=views.points(result.score.earned),
         adjustments=views.adjustments_of(result),
         said=views.said_of(result),
-        recorded=views.utc(min((record.started_ns for record in sessions.values()), default=0)),
+        recorded=views.utc(min(started_ns, default=0)),
         lost=losses,
         beside=placed.beside,
         players=[(figure, views.moments_of(result, figure)) for figure in placed.players],
@@ -60,7 +65,7 @@ def render(
         views=views,
         **_compared(before, result),
         **_open_checks(result),
-        **_places(result, recordings, submission),
+        **_places(result, sessions, submission),
     )
 
 
@@ -85,11 +90,10 @@ def _open_checks(result: Result) -> dict[str, Any]:
 
 
 def _places(
-    result: Result, recordings: Mapping[str, Recorded], submission: SubmissionRecord
+    result: Result, sessions: Mapping[str, SessionRecord], submission: SubmissionRecord
 ) -> dict[str, Any]:
     """Return the template's values with locations in files and logs."""
-    records = {name: recorded.record for name, recorded in recordings.items()}
-    anchors = views.anchors_of(records)
+    anchors = views.anchors_of(sessions)
     locations = {}
     for check in result.every_check:
         locations[check.id] = views.locations_of(check, submission.texts, anchors)

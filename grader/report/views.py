@@ -1,10 +1,10 @@
-"""What the report's template shows: values of the judgement and the recordings, put in order and in words."""
+"""Prepare values of the judgement and the recordings for the templates of pages, in order and in words."""
 
 from __future__ import annotations
 
 import re
 import signal
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime, timezone
 from decimal import ROUND_HALF_UP, Decimal
@@ -33,13 +33,13 @@ if TYPE_CHECKING:
 
 HEAD_LINES, TAIL_LINES = 40, 60
 PRINTED_HEAD_LINES, PRINTED_TAIL_LINES = 6, 14
-#: Of what leads to a line that is meant, such as a traceback.
+#: Lines that are shown before a highlighted line of output, such as those of a traceback.
 LINES_BEFORE = 6
 CONTEXT_LINES = 2
 LONGEST_SOURCE_LINE = 200
 LONGEST_OUTPUT_LINE = 500
 MOST_LOCATIONS = 8
-#: A moment on a line of 1000 is to be seen.
+#: Smallest width of a moment on a line of 1000, so that it can be seen.
 _NARROWEST = 6.0
 
 
@@ -50,8 +50,9 @@ class Badge:
     style: str
     sign: str
     word: str
-    #: By which the class page's script knows an outcome, and that of the terminal.
+    #: Code of the outcome for the class page's script.
     letter: str = ""
+    #: Colour on a terminal.
     colour: str = ""
 
 
@@ -101,7 +102,7 @@ class Share:
 
 
 def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)) -> Share:
-    """Describe points; the badge is that of the whole."""
+    """Describe points; the badge shows the outcome of the whole."""
     whole = possible or Decimal(1)
     return Share(
         points(earned),
@@ -115,7 +116,7 @@ def share_of(earned: Decimal, possible: Decimal, undecided: Decimal = Decimal(0)
 
 @dataclass(frozen=True)
 class Loss:
-    """A check that lost points by itself, its criterion, and the checks whose points the same fix opens."""
+    """A check that lost points by itself, its criterion, and the checks that the same fix opens."""
 
     check: CheckResult
     criterion: CriterionResult
@@ -128,73 +129,77 @@ class Loss:
 
 
 def losses_of(result: Result) -> list[Loss]:
-    """Return what lost points by itself; first that by which most can be won, with what depends on it.
+    """Return the checks that lost points by themselves, with those that depend on them; the largest gain first.
 
-    What has the same fix as an earlier check of its criterion lost its points by the same mistake.
+    Checks of a criterion with the same hint lost their points by the same mistake, and are one loss.
     """
     found = []
     for criterion in result.criteria:
-        lost = [
-            check
-            for check in criterion.checks
-            if check.lost > 0 and check.outcome is not Outcome.NOT_REACHED
-        ]
-        first = {check.hint or check.id: check for check in reversed(lost)}
-        for check in lost:
-            if first[check.hint or check.id] is check:
-                same = [
-                    other
-                    for other in lost
-                    if other is not check and check.hint and other.hint == check.hint
-                ]
-                blocked = [
-                    other
-                    for other in result.checks
-                    if other.blocked_by == check.id and other.lost > 0
-                ]
-                found.append(Loss(check, criterion, (*same, *blocked)))
+        for first, *same in _same_mistakes(criterion):
+            blocked = _blocked_by(first, result)
+            found.append(Loss(first, criterion, (*same, *blocked)))
     return sorted(found, key=lambda loss: -(loss.check.lost + loss.opens))
 
 
+def _same_mistakes(criterion: CriterionResult) -> list[list[CheckResult]]:
+    """Return the checks of a criterion that lost points by themselves, together if they have the same hint."""
+    by_mistake: dict[str, list[CheckResult]] = {}
+    for check in criterion.checks:
+        if check.lost > 0 and check.outcome is not Outcome.NOT_REACHED:
+            by_mistake.setdefault(check.hint or check.id, []).append(check)
+    return list(by_mistake.values())
+
+
+def _blocked_by(blocking: CheckResult, result: Result) -> list[CheckResult]:
+    """Return the checks that lost points because another check failed."""
+    found = []
+    for check in result.checks:
+        if check.blocked_by == blocking.id and check.lost > 0:
+            found.append(check)
+    return found
+
+
 def bonus_lines(result: Result) -> list[str]:
-    """Return a line for each extension that was handed in, whose points are in no sum."""
-    lines = [
-        (part, f"{part.title}: {points(part.earned)} of {points(part.possible)}")
-        for part in result.bonus
-    ]
-    return [
-        f"{text} ({points(part.undecided)} undecided)" if part.undecided else text
-        for part, text in lines
-    ]
+    """Write the points of each submitted extension, such as `Plots: 3 of 5`; no sum includes them."""
+    lines = []
+    for part in result.bonus:
+        text = f"{part.title}: {points(part.earned)} of {points(part.possible)}"
+        if part.undecided:
+            text += f" ({points(part.undecided)} undecided)"
+        lines.append(text)
+    return lines
 
 
-#: Heads what `bonus_lines` gives.
+#: Heading of the lines of `bonus_lines`.
 BONUS = "Extensions, beside the points"
 
 
 def figures_by_loss(losses: Sequence[Loss], figures: Sequence[Figure]) -> dict[str, list[Figure]]:
-    """Return the figures that show a loss, each by the id of the first check of which it does."""
+    """Return the figures of losses by the id of the check; each figure stands with the first loss that it shows."""
     found: dict[str, list[Figure]] = {}
     for figure in figures:
-        shown = next((loss.check.id for loss in losses if loss.check.id in figure.shows), None)
-        if shown is not None:
-            found.setdefault(shown, []).append(figure)
+        for loss in losses:
+            if loss.check.id in figure.shows:
+                found.setdefault(loss.check.id, []).append(figure)
+                break
     return found
 
 
 def earned_text(check: CheckResult) -> str:
-    """Write what a check earned; a question mark if nothing of it is decided."""
-    return "?" if check.possible and check.undecided >= check.possible else points(check.earned)
+    """Write the earned points of a check; a question mark if none of its points is decided."""
+    if check.possible and check.undecided >= check.possible:
+        return "?"
+    return points(check.earned)
 
 
 def credit_text(check: CheckResult) -> str:
-    """Write the credit of a check that earned a part of its points."""
+    """Write the credit of a check with partial credit, such as `50% of 8 points`."""
     return f"{check.credit:.1%} of {points(check.possible)} points".replace(".0%", "%")
 
 
 @dataclass(frozen=True)
 class AdjustmentView:
-    """What changed the points after the judgement, in words; `by` is empty where the rubric's policy did."""
+    """A change of points after the judgement, in words; `by` is empty if the rubric's policy made it."""
 
     points: str
     style: str
@@ -207,22 +212,22 @@ class AdjustmentView:
 
     @property
     def decided(self) -> str:
-        """Who decided it, and when."""
+        """The person and the time of the decision."""
         return self.by or "the lab's rule"
 
     @property
     def text(self) -> str:
-        """All of it in one line, which is still untrusted."""
-        head = f"{self.points} {self.title}".rstrip(": ")
-        return (
-            head
-            + (f": {self.reason}" if self.reason else "")
-            + (f" ({self.by})" if self.by else "")
-        )
+        """The whole adjustment in one line, which is still untrusted: `−2 Late: a day (the lab's rule)`."""
+        text = f"{self.points} {self.title}".rstrip(": ")
+        if self.reason:
+            text += f": {self.reason}"
+        if self.by:
+            text += f" ({self.by})"
+        return text
 
 
 def adjustments_of(result: Result) -> list[AdjustmentView]:
-    """Describe the adjustments, with a link to the check or criterion that each concerns."""
+    """Describe the adjustments, each with a link to its check or criterion."""
     titles = {check.id: (check.title, "check") for check in result.checks}
     titles |= {criterion.id: (criterion.title, "criterion") for criterion in result.criteria}
     return [_adjustment_view(each, titles) for each in result.adjustments]
@@ -230,27 +235,43 @@ def adjustments_of(result: Result) -> list[AdjustmentView]:
 
 def _adjustment_view(each: Adjustment, titles: Mapping[str, tuple[str, str]]) -> AdjustmentView:
     title, kind = titles.get(each.what, ("", ""))
-    words = {
-        AdjustmentKind.POINTS: title or each.what,
-        AdjustmentKind.EXCUSED: f"{title or each.what}: excused",
+    style = ""
+    if each.points:
+        style = "gain" if each.points > 0 else "loss"
+    href = ""
+    if kind:
+        href = "#" + anchor(kind, each.what)
+    decided = [each.who, each.when.replace("T", " ")]
+    return AdjustmentView(
+        points=signed(each.points),
+        style=style,
+        title=_adjustment_title(each, title),
+        href=href,
+        reason=each.reason,
+        by=", ".join(filter(None, decided)),
+        comment=each.comment,
+        is_appeal=each.kind is AdjustmentKind.APPEAL,
+    )
+
+
+def _adjustment_title(each: Adjustment, title: str) -> str:
+    """Name an adjustment; `title` is that of its check or criterion, empty for all others."""
+    named = title or each.what
+    titles = {
+        AdjustmentKind.POINTS: named,
+        AdjustmentKind.EXCUSED: f"{named}: excused",
         AdjustmentKind.REVIEWED: f"{title or 'The whole'}: looked at, stays as it is",
-        AdjustmentKind.APPEAL: f"{title or each.what}: appeal",
+        AdjustmentKind.APPEAL: f"{named}: appeal",
         AdjustmentKind.BONUS: "Bonus",
         AdjustmentKind.SUBMITTED: f"Handed in {each.what}",
         AdjustmentKind.EXTENSION: f"Extension: {each.what}",
         AdjustmentKind.LATE: "Late" if each.points else "Lateness",
     }
-    style = "gain" if each.points > 0 else "loss" if each.points else ""
-    href = "#" + anchor(kind, each.what) if kind else ""
-    by = ", ".join(part for part in (each.who, each.when.replace("T", " ")) if part)
-    is_appeal = each.kind is AdjustmentKind.APPEAL
-    return AdjustmentView(
-        signed(each.points), style, words[each.kind], href, each.reason, by, each.comment, is_appeal
-    )
+    return titles[each.kind]
 
 
 def said_of(result: Result) -> dict[str, list[AdjustmentView]]:
-    """Return what people asked and decided, in its order, by the id of the check or criterion; `score` is the whole."""
+    """Return appeals and decisions, in their order, by the id of the check or criterion; `score` is the whole."""
     said: dict[str, list[AdjustmentView]] = {}
     for each, view in zip(result.adjustments, adjustments_of(result), strict=True):
         if each.kind in (*ANSWERS, AdjustmentKind.APPEAL):
@@ -268,7 +289,7 @@ def rule_text(check: CheckResult) -> str:
 
 
 def appeal_text(result: Result, check: CheckResult) -> str:
-    """Return what a student can send to appeal against a check."""
+    """Return the text of an appeal against a check, for the student to complete and send."""
     facts = (
         f"Expected: {check.expected}",
         f"Measured: {check.measured}",
@@ -281,29 +302,34 @@ def appeal_text(result: Result, check: CheckResult) -> str:
 
 
 def cell_badge(result: Result, criterion: CriterionResult) -> Badge:
-    """Return the badge of a criterion as it stands, with what people decided."""
+    """Return the badge of a criterion with all decisions of people."""
     ids = {check.id for check in criterion.checks}
-    undecided = sum(
-        (check.undecided for check in result.open_checks if check.id in ids), Decimal(0)
-    )
-    earned = max(Decimal(0), min(result.final_of(criterion), criterion.possible - undecided))
+    undecided = Decimal(0)
+    for check in result.open_checks:
+        if check.id in ids:
+            undecided += check.undecided
+    decided = criterion.possible - undecided
+    earned = max(Decimal(0), min(result.final_of(criterion), decided))
     return badge_of(outcome_of_points(earned, criterion.possible, undecided))
 
 
 def signed(value: Decimal) -> str:
-    """Write points with their sign."""
-    return f"{'+' if value > 0 else '−'}{points(abs(value))}" if value else "±0"
+    """Write points with their sign: `+2`, `−0.5`, `±0`."""
+    if not value:
+        return "±0"
+    sign = "+" if value > 0 else "−"
+    return sign + points(abs(value))
 
 
 def final_share(result: Result) -> Share:
-    """Describe the points with all adjustments; a bonus may make them more than are possible."""
+    """Describe the points with all adjustments; with a bonus, they can exceed the possible points."""
     possible = result.score.possible
     within = max(Decimal(0), min(result.final, possible))
     share = share_of(within, possible, min(result.still_undecided, possible - within))
     return replace(share, earned=points(result.final))
 
 
-# -- what interfered with the grader's own nodes and topics ------------------------------------
+# -- interference with the grader's own nodes and topics ---------------------------------------
 
 HEADING = "For the instructor: something interfered with the grader's nodes or topics"
 EXPLANATION = (
@@ -314,20 +340,24 @@ EXPLANATION = (
 
 def titles_of(violation: Violation, result: Result) -> list[tuple[str, str]]:
     """Return ids and titles of the checks that fail because of a violation."""
-    return [(check.id, check.title) for check in result.checks if check.id in violation.checks]
+    found = []
+    for check in result.checks:
+        if check.id in violation.checks:
+            found.append((check.id, check.title))
+    return found
 
 
 def note_of(violation: Violation) -> str:
-    """Say how sure it is, where it is not."""
+    """Say that the cause of a violation is uncertain; empty if it is certain."""
     return "" if violation.certain else "What caused it is not certain."
 
 
-# -- where the proof lies ----------------------------------------------------------------------
+# -- locations of the proof --------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
 class SourceLine:
-    """A line of a student's file; `meant` if it is the one that is pointed at."""
+    """A line of a student's file; `meant` if it is the line of the location."""
 
     number: int
     text: str
@@ -336,7 +366,7 @@ class SourceLine:
 
 @dataclass(frozen=True)
 class ShownLocation:
-    """Where proof lies: words, a link within the page, and source lines."""
+    """A location of proof: words, a link within the page, and source lines."""
 
     text: str
     href: str
@@ -344,43 +374,64 @@ class ShownLocation:
 
 
 def _excerpt(texts: Mapping[str, str], file: str, number: int) -> tuple[SourceLine, ...]:
-    """Return a line of a file with those around it, numbered as Python counts, without common indentation."""
-    lines = re.split(r"\r\n|\r|\n", texts.get(file, ""))
-    if not 1 <= number <= len(lines) or file not in texts:
+    """Return a line of a file with its neighbours, without common indentation.
+
+    Lines are numbered from 1, and end as Python's lines do.
+    """
+    if file not in texts:
+        return ()
+    lines = re.split(r"\r\n|\r|\n", texts[file])
+    if not 1 <= number <= len(lines):
         return ()
     first = max(1, number - CONTEXT_LINES)
     last = min(len(lines), number + CONTEXT_LINES)
-    tabless = (text.replace("\t", "    ") for text in lines[first - 1 : last])
-    near = [
-        t if len(t) <= LONGEST_SOURCE_LINE else t[: LONGEST_SOURCE_LINE - 1] + "…" for t in tabless
-    ]
-    common = min((len(text) - len(text.lstrip(" ")) for text in near if text.strip()), default=0)
-    return tuple(
-        SourceLine(n, text[common:], n == number)
-        for n, text in enumerate(near, first)
-        if n == number or n < len(lines) or text
-    )
+    near = [_source_text(text) for text in lines[first - 1 : last]]
+    indentations = [_indentation(text) for text in near if text.strip()]
+    common = min(indentations, default=0)
+    shown = []
+    for n, text in enumerate(near, first):
+        is_empty_end = n == len(lines) and not text
+        if n == number or not is_empty_end:
+            shown.append(SourceLine(n, text[common:], n == number))
+    return tuple(shown)
+
+
+def _source_text(text: str) -> str:
+    """Return a source line with blanks instead of tabs; a long line is cut."""
+    text = text.replace("\t", "    ")
+    if len(text) > LONGEST_SOURCE_LINE:
+        text = text[: LONGEST_SOURCE_LINE - 1] + "…"
+    return text
+
+
+def _indentation(text: str) -> int:
+    return len(text) - len(text.lstrip(" "))
 
 
 def location_of(
     where: Location, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]
 ) -> ShownLocation:
-    """Put a place in words, with its source lines and the part of the page that shows more."""
-    session, process = where.session or "", where.process or ""
+    """Put a location in words, with its source lines and a link to its process's output or its session."""
+    if where.file:
+        lines = _excerpt(texts, where.file, where.line) if where.line else ()
+        return ShownLocation(str(where), "", lines)
+    session = where.session or ""
+    process = where.process or ""
     href = anchors.get((session, process)) or anchors.get((session, "")) or ""
-    lines = _excerpt(texts, where.file, where.line) if where.file and where.line else ()
-    return ShownLocation(str(where), "" if where.file else href, lines)
+    return ShownLocation(str(where), href, ())
 
 
 def locations_of(
     check: CheckResult, texts: Mapping[str, str], anchors: Mapping[tuple[str, str], str]
 ) -> list[ShownLocation]:
-    """Return the first places where the proof of a check lies, each once."""
-    locations = (
-        location_of(where, texts, anchors)
-        for where in list(dict.fromkeys(check.where))[:MOST_LOCATIONS]
-    )
-    return [location for location in locations if location.text]
+    """Return the first locations of a check's proof, each once."""
+    places = list(dict.fromkeys(check.where))
+    found = []
+    for where in places[:MOST_LOCATIONS]:
+        location = location_of(where, texts, anchors)
+        if location.text:
+            found.append(location)
+    return found
 
 
 # -- moments -----------------------------------------------------------------------------------
@@ -388,7 +439,10 @@ def locations_of(
 
 @dataclass(frozen=True)
 class Moment:
-    """When in a motion a check lost points: in words, where it is on a line of 1000, and where to look first."""
+    """A time in a motion at which a check lost points: in words, and as a place on a line of 1000.
+
+    `at_ms` is the time at which a reader should look first.
+    """
 
     check: CheckResult
     text: str
@@ -398,23 +452,32 @@ class Moment:
 
 
 def moments_of(result: Result, figure: Figure) -> list[Moment]:
-    """Return when, in the motion that a figure shows, each check lost points, by the first place of its proof there."""
-    first_ms, last_ms = (int(figure.content.times_ms[n]) for n in (0, -1))
+    """Return the first moment of each check's proof within the motion that a figure shows."""
+    first_ms = int(figure.content.times_ms[0])
+    last_ms = int(figure.content.times_ms[-1])
     whole_ms = max(1, last_ms - first_ms)
     found = []
     for check in result.checks:
-        spans = (
-            [w for w in check.where if w.session == figure.session and w.start_s is not None]
-            if check.lost
-            else []
-        )
-        for where in spans[:1]:
-            assert where.start_s is not None
-            ends_s = (where.start_s, where.start_s if where.end_s is None else where.end_s)
-            start, end = (min(max(round(end_s * 1000), first_ms), last_ms) for end_s in ends_s)
-            left, width = 1000 * (start - first_ms) / whole_ms, 1000 * (end - start) / whole_ms
-            found.append(Moment(check, where.span, left, max(width, _NARROWEST), start))
+        where = _first_in(check, figure.session)
+        if where is None or where.start_s is None:
+            continue
+        end_s = where.start_s if where.end_s is None else where.end_s
+        start_ms = min(max(round(where.start_s * 1000), first_ms), last_ms)
+        end_ms = min(max(round(end_s * 1000), first_ms), last_ms)
+        left = 1000 * (start_ms - first_ms) / whole_ms
+        width = 1000 * (end_ms - start_ms) / whole_ms
+        found.append(Moment(check, where.span, left, max(width, _NARROWEST), start_ms))
     return found
+
+
+def _first_in(check: CheckResult, session: str | None) -> Location | None:
+    """Return the first location with a time in a session, if the check lost points."""
+    if not check.lost:
+        return None
+    for where in check.where:
+        if where.session == session and where.start_s is not None:
+            return where
+    return None
 
 
 # -- sessions ----------------------------------------------------------------------------------
@@ -422,7 +485,7 @@ def moments_of(result: Result, figure: Figure) -> list[Moment]:
 
 @dataclass(frozen=True)
 class PrintedLine:
-    """A line of output, counted from 0; `far` if it is left out on paper, behind some that are not shown at all."""
+    """A line of output, counted from 0; `far` lines are left out on paper. `left_out` lines before it are not shown."""
 
     number: int
     time: str
@@ -443,43 +506,58 @@ def anchors_of(sessions: Mapping[str, SessionRecord]) -> dict[tuple[str, str], s
 
 
 def heading_of(record: SessionRecord, number: int) -> str:
-    """Return what a process is called on the page: its name, and which start it is where there are several."""
+    """Return the heading of a process: its name, and the number of its start if it was started several times."""
     name = record.processes[number].name
     starts = [n for n, other in enumerate(record.processes) if other.name == name]
-    return line(name, 120) + (f", start {starts.index(number) + 1}" if len(starts) > 1 else "")
+    heading = line(name, 120)
+    if len(starts) > 1:
+        heading += f", start {starts.index(number) + 1}"
+    return heading
 
 
 def processes_of(record: SessionRecord) -> list[tuple[int, str, ProcessRun]]:
-    """Return the processes to show, the submission's first: place in the record, heading, and process."""
-    runs = enumerate(record.processes)
-    shown = [
-        (n, heading_of(record, n), run) for n, run in runs if run.role != "grader" or run.output
-    ]
+    """Return the processes to show, the submission's first: place in the record, heading, and process.
+
+    Processes of the grader are shown only if they printed something.
+    """
+    shown = []
+    for number, run in enumerate(record.processes):
+        if run.role != "grader" or run.output:
+            shown.append((number, heading_of(record, number), run))
     order = {"student": 0, "reference": 1, "grader": 2}
     return sorted(shown, key=lambda one: order.get(one[2].role, 3))
 
 
 def output_of(run: ProcessRun, started_ns: int, meant: Collection[int] = ()) -> list[PrintedLine]:
-    """Return the first and the last lines of a process's output, and those with what comes before that are meant."""
+    """Return the first and the last lines of a process's output, and the lines near those of `meant`."""
     count = len(run.output)
-    shown = {n for each in meant for n in range(each - LINES_BEFORE, each + 2)} & set(range(count))
-    near = {
-        *range(min(PRINTED_HEAD_LINES, count)),
-        *range(max(0, count - PRINTED_TAIL_LINES), count),
-        *shown,
-    }
-    shown |= {*range(min(HEAD_LINES, count)), *range(max(0, count - TAIL_LINES), count)}
-    ordered = sorted(shown)
-    return [
-        _printed(run.output[number], number, started_ns, number not in near, number - before - 1)
-        for before, number in zip([-1, *ordered], ordered, strict=False)
-    ]
+    near_meant: set[int] = set()
+    for each in meant:
+        near_meant.update(range(each - LINES_BEFORE, each + 2))
+    near_meant.intersection_update(range(count))
+    near = near_meant | _ends(count, PRINTED_HEAD_LINES, PRINTED_TAIL_LINES)
+    shown = near_meant | _ends(count, HEAD_LINES, TAIL_LINES)
+    printed = []
+    previous = -1
+    for number in sorted(shown):
+        left_out = number - previous - 1
+        far = number not in near
+        printed.append(_printed(run.output[number], number, started_ns, far, left_out))
+        previous = number
+    return printed
+
+
+def _ends(count: int, head: int, tail: int) -> set[int]:
+    """Return the numbers of the first and the last lines of an output."""
+    first = range(min(head, count))
+    last = range(max(0, count - tail), count)
+    return {*first, *last}
 
 
 def _printed(
     output: OutputLine, number: int, started_ns: int, far: bool, left_out: int
 ) -> PrintedLine:
-    # What follows a bare carriage return is written over what was there, as a progress bar does.
+    # A bare carriage return overwrites the line, as a progress bar does.
     text = output.text.rstrip("\r").rpartition("\r")[2]
     if len(text) > LONGEST_OUTPUT_LINE:
         text = text[: LONGEST_OUTPUT_LINE - 1] + "…"
@@ -488,12 +566,11 @@ def _printed(
 
 
 def end_of(run: ProcessRun) -> str:
-    """Say how a process ended."""
+    """Say how a process ended, such as `ended by itself, exit status 0`."""
     status = run.exit_status
     if status is None:
         return "did not end" if run.exited_ns is None else "ended, exit status not known"
-    signals = {each.value: each.name for each in signal.Signals}
-    how = f"signal {signals.get(-status, -status)}" if status < 0 else f"exit status {status}"
+    how = _status_text(status)
     ways = {
         "itself": f"ended by itself, {how}",
         "interrupt": f"ended after Ctrl-C (SIGINT), {how}",
@@ -501,15 +578,27 @@ def end_of(run: ProcessRun) -> str:
         "kill": f"did not end on Ctrl-C or SIGTERM; killed, {how}",
         "limit": "ended by the grader",
     }
-    limit = f"; limit hit: {run.limit}" if run.limit is not None else ""
-    return ways[run.ended_by] + limit
+    text = ways[run.ended_by]
+    if run.limit is not None:
+        text += f"; limit hit: {run.limit}"
+    return text
 
 
-# -- where and how -----------------------------------------------------------------------------
+def _status_text(status: int) -> str:
+    """Write an exit status; a negative one is a signal, such as `signal SIGKILL`."""
+    if status >= 0:
+        return f"exit status {status}"
+    try:
+        return f"signal {signal.Signals(-status).name}"
+    except ValueError:
+        return f"signal {-status}"
+
+
+# -- circumstances of the grading --------------------------------------------------------------
 
 
 def utc(t_ns: Any) -> str:
-    """Write a time of the system clock as date and minute in UTC; empty if it is none."""
+    """Write a time of the system clock as date and minute in UTC; empty if it is no time."""
     if not isinstance(t_ns, int) or not 0 < t_ns < 2**62:
         return ""
     return datetime.fromtimestamp(t_ns // 10**9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
@@ -518,17 +607,20 @@ def utc(t_ns: Any) -> str:
 def isolations_of(
     sessions: Mapping[str, SessionRecord],
 ) -> list[tuple[Mapping[str, Any], list[str]]]:
-    """Return how sessions were confined, each way with the names of the sessions that were so."""
-    all_ways = [record.isolation for record in sessions.values()]
-    ways = [way for n, way in enumerate(all_ways) if way not in all_ways[:n]]
-    return [
-        (way, [name for name, record in sessions.items() if record.isolation == way])
-        for way in ways
-    ]
+    """Return the ways of confinement, each with the names of its sessions."""
+    found: list[tuple[Mapping[str, Any], list[str]]] = []
+    for name, record in sessions.items():
+        for way, names in found:
+            if way == record.isolation:
+                names.append(name)
+                break
+        else:
+            found.append((record.isolation, [name]))
+    return found
 
 
 def versions_of(result: Result) -> list[tuple[str, str]]:
-    """Return names and values of what the result depends on: versions and hashes."""
+    """Return names and values of the versions and hashes behind a result."""
     provenance = result.provenance
     versions = {
         "grader": provenance.get("grader", ""),
@@ -541,37 +633,43 @@ def versions_of(result: Result) -> list[tuple[str, str]]:
 
 
 def graded_on(result: Result) -> str:
-    """Say on which distribution of ROS it was graded, and which the handout was written for."""
-    names = (
-        re.fullmatch(r"ros-([a-z]+)-rclpy", name) for name in result.provenance.get("versions", {})
-    )
-    graded = next((name[1].capitalize() for name in names if name), "")
-    handout = result.provenance.get("handout_ros", "")
+    """Name the distribution of ROS of the grading, and that of the handout if it is another."""
+    graded = _distribution(result.provenance.get("versions", {}))
     if not graded:
         return ""
-    return f"graded on ROS 2 {graded}" + (
-        f" (the handout: {handout})" if handout not in ("", graded) else ""
-    )
+    text = f"graded on ROS 2 {graded}"
+    handout = result.provenance.get("handout_ros", "")
+    if handout not in ("", graded):
+        text += f" (the handout: {handout})"
+    return text
+
+
+def _distribution(packages: Iterable[str]) -> str:
+    """Return the distribution of ROS in the names of packages: `Jazzy` from `ros-jazzy-rclpy`."""
+    for package in packages:
+        name = re.fullmatch(r"ros-([a-z]+)-rclpy", package)
+        if name:
+            return name[1].capitalize()
+    return ""
 
 
 def found_note(artifact: ArtifactFact) -> str:
-    """Say how the file was found that stands for one of the lab's, or what may have been meant."""
+    """Say how a file was found that stands for one of the lab's, or name the candidates for a missing file."""
     if artifact.path is None:
-        meant = ", ".join(artifact.candidates[:5])
-        return f"could have been meant: {meant}" if meant else ""
-    return {"name": "", "near miss": "used in its place, under another name"}.get(
-        artifact.found_by, artifact.found_by
-    )
+        candidates = ", ".join(artifact.candidates[:5])
+        return f"could have been meant: {candidates}" if candidates else ""
+    notes = {"name": "", "near miss": "used in its place, under another name"}
+    return notes.get(artifact.found_by, artifact.found_by)
 
 
-#: Paths that are listed of files that were not graded.
+#: Most listed paths of files that were not graded.
 _MOST_PATHS = 5
 SEVERAL_FILES = "Several files of one name"
 IF_WRONG = "If the wrong one was graded, tell your instructor."
 
 
 def chosen_words(chosen: ChosenFile) -> str:
-    """Say which of several files of one name was graded, why, and which were not."""
+    """Say which of several files of one name was graded, why, and which files were not."""
     listed = ", ".join(chosen.others[:_MOST_PATHS])
     left = len(chosen.others) - _MOST_PATHS
     if left > 0:

@@ -1,4 +1,4 @@
-"""A real Chromium for the tests of pages, and what a test asks of a page."""
+"""A real Chromium for the tests of pages, and their common actions on a page."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ ARGUMENTS = (
     "--disable-sync",
 )
 DESK, PHONE = (1240, 900), (390, 844)
-#: A4 at 96 dots per inch, by which a browser chooses rules for paper.
+#: A4 at 96 dots per inch, the size for a browser's rules for paper.
 PAPER = (794, 1123)
-#: Rules of axe-core whose breach keeps someone from using a page.
+#: Rules of axe-core; a breach makes a page unusable for some people.
 GRAVE = ("serious", "critical")
-# What a page shows is waited for; on a busy machine that takes longer than the five seconds of Playwright's own.
+# A busy machine takes longer to show a page than Playwright's own timeout of five seconds.
 expect.set_options(timeout=30_000)
 
 
@@ -64,7 +64,7 @@ def browser() -> Iterator[Browser]:
 
 @dataclass
 class Visit:
-    """A page that was opened, with what it asked for and complained of."""
+    """An opened page, with its requests and complaints."""
 
     page: Page
     requests: list[str] = field(default_factory=list)
@@ -132,11 +132,11 @@ def printed(started: Browser, file: Path) -> PdfReader:
 
 
 def letters(text: str) -> str:
-    """Give a text without blanks and ligatures, by which texts of a PDF can be compared."""
+    """Return a text without blanks and ligatures, to compare texts of a PDF."""
     return "".join(unicodedata.normalize("NFKC", text).split())
 
 
-#: Cells whose text stands in more lines than half of its letters, at the width of A4 between its margins.
+#: Cells with more lines than half of their letters, at the width of A4 between its margins.
 NARROW = """() => {
   document.body.style.width = '688px';
   return [...document.querySelectorAll('td, th, dd, dt, .check-title, .name, figcaption, li')].filter(cell => {

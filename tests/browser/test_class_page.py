@@ -81,7 +81,7 @@ def by_points(summary: ClassSummary, descending: bool) -> list[str]:
 
 
 def test_points_sort_from_the_top_then_from_the_bottom(page: Page, summary: ClassSummary) -> None:
-    """The first click shows the strongest first, the second the weakest; who was not graded stays last."""
+    """The first click shows the strongest first, the second the weakest; students without a grade stay last."""
     button = heading(page, "Points").get_by_role("button")
     button.click()
     assert names(page) == by_points(summary, descending=True)
@@ -112,7 +112,7 @@ def test_a_criterion_sorts_by_its_points(page: Page, summary: ClassSummary) -> N
 
 
 def test_the_table_of_checks_sorts_by_discrimination(page: Page) -> None:
-    """It is a table of its own: the students stay as they are."""
+    """The table of checks is a separate one: the order of students stays."""
     before = names(page)
     table = page.locator("table.check-table")
     table.get_by_role("button", name="Discrimination").click()
@@ -140,7 +140,7 @@ def test_a_name_is_found_while_it_is_typed(page: Page) -> None:
 
 
 def test_a_criterion_and_an_outcome_filter(page: Page, summary: ClassSummary) -> None:
-    """Only who has nothing in the criterion is left."""
+    """Only students without points in the criterion are left."""
     page.get_by_label("Criterion or check").select_option("Service Node as a whole")
     page.get_by_label("Outcome").select_option("failed")
     place = [column.id for column in summary.columns].index("service")
@@ -151,7 +151,7 @@ def test_a_criterion_and_an_outcome_filter(page: Page, summary: ClassSummary) ->
 
 
 def test_a_check_and_lost_points_filter(page: Page, summary: ClassSummary) -> None:
-    """A check is a finer question than its criterion; what could not be reached is lost too."""
+    """A check is a finer question than its criterion; unreachable points are lost too."""
     page.get_by_label("Criterion or check").select_option(
         "Refuses while safety is off, and recovers"
     )
@@ -171,7 +171,7 @@ def test_a_check_and_lost_points_filter(page: Page, summary: ClassSummary) -> No
 
 
 def test_an_outcome_alone_means_any_criterion(page: Page, summary: ClassSummary) -> None:
-    """Who was not judged at all is found without naming a criterion."""
+    """Students without a judgement are found without naming a criterion."""
     page.get_by_label("Outcome").select_option("not judged")
     assert names(page) == [row.entry.name for row in summary.rows if row.result is None]
 
@@ -207,7 +207,7 @@ def test_filtered_rows_stay_hidden_when_sorted(page: Page) -> None:
 
 
 def test_the_address_says_what_is_shown(chromium: Browser, page: Page, file: Path) -> None:
-    """Whoever opens the address sees the same students in the same order; an address of nonsense shows all."""
+    """The address shows the same students in the same order again; an address of nonsense shows all."""
     page.get_by_label("Criterion or check").select_option(
         "Refuses while safety is off, and recovers"
     )
@@ -242,7 +242,7 @@ def test_names_of_those_shown_are_copied(page: Page) -> None:
 
 
 def test_the_last_row_holds_the_means_of_those_shown(page: Page) -> None:
-    """The means of the columns add up to that of the points, of all and of any part."""
+    """The means of the columns add up to the mean of the points, of all students and of any part."""
     for part in ("a", "o"):
         page.get_by_label("Name").fill(part)
         cells = [
@@ -289,7 +289,7 @@ def test_all_can_be_done_with_the_keyboard(page: Page, summary: ClassSummary) ->
 
 
 def test_focus_is_seen(page: Page) -> None:
-    """What the keyboard is at has an outline."""
+    """The element with the keyboard's focus has an outline."""
     page.get_by_label("Name").focus()
     for _ in range(7):
         page.keyboard.press("Tab")

@@ -22,7 +22,7 @@ from tests.report.untrusted_texts import FRAGMENTS
 pytestmark = pytest.mark.browser
 
 OPEN, APPEALS = 15, 10
-#: What browsers, terminals and spreadsheets obey, and what the tests of all other sinks try.
+#: Texts that browsers, terminals and spreadsheets obey, as in the tests of all other sinks.
 HOSTILE = (
     "<img src=x onerror=\"document.title='owned'\"><script>document.title='owned'</script>"
     '"><svg onload="document.title=\'owned\'"><a href="javascript:document.title=\'owned\'">x</a>'
@@ -41,7 +41,7 @@ def chromium() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Lay out a class of forty: fifteen without a recording of the service, ten who appeal."""
+    """Lay out a class of forty: fifteen without a recording of the service, ten with an appeal."""
     folder = tmp_path_factory.mktemp("desk") / "results"
     add_alike(folder, [f"open{n:02d}" for n in range(OPEN)], "solution", without="service")
     add_alike(folder, [f"appeal{n:02d}" for n in range(APPEALS)], "signed_mean_statistics")
@@ -67,7 +67,7 @@ def appeal_of(name: str, text: str) -> dict[str, str]:
 
 
 def opened(chromium: Browser, desk: Served, path: str = "", *, dark: bool = False) -> Visit:
-    """Open a page of a desk; what it asks for elsewhere is noted, and what it complains of."""
+    """Open a page of a desk, and note its requests to other places and its complaints."""
     context = chromium.new_context(
         viewport={"width": 1400, "height": 900}, color_scheme="dark" if dark else "light"
     )
@@ -148,7 +148,7 @@ def test_a_class_is_decided_by_keyboard(chromium: Browser, made: Path) -> None:
 def settle_appeal(keys: Keyboard, n: int) -> None:
     """Answer an appeal: every second one gets full points, the others stay as they are with a comment."""
     expect(keys.page.locator("#about")).to_contain_text(f"appeal{n:02d} · appeal")
-    if n == 1:  # What is beside an item is its own evidence.
+    if n == 1:  # The evidence beside an item is its own.
         expect(keys.page.locator("#evidence")).to_be_visible()
         expect(keys.page.frame_locator("#evidence").locator(".said.question")).to_contain_text(
             "appeal01"
@@ -230,7 +230,7 @@ def test_students_texts_stay_texts(chromium: Browser, tmp_path: Path) -> None:
     add_alike(results, ["eve"], "signed_mean_statistics")
     for file in (results / "eve" / RESULT_FILE, *(results / "eve" / RECORDINGS).rglob("*.json")):
         text = json.dumps(poisoned(json.loads(file.read_text(encoding="utf-8"))))
-        file.unlink()  # It may be a link to a kept recording.
+        file.unlink()  # The folder may be a link to a kept recording.
         file.write_text(text, encoding="utf-8")
     entries = {"overrides": [appeal_of("eve", HOSTILE.encode("utf-8", "replace").decode())]}
     (results / "overrides.yaml").write_text(yaml.safe_dump(entries), encoding="utf-8")
@@ -285,7 +285,7 @@ def poisoned(value: Any, key: str = "") -> Any:
     return value + HOSTILE if isinstance(value, str) and key in _STUDENTS else value
 
 
-# -- what a key settles ----------------------------------------------------------------------------
+# -- decisions by keys -----------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -306,14 +306,14 @@ def small(tmp_path: Path) -> Path:
 
 
 def entries(results: Path) -> list[dict[str, Any]]:
-    """Return what is decided."""
+    """Return the decisions."""
     file = results / "overrides.yaml"
     text = file.read_text(encoding="utf-8") if file.exists() else ""
     found: list[dict[str, Any]] = (yaml.safe_load(text) or {}).get("overrides") or []
     return found
 
 
-#: Keys, the points beside the field, and what is decided: by a scope, each with each key.
+#: Keys, the points beside the field, and the decision, for each scope and key.
 SETTLED: list[tuple[tuple[str, ...], str, dict[str, Any]]] = [
     (("f",), "of 4", {"check": "service.offers", "set": 4}),
     (("z",), "of 4", {"check": "service.offers", "set": 0}),
@@ -330,7 +330,7 @@ SETTLED: list[tuple[tuple[str, ...], str, dict[str, Any]]] = [
 
 
 def test_each_key_settles_each_scope(chromium: Browser, tmp_path: Path) -> None:
-    """The most points are those of the check or of its criterion, shown beside the field; one submission for each."""
+    """The maximum beside the field is that of the check or of its criterion; one submission for each."""
     results = tmp_path / "results"
     names = [f"s{n:02d}" for n in range(len(SETTLED))]
     add_alike(results, [*names, "unsettled"], "solution", without="service")
@@ -357,7 +357,7 @@ def test_each_key_settles_each_scope(chromium: Browser, tmp_path: Path) -> None:
 
 
 def test_the_whole_is_looked_at(chromium: Browser, small: Path) -> None:
-    """Interference and two versions of the work are answered for the whole submission, whose points stand there."""
+    """Interference and two versions of the work are answered for the whole submission, with its points."""
     desk = serve(small)
     try:
         page = opened(chromium, desk).page
@@ -380,7 +380,7 @@ def test_the_whole_is_looked_at(chromium: Browser, small: Path) -> None:
 
 
 def test_more_points_than_there_are_are_refused(chromium: Browser, small: Path) -> None:
-    """The desk says how many are possible for what the decision is about."""
+    """The desk names the possible points of the decision's check or criterion."""
     desk = serve(small)
     try:
         page = opened(chromium, desk).page
@@ -398,7 +398,7 @@ def test_more_points_than_there_are_are_refused(chromium: Browser, small: Path) 
 
 
 def test_what_is_half_written_is_kept_with_its_item(chromium: Browser, small: Path) -> None:
-    """Comment, reason, points and scope come back with `k`; they are never those of another item."""
+    """Comment, reason, points and scope come back with `k`; they never belong to another item."""
     desk = serve(small)
     try:
         page = opened(chromium, desk).page

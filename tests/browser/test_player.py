@@ -1,4 +1,4 @@
-"""The player of a motion in a real browser: to play, to scrub, to step, to turn; and what is there without it."""
+"""The player of a motion in a real browser: play, scrub, step, turn; and the page without scripts."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_keys_scrub_and_step(chromium: Browser, report: Path) -> None:
 
 @pytest.mark.parametrize("calm", [True, False], ids=["less motion", "motion"])
 def test_it_plays_and_pauses(calm: bool, chromium: Browser, report: Path) -> None:
-    """It stands until it is told to play; where less motion is wanted it then shows a still each half second."""
+    """The player waits for its button; with reduced motion it then shows a still each half second."""
     with visit(chromium, report) as seen:
         seen.page.emulate_media(reduced_motion="reduce" if calm else "no-preference")
         seen.page.get_by_role("slider", name="Time").press("Home")

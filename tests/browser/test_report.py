@@ -19,7 +19,7 @@ pytestmark = pytest.mark.browser
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
 NAMES = ("solution", "service_never_answers", "qos_invented_numbers", "launch_wrong_executable")
-#: So that one report has adjustments.
+#: Adjustments of one report.
 OVERRIDES = """
 overrides:
   - {submission: service_never_answers, check: service.enables, set: 2, reason: Seen, who: JS, when: 2026-11-21}
@@ -69,7 +69,7 @@ def test_a_link_to_a_check_unfolds_it(chromium: Browser, reports: dict[str, Path
 
 
 def test_without_scripts_all_is_there(chromium: Browser, reports: dict[str, Path]) -> None:
-    """What went wrong is shown, parts can be unfolded, and no button does nothing."""
+    """Failures are shown, parts can be unfolded, and every button works."""
     with visit(chromium, reports["service_never_answers"], scripts=False) as seen:
         expect(seen.page.locator("button:visible")).to_have_count(0)
         expect(seen.page.locator("#check-service\\.enables .reason")).to_be_visible()
@@ -82,7 +82,7 @@ def test_without_scripts_all_is_there(chromium: Browser, reports: dict[str, Path
 def test_paper_has_what_cost_points_and_nothing_else(
     name: str, chromium: Browser, reports: dict[str, Path]
 ) -> None:
-    """Head, lost checks with sentences and figures; no folded proof of what passed, no output, no versions."""
+    """Head, lost checks with sentences and figures; no folded proof of passed checks, no output, no versions."""
     paper = printed(chromium, reports[name])
     assert len(paper.pages) <= (2 if name == "solution" else 6)
     text = letters(" ".join(page.extract_text() for page in paper.pages))

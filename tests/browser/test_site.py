@@ -35,7 +35,7 @@ def chromium() -> Iterator[Browser]:
 
 
 def pages(site: Path) -> list[Path]:
-    """Give the pages of the site; that for what is not found needs a web server."""
+    """Return the pages of the site, except the page for missing ones, which needs a web server."""
     return [page for page in sorted(site.rglob("*.html")) if page.name != "404.html"]
 
 
@@ -73,7 +73,7 @@ def test_every_page_and_every_link_leads_to_something(chromium: Browser, site: P
 
 
 def test_checks_are_found_by_the_search_without_a_server(chromium: Browser, site: Path) -> None:
-    """What is typed leads to the section of the generated page."""
+    """A typed name leads to the section of the generated page."""
     with visit(chromium, site / "index.html") as seen:
         seen.page.locator("input.md-search__input").click()
         seen.page.keyboard.type("topic_rate")

@@ -65,7 +65,7 @@ def row_of(timeline: Locator, words: str) -> Locator:
 
 
 def test_a_click_on_an_exception_leads_to_the_traceback(chromium: Browser, crash: Path) -> None:
-    """It tells the time in the bag and the command that plays from there; its button shows the last line."""
+    """The mark tells the time in the bag and the command that plays from there; its button shows the last line."""
     with visit(chromium, crash) as seen:
         timeline = opened(seen.page, "subscriber")
         row = row_of(timeline, "TypeError")
@@ -133,7 +133,7 @@ def test_zooming_parts_what_lies_close(chromium: Browser, solution: Path) -> Non
 
 
 def test_without_scripts_a_mark_leads_to_its_row(chromium: Browser, crash: Path) -> None:
-    """The list unfolds at the row, whose link leads to the line of the log; no tool is shown that does nothing."""
+    """The list unfolds at the row, with a link to the line of the log; every tool that is shown works."""
     with visit(chromium, crash, scripts=False) as seen:
         session = seen.page.locator(f"{ROOM}subscriber")
         session.locator("summary").first.click()

@@ -1,9 +1,9 @@
-"""Twenty-two ways in which a copied program is disguised, each a rewriting of a submission's Python files.
+"""Twenty-two ways to disguise a copied program, each a rewriting of a submission's Python files.
 
-They are those that the papers on JPlag (Prechelt, Malpohl, Philippsen 2002: lexical and structural changes that its
+The ways are named in the papers on JPlag (Prechelt, Malpohl, Philippsen 2002: lexical and structural changes that its
 authors found in real copies, and attacks that they thought of) and on MOSS (Schleimer, Wilkerson, Aiken 2003: blanks,
-names, moved and partial copies) name, as thoroughly as a program can do them: each changes every place that it can.
-What comes out is Python; that it still does the same is not asserted.
+names, moved and partial copies). Each is carried out as thoroughly as a program can: it changes every possible place.
+The result is Python; its behaviour is not checked.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _statement(text: str) -> ast.stmt:
     return ast.parse(text).body[0]
 
 
-# -- what leaves the program's form as it is -------------------------------------------------------
+# -- changes that keep the program's form ----------------------------------------------------------
 
 
 def _reformatted(files: Files) -> Files:
@@ -183,7 +183,7 @@ def _annotated(tree: ast.Module) -> ast.AST:
     return Annotate().visit(tree)  # type: ignore[no-any-return]
 
 
-# -- what moves parts of it ------------------------------------------------------------------------
+# -- moved parts -----------------------------------------------------------------------------------
 
 
 def _imports_changed(tree: ast.Module) -> ast.AST:
@@ -254,11 +254,11 @@ def _merged(files: Files) -> Files:
     return {"all_in_one.py": "\n\n".join(text for _, text in sorted(files.items(), reverse=True))}
 
 
-# -- what adds to it -------------------------------------------------------------------------------
+# -- additions -------------------------------------------------------------------------------------
 
 
 def _between(texts: Callable[[int], str], each: int) -> Callable[[list[ast.stmt]], list[ast.stmt]]:
-    """Return what inserts a statement behind every so many others."""
+    """Return a transformer that inserts a statement after every few others."""
 
     def inserted(body: list[ast.stmt]) -> list[ast.stmt]:
         found: list[ast.stmt] = []
@@ -296,7 +296,7 @@ def _dead_functions(body: list[ast.stmt]) -> list[ast.stmt]:
     return found
 
 
-# -- what changes its structure --------------------------------------------------------------------
+# -- changes of structure --------------------------------------------------------------------------
 
 
 def _outlined(body: list[ast.stmt]) -> list[ast.stmt]:
@@ -320,7 +320,7 @@ def _outlined(body: list[ast.stmt]) -> list[ast.stmt]:
 
 
 class _Inlined(ast.NodeTransformer):
-    """Puts what a function without parameters does in place of the statements that call it, and leaves it out."""
+    """Replaces the calls of a function without parameters by its statements, and removes it."""
 
     def __init__(self, tree: ast.AST) -> None:
         calls = [

@@ -1,4 +1,4 @@
-"""Rubrics and results of a few numbers, for what is worked out by hand."""
+"""Rubrics and results of a few numbers, for expectations worked out by hand."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def result_of(
 
 
 def entry_of(name: str, plain: dict[str, Any], *more: Any, **known: Any) -> ClassEntry:
-    """Give a student with the result of which this is the plain data."""
+    """Return a student with the result of this plain data."""
     return ClassEntry(name, read_result(json.loads(json_text(plain))), *more, **known)
 
 

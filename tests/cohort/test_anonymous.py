@@ -1,4 +1,4 @@
-"""A class without names: nothing in what is left tells who is who."""
+"""A class without names: no remaining text identifies a student."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def entry(name: str, reason: str = "", **more: Any) -> ClassEntry:
 
 
 def changed(entry: ClassEntry, **change: Any) -> ClassEntry:
-    """Give a student whose result is otherwise."""
+    """Return a student with a changed result."""
     assert entry.result is not None
     return dataclasses.replace(entry, result=dataclasses.replace(entry.result, **change))
 
@@ -84,7 +84,7 @@ def test_a_korean_name_hides_no_word_that_sounds_alike_at_first() -> None:
 
 
 def test_words_of_the_rubric_are_no_names() -> None:
-    """A submission called after what it gets wrong keeps the reasons readable; its whole name goes."""
+    """A submission named after its mistake keeps the reasons readable; its whole name goes."""
     lab = LAB.model_copy(update={"text": "title: the topic has its rate"})
     hidden = anonymous([entry("wrong_topic", "The topic of wrong_topic.")], lab)
     assert hidden[0].result is not None
@@ -92,7 +92,7 @@ def test_words_of_the_rubric_are_no_names() -> None:
 
 
 def test_links_ids_times_and_words_of_adjustments_go() -> None:
-    """What someone could look up is not there, and what is counted is."""
+    """Facts that can be looked up are removed, and counts stay."""
     made = {
         "kind": "extension",
         "what": "due 2026-11-22",
@@ -136,7 +136,7 @@ def test_links_ids_times_and_words_of_adjustments_go() -> None:
 
 
 def test_no_login_address_or_partner_is_left() -> None:
-    """By what else systems know those who handed in is hidden too; what is common to many is not."""
+    """Other identifications of the submitting people are hidden too; words common to many stay."""
     people = (
         Person("Müller, Änne", "0012999", "amu47", "aenne.mu@uni.example", "Monday", "11"),
         Person("Bob O'Brien", login="bobrien3"),
@@ -159,7 +159,7 @@ def test_problems_of_what_was_not_graded_have_no_names_either() -> None:
 
 
 def test_pseudonyms_do_not_follow_the_names_and_need_the_submissions() -> None:
-    """The order is another than that of the names, the same each time, and another for other submissions."""
+    """The order differs from that of the names, is the same each time, and another for other submissions."""
     names = [f"student{n:02d}" for n in range(40)]
     entries = [entry(name) for name in names]
 
@@ -175,7 +175,7 @@ def test_pseudonyms_do_not_follow_the_names_and_need_the_submissions() -> None:
 
 
 def test_the_same_mistakes_stay_the_same() -> None:
-    """Hiding names neither joins nor parts what students did, nor does it change a point."""
+    """Hiding names neither joins nor parts mistakes, nor does it change a point."""
     entries = [entry(name, f"Topic /{name} is unknown.") for name in ("alice", "berta", "carol")]
     named, hidden = summarise(entries, LAB), summarise(anonymous(entries, LAB), LAB)
     assert (

@@ -1,4 +1,4 @@
-"""What differs between two judgements: totals, criteria, checks, outcomes, adjustments, words."""
+"""Differences between two judgements: totals, criteria, checks, outcomes, adjustments, words."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def compared(before: dict[str, Any] | None, after: dict[str, Any]) -> Changes:
 def with_check(
     result: dict[str, Any], identity: str, earned: float, outcome: str, **more: Any
 ) -> dict[str, Any]:
-    """Give a result in which a check, its criterion and the score have other points."""
+    """Return a result with other points of a check, its criterion and the score."""
     changed = copy.deepcopy(result)
     for criterion in changed["criteria"]:
         for check in criterion["checks"]:
@@ -154,7 +154,7 @@ def adjustment(points: float, kind: str = "points", what: str = "publisher.rate"
 
 
 def test_adjustments_are_compared_by_what_they_concern(judged: dict[str, Any]) -> None:
-    """Those of one kind about one thing count together; others are told apart."""
+    """Adjustments of one kind to one check count together; others are told apart."""
     before = copy.deepcopy(judged) | {
         "adjustments": [adjustment(-2), adjustment(3, "bonus", "score")]
     }
@@ -169,7 +169,7 @@ def test_adjustments_are_compared_by_what_they_concern(judged: dict[str, Any]) -
 
 
 def test_points_that_can_be_had_are_compared(judged: dict[str, Any]) -> None:
-    """A rubric with another total matters, even for whom the points stay the same; the trail has both totals."""
+    """A rubric with another total matters, even for submissions with the same points; the trail has both totals."""
     after = copy.deepcopy(judged)
     after["score"]["possible"] = 90
     changes = compared(judged, after)

@@ -1,4 +1,4 @@
-"""A folder of finished results, read back, and what a class list adds to it."""
+"""A folder of finished results, read back, and the additions of a class list."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def test_recordings_without_a_result_are_not_graded(tmp_path: Path) -> None:
 
 
 def test_the_time_of_submission_comes_from_the_recordings(tmp_path: Path) -> None:
-    """It is read with its offset, and the student's id with it; where there is none, it is not known."""
+    """The time is read with its offset, and the student's id with it; a missing time is not known."""
     folder = finished(tmp_path, "alice")
     (folder / "recordings").mkdir()
     write_submission(
@@ -98,7 +98,7 @@ def test_a_link_leads_into_the_folder_whatever_it_is_called(name: str) -> None:
 
 
 def test_a_class_list_gives_ids_times_and_who_is_missing() -> None:
-    """What the list knows is added, by name in whatever case or by id; who has no result becomes an entry."""
+    """Facts of the list are added, by name in any case or by id; a student without a result becomes an entry."""
     moment = datetime(2026, 11, 20, 10, tzinfo=timezone.utc)
     listed = [Student("Alice", "0012", moment), Student("", "4711"), Student("zoe", "77")]
     earlier = datetime(2026, 11, 19, tzinfo=timezone.utc)
@@ -117,7 +117,7 @@ def test_a_class_list_gives_ids_times_and_who_is_missing() -> None:
 
 
 def test_a_class_list_that_knows_less_takes_nothing_away() -> None:
-    """What an entry has already stays where the list says nothing, and two lines of one name are one student."""
+    """Facts of an entry stay if the list has none, and two lines of one name are one student."""
     moment = datetime(2026, 11, 19, tzinfo=timezone.utc)
     known = ClassEntry("alice", None, submitted_at=moment, student_id="1")
     found = with_roster([known], [Student("alice"), Student("zoe"), Student("zoe")])[0]
@@ -153,7 +153,7 @@ def test_nobody_gets_the_result_of_another_whose_name_is_written_alike() -> None
 
 
 def test_a_list_without_ids_names_those_of_a_download() -> None:
-    """A folder that is called after name and number is that of the name, also where the list has surnames first."""
+    """A folder that is named after name and number belongs to the name, even if the list has surnames first."""
     moment = datetime(2026, 11, 20, 10, tzinfo=timezone.utc)
     there = [
         ClassEntry("Ann_Müller_11", None, "x", student_id="11"),

@@ -1,4 +1,4 @@
-"""The same mistakes of a class: what counts as the same, what it cost, and what follows from it."""
+"""The same mistakes in a class: their equality, their cost, and their consequences."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from tests.cohort.made_up import entry_of, result_of, rubric_of
 RATE = "Messages come at {} Hz, {}% slower than 100 Hz."
 
 
-# -- what is the same --------------------------------------------------------------------------
+# -- equality ----------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -68,12 +68,12 @@ def test_other_names_and_numbers_are_the_same_mistake(one: str, other: str) -> N
     ],
 )
 def test_other_words_are_another_mistake(one: str, other: str) -> None:
-    """What went wrong decides, and constants and kinds of exception are no names."""
+    """The mistake itself decides, and constants and kinds of exception are no names."""
     assert gist(one) != gist(other)
 
 
 def test_one_text_stands_for_several() -> None:
-    """Numbers become their span, names the commonest of them, and what is alike stays."""
+    """Numbers become their span, names the commonest of them, and equal parts stay."""
     assert pattern_of(
         [RATE.format(a, b) for a, b in (("9.5", "5"), ("90.7", "9.3"), ("87", "13"))]
     ) == ("Messages come at 9.5 to 90.7 Hz, 5 to 13% slower than 100 Hz.")
@@ -98,7 +98,7 @@ def test_a_text_is_its_own_pattern() -> None:
     assert pattern_of([text]) == "Nothing at /x: 'y' (TypeError in a.py, line 3)."
 
 
-# -- whom it cost what -------------------------------------------------------------------------
+# -- costs -------------------------------------------------------------------------------------
 
 LAB = rubric_of(
     ("s.offers", 4),
@@ -112,7 +112,7 @@ LAB = rubric_of(
 def student(
     name: str, credits: list[float], reasons: dict[str, str], hint: str = "", **blocked: str
 ) -> ClassEntry:
-    """Give a student with credits, reasons, and for checks that were not reached that which kept them from it."""
+    """Return a student with credits, reasons, and the blocking check of each check that was not reached."""
     plain: dict[str, Any] = result_of(LAB, credits, reasons)
     for check in (check for criterion in plain["criteria"] for check in criterion["checks"]):
         if (cause := blocked.get(check["id"].partition(".")[2])) is not None:
@@ -127,12 +127,12 @@ def mistakes(*entries: ClassEntry, rubric: Rubric = LAB) -> tuple[Mistake, ...]:
 
 
 def costs(found: tuple[Mistake, ...]) -> list[tuple[str, int, int]]:
-    """Give check, points, and those of them that were out of reach."""
+    """Return check, points, and the points among them that were out of reach."""
     return [(m.check_id, int(m.cost), int(m.following)) for m in found]
 
 
 def test_a_mistake_has_its_students_its_cost_and_its_hint() -> None:
-    """Whom it cost most first; the cost is the sum; the hint is the commonest."""
+    """Students with the largest loss come first; the cost is the sum; the hint is the commonest."""
     found = mistakes(
         student("a", [1, 1, 1, 0.75], {"t.rate": RATE.format(95, 5)}, "Use a timer."),
         student("b", [1, 1, 1, 1], {}),
@@ -146,7 +146,7 @@ def test_a_mistake_has_its_students_its_cost_and_its_hint() -> None:
 
 
 def test_what_could_not_be_reached_counts_with_its_cause() -> None:
-    """A missing service costs its own points and those of all that depends on it, and nothing twice."""
+    """A missing service costs its own points and those of all dependent checks, and nothing twice."""
     lost = {"calls": "s.offers", "more": "s.offers"}
     found = mistakes(student("a", [0, 0, 0, 1], {"s.offers": "There is no x.py."}, **lost))
     assert costs(found) == [("s.offers", 12, 8)]
@@ -161,7 +161,7 @@ def test_what_no_check_blocked_stands_for_itself() -> None:
 
 
 def test_the_dearest_mistake_stands_first() -> None:
-    """Two who lose 2 each come before one who loses 3."""
+    """Two students with a loss of 2 each come before one with a loss of 3."""
     found = mistakes(
         student("a", [0.25, 1, 1, 0.75], {"s.offers": "Wrong name.", "t.rate": "Too slow."}),
         student("b", [1, 1, 1, 0.75], {"t.rate": "Too slow."}),
@@ -170,7 +170,7 @@ def test_the_dearest_mistake_stands_first() -> None:
 
 
 def test_the_same_check_with_another_remedy_is_another_mistake() -> None:
-    """Who is to be told something else made another mistake, even if the reason begins alike."""
+    """Another remedy makes another mistake, even if the reason begins alike."""
     found = mistakes(
         student("a", [1, 1, 1, 0], {"t.rate": "No module named x."}, "Hand it in."),
         student("b", [1, 1, 1, 0], {"t.rate": "No module named y."}, "Do without it."),

@@ -1,4 +1,4 @@
-"""What submissions have in common: disguised copies are found; what all were given does not count."""
+"""Similarity of submissions: disguised copies are found; code that was given to all does not count."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ WRITTEN_ONCE = 15
 
 
 def program(name: str, texts: Files, files: list[FileFact] | None = None) -> Program:
-    """Give what is compared of texts."""
+    """Return the compared parts of texts."""
     return program_of(SubmissionRecord(name, sha256=name, texts=texts, files=files or []))
 
 
@@ -47,7 +47,7 @@ def files_of(folder: Path) -> Files:
 
 @pytest.fixture(scope="module")
 def common() -> list[Files]:
-    """Give what all were given."""
+    """Return the code that was given to all."""
     return [files_of(ROOT / "reference" / name) for name in ("handout", "solution")]
 
 
@@ -71,7 +71,7 @@ def programs(class_of_fixtures: dict[str, Files]) -> dict[str, Program]:
 
 @pytest.fixture(scope="module")
 def given(common: list[Files]) -> list[Program]:
-    """Give what all were given, as it is compared."""
+    """Return the code that was given to all, as it is compared."""
     return [program("given", texts) for texts in common]
 
 
@@ -87,7 +87,7 @@ def test_disguised_copy_is_found(
     programs: dict[str, Program],
     given: list[Program],
 ) -> None:
-    """Each of 22 disguises leaves two thirds of a copy's own code, or of what was copied, to be seen."""
+    """After each of 22 disguises, two thirds of a copy's own or copied code are still recognized."""
     copied = program("copy", DISGUISES[disguise](class_of_fixtures[name]))
     found = [
         pair
@@ -104,7 +104,7 @@ def test_copies_in_a_class_are_those_that_are_shown(
     programs: dict[str, Program],
     given: list[Program],
 ) -> None:
-    """Of 125 fixtures, which share one origin, those pairs are shown that have lines of their own in common."""
+    """Of 125 fixtures of one origin, the pairs with common lines of their own are shown."""
     pairs = {frozenset(pair.names) for pair in pairs_of(list(programs.values()), given)}
     lines = {name: _lines(texts) for name, texts in class_of_fixtures.items()}
     held = Counter(line for own in lines.values() for line in own)
@@ -127,7 +127,7 @@ def _lines(texts: Files) -> set[str]:
     }
 
 
-# -- what counts -------------------------------------------------------------------------------
+# -- counted code ------------------------------------------------------------------------------
 
 
 def _own(number: int) -> str:
@@ -142,7 +142,7 @@ def _own(number: int) -> str:
 
 
 def test_without_common_ground_the_given_code_counts() -> None:
-    """Two who handed in what they were given have nothing of their own in common, and all if nobody says so."""
+    """Two submissions of the given code have nothing of their own in common, and everything if no code counts as given."""
     text = _own(0b10110010) + _own(0b01011101)
     both = [program("ada", {"a.py": text}), program("bob", {"b.py": text.replace("y", "other")})]
     assert len(pairs_of(both)) == 1
@@ -151,7 +151,7 @@ def test_without_common_ground_the_given_code_counts() -> None:
 
 
 def test_code_that_many_have_does_not_count() -> None:
-    """What eleven of a small class have is what one writes in such a lab; ten may have it from one another."""
+    """Code of eleven in a small class is usual in such a lab; ten can have it from one another."""
     text = _own(0b10110010) + _own(0b01011101)
     assert pairs_of([program(f"student {n}", {"a.py": text}) for n in range(11)]) == []
     assert len(pairs_of([program(f"student {n}", {"a.py": text}) for n in range(10)])) == 45
@@ -179,7 +179,7 @@ def test_little_in_common_is_not_shown() -> None:
 
 
 def test_same_files_are_found_but_those_given() -> None:
-    """Files that are equal byte for byte are listed, of any kind; small ones and those of the common ground are not."""
+    """Files that are equal byte for byte are listed, of any kind, except small ones and those of the common ground."""
     picture, small, sheet = (
         FileFact("a.png", 900, "p"),
         FileFact("__init__.py", 0, "i"),
@@ -213,7 +213,7 @@ def test_clusters_are_what_pairs_connect() -> None:
     assert found.clusters == (("ada", "bob", "cleo"),)
 
 
-# -- what students may hand in -----------------------------------------------------------------
+# -- any submission ----------------------------------------------------------------------------
 
 HOSTILE = {
     "deep": "(" * 50_000,
@@ -227,7 +227,7 @@ HOSTILE = {
 
 @pytest.mark.parametrize("text", HOSTILE.values(), ids=HOSTILE)
 def test_any_text_is_compared(text: str) -> None:
-    """What nobody writes costs a bounded time, and never an error."""
+    """Unusual text costs a bounded time, and never an error."""
     one, other = program("ada", {"a.py": text}), program("bob", {"a.py": text, "b.py": "x = 1"})
     assert len(one.kinds) <= MOST_NODES
     assert all(pair.nodes <= MOST_NODES for pair in pairs_of([one, other]))
@@ -244,7 +244,7 @@ def _fragments(between: str, number: int = 6000) -> str:
 
 
 def test_thousands_of_places_cost_no_more_than_those_that_are_shown() -> None:
-    """Ten who agree on such files would use up the time that the whole class has."""
+    """Ten students with such common files would use up the time of the whole class."""
     pair = [
         program(n, {"a.py": _fragments(between)})
         for n, between in (("ada", "while x: y"), ("bob", "for x in y: z"))
@@ -256,7 +256,7 @@ def test_thousands_of_places_cost_no_more_than_those_that_are_shown() -> None:
 
 
 def test_too_much_is_cut_from_the_largest_file() -> None:
-    """What is written by hand is compared though a file beside it is too large."""
+    """Handwritten files are compared even if a file beside them is too large."""
     own = _own(0b10110010) + _own(0b01011101)
     padded = program("ada", {"own.py": own, "large.py": "f(x)\n" * MOST_NODES})
     assert padded.cut

@@ -25,7 +25,7 @@ def decimals(*numbers: int) -> list[Decimal]:
 
 
 def test_mean_median_and_quartiles_are_those_worked_out_by_hand() -> None:
-    """Of 10, 20, 40, 80 and 90 the mean is 48, the median 40, and the quartiles are 20 and 80."""
+    """For 10, 20, 40, 80 and 90 the mean is 48, the median 40, and the quartiles are 20 and 80."""
     spread = summarise(entries_of(ONE, [0.9], [0.1], [0.4], [0.2], [0.8]), ONE).spread
     assert spread is not None
     assert spread.count == 5
@@ -35,7 +35,7 @@ def test_mean_median_and_quartiles_are_those_worked_out_by_hand() -> None:
 
 
 def test_quartiles_between_two_values_lie_in_proportion() -> None:
-    """Of 1, 2, 3, 4 a quarter of the way from first to last lies at 1.75, and of one value it is that."""
+    """For 1, 2, 3, 4 a quarter of the way from first to last lies at 1.75; a single value is its own quartile."""
     spread = summarise(entries_of(ONE, [0.01], [0.02], [0.03], [0.04]), ONE).spread
     assert spread is not None
     quartiles = [spread.first_quartile, spread.median, spread.third_quartile]
@@ -46,7 +46,7 @@ def test_quartiles_between_two_values_lie_in_proportion() -> None:
 
 
 def test_bars_hold_their_lower_bound_and_the_last_one_the_top() -> None:
-    """5 points lie in the second of twenty bars, 4.9 in the first, 100 and what a bonus makes of it in the last."""
+    """5 points lie in the second of twenty bars, 4.9 in the first, 100 and more with a bonus in the last."""
     bonus = {"kind": "bonus", "what": "score", "points": 3}
     best = entry_of("d", result_of(ONE, [1.0]) | {"adjustments": [bonus]})
     spread = summarise([*entries_of(ONE, [0.05], [0.049], [1.0]), best], ONE).spread
@@ -57,7 +57,7 @@ def test_bars_hold_their_lower_bound_and_the_last_one_the_top() -> None:
 
 
 def test_adjustments_count_in_points_but_not_in_criteria() -> None:
-    """A late submission has what is left of its points, and its criterion as it was judged."""
+    """A late submission has the rest of its points, and its criterion as judged."""
     plain = result_of(ONE, [0.8])
     plain["adjustments"] = [
         {"kind": "late", "what": "score", "points": -10, "reason": "late", "who": "", "when": ""}
@@ -109,7 +109,7 @@ def test_a_criterion_that_was_not_judged_has_no_cell() -> None:
 
 
 def test_means_of_criteria_add_up_to_the_mean_of_the_points() -> None:
-    """What is undecided counts nowhere; what people decided of a check is in its criterion, a bonus beside all."""
+    """Undecided points count nowhere; decisions about a check count in its criterion, a bonus beside all."""
     points = {
         "kind": "points",
         "what": "a.first",
@@ -131,7 +131,7 @@ def test_means_of_criteria_add_up_to_the_mean_of_the_points() -> None:
     )
 
 
-# -- what each check tells ---------------------------------------------------------------------
+# -- statistics of each check ------------------------------------------------------------------
 
 
 def test_pass_share_and_credit_leave_out_the_undecided() -> None:
@@ -149,7 +149,7 @@ def test_discrimination_is_the_correlation_worked_out_by_hand() -> None:
 
 
 def test_the_check_itself_is_left_out_of_the_total() -> None:
-    """A check that is exactly what the others are not has -1, although it is most of the points."""
+    """A check that is the exact opposite of the others has -1, although it is most of the points."""
     heavy = rubric_of(("a.heavy", 90), ("b.light", 10))
     entries = [entry_of(str(n), result_of(heavy, [n % 2, 1 - n % 2])) for n in range(10)]
     told = summarise(entries, heavy).checks[0].discrimination
@@ -158,7 +158,7 @@ def test_the_check_itself_is_left_out_of_the_total() -> None:
 
 
 def test_undecided_checks_are_left_out_of_the_rest_too() -> None:
-    """The rest is a share of what is decided: an undecided check neither lifts nor lowers it."""
+    """The rest is a share of the decided points: an undecided check neither lifts nor lowers it."""
     three = rubric_of(("a.x", 2), ("a.y", 2), ("a.z", 6))
     decided = [entry_of(str(n), result_of(three, [n / 9, n / 9, n / 9])) for n in range(10)]
     opened = [
@@ -184,11 +184,11 @@ def test_where_nothing_can_be_said_it_is_said_why() -> None:
     assert alone.checks[0].discrimination is Silent.TOO_FEW
 
 
-# -- what needs a person -----------------------------------------------------------------------
+# -- tasks for a person ------------------------------------------------------------------------
 
 
 def test_what_needs_a_person_stands_in_the_order_of_its_weight() -> None:
-    """Not graded, then violations, then undecided, then judged by another rubric; each with what is known."""
+    """The order is: not graded, violations, undecided, judged by another rubric; each with its known facts."""
     plain = [result_of(TWO, credits) for credits in ([1, 1], [1, None], [1, 1])]
     plain[0]["provenance"] = {"rubric_sha256": "another"}
     plain[2]["violations"] = [
@@ -245,7 +245,7 @@ def test_equal_entries_give_an_equal_summary() -> None:
 
 
 def test_numbers_that_nothing_measured_are_to_do() -> None:
-    """They stand there with the check that tells of them, whatever it cost."""
+    """The task names the check that reports them, whatever it cost."""
     plain = result_of(TWO, [0, 1])
     plain["criteria"][0]["checks"][0]["unmeasured"] = "All counts are constants of its source."
     (todo,) = summarise([entry_of("a", plain), *entries_of(TWO, [1, 1])], TWO).todos

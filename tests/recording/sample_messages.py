@@ -1,4 +1,4 @@
-"""A bag with messages of every installed type, written by the real serializer, and what is in them."""
+"""A bag with messages of every installed type, written by the real serializer, and their expected values."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def message_types() -> list[str]:
 
 
 def write_all_types(folder: Path, types: list[str], messages: int = 2) -> Sent:
-    """Write a bag with some messages of each type, each of a topic named by its type; returns what was written."""
+    """Write a bag with some messages of each type, each on a topic named by its type, and return these messages."""
     from rclpy.serialization import serialize_message
 
     sent: Sent = {}
@@ -46,7 +46,7 @@ def write_all_types(folder: Path, types: list[str], messages: int = 2) -> Sent:
 
 
 def _filled(kind: Any, numbers: Iterator[int]) -> Any:
-    """Return a message whose fields are all set to values other than zero, sequences with two elements."""
+    """Return a message with values other than zero in all fields, and two elements in each sequence."""
     message = kind()
     for field, spelled in kind.get_fields_and_field_types().items():
         setattr(message, field, _value(kind, spelled, numbers))
@@ -70,7 +70,7 @@ def _value(kind: Any, spelled: str, numbers: Iterator[int]) -> Any:
 
 
 def same(read: Any, message: Any) -> bool:
-    """Whether a value that a reader decoded is a message of rclpy's, or a part of one, by the names of its fields."""
+    """Tell whether a decoded value equals a message of rclpy's, or a part of one, by the names of its fields."""
     if hasattr(message, "get_fields_and_field_types"):
         return all(
             same(_field(read, name), getattr(message, name))

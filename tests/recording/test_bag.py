@@ -1,4 +1,4 @@
-"""The bag on disk: what is written is read back, by us and by the readers others use."""
+"""The bag on disk: written messages are read back, by the grader and by other readers."""
 
 from __future__ import annotations
 
@@ -252,7 +252,7 @@ def test_a_bag_without_anything_becomes_an_empty_one(tmp_path: Path, content: by
 
 
 def test_a_folder_without_a_bag_is_refused(tmp_path: Path) -> None:
-    """Opening or mending what is not there says so."""
+    """Opening or mending a missing bag raises an error that names the remedy."""
     with pytest.raises(FileNotFoundError, match=r"no \.mcap file"):
         Bag.open(tmp_path)
     with pytest.raises(NotADirectoryError):
@@ -343,7 +343,7 @@ def test_many_topics_and_large_arrays(tmp_path: Path) -> None:
 
 
 def test_a_bag_is_smaller_than_what_it_holds(tmp_path: Path) -> None:
-    """What a timer publishes takes less than its bytes alone, with all times and the index that ROS 2 tools read."""
+    """A timer's messages take less than their bytes alone, with all times and the index for ROS 2 tools."""
     writer = BagWriter(tmp_path, "session")
     channel = add_topic(writer, "/a", FLOATS)
     for number in range(1000):

@@ -21,7 +21,7 @@ from grader.recording.definitions import (
     type_hash_of,
 )
 
-#: Types with wide strings, of which `rosbags` knows no hash.
+#: Types with wide strings; `rosbags` has no hash of them.
 WIDE = ("test_msgs/msg/WStrings",)
 
 
@@ -74,7 +74,7 @@ def test_text_format() -> None:
 
 
 def test_constants_are_no_fields() -> None:
-    """A message that is decoded has what was sent, and nothing else."""
+    """A decoded message has the sent fields, and no others."""
     name = "sensor_msgs/msg/NavSatStatus"
     store = get_typestore(Stores.EMPTY)
     store.register(definition_of(name).types(name))

@@ -1,4 +1,4 @@
-"""Interface packages as they are written: whose files they are, what they hold, and what is no such package."""
+"""Interface packages before they are built: their files, their contents, and folders that are no such package."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_what_is_none_says_why(name: str, files: dict[str, str]) -> None:
 
 
 def test_fields_are_known_without_a_build() -> None:
-    """Those of messages, and of the parts of services and actions; a type without a package is the package's own."""
+    """Fields of messages and of parts of services and actions are known; a type without a package is the package's own."""
     package = InterfacePackage(
         "my_msgs",
         {
@@ -68,7 +68,7 @@ def test_fields_are_known_without_a_build() -> None:
 
 @pytest.mark.parametrize("files", [{"srv/Add.srv": "int64 a\n"}, {"msg/Num.msg": "int64\n"}])
 def test_what_is_no_definition_names_its_file(files: dict[str, str]) -> None:
-    """So that an instructor finds it."""
+    """The error names the file, for the instructor to find it."""
     with pytest.raises(ValueError, match=next(iter(files))):
         _ = InterfacePackage("a", files).fields
 
@@ -87,7 +87,7 @@ def test_packages_stand_after_those_that_they_use() -> None:
 
 
 def test_what_is_used_stands_in_lines_as_rosidl_has_them() -> None:
-    """What is not seen to be used does not tell kept builds apart: they would be taken with other definitions of it."""
+    """An unnoticed use would not tell kept builds apart, and a build with other definitions would be taken."""
     for end in ("\n", "\r", "\x0b", "\x0c", "\x1c", "\u2028"):
         assert InterfacePackage("a", {"msg/A.msg": f"int8 x{end}\tb/B b\n"}).used == {"b"}, repr(
             end

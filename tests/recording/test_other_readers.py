@@ -41,7 +41,7 @@ Decoded = Iterator[tuple[str, Any]]
 
 
 def by_ours(folder: Path) -> Decoded:
-    """Give what the grader's own reader decodes."""
+    """Return the messages from the grader's own reader."""
     bag = Bag.open(folder)
     for info in bag.topics:
         stream = bag.stream(info.topic)
@@ -49,14 +49,14 @@ def by_ours(folder: Path) -> Decoded:
 
 
 def by_rosbags(folder: Path) -> Decoded:
-    """Give what `rosbags` decodes, which compares type hashes too."""
+    """Return the messages from `rosbags`, which compares type hashes too."""
     with AnyReader([folder]) as reader:
         for connection, _, data in reader.messages():
             yield connection.topic, _decoded(reader.deserialize, data, connection.msgtype)
 
 
 def by_mcap_ros2(folder: Path) -> Decoded:
-    """Give what the reference implementation of MCAP decodes, checksums included."""
+    """Return the messages from the reference implementation of MCAP, which checks checksums."""
     factory, decoders = DecoderFactory(), dict[int, Callable[[bytes], Any] | None]()
     with next(folder.glob("*.mcap")).open("rb") as stream:
         for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
@@ -67,7 +67,7 @@ def by_mcap_ros2(folder: Path) -> Decoded:
 
 
 def by_foxglove(folder: Path) -> Decoded:
-    """Give what the packages of npm decode, of which Foxglove and Lichtblick are made."""
+    """Return the messages from the npm packages of Foxglove and Lichtblick."""
     bag = next(folder.glob("*.mcap"))
     command = ["node", str(npm_folder() / PROGRAM.name), str(bag)]
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
@@ -145,7 +145,7 @@ def _equal(read: Any, message: Any) -> bool:
 
 
 def test_metadata_is_what_each_distribution_reads(written: tuple[Path, Sent]) -> None:
-    """Humble takes up to version 8: profiles as a text in which policies are numbers; Jazzy and later know both."""
+    """Humble reads up to version 8: profiles as a text with numbers for policies; Jazzy and later know both forms."""
     text = (written[0] / METADATA_FILE).read_text()
     metadata = yaml.safe_load(text)["rosbag2_bagfile_information"]
     assert metadata["version"] == 8

@@ -43,7 +43,7 @@ KINDS: dict[str, tuple[type[Any], str]] = {
 
 
 def _shortened(value: Any) -> Any:
-    """Give data with the first two of what lies in each list."""
+    """Return data with the first two elements of each list."""
     if isinstance(value, dict):
         return {key: _shortened(part) for key, part in value.items()}
     return [_shortened(part) for part in value[:2]] if isinstance(value, list) else value
@@ -71,7 +71,7 @@ PLACES = {name: list(_places(plain)) for name, plain in PLAIN.items()}
 
 
 def _are_typed(value: Any) -> bool:
-    """Whether the fields of a record that are texts, numbers and lists are such."""
+    """Tell whether the texts, numbers and lists in a record have the types of its fields."""
     for hint, part in (
         (typing.get_type_hints(type(value))[f.name], getattr(value, f.name)) for f in fields(value)
     ):
@@ -90,7 +90,7 @@ def _are_typed(value: Any) -> bool:
 def test_a_record_with_other_values_is_refused_or_sound(
     name: str, data: st.DataObject, tmp_path_factory: Any
 ) -> None:
-    """Whatever stands in a place of a record, it is a ValueError, or a record of which each field has its type."""
+    """Any value in a record gives a ValueError, or a record with the type of each field."""
     plain = copy.deepcopy(PLAIN[name])
     place = data.draw(st.sampled_from(PLACES[name]))
     part = plain

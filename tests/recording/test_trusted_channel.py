@@ -1,4 +1,4 @@
-"""What reference nodes tell through their pipes, and how it is taken out of their output."""
+"""Reports of reference nodes through their pipes, and their removal from the output."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ ONE, TWO = digest(b"\x00\x01\x00\x00one"), digest(b"\x00\x01\x00\x00two")
 
 
 def record(*lines: str, role: str = "reference", stream: str = "stdout") -> SessionRecord:
-    """Give the record of a session in which one process wrote lines, after what they tell was taken."""
+    """Return the record of a session with one process that wrote lines, after its reports were collected."""
     run = ProcessRun("arm", role, [], output=[OutputLine(1, stream, line) for line in lines])
     taken = SessionRecord("launch", processes=[run])
     collect_trusted_messages(taken)
@@ -61,7 +61,7 @@ def test_nobody_else_can_tell_anything(role: str, stream: str) -> None:
     ],
 )
 def test_a_line_that_is_cut_tells_nothing(line: str) -> None:
-    """A line that does not hold what it should is output like any other."""
+    """A line that is no complete report is ordinary output."""
     taken = record(line)
     assert (taken.trusted, taken.published, left(taken)) == ([], [], [line])
 
@@ -73,6 +73,6 @@ def test_a_digest_has_its_digits_and_depends_on_every_byte() -> None:
 
 
 def test_what_rtps_adds_does_not_change_a_digest() -> None:
-    """A message arrives with zeros up to a multiple of four bytes, and is known by the digest of what was sent."""
+    """A message arrives with zeros up to a multiple of four bytes, and has the digest of the sent message."""
     assert digest(b"\x00\x01\x00\x00odd") == digest(b"\x00\x01\x00\x00odd\x00")
     assert digest(b"\x00\x01\x00\x00even") != digest(b"\x00\x01\x00\x00even\x00\x00\x00\x00")

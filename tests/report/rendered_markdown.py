@@ -1,4 +1,4 @@
-"""Markdown as GitHub renders it: by GitHub's own parser, and with what is made of text after that."""
+"""Markdown as GitHub renders it: GitHub's own parser, and the links and pictures that GitHub adds afterwards."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 import cmarkgfm
 from cmarkgfm.cmark import Options
 
-#: What GitHub makes links or pictures of in text that is not code, after Markdown is done with.
+#: Text outside of code that GitHub turns into links or pictures after it has rendered Markdown.
 MADE_ACTIVE = re.compile(
     r"@[A-Za-z0-9]|#\d|\bGH-\d|:[a-z0-9+-]+:|https?://|ftp://|www\.|mailto:|\b[0-9a-f]{7,40}\b",
     re.IGNORECASE,

@@ -48,6 +48,6 @@ def colon_command(line: str) -> Command | None:
 
 
 def bracket_command(line: str) -> str | None:
-    """Return the name of the command that a line holds in the old form, or in that of Azure or TeamCity."""
+    """Return the name of a line's command in the old form, or in the form of Azure or TeamCity."""
     found = re.search(r"##[A-Za-z]*\[([^ \]]*)[^\]]*\]", line)
     return found[1] if found else None

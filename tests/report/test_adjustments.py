@@ -82,7 +82,7 @@ def words_of(page: str) -> str:
 
 
 def printed(result: Result) -> str:
-    """Give what the terminal shows, in one line."""
+    """Return the terminal's text in one line."""
     file = io.StringIO()
     print_result(Console(file=file, width=200, highlight=False), result)
     return " ".join(file.getvalue().split())
@@ -92,7 +92,7 @@ def printed(result: Result) -> str:
 
 
 def test_the_page_shows_final_points_and_what_was_judged(judged: Result, adjusted: Result) -> None:
-    """The large number is what counts, the judged one stands beside it, and the title agrees."""
+    """The large number has all adjustments, the judged one stands beside it, and the title agrees."""
     earned, possible = judged.score.earned, judged.score.possible
     final = earned + Decimal("6.7")
     page = page_of(adjusted)
@@ -102,7 +102,7 @@ def test_the_page_shows_final_points_and_what_was_judged(judged: Result, adjuste
 
 
 def test_each_adjustment_says_what_why_and_who(adjusted: Result) -> None:
-    """A row each: points with their sign, what it concerns by its title, reason, name and date."""
+    """Each adjustment is a row: points with their sign, title of the check, reason, name and date."""
     words = words_of(page_of(adjusted))
     assert "−1.5 Commands arrive at 100 Hz so it was J. Smith, 2026-11-21" in words
     assert "+7.6 Documentation: excused" in words
@@ -152,7 +152,7 @@ def test_whatever_people_write_is_only_text(judged: Result, first: int) -> None:
 
 
 def test_the_terminal_shows_them_below_the_sum(judged: Result, adjusted: Result) -> None:
-    """First the points as judged, then each adjustment, and at last what counts."""
+    """First come the points as judged, then each adjustment, and at last the final points."""
     text = printed(adjusted)
     before = f"{number(judged.score.earned)} / {judged.score.possible}"
     after = f"With all adjustments {adjusted.final} / {adjusted.score.possible}"
@@ -191,7 +191,7 @@ def test_the_schema_describes_results(judged: Result, adjusted: Result) -> None:
 
 
 def test_question_and_answer_stand_at_their_check(judged: Result) -> None:
-    """In the order in which they were written, with who said it; also at what was passed, and at a criterion."""
+    """Appeals and decisions stand in their order, with their authors, also at passed checks and at a criterion."""
     answer = replace(
         adjustment(AdjustmentKind.POINTS, "publisher.rate", "-1", "", "J. Smith"),
         comment="It is 94 Hz.",

@@ -1,4 +1,4 @@
-"""What judging a class again changes, in the terminal and in `changes.csv`."""
+"""Changes by judging a class again, on the terminal and in `changes.csv`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def change(
     outcome: Outcome = Outcome.FAILED,
     words: bool = False,
 ) -> Changes:
-    """Give what changes for a submission, all of it in one check; nothing where the points are equal."""
+    """Return the changes of a submission, all of them in one check; none if the points are equal."""
     if before is None or before == after:
         return Changes(
             name,
@@ -47,7 +47,7 @@ _NONE = (Decimal(0), Decimal(0))
 
 
 def printed(*changes: Changes, width: int = 120) -> str:
-    """Give what is printed, with single spaces."""
+    """Return the printed text with single spaces."""
     file = io.StringIO()
     print_changes(
         Console(file=file, width=width, highlight=False),
@@ -79,7 +79,7 @@ def test_the_greatest_change_comes_first() -> None:
 
 
 def test_a_class_is_summed_up_by_check() -> None:
-    """How many gain and lose by a check, and how many submissions change at all."""
+    """The summary counts the submissions that gain and lose by a check, and those that change at all."""
     text = printed(
         change("ann", "90", "88"),
         change("bob", "90", "91"),
@@ -93,7 +93,7 @@ def test_a_class_is_summed_up_by_check() -> None:
 
 
 def test_another_total_is_reported() -> None:
-    """Where a rubric has fewer points in all, that is said once for all whom it concerns; renamed checks have ids."""
+    """Fewer possible points are reported once for all submissions with them; renamed checks have ids."""
     checks = [
         Change("check", f"p.{n}", "Rate", None, Decimal(6), (None, Outcome.PASSED)) for n in "ab"
     ]
@@ -118,7 +118,7 @@ def test_another_total_is_reported() -> None:
 
 
 def test_nothing_changes() -> None:
-    """That nothing changes is said, with those that change in words."""
+    """A line reports that no points change, and counts the submissions that change only in words."""
     assert printed(change("ann", "90", "90")) == "No points change; 1 submission judged."
     assert "No points change, 1 only in words; 2 submissions judged." in printed(
         change("ann", "90", "90"), change("bob", "9", "9", words=True)
@@ -131,7 +131,7 @@ def test_a_first_result_has_nothing_before_it() -> None:
 
 
 def test_outcomes_adjustments_and_undecided_points_are_reported() -> None:
-    """What is not a matter of a check's points has its line too."""
+    """Changes without a check's points have a line too."""
     adjusted = Change("adjustment", "score", "bonus", Decimal(0), Decimal(3))
     check = Change("check", "p.rate", "Rate", None, Decimal(0), (None, Outcome.NOT_REACHED))
     criterion = Change("criterion", "p", "Publisher", Decimal(4), Decimal(4))
@@ -190,12 +190,12 @@ def test_a_row_for_each_part() -> None:
 
 
 def test_a_first_result_has_an_empty_sandbox() -> None:
-    """What was not there is empty, which is not 0."""
+    """Missing previous values are empty, not 0."""
     assert [row["points before"] for row in rows(change("ann", None, "90"))] == [""]
 
 
 def test_without_changes_there_is_a_head() -> None:
-    """An empty table still says what its columns are."""
+    """An empty table still names its columns."""
     assert rows() == []
     assert changes_csv([]).startswith(f"{BYTE_ORDER_MARK}submission,level,")
 

@@ -1,4 +1,4 @@
-"""The page over a class: what stands in it, in what order, and what student text can never do to it."""
+"""The class page: its contents, their order, and the harmlessness of student text in it."""
 
 from __future__ import annotations
 
@@ -122,15 +122,15 @@ def test_all_that_is_pointed_at_is_there(summary: ClassSummary) -> None:
 
 
 def test_two_hundred_students_make_a_page_that_can_be_mailed(rubric: Rubric) -> None:
-    """It grows with the class, and stays below a megabyte."""
+    """The page grows with the class, and stays below a megabyte."""
     assert len(render(summarise(sample_class(rubric, 200), rubric)).encode()) < 1_000_000
 
 
-# -- what stands in it -------------------------------------------------------------------------
+# -- contents ----------------------------------------------------------------------------------
 
 
 def test_each_student_has_a_row_with_the_outcomes_of_criteria_and_checks() -> None:
-    """Letters for the criteria, then for the checks; a link to the report; what needs attention is marked."""
+    """A row has letters for the criteria, then for the checks, a link to the report, and a mark if a person must look."""
     page = page_of(
         entry("alice", [1, 0.5, None]),
         entry("bob", [0, 0, 1]),
@@ -217,7 +217,7 @@ def test_a_class_without_any_result_has_a_page() -> None:
 
 
 def test_adjustments_are_explained() -> None:
-    """The points say that they were adjusted, and by whom and why."""
+    """Adjusted points name the person and the reason."""
     change = {
         "kind": "points",
         "what": "pub.rate",
@@ -252,7 +252,7 @@ def test_a_check_that_tells_nothing_says_why() -> None:
 def test_times_of_submission_can_be_compared(
     offsets: tuple[int, int], heading: str, shown: str
 ) -> None:
-    """They stand in the zone that all were given in, or else in UTC, and the heading says which."""
+    """All times stand in their common zone, or else in UTC, and the heading names the zone."""
     students = [
         dataclasses.replace(
             entry(str(n), [1, 1, 1]),
@@ -309,13 +309,13 @@ def test_the_page_says_how_times_are_known() -> None:
 
 
 def test_outcomes_are_reported_by_more_than_colour() -> None:
-    """Each cell has a sign, and a word for who does not see it."""
+    """Each cell has a sign, and a word for screen readers."""
     words = " ".join(page_of(entry("alice", [1, 1, None]), entry("bob", [0.5, 1, 0])).words.split())
     for text in ("✓ passed 20", "? undecided 0", "◐ partial 14", "✕ failed 0"):
         assert text in words
 
 
-# -- what is not to be trusted -----------------------------------------------------------------
+# -- untrusted text ----------------------------------------------------------------------------
 
 
 def test_student_text_is_only_ever_text() -> None:

@@ -1,4 +1,4 @@
-"""Figures drawn from small bags written here: what they show, and that they are well-formed, described and harmless."""
+"""Figures of small bags from these tests: their contents, form, descriptions and harmlessness."""
 
 from __future__ import annotations
 
@@ -178,7 +178,7 @@ def test_absurd_timestamps_neither_raise_nor_fill_memory(tmp_path: Path) -> None
 
 
 def test_series_keep_peaks_when_thinned(tmp_path: Path) -> None:
-    """Of many points at most 400 are left, in order, and a single outlier is among them."""
+    """At most 400 of many points are left, in order, and a single outlier is among them."""
     rows = ticking(3000, 1_000_000, 0.0, 1.0)
     rows[1234][2][0] = 9.0
     data = recorded(tmp_path, {"/a": rows, "/b": ticking(10, 1_000_000, 0.5)})
@@ -224,7 +224,7 @@ def output(*texts: str) -> list[OutputLine]:
 
 
 def reporting(folder: Path, oracle: str, *texts: str) -> Figure:
-    """Draw what a node printed against what an oracle says."""
+    """Draw a node's printed numbers against an oracle's."""
     (folder / "oracle.py").write_text(ORACLE)
     run = ProcessRun("node", "student", [], "node", output=output(*texts))
     data = recorded(folder / "bag", {"/s": ticking(5, 10**8, 1.0)}, processes=[run])

@@ -40,7 +40,7 @@ def leaves(tree: Any) -> Iterator[str]:
 
 
 def test_the_numbers_of_each_topic_are_lines() -> None:
-    """Seven joints are seven lines; the clock, and what every node has, are none; each panel is in the tree, once."""
+    """Seven joints are seven lines; the clock and every node's topics are none; each panel is in the tree, once."""
     read = layout(Recorded.open(KEPT / "solution/launch"))
     joints = [f"[{n}]" for n in range(7)]
     assert lines_of(read) == {

@@ -48,7 +48,7 @@ def frames(
 def goal(
     sent_s: float, ended_s: float | None, *, accepted: bool | None = True, **other: Any
 ) -> dict[str, Any]:
-    """Give what was kept of a goal."""
+    """Return the record of a goal."""
     feedback = [{"t_ns": at(sent_s + 0.1 * n), "values": {}} for n in range(4)] if accepted else []
     return {
         **{
@@ -68,7 +68,7 @@ def goal(
 
 
 def shown(kind: str, session: Session, **settings: Any) -> Figure:
-    """Draw a figure that is there, whose forms are well-formed and lie in their frames."""
+    """Draw a figure, and check that its forms are well-formed and lie in their frames."""
     figure = FIGURES[kind](**settings).draw(session.recorded(), Path())
     assert figure is not None
     for width in (WIDE, NARROW):
@@ -84,7 +84,7 @@ def shown(kind: str, session: Session, **settings: Any) -> Figure:
 
 
 def words(figure: Figure) -> list[str]:
-    """Give what is written in a picture, a text a piece."""
+    """Return the texts in a picture, one by one."""
     form = ET.fromstring(str(figure.svg("f", WIDE)))
     return [" ".join("".join(element.itertext()).split()) for element in form.iter("text")]
 
@@ -117,7 +117,7 @@ def test_frames_are_a_tree_and_axes_in_space(tmp_path: Path) -> None:
 
 
 def test_names_of_frames_at_one_place_can_be_read(tmp_path: Path) -> None:
-    """They stand one below the other, also in the form for a phone."""
+    """Names stand one below the other, also in the form for a phone."""
     figure = shown(
         "frames", frames(tmp_path, ("base", "arm"), ("base", "hand"), ("base", "eye"), x=0.0)
     )

@@ -1,4 +1,4 @@
-"""`grades.csv`: what a grade book reads from it, and that no cell of it is a formula."""
+"""`grades.csv`: a grade book reads its values, and no cell of it is a formula."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def as_written(text: str) -> str:
     ],
 )
 def test_text_that_begins_like_a_formula_gets_an_apostrophe(begin: str) -> None:
-    """Also behind blanks and quotes, in the full-width form, and behind what is not seen."""
+    """Formulas are found behind blanks and quotes, in the full-width form, and behind invisible characters."""
     cell = csv_cell(f"{begin}cmd|' /C calc'!A0")
     assert isinstance(cell, str)
     assert cell[0] not in FORMULA

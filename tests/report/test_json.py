@@ -118,7 +118,7 @@ def test_the_contract() -> None:
 
 
 def test_a_violation_is_reported_with_its_evidence() -> None:
-    """Its kind, where it was seen, what shows it, and what fails because of it."""
+    """A violation has its kind, session, evidence, and the checks that fail because of it."""
     violation = Violation(
         ViolationKind.SPOOFS_CLOCK,
         "s",
@@ -143,7 +143,7 @@ def test_a_violation_is_reported_with_its_evidence() -> None:
 
 
 def test_the_schema_that_is_shipped_is_the_current_one() -> None:
-    """Whoever reads the file reads what the classes say; `tools/write-schemas` writes it."""
+    """The shipped schema matches the classes; `tools/write-schemas` writes it."""
     shipped = json.loads(
         (Path(grader.report.__file__).parent / "result.schema.json").read_text(encoding="utf-8")
     )

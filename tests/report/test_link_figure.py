@@ -1,4 +1,4 @@
-"""The figure of a bad link: what it shows of what was recorded, on a desk and on a phone, and what it says without."""
+"""The figure of a bad link: its forms for a desk and a phone, and its text without a recording."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ SETTINGS: dict[str, Any] = {"step": "link", "names": {"fast": "/fast"}, "artifac
 
 
 def crossing(loss: float, sent: int, received: list[list[int]], late: int = 0) -> Crossing:
-    """Return a crossing of which so many of four late joiners got the last message."""
+    """Return a crossing in which some of four late joiners got the last message."""
     return Crossing(loss, sent, received, [[sent]] * late + [[]] * (4 - late))
 
 
 def figure_of(tmp_path: Path, result: LinkResult, *output: str) -> Figure:
-    """Draw the figure of a session whose link found this."""
+    """Draw the figure of a session with this result of a link."""
     step = StepRun("link", {"topics": ["/fast", "/safe"]}, "link", result=asdict(result))
     run = ProcessRun(
         "tool", "student", [], "tool", output=[OutputLine(0, "stdout", line) for line in output]
@@ -32,7 +32,7 @@ def figure_of(tmp_path: Path, result: LinkResult, *output: str) -> Figure:
 
 
 def two_profiles() -> LinkResult:
-    """Return what a lossy and a safe profile did: three of four, soon, and all, some late."""
+    """Return the crossings of a lossy and a safe profile: three of four, soon, and all, some late."""
     lossy = [crossing(0.3, 4, [[1, 10_000], [3, 12_000], [4, 11_000]])]
     safe = [crossing(0.3, 4, [[1, 10_000], [2, 90_000], [3, 80_000], [4, 70_000]], late=3)]
     topics = [
@@ -43,13 +43,13 @@ def two_profiles() -> LinkResult:
 
 
 def content(figure: Figure) -> LinkTable:
-    """Return what the page's table is made of."""
+    """Return the contents of the page's table."""
     assert isinstance(figure.content, LinkTable)
     return figure.content
 
 
 def test_what_arrived_and_how_late_is_drawn(tmp_path: Path) -> None:
-    """A bar as long as the share, a mark for each message, the median, and whom of the late joiners it reached."""
+    """The figure has a bar as long as the share, a mark for each message, the median, and the reached late joiners."""
     figure = figure_of(tmp_path, two_profiles())
     tracks, bars = (
         [float(mark.get("width") or 0) for mark in marks(figure, style)]
@@ -70,7 +70,7 @@ def test_what_arrived_and_how_late_is_drawn(tmp_path: Path) -> None:
 
 
 def test_a_busy_machine_is_named(tmp_path: Path) -> None:
-    """What it adds to the link's delay is none of the profiles'."""
+    """The machine's own delay is not attributed to the profiles."""
     result = two_profiles()
     assert "busy" not in figure_of(tmp_path / "idle", result).caption
     result.late_ms = 14.2
@@ -87,7 +87,7 @@ def test_what_overtook_is_said(tmp_path: Path) -> None:
 
 
 def test_the_programs_own_line_stands_beside(tmp_path: Path) -> None:
-    """That which names the profile, as the last; its latency there is that of a link without losses."""
+    """The line with the profile's name comes last; its latency is that on a link without losses."""
     figure = figure_of(
         tmp_path,
         two_profiles(),
@@ -102,7 +102,7 @@ def test_the_programs_own_line_stands_beside(tmp_path: Path) -> None:
 
 
 def test_incompatible_sides_are_shown_as_that(tmp_path: Path) -> None:
-    """Nothing arrives, and the table says in which policy they differ."""
+    """No message arrives, and the table names the policy in which the sides differ."""
     result = two_profiles()
     result.topics[0].requested = LATCHED
     result.topics[0].crossings = [crossing(0.3, 4, [])]
@@ -115,7 +115,7 @@ def test_incompatible_sides_are_shown_as_that(tmp_path: Path) -> None:
 
 
 def test_a_topic_with_one_side_says_so(tmp_path: Path) -> None:
-    """It was not carried; the others are shown."""
+    """A topic with one side does not cross the link; the others are shown."""
     result = two_profiles()
     result.topics[0] = LinkedTopic("/fast", "/fast", FLOATS, BEST_EFFORT)
     figure = figure_of(tmp_path, result)
@@ -134,7 +134,7 @@ def test_without_a_link_the_reason_is_said(tmp_path: Path) -> None:
 
 
 def test_thousands_of_messages_do_not_make_a_page_heavy(tmp_path: Path) -> None:
-    """So many marks as an eye can tell apart, and the soonest and the latest among them."""
+    """There are as many marks as an eye can distinguish, with the soonest and the latest message among them."""
     received = [[n + 1, 10_000 + 100 * n] for n in range(5000)]
     result = LinkResult(
         topics=[

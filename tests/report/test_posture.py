@@ -1,4 +1,4 @@
-"""The player of a motion: what the page gets, read as the page reads it, and the still without a script."""
+"""The player of a motion: its data, read as the page's script reads it, and the still without a script."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ PERIOD = 40_000_000
 
 
 def decoded(text: str, width: int) -> list[list[int]]:
-    """Read whole numbers as the page's script does: six bits a letter, of which one says that more follow."""
+    """Read whole numbers as the page's script does: six bits a letter, one of them a mark that more follow."""
     rows: list[list[int]] = []
     row: list[int] = []
     number = shift = 0
@@ -81,7 +81,7 @@ def figure(tmp_path: Path) -> Figure:
 
 
 def motion_of(figure: Figure) -> Motion:
-    """Return what the page's player gets."""
+    """Return the data of the page's player."""
     assert isinstance(figure.content, Motion)
     return figure.content
 
@@ -145,7 +145,7 @@ def test_a_long_motion_is_thinned(tmp_path: Path) -> None:
     ids=["one posture", "no points", "one point", "too many points", "far away"],
 )
 def test_what_is_no_motion_is_not_shown(tmp_path: Path, rows: list[Row]) -> None:
-    """A page has no player for what cannot be drawn."""
+    """A page has no player for a motion that cannot be drawn."""
     assert drawn("posture", recorded(tmp_path, {"/is": rows}), **TOPICS) is None
 
 

@@ -1,4 +1,4 @@
-"""The HTML report: what stands in it, and what student text can never do to it."""
+"""The HTML report: its contents, and the harmlessness of student text in it."""
 
 from __future__ import annotations
 
@@ -184,7 +184,7 @@ def test_an_undecided_check_names_the_rule_that_decided() -> None:
 
 
 def test_what_opens_most_comes_first() -> None:
-    """What to fix is sorted by the points that it opens, with what depends on it; each stands there whole, once."""
+    """Losses are sorted by the points that their fix opens, with their dependent checks; each stands there once, whole."""
     dear = dataclasses.replace(CHECKS[1], commands=("ros2 topic hz /cmd",))
     html = page_of(result_of([CHECKS[0], dear, *CHECKS[2:]]))
     fix = html[html.index('<section class="fix"') : html.index('<section class="still-open"')]
@@ -198,7 +198,7 @@ def test_what_opens_most_comes_first() -> None:
 
 
 def test_one_fix_is_shown_once() -> None:
-    """What lost points by the same mistake is named beside the first that did."""
+    """Checks that lost points by the same mistake are named beside the first of them."""
     again = dataclasses.replace(CHECKS[1], id="a.same", title="Title of a.same")
     html = page_of(result_of([CHECKS[1], again]))
     fix = html[html.index('<section class="fix"') : html.index("<main>")]
@@ -207,7 +207,7 @@ def test_one_fix_is_shown_once() -> None:
 
 
 def test_a_figure_stands_beside_the_loss_that_it_shows() -> None:
-    """It stands with the first check of which it shows a loss; else it is folded with its criterion."""
+    """A figure stands with the first loss that it shows; without a loss it is folded with its criterion."""
     figure = Figure(table="plan", content=_PLAN, title="Plan", shows=("a.good", "a.half"))
     html = page_of(figures=[figure, dataclasses.replace(figure, shows=("a.good",))])
     fix, folded = (
@@ -218,7 +218,7 @@ def test_a_figure_stands_beside_the_loss_that_it_shows() -> None:
 
 
 def test_a_bad_link_stands_beside_the_students_own_words() -> None:
-    """What arrived, what their program printed, and the passage that the check of the explanation found."""
+    """The report has the arrived messages, the program's output, and the passage that the check of the explanation found."""
     outcome = Crossed(0.3, 0.688, np.array([0.010, 0.011, 0.012]), True, 4, 3)
     table = LinkTable(
         [Profile("fast", "best effort", "best effort", "", [outcome], "fast: 1001 msgs")], "a.good"
@@ -350,7 +350,7 @@ FIGURES = (
 
 
 def hostile_page(evil: str) -> str:
-    """Render a report in which a student's text stands wherever one can."""
+    """Render a report with a student's text at every possible place."""
     finding: dict[str, Any] = dict.fromkeys(("expected", "measured", "reason", "hint"), evil)
     places = (
         Location(file=evil, line=1),
@@ -437,13 +437,13 @@ def test_long_output_is_cut_in_the_middle() -> None:
 
 
 def test_a_progress_bar_reads_as_its_last_state() -> None:
-    """What a line wrote over itself is left out; a carriage return at its end writes over nothing."""
+    """Overwritten text of a line is left out; a carriage return at its end overwrites nothing."""
     words = text_of(page_of(sessions={"alone": session(["10 %\r50 %\rdone", "whole\r", "a\rb\r"])}))
     assert "1.000 err done 1.001 err whole 1.002 err b" in words
 
 
 def test_process_ends_are_reported() -> None:
-    """How a process ended is said in words, signals by their name."""
+    """The end of a process is put in words, with signals by their names."""
     record = session()
     record.processes[0].exit_status, record.processes[0].ended_by = -11, "itself"
     assert "ended by itself, signal SIGSEGV" in text_of(page_of(sessions={"alone": record}))
@@ -464,7 +464,7 @@ def test_a_second_start_is_separated_from_the_first() -> None:
 
 
 def test_backticks_mark_code() -> None:
-    """What stands between backticks is set as code, and stays text; a single backtick stays as it is."""
+    """Text between backticks is set as code, and stays text; a single backtick stays unchanged."""
     hint = "Call `spin(<node>)` first"
     assert "Call <code>spin(&lt;node&gt;)</code> first" in page_of(
         result_of([check("a.x", Outcome.FAILED, "0", hint=hint)])

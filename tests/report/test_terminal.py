@@ -1,4 +1,4 @@
-"""The terminal's view: what is shown of a result, and what text of students can never do to the terminal."""
+"""The result on the terminal: its contents, and the harmlessness of student text in it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def finding(
 
 
 def result(*findings: Finding, name: str = "ann", advice: str = "", problem: str = "") -> Result:
-    """Give a result whose checks have 5 points each and earn them if passed."""
+    """Return a result with checks of 5 points each, earned if passed."""
     checks = []
     for number, each in enumerate(findings):
         earned = Decimal(5) if each.outcome is Outcome.PASSED else Decimal(0)
@@ -71,7 +71,7 @@ def result(*findings: Finding, name: str = "ann", advice: str = "", problem: str
 
 
 def printed(shown: Result, terminal: bool = False) -> str:
-    """Give what is printed of a result."""
+    """Return the printed text of a result."""
     file = io.StringIO()
     print_result(Console(file=file, width=100, force_terminal=terminal, highlight=False), shown)
     return file.getvalue()
@@ -109,7 +109,7 @@ def test_what_one_failure_hides_is_one_row() -> None:
 
 
 def test_long_advice_stays_under_its_bullet() -> None:
-    """What does not fit on a line goes on below the bullet, not at the margin."""
+    """The rest of a long line continues below the bullet, not at the margin."""
     lines = printed(result(finding(Outcome.PASSED), advice="word " * 30)).splitlines()
     after = lines[next(n for n, text in enumerate(lines) if "•" in text) :]
     assert len(after) > 1
@@ -124,7 +124,7 @@ def test_what_is_undecided_is_not_shown_as_lost() -> None:
 
 
 def test_of_several_files_of_one_name_the_graded_one_is_told_first() -> None:
-    """Which was graded, why, and which were not stands above the table; of what is open, that a person looks."""
+    """The graded file, the reason, and the other files stand above the table; an open choice asks a person to look."""
     sure = ChosenFile("a.py", "new/a.py", ("old/a.py",), "new/ holds 3 of the lab's files, old/ 2")
     unsure = ChosenFile("b.py", "v1/b.py", tuple(f"v{n}/b.py" for n in range(2, 9)), "", True)
     text = printed(replace(result(finding(Outcome.FAILED)), chosen=(sure, unsure)))
@@ -166,7 +166,7 @@ def test_terminal_text_has_nothing_but_what_prints(text: str, limit: int) -> Non
 
 
 def test_plain_text_is_shown_as_it_is() -> None:
-    """Words of any language stay; line ends become spaces; what is cut says so."""
+    """Words of any language stay; line ends become spaces; a cut text has a mark."""
     assert terminal_text("Größe 大小 ✓\n\tx") == "Größe 大小 ✓ x"
     assert terminal_text("abcdef", 4) == "abc…"
     assert terminal_text("a\x1b[0m\u200b\x1b") == "a⟨U+200B⟩⟨U+001B⟩"

@@ -21,7 +21,7 @@ LABS = Path(__file__).resolve().parents[1] / "labs"
 
 
 def about(*times_s: float | None) -> Any:
-    """Return what times are equal to that differ by less than a message takes."""
+    """Return a value that equals times which differ by less than a message takes."""
     return pytest.approx(times_s[0] if len(times_s) == 1 else times_s, abs=1e-3)
 
 
@@ -44,7 +44,7 @@ def of(moments: Sequence[Moment], style: str) -> Moment:
 
 
 def test_a_process_from_start_to_exit(tmp_path: Path) -> None:
-    """It runs from its start, its node is found by what the tap noted, and Ctrl-C comes before the exit."""
+    """The process runs from its start, its node is found by the tap's notes, and Ctrl-C comes before the exit."""
     session = (
         Session(tmp_path)
         .process("it")
@@ -63,7 +63,7 @@ def test_a_process_from_start_to_exit(tmp_path: Path) -> None:
 
 
 def test_the_node_of_a_reference_is_known_by_its_gid(tmp_path: Path) -> None:
-    """What a process of the grader's reported of itself tells whose the endpoint is."""
+    """A grader process's own report tells which endpoints are its own."""
     session = (
         Session(tmp_path)
         .process("arm", role="reference")
@@ -74,7 +74,7 @@ def test_the_node_of_a_reference_is_known_by_its_gid(tmp_path: Path) -> None:
 
 
 def test_a_second_start_has_what_came_after_it(tmp_path: Path) -> None:
-    """The node that was in the graph before is that of the first start."""
+    """A node that was in the graph before belongs to the first start."""
     session = Session(tmp_path).process("it", exited_ns=at(2.0), interrupted_ns=None)
     session.process("it", started_ns=at(3.0)).endpoint("publisher", "/cmd", "/talker").claim(
         "publisher", "/cmd"
@@ -149,7 +149,7 @@ def test_a_flood_of_warnings_is_bounded(tmp_path: Path) -> None:
 
 
 def test_steps_say_what_came_of_them(tmp_path: Path) -> None:
-    """A window begins when it opened; what did not come in time is marked, with what was found instead."""
+    """A window begins when it opened; a timeout is marked, with the alternatives in the graph."""
     session = Session(tmp_path).window(1.2, 7.2)
     wait = {"publisher": "/cmd", "timeout_s": 5.0}
     session.step("wait_for", "topic", "timeout", parameters=wait)
@@ -180,7 +180,7 @@ def call(start_s: float, answer: Any, took_s: float = 0.001) -> dict[str, Any]:
 
 
 def test_calls_have_their_answers(tmp_path: Path) -> None:
-    """Those that were answered alike, one after the other, are one moment; silence is trouble."""
+    """Calls that were answered alike, one after the other, are one moment; silence is trouble."""
     calls = [
         call(2.0, {"success": True}),
         call(2.1, {"success": True}, 0.004),
@@ -207,7 +207,7 @@ def test_calls_have_their_answers(tmp_path: Path) -> None:
 
 
 def test_a_topic_shows_its_endpoints_first_message_and_silence(tmp_path: Path) -> None:
-    """Messages between silences are a bar, with their rate; what every node has is left out."""
+    """Messages between silences are a bar, with their rate; every node's own topics are left out."""
     session = (
         Session(tmp_path)
         .endpoint("publisher", "/cmd", "/talker")
@@ -300,7 +300,7 @@ def test_goals_of_a_real_recording(tmp_path: Path) -> None:
 def test_goals_without_a_result(
     accepted: bool | None, ended_ns: None, style: str, note: str, tmp_path: Path
 ) -> None:
-    """What was never answered lasts to the end of its step, and is trouble; a rejected goal is none."""
+    """A goal without an answer lasts to the end of its step, and is trouble; a rejected goal is none."""
     goal = {
         "sent_ns": at(1.1),
         "answered_ns": at(1.2),
@@ -317,7 +317,7 @@ def test_goals_without_a_result(
 
 
 def test_points_are_where_their_proof_lies(tmp_path: Path) -> None:
-    """Losses that overlap lie below each other, each a link to its check; those of other sessions are not there."""
+    """Losses that overlap lie below each other, each a link to its check; losses of other sessions are not there."""
     places = [Location(session="experiment", start_s=s, end_s=s + 2) for s in (1.0, 2.0, 4.0)]
     checks = [
         check("a.one", Outcome.FAILED, "0", "4", reason="It is late.", where=(places[0],)),
@@ -342,7 +342,7 @@ def test_points_are_where_their_proof_lies(tmp_path: Path) -> None:
 
 
 def test_a_moment_leads_to_what_was_written_soon_after(tmp_path: Path) -> None:
-    """A step leads to the first line of a student's program within a second; what is later has other causes."""
+    """A step leads to the first line of a student's program within a second; later lines have other causes."""
     session = Session(tmp_path).process("it", [(0.5, "early"), (1.4, "soon"), (1.5, "later")])
     session.process("arm", [(1.1, "the lab's")], role="reference").step("publish", "")
     (step,) = lane(drawn(session), "steps")

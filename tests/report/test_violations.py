@@ -1,4 +1,4 @@
-"""What report and terminal say of the grader's own that was tampered with."""
+"""Tampering with the grader's own nodes and topics, in the report and on the terminal."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Words(HTMLParser):
         self._hidden = False
 
     def handle_data(self, data: str) -> None:
-        """Keep what can be seen."""
+        """Keep visible text."""
         self.text += "" if self._hidden else data
 
 
@@ -98,7 +98,7 @@ def page(*violations: Violation) -> str:
 
 
 def test_the_report_begins_with_what_was_tampered_with() -> None:
-    """What was seen, where, what shows it, and which check fails because of it, before all points."""
+    """Before all points the report has the violation, its session and evidence, and the check that fails because of it."""
     words = Words(page(SPOOFED)).text
     assert HEADING in words
     assert EXPLANATION in words
@@ -122,7 +122,7 @@ def test_what_is_not_certain_says_so() -> None:
 
 
 def printed(*violations: Violation) -> str:
-    """Give what the terminal shows."""
+    """Return the terminal's text."""
     file = io.StringIO()
     print_result(Console(file=file, width=200, highlight=False), result(*violations))
     return file.getvalue()

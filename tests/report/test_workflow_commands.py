@@ -1,4 +1,4 @@
-"""No text of a student is a workflow command, and what we say in one comes back from the runner as we meant it."""
+"""No text of a student is a workflow command, and the runner reads the grader's own texts back unchanged."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from tests.report.untrusted_texts import MEGABYTE, hostile
     ],
 )
 def test_the_reader_of_commands_knows_commands(printed: str) -> None:
-    """What the runner obeys is found by the reader that the other tests rely on."""
+    """The reader in these tests finds the commands that the runner obeys."""
     assert colon_command(printed) is not None
 
 
@@ -77,11 +77,11 @@ def test_a_command_with_hostile_texts_is_read_as_meant(data: str, value: str) ->
     ],
 )
 def test_ordinary_text_stays(text: str, expected: str) -> None:
-    """Only what could be a command is parted."""
+    """Only text that could be a command is parted."""
     assert uncommanded(text) == expected
 
 
 def test_a_megabyte_is_cut() -> None:
-    """Neither a message nor a property grows with what a student wrote."""
+    """Neither a message nor a property grows with a student's text."""
     assert len(command_data(MEGABYTE)) < 20_000
     assert len(command_property(MEGABYTE, 200)) < 1_000

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-#: What one parser or another obeys.
+#: Texts that one parser or another obeys.
 FRAGMENTS = (
     "\x1b[2J", "\x1b]0;owned\x07", "\x1b]8;;http://evil.example\x1b\\", "\x9b31m", "\x00", "\x08", "\r", "\n", "\r\n",
     "\t", "\u202e", "\u2066", "\u200b", "\ufeff", "\u2028", "\u2029", "\x85", "\ud800", "\udcff", "\udfff", "\uffff",

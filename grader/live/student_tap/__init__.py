@@ -1,1 +1,1 @@
-"""What notes in a student's process (`inside/`), and how that is read. Imports no other folder here."""
+"""The tap in a student's process (`inside/`), and the reading of its notes. Imports no other folder here."""

@@ -1,4 +1,4 @@
-"""What the tap in a student's process notes, taken with care: any code in that process can write to its pipe."""
+"""Reads the tap's notes from a student's process with care: any code in that process can write to its pipe."""
 
 from __future__ import annotations
 
@@ -18,7 +18,8 @@ from pydantic import (
 from grader.recording.session import Claim, Qos
 
 _MOST_CLAIMS = 2000
-_LONGEST_TEXT, _LARGEST_INTEGER = 500, 2**63 - 1
+_LONGEST_TEXT = 500
+_LARGEST_INTEGER = 2**63 - 1
 
 _Text = Annotated[str, AfterValidator(lambda text: text[:_LONGEST_TEXT])]
 _Number = Annotated[int, Field(ge=0, le=10**7)]
@@ -48,12 +49,15 @@ class _Note(BaseModel):
 
 
 def claims_in(text: str, process: str, above: str) -> list[Claim]:
-    """Read the lines that the tap in a process wrote, and drop `above` from paths; what is no note is passed over."""
+    """Read the lines of the tap in a process, and drop `above` from paths; a line that is no note is skipped."""
     found = []
     for line in text.split("\n")[:_MOST_CLAIMS]:
         with suppress(ValueError):
             note = _Note.model_validate_json(line)
-            policies = Qos(**note.qos.model_dump(exclude_unset=True)) if note.qos else None
+            qos = None
+            if note.qos:
+                qos = Qos(**note.qos.model_dump(exclude_unset=True))
+            file = note.file.removeprefix(above)
             plain = note.model_dump(exclude={"qos", "file"})
-            found.append(Claim(process, file=note.file.removeprefix(above), qos=policies, **plain))
+            found.append(Claim(process, file=file, qos=qos, **plain))
     return found

@@ -25,9 +25,9 @@ from grader.result_folder import EXPORTED
 
 @dataclass(frozen=True)
 class Export:
-    """A form of the result that another system reads, and the environment's variables that it needs.
+    """A form of the result for another system, and the environment variables that it needs.
 
-    It is written into the results folder under `file_name` if no other is given.
+    The form is written into the results folder under `file_name` unless another file is given.
     """
 
     name: str
@@ -37,7 +37,7 @@ class Export:
     variables: tuple[str, ...] = ()
 
     def require_variables(self, environment: Mapping[str, str]) -> None:
-        """Raise GraderError if a variable is not set that this form needs."""
+        """Raise GraderError if a variable of this form is not set."""
         missing = [name for name in self.variables if not environment.get(name)]
         if missing:
             raise GraderError(
@@ -46,43 +46,38 @@ class Export:
             )
 
 
-EXPORTS: Mapping[str, Export] = {
-    export.name: export
-    for export in (
-        Export(
-            "github-summary",
-            "Markdown for GitHub's job summary",
-            "summary.md",
-            github_summary.render,
-        ),
-        Export(
-            "github-annotations",
-            "GitHub workflow commands that mark lines of the student's files",
-            "annotations.txt",
-            github_annotations.render,
-        ),
-        Export("junit", "JUnit XML, as Jenkins and GitLab read it", "junit.xml", junit.render),
-        Export(
-            "gitlab-codequality",
-            "GitLab's code quality report",
-            "codequality.json",
-            gitlab_codequality.render,
-        ),
-        Export("gradescope", "Gradescope's results.json", "gradescope.json", gradescope.render),
-        Export(
-            "classroom50",
-            "Classroom 50's result.json",
-            "classroom50.json",
-            classroom50.render,
-            classroom50.VARIABLES,
-        ),
-    )
-}
+_ALL = (
+    Export(
+        "github-summary", "Markdown for GitHub's job summary", "summary.md", github_summary.render
+    ),
+    Export(
+        "github-annotations",
+        "GitHub workflow commands that mark lines of the student's files",
+        "annotations.txt",
+        github_annotations.render,
+    ),
+    Export("junit", "JUnit XML, as Jenkins and GitLab read it", "junit.xml", junit.render),
+    Export(
+        "gitlab-codequality",
+        "GitLab's code quality report",
+        "codequality.json",
+        gitlab_codequality.render,
+    ),
+    Export("gradescope", "Gradescope's results.json", "gradescope.json", gradescope.render),
+    Export(
+        "classroom50",
+        "Classroom 50's result.json",
+        "classroom50.json",
+        classroom50.render,
+        classroom50.VARIABLES,
+    ),
+)
+EXPORTS: Mapping[str, Export] = {export.name: export for export in _ALL}
 
 
 @dataclass(frozen=True)
 class ClassExport:
-    """A form of a class's results, or of a single submission's, that another system or a mail program reads."""
+    """A form of the results of a class, or of one submission, for another system or a mail program."""
 
     name: str
     description: str
@@ -90,39 +85,31 @@ class ClassExport:
     render: Callable[[ReturnedClass], Returned]
 
 
-CLASS_EXPORTS: Mapping[str, ClassExport] = {
-    export.name: export
-    for export in (
-        ClassExport(
-            "moodle", "grades for Moodle", f"{EXPORTED}/moodle.csv", gradebooks.MOODLE.render
-        ),
-        ClassExport(
-            "canvas", "grades for Canvas", f"{EXPORTED}/canvas.csv", gradebooks.CANVAS.render
-        ),
-        ClassExport(
-            "blackboard",
-            "grades for Blackboard",
-            f"{EXPORTED}/blackboard.csv",
-            gradebooks.BLACKBOARD.render,
-        ),
-        ClassExport(
-            "brightspace",
-            "grades for Brightspace",
-            f"{EXPORTED}/brightspace.csv",
-            gradebooks.BRIGHTSPACE.render,
-        ),
-        ClassExport(
-            "feedback",
-            "reports, as Moodle and Canvas take them",
-            f"{EXPORTED}/feedback.zip",
-            feedback.render,
-        ),
-        ClassExport(
-            "mail", "a mailbox with a mail a student", f"{EXPORTED}/mail.mbox", mail.mailbox
-        ),
-        ClassExport("eml", "the same mails as files", f"{EXPORTED}/mail.zip", mail.files),
-    )
-}
+_ALL_OF_CLASS = (
+    ClassExport("moodle", "grades for Moodle", f"{EXPORTED}/moodle.csv", gradebooks.MOODLE.render),
+    ClassExport("canvas", "grades for Canvas", f"{EXPORTED}/canvas.csv", gradebooks.CANVAS.render),
+    ClassExport(
+        "blackboard",
+        "grades for Blackboard",
+        f"{EXPORTED}/blackboard.csv",
+        gradebooks.BLACKBOARD.render,
+    ),
+    ClassExport(
+        "brightspace",
+        "grades for Brightspace",
+        f"{EXPORTED}/brightspace.csv",
+        gradebooks.BRIGHTSPACE.render,
+    ),
+    ClassExport(
+        "feedback",
+        "reports, as Moodle and Canvas take them",
+        f"{EXPORTED}/feedback.zip",
+        feedback.render,
+    ),
+    ClassExport("mail", "a mailbox with a mail a student", f"{EXPORTED}/mail.mbox", mail.mailbox),
+    ClassExport("eml", "the same mails as files", f"{EXPORTED}/mail.zip", mail.files),
+)
+CLASS_EXPORTS: Mapping[str, ClassExport] = {export.name: export for export in _ALL_OF_CLASS}
 
 
 def render_export(
@@ -132,10 +119,14 @@ def render_export(
     path_prefix: str = "",
     environment: Mapping[str, str] | None = None,
 ) -> str:
-    """Return a result in another system's form; raises GraderError if that needs a variable that is not set.
+    """Return a result in another system's form; `path_prefix` is the submission's folder in its repository.
 
-    `path_prefix` is the submission's folder in its repository.
+    Raises
+    ------
+    GraderError
+        If a variable of the form is not set.
     """
-    export, variables = EXPORTS[name], environment or {}
+    export = EXPORTS[name]
+    variables = environment or {}
     export.require_variables(variables)
     return export.render(graded(result, path_prefix), variables)

@@ -1,8 +1,8 @@
 """Classroom 50's `result.json` (schema `classroom50/result/v1`).
 
-Scores there are whole numbers that add up to the total. So the total is rounded, half a point up, and the tests'
-scores such that they add up to it. An undecided check has the score 0, and its name says so; adjustments are spread
-over the other tests. What the system's runner writes itself is left out. It prints a test's name as Markdown.
+Scores there are whole numbers that add up to the total. The total is rounded, half a point up, and the tests' scores
+such that they add up to it. An undecided check has the score 0, and its name says that it is undecided; adjustments
+are spread over the other tests. Keys that the system's runner writes are left out. It prints a test's name as Markdown.
 
 References
 ----------
@@ -23,7 +23,7 @@ from grader.report.exports.graded import Graded, GradedCheck, full_text
 from grader.report.views import badge_of
 
 SCHEMA = "classroom50/result/v1"
-#: What the runner tells the autograder of the submission: keys of the result, and the variables that hold them.
+#: Facts about the submission from the runner: keys of the result, and the variables that hold their values.
 _GIVEN = {
     "classroom": "CLASSROOM",
     "assignment": "ASSIGNMENT",
@@ -33,25 +33,22 @@ _GIVEN = {
 }
 VARIABLES = tuple(_GIVEN.values())
 _ZERO = Decimal(0)
-#: No share of points is finer; what a division leaves beyond it must not make a score exceed its maximum.
+#: Finest share of points; a rounding error of a division must not make a score exceed its maximum.
 _FINE = Decimal("1e-9")
 
 
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
     """Return the file's text."""
     given = {key: line(environment[variable], 1000) for key, variable in _GIVEN.items()}
-    tests = [
-        _test(check, *scores) for check, scores in zip(graded.checks, _scores(graded), strict=True)
-    ]
-    # When the last session ended; the runner puts the time of submission in its place.
-    ended_s = max(
-        (s["started_ns"] / 1e9 + s["duration_s"] for s in graded.sessions.values()), default=0.0
-    )
+    review = environment.get("REVIEW_URL") or environment["COMMIT_URL"]
+    tests = []
+    for check, (score, most) in zip(graded.checks, _scores(graded), strict=True):
+        tests.append(_test(check, score, most))
     plain = {
         "schema": SCHEMA,
         **given,
-        "review": line(environment.get("REVIEW_URL") or environment["COMMIT_URL"], 1000),
-        "datetime": datetime.fromtimestamp(ended_s, tz=timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "review": line(review, 1000),
+        "datetime": _ended(graded).strftime("%Y-%m-%dT%H:%M:%SZ"),
         "score": sum(test["score"] for test in tests),
         "max-score": sum(test["max-score"] for test in tests),
         "tests": tests,
@@ -59,34 +56,47 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
     return json_text(plain)
 
 
+def _ended(graded: Graded) -> datetime:
+    """Return the end of the last session; the runner replaces it by the time of submission."""
+    ended_s = 0.0
+    for session in graded.sessions.values():
+        ended_s = max(ended_s, session["started_ns"] / 1e9 + session["duration_s"])
+    return datetime.fromtimestamp(ended_s, tz=timezone.utc)
+
+
 def _scores(graded: Graded) -> list[tuple[int, int]]:
-    """Return each check's score and maximum; what is open has earned no more than is known."""
+    """Return the score and the maximum of each check; an undecided check has the points that are certain."""
     most = whole_scores([check.possible for check in graded.checks])
-    within = [
-        int(check.earned) if check.open else limit
-        for check, limit in zip(graded.checks, most, strict=True)
-    ]
-    exact = [
-        max(_ZERO, min(Decimal(limit), check.possible, check.earned + check.given))
-        for check, limit in zip(graded.checks, within, strict=True)
-    ]
-    earned, room = sum(exact, _ZERO), sum(within) - sum(exact, _ZERO)
-    wanted = max(0, min(_rounded(graded.final), sum(within)))
-    # What the tests do not add up to is spread over them in proportion.
+    limits = []
+    exact = []
+    for check, maximum in zip(graded.checks, most, strict=True):
+        limit = int(check.earned) if check.open else maximum
+        score = min(Decimal(limit), check.possible, check.earned + check.given)
+        limits.append(limit)
+        exact.append(max(_ZERO, score))
+    wanted = max(0, min(_rounded(graded.final), sum(limits)))
+    scores = whole_scores(_adding_up_to(wanted, exact, limits))
+    return list(zip(scores, most, strict=True))
+
+
+def _adding_up_to(wanted: int, exact: Sequence[Decimal], limits: Sequence[int]) -> list[Decimal]:
+    """Return scores that add up to the wanted total; the difference is spread in proportion, within the limits."""
+    earned = sum(exact, _ZERO)
+    room = sum(limits) - earned
+    spread = list(exact)
     if wanted < earned:
-        exact = [value * wanted / earned for value in exact]
+        spread = [score * wanted / earned for score in exact]
     elif room > 0:
-        exact = [
-            value + (m - value) * (wanted - earned) / room
-            for value, m in zip(exact, within, strict=True)
-        ]
-    return list(zip(whole_scores([value.quantize(_FINE) for value in exact]), most, strict=True))
+        spread = []
+        for score, limit in zip(exact, limits, strict=True):
+            spread.append(score + (limit - score) * (wanted - earned) / room)
+    return [score.quantize(_FINE) for score in spread]
 
 
 def whole_scores(exact: Sequence[Decimal]) -> list[int]:
-    """Round points, which are not negative, to whole numbers that add up to the rounded total.
+    """Round points, none of them negative, to whole numbers that add up to the rounded total.
 
-    Each is what the rounded sum grows by, and so differs from its exact value by less than 1.
+    Each number is the growth of the rounded sum, and therefore differs from the exact points by less than 1.
     """
     sums = [_rounded(total) for total in accumulate(exact, initial=_ZERO)]
     return [after - before for before, after in pairwise(sums)]

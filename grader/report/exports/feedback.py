@@ -1,12 +1,12 @@
-"""`feedback.zip`: the reports, named so that the system from which the submissions came gives each to its student.
+"""`feedback.zip`: the reports, under names by which the system of the submissions gives each to its student.
 
 References
 ----------
 Moodle: `mod/assign/feedback/file/importziplib.php` in moodle/moodle: a folder, or the beginning of a file's name, is
-the one of its download; the file keeps its own name.
+that of its download; the file keeps its own name.
 Canvas: `infer_comment_context_from_filename` in `app/models/abstract_assignment.rb` of instructure/canvas-lms: a file
-is named as in its download, and becomes a comment's attachment under the name that the student's file had. So it has
-to be of that file's kind.
+is named as in its download, and becomes a comment's attachment under the name of the student's file. It must therefore
+be of the same kind as the student's file.
 """
 
 from __future__ import annotations
@@ -27,8 +27,9 @@ _OPEN_ENDS = ("/", "_")
 
 
 def render(given: ReturnedClass) -> Returned:
-    """Return the archive; of a submission that goes back in several ways, the first that can be gone."""
-    returned, files = Returned(), dict[str, bytes]()
+    """Return the archive; a submission with several possible names is in it once, under the first that fits."""
+    returned = Returned()
+    files: dict[str, bytes] = {}
     for entry in given.entries:
         report = given.report(entry)
         if entry.result is None or report is None:
@@ -42,24 +43,27 @@ def render(given: ReturnedClass) -> Returned:
         else:
             why = "the report fits no kind of file that they handed in; `--to mail` makes mails"
         returned.left_out[why].append(entry.name)
-    returned.content, returned.count = packed(files), len(files)
+    returned.content = packed(files)
+    returned.count = len(files)
     return returned
 
 
 def packed(files: Mapping[str, bytes]) -> bytes:
-    """Return a zip of files; equal ones give equal bytes."""
+    """Return a zip archive of files; equal files give equal bytes."""
     archive = io.BytesIO()
     with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED) as zipped:
         for name, content in sorted(files.items()):
             info = zipfile.ZipInfo(name, _EARLIEST)
-            info.compress_type, info.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
+            info.compress_type = zipfile.ZIP_DEFLATED
+            info.external_attr = 0o644 << 16
             zipped.writestr(info, content)
     return archive.getvalue()
 
 
 def _file(entry: ClassEntry, result: Result, report: bytes) -> dict[str, bytes]:
-    """Return the file that goes back, under its name; none if nothing fits, or the name leads elsewhere."""
-    safe = [path for path in entry.identity.handback if _stays_inside(path)]
+    """Return the returned file under its name; none if no name fits, or all of them lead elsewhere."""
+    safe = filter(_stays_inside, entry.identity.handback)
+    # Folders and archives first: they take the report as it is.
     for path in sorted(safe, key=lambda path: not path.lower().endswith((*_OPEN_ENDS, ".zip"))):
         if path.endswith(_OPEN_ENDS):
             return {path + REPORT_FILE: report}
@@ -71,6 +75,8 @@ def _file(entry: ClassEntry, result: Result, report: bytes) -> dict[str, bytes]:
 
 
 def _stays_inside(path: str) -> bool:
-    """Whether a path leads nowhere else where it is unpacked, and is one that can be written."""
+    """Tell whether a path leads to a place below the folder of its archive, and can be written."""
+    if not path.isprintable() or "\\" in path:
+        return False
     parts = path.removesuffix("/").split("/")
-    return path.isprintable() and "\\" not in path and not {"", ".", ".."} & {*parts}
+    return {"", ".", ".."}.isdisjoint(parts)

@@ -1,6 +1,6 @@
 """Workflow commands that mark lines of the student's files on GitHub.
 
-GitHub shows ten of a kind for each step, in the order in which they come: these are the costliest. A title has at most
+GitHub shows the first ten of a kind for each step; the costliest checks therefore come first. A title has at most
 255 characters, a message 64 KB.
 """
 
@@ -19,31 +19,28 @@ _KINDS = {Outcome.FAILED: "error", Outcome.PARTIAL: "warning"}
 
 
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
-    """Return the workflow commands, a line each, and a line for each kind of which there were more."""
-    shown = [*graded.lossy, *(check for check in graded.checks if check.open and not check.lost)]
-    commands = []
-    for kind in ("error", "warning", "notice"):
-        checks = [check for check in shown if _KINDS.get(check.outcome, "notice") == kind]
-        commands += [_command(kind, check) for check in checks[:MOST_OF_A_KIND]]
-        if len(checks) > MOST_OF_A_KIND:
-            commands.append(
-                f"({len(checks) - MOST_OF_A_KIND} more of the kind {kind} are in the report.)"
-            )
-    return "".join(f"{command}\n" for command in commands)
+    """Return the workflow commands, a line each, and a line for each kind with further checks."""
+    by_kind: dict[str, list[GradedCheck]] = {"error": [], "warning": [], "notice": []}
+    for check in (*graded.lossy, *graded.open_without_loss):
+        by_kind[_KINDS.get(check.outcome, "notice")].append(check)
+    lines = []
+    for kind, checks in by_kind.items():
+        lines += [_command(kind, check) for check in checks[:MOST_OF_A_KIND]]
+        further = len(checks) - MOST_OF_A_KIND
+        if further > 0:
+            lines.append(f"({further} more of the kind {kind} are in the report.)")
+    return "".join(f"{text}\n" for text in lines)
 
 
 def _command(kind: str, check: GradedCheck) -> str:
+    """Write a workflow command: `::error file=a.py,line=3,title=…::…`."""
+    word = badge_of(check.outcome).word
     cost = f"−{points(check.lost)} points" if check.lost else "costs nothing"
-    properties = {
-        "title": f"{line(check.title, _LONGEST_TITLE)} ({badge_of(check.outcome).word}, {cost})"
-    }
+    properties = {}
     if check.location is not None:
-        properties = {
-            "file": str(check.location.file),
-            "line": str(check.location.line),
-            **properties,
-        }
-    written = ",".join(
-        f"{key}={command_property(value, 1000)}" for key, value in properties.items()
-    )
-    return f"::{kind} {written}::{command_data(full_text(check) or badge_of(check.outcome).word)}"
+        properties["file"] = str(check.location.file)
+        properties["line"] = str(check.location.line)
+    properties["title"] = f"{line(check.title, _LONGEST_TITLE)} ({word}, {cost})"
+    written = [f"{key}={command_property(value, 1000)}" for key, value in properties.items()]
+    message = command_data(full_text(check) or word)
+    return f"::{kind} {','.join(written)}::{message}"

@@ -1,6 +1,7 @@
-"""Markdown for GitHub's job summary: the score, what cost points and why, and all checks.
+"""Markdown for GitHub's job summary: the score, the lost points with their reasons, and all checks.
 
-GitHub shows nothing of more than 1 MiB from a step: what does not fit is left out whole, with a line that says so.
+GitHub shows nothing of a step that writes more than 1 MiB. Parts beyond it are left out whole, with a line that says
+that they are missing.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
 
 
 def fitting(parts: Iterable[str], longest_bytes: int) -> str:
-    """Return as many of the parts, in their order, as fit; with a last line if some do not."""
+    """Return the first parts that fit, with a last line if some do not."""
     fit: list[str] = []
     size = len(_LEFT_OUT.encode())
     for part in parts:
@@ -51,26 +52,37 @@ def fitting(parts: Iterable[str], longest_bytes: int) -> str:
 def _parts(graded: Graded) -> Iterable[str]:
     yield _head(graded)
     yield _criteria(graded)
-    yield from _listed(BONUS, map(markdown_text, bonus_lines(graded)))
-    judged = f"As judged: {points(graded.score.earned)}. With all adjustments: **{points(graded.final)}**."
-    yield from _listed(
-        "Adjustments", (markdown_text(view.text) for view in adjustments_of(graded)), judged
-    )
-    yield from _listed(HEADING, map(markdown_text, violation_texts(graded)), EXPLANATION)
-    lossy = [check for check in graded.lossy if check.outcome is not Outcome.NOT_REACHED]
-    if lossy:
-        yield "## What cost points\n"
-        yield from (_lost(check) for check in lossy)
-    missed = [_because(c, f"−{points(c.lost)} points") for c in graded.lossy if c not in lossy]
-    yield from _listed("Not tested, because of the above", missed)
-    undecided = [_because(c, f"{points(c.undecided)} points") for c in graded.checks if c.open]
-    yield from _listed("Undecided, not earned", undecided)
-    yield from _listed(
-        "Costs nothing, but worth knowing", map(markdown_text, graded.advisories[:MOST_REMARKS])
-    )
-    yield from _listed("On the grader's side", map(markdown_text, graded.problems[:MOST_REMARKS]))
+    yield from _listed(BONUS, bonus_lines(graded))
+    adjustments = [view.text for view in adjustments_of(graded)]
+    judged = points(graded.score.earned)
+    total = f"As judged: {judged}. With all adjustments: **{points(graded.final)}**."
+    yield from _listed("Adjustments", adjustments, total)
+    yield from _listed(HEADING, violation_texts(graded), EXPLANATION)
+    yield from _losses(graded)
+    undecided = []
+    for check in graded.checks:
+        if check.open:
+            undecided.append(_because(check, f"{points(check.undecided)} points"))
+    yield from _items("Undecided, not earned", undecided)
+    yield from _listed("Costs nothing, but worth knowing", graded.advisories[:MOST_REMARKS])
+    yield from _listed("On the grader's side", graded.problems[:MOST_REMARKS])
     yield _all_checks(graded)
     yield _foot(graded)
+
+
+def _losses(graded: Graded) -> Iterable[str]:
+    """Yield a part for each check that lost points by itself, and one for the blocked checks."""
+    lossy = []
+    missed = []
+    for check in graded.lossy:
+        if check.outcome is Outcome.NOT_REACHED:
+            missed.append(_because(check, f"−{points(check.lost)} points"))
+        else:
+            lossy.append(_lost(check))
+    if lossy:
+        yield "## What cost points\n"
+    yield from lossy
+    yield from _items("Not tested, because of the above", missed)
 
 
 def _head(graded: Graded) -> str:
@@ -86,7 +98,7 @@ def _head(graded: Graded) -> str:
             f"> **{points(graded.still_undecided)} points are undecided**, and not earned before they are: "
             "the next run may decide them, or the instructor.",
         ]
-    if any(session["isolation"] == "none" for session in graded.sessions.values()):
+    if "none" in graded.isolations:
         lines += [
             "",
             "> **The submission's code ran unconfined.** The report says what would confine it.",
@@ -95,24 +107,25 @@ def _head(graded: Graded) -> str:
 
 
 def _criteria(graded: Graded) -> str:
-    rows = []
+    rows = ["| | Criterion | Points |", "|:-:|---|--:|"]
     for criterion in graded.criteria:
-        undecided = f" (+ {points(criterion.undecided)} undecided)" if criterion.undecided else ""
-        share = f"{points(criterion.earned)} / {points(criterion.possible)}{undecided}"
-        rows.append(
-            f"| {badge_of(criterion.outcome).sign} | {markdown_text(criterion.title)} | {share} |"
-        )
-    return "\n".join(["| | Criterion | Points |", "|:-:|---|--:|", *rows]) + "\n"
+        share = f"{points(criterion.earned)} / {points(criterion.possible)}"
+        if criterion.undecided:
+            share += f" (+ {points(criterion.undecided)} undecided)"
+        sign = badge_of(criterion.outcome).sign
+        rows.append(f"| {sign} | {markdown_text(criterion.title)} | {share} |")
+    return "\n".join(rows) + "\n"
 
 
 def _lost(check: GradedCheck) -> str:
+    badge = badge_of(check.outcome)
     lines = [
-        f"### {badge_of(check.outcome).sign} {markdown_text(check.title)}: −{points(check.lost)} points",
+        f"### {badge.sign} {markdown_text(check.title)}: −{points(check.lost)} points",
         "",
-        markdown_text(check.reason) or badge_of(check.outcome).word,
+        markdown_text(check.reason) or badge.word,
         "",
-        *(f"- {name}: {markdown_text(text)}" for name, text in proof_lines(check)),
     ]
+    lines += [f"- {name}: {markdown_text(text)}" for name, text in proof_lines(check)]
     return "\n".join(lines) + "\n"
 
 
@@ -120,26 +133,38 @@ def _because(check: GradedCheck, cost: str) -> str:
     return f"{markdown_text(check.title)} ({cost}): {markdown_text(check.reason)}"
 
 
-def _listed(title: str, lines: Iterable[str], last: str = "") -> Iterable[str]:
-    """Give a part of lines with a title, and a last one below them; nothing without lines."""
+def _listed(title: str, texts: Iterable[str], last: str = "") -> Iterable[str]:
+    """Yield a part with a title and untrusted texts as its items; nothing without texts."""
+    yield from _items(title, map(markdown_text, texts), last)
+
+
+def _items(title: str, lines: Iterable[str], last: str = "") -> Iterable[str]:
+    """Yield a part with a title, lines of Markdown as its items, and a last item; nothing without lines."""
     items = [f"- {line}" for line in lines]
-    if items:
-        yield "\n".join([f"## {title}", "", *items, *([f"- {last}"] if last else [])]) + "\n"
+    if not items:
+        return
+    if last:
+        items.append(f"- {last}")
+    yield "\n".join([f"## {title}", "", *items]) + "\n"
 
 
 def _all_checks(graded: Graded) -> str:
-    rows = [
-        f"| {badge.sign} {badge.word} | {markdown_text(check.title)} | {points_of(check)} |"
-        for check, badge in ((check, badge_of(check.outcome)) for check in graded.checks)
-    ]
-    count = f"{len(rows)} checks, {sum(1 for c in graded.checks if not c.lost and not c.open)} without loss"
-    table = "\n".join(["| | Check | Points |", "|---|---|--:|", *rows])
+    rows = ["| | Check | Points |", "|---|---|--:|"]
+    without_loss = 0
+    for check in graded.checks:
+        badge = badge_of(check.outcome)
+        title = markdown_text(check.title)
+        rows.append(f"| {badge.sign} {badge.word} | {title} | {points_of(check)} |")
+        without_loss += not check.lost and not check.open
+    count = f"{len(graded.checks)} checks, {without_loss} without loss"
+    table = "\n".join(rows)
     return f"<details><summary>All {count}</summary>\n\n{table}\n\n</details>\n"
 
 
 def _foot(graded: Graded) -> str:
-    levels = dict.fromkeys(session["isolation"] for session in graded.sessions.values())
-    facts = [f"isolation: {markdown_text(', '.join(levels))}"] if levels else []
+    facts = []
+    if graded.isolations:
+        facts.append(f"isolation: {markdown_text(', '.join(graded.isolations))}")
     if graded.rubric_sha256:
         facts.append(f"rubric {markdown_text(graded.rubric_sha256[:12])}")
     listed = f" ({'; '.join(facts)})" if facts else ""

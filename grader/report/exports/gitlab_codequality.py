@@ -1,7 +1,7 @@
-"""GitLab's code quality report: checks that cost points, on the line of the student's file that they point at.
+"""GitLab's code quality report: the checks that lost points, each at a line of the student's file.
 
-Checks without a file are left out, since GitLab shows findings on files alone; the JUnit report has them.
-A finding's fingerprint is made of check and file, so it is the same after the student has moved the line.
+Checks without a file are left out, because GitLab shows findings on files alone; the JUnit report has them.
+A finding's fingerprint depends on check and file, and is the same after the student has moved the line.
 
 References
 ----------

@@ -1,8 +1,8 @@
-"""Tables that grade books import: a line a student, found by what the grade book knows them by.
+"""Tables that grade books import: one student a line, with the cells by which the grade book finds the student.
 
-Cells by which students are found are written as they are known, to the last zero, or not at all: one that a
-spreadsheet would take for a formula is left empty. All other texts are made harmless (see `csv_cell`). Every cell
-stands in quotes, without a byte order mark before the first, since not all importers expect one.
+Cells by which students are found are written unchanged, to the last zero, or not at all: one that a spreadsheet would
+take for a formula is left empty. All other texts are made harmless (see `csv_cell`). Every cell stands in quotes,
+without a byte order mark before the first, because not all importers expect one.
 
 An importer that finds students by one column needs a cell in each line of it. A column with an empty cell is therefore
 left out, and students without a cell in any complete column go into a further table.
@@ -16,7 +16,7 @@ student of the line above, and 4.2 looks for a user without an ID number; a grad
 in moodle/moodle.
 Canvas: `lib/gradebook_importer.rb` in instructure/canvas-lms: the first columns and their order are fixed; students
 are found by ID, else by SIS ids; a column is an assignment's if its heading ends with the assignment's number; columns
-called like Canvas' own sums are ignored (`NON_ASSIGNMENT_COLUMN_HEADERS`; by issue 2134 any with "final").
+with the names of Canvas' own sums are ignored (`NON_ASSIGNMENT_COLUMN_HEADERS`; by issue 2134 any with "final").
 Blackboard Help, "Work offline with grade data": Username, and a column's own number behind `|` in its heading; cells
 of comma-separated files stand in quotes.
 D2L, "Importing grades" (community.d2l.com): OrgDefinedId or Username, headings that end with `Points Grade`, and
@@ -42,7 +42,7 @@ from grader.report.views import points
 
 @dataclass(frozen=True)
 class Column:
-    """A column: its heading (none for that of the points), what stands in it, and whether students are found by it."""
+    """A column: its heading (none for the points), its content, and whether it identifies students."""
 
     heading: str
     cell: Callable[[Share], str | Decimal]
@@ -51,7 +51,7 @@ class Column:
 
 @dataclass(frozen=True)
 class _Line:
-    """A student's line: the share, and by heading the cells that the grade book can find the student by."""
+    """A student's line: the share, and the cells that identify the student in the grade book, by heading."""
 
     share: Share
     keys: dict[str, str]
@@ -70,15 +70,15 @@ class GradeBook:
     """The table that a system's grade book imports."""
 
     columns: Sequence[Column]
-    #: The heading of the column of points, unless the user knows it; `{lab}` and `{points}` stand for the lab's.
+    #: Heading of the column of points, unless the user gives one; `{lab}` and `{points}` stand for the lab's.
     heading: str = "{lab}"
-    #: What the second line says before the points that there are, in the column of points; none if there is no such.
+    #: First cell of a second line with the possible points in the column of points; empty without such a line.
     second: str = ""
-    #: Whether each line is looked up by its first cell that is not empty, so that key columns may have empty cells.
+    #: True if each line is looked up by its first cell that is not empty; key columns may then have empty cells.
     line_by_line: bool = False
     #: Consequence of more points than the maximum; empty if the system takes them.
     above: str = ""
-    #: Gives a heading in the form that the system reads; the other argument says whether the user asked for it.
+    #: Returns a heading in the form that the system reads; the other argument is true if the user asked for it.
     readable: Callable[[str, bool], str] = _as_it_is
     #: Tells the person who imports a table how to map its key columns.
     advice: Callable[[Sequence[str]], str] = _no_advice
@@ -88,7 +88,7 @@ class GradeBook:
         return [column.heading for column in self.columns if column.is_key]
 
     def render(self, given: ReturnedClass) -> Returned:
-        """Return the table of a class in which somebody has a result, and further ones if one cannot name all.
+        """Return the table of a class with at least one result, and further tables if one cannot name all students.
 
         Raises
         ------
@@ -113,7 +113,9 @@ class GradeBook:
     def _lines(self, given: ReturnedClass, left_out: dict[str, list[str]]) -> list[_Line]:
         """Return the lines of the students that can be found, and note the others."""
         lines = [_Line(share, self._keys(share)) for share in given.shares]
-        times = Counter(key for found in lines for key in found.keys.items())
+        times: Counter[tuple[str, str]] = Counter()
+        for found in lines:
+            times.update(found.keys.items())
         unknown = f"none of these is known: {', '.join(self._key_headings)}"
         kept = []
         for found in lines:
@@ -130,7 +132,7 @@ class GradeBook:
         """Divide the lines into tables that have a complete key column each, the largest first."""
         while lines:
             missing = self._missing(lines)
-            # Of those that name equally many students, the first in the table.
+            # The first column in the table, if several name equally many students.
             key = min(missing, key=lambda heading: len(missing[heading]))
             others = [] if self.line_by_line else missing[key]
             yield [found for found in lines if found not in others]
@@ -163,24 +165,27 @@ class GradeBook:
         return missing
 
     def _notes(self, lines: Sequence[_Line]) -> dict[str, list[str]]:
-        """Return notes on incomplete columns and on points above the maximum, each with whom it is about."""
+        """Return notes on incomplete columns and on points above the maximum, each with its submissions."""
         notes = {}
         if not self.line_by_line:
             for name, without in self._missing(lines).items():
                 note = f"not all have {name}, so no table has it with a gap; it is missing of"
                 if 0 < len(without) < len(lines):
                     notes[note] = _names(without)
-        if self.above:
-            above = _names([found for found in lines if found.share.is_above])
-            notes[f"more points than the maximum, {self.above}"] = above
-        return {note: names for note, names in notes.items() if names}
+        above = [found for found in lines if found.share.is_above]
+        if self.above and above:
+            notes[f"more points than the maximum, {self.above}"] = _names(above)
+        return notes
 
     def _keys(self, share: Share) -> dict[str, str]:
-        """Return by what the grade book finds a student, as far as that is known and can be written as it is."""
-        cells = {
-            column.heading: str(column.cell(share)) for column in self.columns if column.is_key
-        }
-        return {heading: cell for heading, cell in cells.items() if cell and csv_cell(cell) == cell}
+        """Return the cells that identify a student in the grade book, by heading, as far as they can be written unchanged."""
+        keys = {}
+        for column in self.columns:
+            if column.is_key:
+                cell = str(column.cell(share))
+                if cell and csv_cell(cell) == cell:
+                    keys[column.heading] = cell
+        return keys
 
 
 def _names(lines: Sequence[_Line]) -> list[str]:
@@ -199,17 +204,15 @@ def _known(fact: str, share: Share, before: str = "") -> str:
 
 
 def _number(fact: str, share: Share, before: str = "") -> str:
-    """Return a system's own number of a student; where students are anonymous, it is none."""
+    """Return a system's own number of a student; empty if students are anonymous."""
     return _known(fact, share, before) if _known(fact, share).isdecimal() else ""
 
 
 _POINTS = Column("", lambda share: share.result.final)
 _NAME = partial(_known, "name")
-_ID, _LOGIN, _EMAIL = (
-    partial(_known, "student_id"),
-    partial(_known, "login"),
-    partial(_known, "email"),
-)
+_ID = partial(_known, "student_id")
+_LOGIN = partial(_known, "login")
+_EMAIL = partial(_known, "email")
 
 
 def _moodle_advice(headings: Sequence[str]) -> str:
@@ -230,17 +233,18 @@ def _moodle_advice(headings: Sequence[str]) -> str:
     return "; ".join(texts)
 
 
-#: Words in headings by which Canvas takes a column for one of its own sums, and the number of an assignment.
+#: Words in a heading that make Canvas take the column for one of its own sums.
 _CANVAS_SUMS = re.compile(
     r"\b\w*final\w*|\b(?:current|override) (?:score|points|grade|status)", re.IGNORECASE
 )
+#: Number of an assignment at the end of a heading.
 _CANVAS_NUMBER = re.compile(r"\s\(\d+\)$")
 
 
 def _read_by_canvas(heading: str, asked: bool) -> str:
-    """Return a heading without words by which Canvas ignores a column; its number is enough to find an assignment.
+    """Return a heading without the words that make Canvas ignore a column, such as `Lab (4711)` for `Final Lab (4711)`.
 
-    For example `Final Lab (4711)` becomes `Lab (4711)`. Raises UsageError if the user asks for a heading without number.
+    The number of an assignment is enough to find it. Raises UsageError if the user asks for a heading without number.
     """
     if not _CANVAS_SUMS.search(heading):
         return heading

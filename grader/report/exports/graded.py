@@ -1,4 +1,4 @@
-"""A result as the exports show it: with what people decided of each check, in the words that all exports share."""
+"""A result as the exports show it: with people's decisions about each check, in the words that all exports share."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from grader.result import (
     SessionProvenance,
 )
 
-#: No path is longer, and no name that matters.
+#: Longest path, and longest name that is shown.
 _LONGEST_NAME = 4096
-#: Most places that an export names for a check.
+#: Most locations that an export names for a check.
 MOST_LOCATIONS = 4
-#: Most remarks of a kind on the submission as a whole, since a student can cause any number.
+#: Most remarks of a kind on the submission as a whole, because a student can cause any number.
 MOST_REMARKS = 50
 
 
 @dataclass(frozen=True)
 class GradedCheck(CheckResult):
-    """A check with what a person decided of it.
+    """A check with people's decisions.
 
-    `undecided` are the points that nobody has decided, `given` those that a person's decision added, and `location` is
-    the first place of its proof that is a file of the student's repository, with its line, 1 where that is not known.
+    `undecided` are the points without a decision, and `given` those that a person's decision added. `location` is the
+    first location of its proof in a file of the student's repository; its line is 1 if the line is not known.
     """
 
     given: Decimal = Decimal(0)
@@ -42,23 +42,25 @@ class GradedCheck(CheckResult):
 
     @property
     def lost(self) -> Decimal:
-        """Points that the submission lost here; what is undecided is not lost."""
+        """Points that the submission lost here; undecided points are not lost."""
         return max(Decimal(0), self.possible - self.earned - self.undecided - self.given)
 
     @property
     def locations(self) -> tuple[str, ...]:
-        """Where the proof lies, in words."""
-        return tuple(dict.fromkeys(str(where)[:_LONGEST_NAME] for where in self.where))
+        """Locations of the proof, in words."""
+        texts = [str(where)[:_LONGEST_NAME] for where in self.where]
+        return tuple(dict.fromkeys(texts))
 
     @property
     def sessions(self) -> tuple[str, ...]:
-        """The sessions in whose recordings the proof lies."""
-        return tuple(dict.fromkeys(where.session for where in self.where if where.session))
+        """Sessions with recordings of the proof."""
+        names = [where.session for where in self.where if where.session]
+        return tuple(dict.fromkeys(names))
 
 
 @dataclass(frozen=True)
 class GradedCriterion(CriterionResult):
-    """A criterion with such checks."""
+    """A criterion with people's decisions about its checks."""
 
     checks: tuple[GradedCheck, ...]
 
@@ -72,41 +74,56 @@ class Graded(Result):
     @property
     def checks(self) -> tuple[GradedCheck, ...]:
         """All checks, in the rubric's order."""
-        return tuple(check for criterion in self.criteria for check in criterion.checks)
+        found: list[GradedCheck] = []
+        for criterion in self.criteria:
+            found += criterion.checks
+        return tuple(found)
 
     @property
     def lossy(self) -> tuple[GradedCheck, ...]:
         """The checks that cost points, the costliest first."""
-        return tuple(
-            sorted((check for check in self.checks if check.lost), key=lambda check: -check.lost)
-        )
+        lossy = [check for check in self.checks if check.lost]
+        return tuple(sorted(lossy, key=lambda check: -check.lost))
+
+    @property
+    def open_without_loss(self) -> tuple[GradedCheck, ...]:
+        """The undecided checks that have not lost points so far."""
+        return tuple(check for check in self.checks if check.open and not check.lost)
 
     @property
     def sessions(self) -> Mapping[str, SessionProvenance]:
         """When each session was recorded, and how it was confined."""
         return self.provenance.get("sessions", {})
 
+    @property
+    def isolations(self) -> tuple[str, ...]:
+        """The levels of isolation of the sessions, each once."""
+        levels = [session["isolation"] for session in self.sessions.values()]
+        return tuple(dict.fromkeys(levels))
+
 
 def graded(result: Result, path_prefix: str = "") -> Graded:
-    """Return what the exports show of a result; `path_prefix` is the submission's folder in its repository, if any."""
-    by_hand = [each for each in result.adjustments if each.kind in BY_HAND]
-    excused = {each.what for each in by_hand if each.kind is AdjustmentKind.EXCUSED}
-    open_ids = {check.id for check in result.open_checks}
+    """Return a result as the exports show it; `path_prefix` is the submission's folder in its repository, if any."""
+    excused = set()
     given: defaultdict[str, Decimal] = defaultdict(Decimal)
-    for each in by_hand:
-        given[each.what] += each.points
+    for each in result.adjustments:
+        if each.kind in BY_HAND:
+            given[each.what] += each.points
+        if each.kind is AdjustmentKind.EXCUSED:
+            excused.add(each.what)
+    open_ids = {check.id for check in result.open_checks}
 
     def graded_check(check: CheckResult, criterion: str) -> GradedCheck:
         undecided = Decimal(0) if check.id in given else check.undecided
-        # A person has looked at all of the criterion; what it got for each check is not known, unless it is excused.
-        rest = check.possible - check.earned - undecided
-        added = rest if criterion in excused else given.get(check.id, Decimal(0))
-        location = next(
-            filter(None, (_in_repository(where, path_prefix) for where in check.where)), None
-        )
-        is_open = check.id in open_ids
+        added = given.get(check.id, Decimal(0))
+        if criterion in excused:
+            # A decision about a whole criterion says nothing about each check, unless all of it is excused.
+            added = check.possible - check.earned - undecided
         return GradedCheck(
-            **{**vars(check), "undecided": undecided}, given=added, open=is_open, location=location
+            **{**vars(check), "undecided": undecided},
+            given=added,
+            open=check.id in open_ids,
+            location=_first_in_repository(check, path_prefix),
         )
 
     criteria = []
@@ -116,34 +133,45 @@ def graded(result: Result, path_prefix: str = "") -> Graded:
     return Graded(**{**vars(result), "criteria": tuple(criteria)})
 
 
+def _first_in_repository(check: CheckResult, path_prefix: str) -> Location | None:
+    """Return the first location of a check's proof that is in the repository."""
+    for where in check.where:
+        location = _in_repository(where, path_prefix)
+        if location is not None:
+            return location
+    return None
+
+
 def _in_repository(where: Location, path_prefix: str) -> Location | None:
-    """Return the file in the repository; none if the path leads out of it, or cannot be shown as it is."""
+    """Return a location in the repository; None if its path leads elsewhere, or cannot be shown unchanged."""
     if not where.file or len(where.file) > _LONGEST_NAME:
         return None
     path = PurePosixPath(path_prefix, where.file)
-    text = str(path)
     if path.is_absolute() or ".." in path.parts or not path.parts:
         return None
-    showable = shown(text, len(text)) == text and "\n" not in text
-    return Location(text, max(1, where.line or 1)) if showable else None
+    text = str(path)
+    if "\n" in text or shown(text, len(text)) != text:
+        return None
+    return Location(text, max(1, where.line or 1))
 
 
 def points_of(check: GradedCheck) -> str:
-    """Return what a check earned of its points; a question mark where that is open."""
+    """Write the earned points of a check: `3 / 5`; `? / 5` if the check is undecided."""
     earned = "?" if check.open else points(check.earned + check.given)
     return f"{earned} / {points(check.possible)}"
 
 
 def violation_texts(graded: Graded) -> list[str]:
-    """Return what of the grader's own was tampered with, each as a line of text that is still untrusted."""
-    return [
-        " ".join([violation.text, note_of(violation), *violation.evidence[:MOST_LOCATIONS]])
-        for violation in graded.violations[:MOST_REMARKS]
-    ]
+    """Describe the tampering with the grader's own nodes, topics and records, in untrusted lines."""
+    texts = []
+    for violation in graded.violations[:MOST_REMARKS]:
+        evidence = violation.evidence[:MOST_LOCATIONS]
+        texts.append(" ".join([violation.text, note_of(violation), *evidence]))
+    return texts
 
 
 def proof_lines(check: GradedCheck) -> list[tuple[str, str]]:
-    """Return what was expected, what was measured, where, and what to do; names with texts of a line each."""
+    """Return expectation, measurement, locations and hint, each a name with a line of text, as far as there are any."""
     named = [
         ("Expected", check.expected),
         ("Measured", check.measured),
@@ -154,10 +182,11 @@ def proof_lines(check: GradedCheck) -> list[tuple[str, str]]:
 
 
 def full_text(check: GradedCheck) -> str:
-    """Return all that is to be said of a check that did not pass, as plain lines that can be shown."""
-    why = line(check.reason, 600)
+    """Return the whole explanation of a check that did not pass, as plain lines that can be shown."""
+    reason = line(check.reason, 600)
+    lines = [reason]
     if check.open:
-        why = f"Undecided, {points(check.undecided)} points are not earned before somebody has decided. {why}".strip()
-    return "\n".join(
-        [*([why] if why else []), *(f"{name}: {text}" for name, text in proof_lines(check))]
-    )
+        note = f"Undecided, {points(check.undecided)} points are not earned before somebody has decided."
+        lines = [f"{note} {reason}".strip()]
+    lines += [f"{name}: {text}" for name, text in proof_lines(check)]
+    return "\n".join(filter(None, lines))

@@ -1,7 +1,7 @@
 """Gradescope's `results.json`.
 
-Every test is visible, since Gradescope hides the total where one is not. An undecided check has neither score nor
-status, so that it is shown neither as passed nor as failed. The total is the score with all adjustments.
+Every test is visible, because Gradescope hides the total if one test is hidden. An undecided check has neither score
+nor status, and is shown neither as passed nor as failed. The total is the score with all adjustments.
 
 References
 ----------
@@ -30,6 +30,10 @@ from grader.result import number
 
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
     """Return the file's text."""
+    tests = []
+    for n, criterion in enumerate(graded.criteria, 1):
+        for m, check in enumerate(criterion.checks, 1):
+            tests.append(_test(check, criterion, f"{n}.{m}"))
     plain: dict[str, Any] = {
         "score": number(max(Decimal(0), graded.final)),
         "output": "\n".join(_overall(graded)),
@@ -38,25 +42,21 @@ def render(graded: Graded, environment: Mapping[str, str]) -> str:
         "test_name_format": "text",
         "visibility": "visible",
         "stdout_visibility": "hidden",
-        "tests": [
-            _test(check, criterion, f"{n}.{m}")
-            for n, criterion in enumerate(graded.criteria, 1)
-            for m, check in enumerate(criterion.checks, 1)
-        ],
+        "tests": tests,
         "extra_data": {
             "earned": number(graded.score.earned),
             "possible": number(graded.score.possible),
             "undecided": number(graded.still_undecided),
         },
     }
-    duration_s = _duration_s(graded)
-    return json_text(plain | ({"execution_time": duration_s} if duration_s is not None else {}))
+    if graded.sessions:
+        plain["execution_time"] = _duration_s(graded)
+    return json_text(plain)
 
 
 def _overall(graded: Graded) -> list[str]:
-    lines = [
-        f"{line(graded.lab)}: {points(graded.final)} of {points(graded.score.possible)} points"
-    ]
+    total = f"{points(graded.final)} of {points(graded.score.possible)} points"
+    lines = [f"{line(graded.lab)}: {total}"]
     if graded.still_undecided:
         lines.append(
             f"{points(graded.still_undecided)} points are undecided, and not earned before they are: "
@@ -71,13 +71,15 @@ def _overall(graded: Graded) -> list[str]:
     }
     for title, texts in remarks.items():
         if texts:
-            lines += ["", f"{title}:", *(f"- {line(text, 600)}" for text in texts)]
+            lines += ["", f"{title}:"]
+            lines += [f"- {line(text, 600)}" for text in texts]
     return lines
 
 
 def _test(check: GradedCheck, criterion: GradedCriterion, place: str) -> dict[str, Any]:
+    name = line(f"{criterion.title}: {check.title}")
     plain: dict[str, Any] = {
-        "name": line(f"{criterion.title}: {check.title}"),
+        "name": name,
         "number": place,
         "output": full_text(check) or "Passed.",
         "output_format": "text",
@@ -85,16 +87,19 @@ def _test(check: GradedCheck, criterion: GradedCriterion, place: str) -> dict[st
         "tags": [line(criterion.id)],
     }
     if check.open:
-        return plain | {"name": f"{plain['name']} (undecided)"}
-    earned = max(Decimal(0), check.earned + check.given)
-    status = "failed" if check.lost else "passed"
-    return plain | {"score": number(earned), "max_score": number(check.possible), "status": status}
+        plain["name"] = f"{name} (undecided)"
+    else:
+        plain["score"] = number(max(Decimal(0), check.earned + check.given))
+        plain["max_score"] = number(check.possible)
+        plain["status"] = "failed" if check.lost else "passed"
+    return plain
 
 
-def _duration_s(graded: Graded) -> float | None:
-    """Return the time from the first session's start to the last one's end."""
+def _duration_s(graded: Graded) -> float:
+    """Return the time from the first session's start to the last one's end, of at least one session."""
     sessions = graded.sessions.values()
-    if not sessions:
-        return None
     first_ns = min(session["started_ns"] for session in sessions)
-    return round(max((s["started_ns"] - first_ns) / 1e9 + s["duration_s"] for s in sessions), 1)
+    ended_s = []
+    for session in sessions:
+        ended_s.append((session["started_ns"] - first_ns) / 1e9 + session["duration_s"])
+    return round(max(ended_s), 1)

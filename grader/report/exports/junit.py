@@ -1,8 +1,8 @@
 """JUnit XML, as Jenkins (JUnit and xUnit plugins) and GitLab read it: a criterion is a suite, a check a case.
 
-Lost points are a `failure`. What is undecided is `skipped`, which neither system counts against the student. Properties
-on cases and file names are not in the xUnit plugin's schema; in output both look for references to files; GitLab's
-parser converts by a `type`: none of these is written.
+Lost points are a `failure`. Undecided checks are `skipped`, which neither system counts against the student. The
+report has no properties on cases and no file names, because the xUnit plugin's schema does not allow them; no output,
+because both systems look for references to files in it; and no `type`, because GitLab's parser converts by it.
 
 References
 ----------
@@ -15,59 +15,68 @@ from collections.abc import Mapping, Sequence
 from xml.etree import ElementTree
 
 from grader.report.escape import line, shown
-from grader.report.exports.graded import Graded, GradedCheck, full_text
+from grader.report.exports.graded import Graded, GradedCheck, GradedCriterion, full_text
 from grader.report.views import badge_of, points
 
 
 def render(graded: Graded, environment: Mapping[str, str]) -> str:
     """Return the XML document."""
-    root = ElementTree.Element(
-        "testsuites", {"name": line(graded.lab, 600), **_counts(graded.checks)}
-    )
+    root = ElementTree.Element("testsuites", {"name": line(graded.lab, 600)})
+    root.attrib.update(_counts(graded.checks))
     del root.attrib["skipped"]  # The schema has it on suites only.
-    titles = _unique([(criterion.id, criterion.title) for criterion in graded.criteria])
-    # Jenkins puts what is before the last point above the rest: submission, criterion, check.
-    classes = _numbered([line(f"{line(graded.submission)}.{c.id}", 500) for c in graded.criteria])
+    titles = _unique(graded.criteria)
+    # Jenkins shows the part before the last point as a level above: submission, criterion, check.
+    submission = line(graded.submission)
+    classes = _numbered([line(f"{submission}.{each.id}", 500) for each in graded.criteria])
     for criterion, title, class_name in zip(graded.criteria, titles, classes, strict=True):
-        suite = ElementTree.SubElement(
-            root, "testsuite", {"name": line(title, 600), **_counts(criterion.checks)}
-        )
-        sessions = dict.fromkeys(
-            s for check in criterion.checks for s in check.sessions if s in graded.sessions
-        )
-        time_s = sum(graded.sessions[s]["duration_s"] for s in sessions)
-        if sessions and 0 <= time_s < 1e6:
-            suite.set("time", f"{time_s:.3f}")
-        names = _unique([(check.id, check.title) for check in criterion.checks])
-        for check, name in zip(criterion.checks, names, strict=True):
-            case = ElementTree.SubElement(
-                suite, "testcase", name=line(name, 600), classname=line(class_name, 600)
-            )
-            if check.lost:
-                word = badge_of(check.outcome).word
-                _describe(
-                    case,
-                    "failure",
-                    f"−{points(check.lost)} of {points(check.possible)} points, {word}",
-                    check,
-                )
-            elif check.open:
-                _describe(case, "skipped", "undecided, not earned", check)
+        suite = ElementTree.SubElement(root, "testsuite", {"name": line(title, 600)})
+        suite.attrib.update(_counts(criterion.checks))
+        _set_time(suite, criterion, graded)
+        for check, name in zip(criterion.checks, _unique(criterion.checks), strict=True):
+            _add_case(suite, line(name, 600), line(class_name, 600), check)
     ElementTree.indent(root)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n{ElementTree.tostring(root, encoding="unicode")}\n'
+    document = ElementTree.tostring(root, encoding="unicode")
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{document}\n'
+
+
+def _set_time(suite: ElementTree.Element, criterion: GradedCriterion, graded: Graded) -> None:
+    """Set the duration of the sessions with the proof of a criterion; not without sessions, or beyond belief."""
+    names: set[str] = set()
+    for check in criterion.checks:
+        names.update(check.sessions)
+    durations_s = []
+    for name, session in graded.sessions.items():
+        if name in names:
+            durations_s.append(session["duration_s"])
+    if durations_s and 0 <= sum(durations_s) < 1e6:
+        suite.set("time", f"{sum(durations_s):.3f}")
+
+
+def _add_case(suite: ElementTree.Element, name: str, class_name: str, check: GradedCheck) -> None:
+    case = ElementTree.SubElement(suite, "testcase", name=name, classname=class_name)
+    if check.lost:
+        word = badge_of(check.outcome).word
+        lost = f"−{points(check.lost)} of {points(check.possible)} points"
+        _describe(case, "failure", f"{lost}, {word}", check)
+    elif check.open:
+        _describe(case, "skipped", "undecided, not earned", check)
 
 
 def _describe(case: ElementTree.Element, name: str, cost: str, check: GradedCheck) -> None:
     # GitLab shows the contents alone, Jenkins the message and below it the contents.
     message = f"{cost}: {check.reason}" if check.reason else cost
-    ElementTree.SubElement(case, name, message=line(message, 600)).text = shown(
-        "\n".join([cost, full_text(check)])
-    )
+    element = ElementTree.SubElement(case, name, message=line(message, 600))
+    element.text = shown(f"{cost}\n{full_text(check)}")
 
 
 def _counts(checks: Sequence[GradedCheck]) -> dict[str, str]:
-    skipped = sum(1 for check in checks if check.open and not check.lost)
-    failures = sum(1 for check in checks if check.lost)
+    skipped = 0
+    failures = 0
+    for check in checks:
+        if check.lost:
+            failures += 1
+        elif check.open:
+            skipped += 1
     return {
         "tests": str(len(checks)),
         "failures": str(failures),
@@ -76,15 +85,19 @@ def _counts(checks: Sequence[GradedCheck]) -> dict[str, str]:
     }
 
 
-def _unique(named: Sequence[tuple[str, str]]) -> list[str]:
-    """Return the titles; where two are alike, with their ids. GitLab takes equal names for one case."""
-    titles = [line(title, 200) for _, title in named]
-    cases = [
-        t if t and titles.count(t) == 1 else f"{t} ({line(key, 100)})"
-        for (key, _), t in zip(named, titles, strict=True)
-    ]
+def _unique(named: Sequence[GradedCriterion | GradedCheck]) -> list[str]:
+    """Return the titles, equal ones with their ids, because GitLab takes equal names for one case."""
+    titles = [line(each.title, 200) for each in named]
+    cases = []
+    for each, title in zip(named, titles, strict=True):
+        is_unique = title and titles.count(title) == 1
+        cases.append(title if is_unique else f"{title} ({line(each.id, 100)})")
     return _numbered(cases)
 
 
 def _numbered(texts: Sequence[str]) -> list[str]:
-    return [t if texts.count(t) == 1 else f"{t} {number}" for number, t in enumerate(texts, 1)]
+    """Return the texts, equal ones with their places behind them: `a 1`, `a 2`."""
+    numbered = []
+    for number, text in enumerate(texts, 1):
+        numbered.append(text if texts.count(text) == 1 else f"{text} {number}")
+    return numbered

@@ -1,7 +1,7 @@
 """Mails, one a person, with the report attached: as a mailbox, or as files that mail programs open to send.
 
-Each says of itself that it is not sent yet (`X-Unsent`), so that Outlook opens it to be sent. Nothing in it depends on
-the time or on chance: a mail program adds the date when it sends.
+Each mail is marked as not sent yet (`X-Unsent`), and Outlook opens it to be sent. Equal results give equal mails; a
+mail program adds the date when it sends.
 
 References
 ----------
@@ -30,23 +30,26 @@ _IN_MAILBOX = SMTP.clone(linesep="\n", mangle_from_=True)
 def mailbox(given: ReturnedClass) -> Returned:
     """Return a mailbox of all mails."""
     returned = Returned()
-    messages = [message for _, message in _messages(given, returned)]
-    texts = (message.as_bytes(unixfrom=True, policy=_IN_MAILBOX) for message in messages)
-    returned.content = b"".join(text.rstrip(b"\n") + b"\n\n" for text in texts)
+    texts = []
+    for _, message in _messages(given, returned):
+        text = message.as_bytes(unixfrom=True, policy=_IN_MAILBOX)
+        texts.append(text.rstrip(b"\n") + b"\n\n")
+    returned.content = b"".join(texts)
     return returned
 
 
 def files(given: ReturnedClass) -> Returned:
-    """Return an archive with a file for each mail, called after the submission and its place among the people."""
+    """Return an archive with a file for each mail, named `alice.eml`, or `team-2.eml` for the second of several people."""
     returned = Returned()
-    messages = _messages(given, returned)
-    returned.content = packed(
-        {f"{name}.eml": message.as_bytes(policy=SMTP) for name, message in messages}
-    )
+    mails = {}
+    for name, message in _messages(given, returned):
+        mails[f"{name}.eml"] = message.as_bytes(policy=SMTP)
+    returned.content = packed(mails)
     return returned
 
 
 def _messages(given: ReturnedClass, returned: Returned) -> Iterator[tuple[str, EmailMessage]]:
+    """Yield the mails with their names, count them, and note the people without one."""
     for share in given.shares:
         report = given.report(share.entry)
         if report is None:
@@ -55,23 +58,21 @@ def _messages(given: ReturnedClass, returned: Returned) -> Iterator[tuple[str, E
         try:
             message = _message(share, report, given.sender)
         except (ValueError, IndexError, HeaderParseError):
-            returned.left_out["no address is known that mail can be sent to"].append(
-                share.entry.name
-            )
+            why = "no address is known that mail can be sent to"
+            returned.left_out[why].append(share.entry.name)
             continue
         returned.count += 1
-        place = share.entry.people.index(share.person) + 1
-        yield (
-            (share.entry.name if len(share.entry.people) == 1 else f"{share.entry.name}-{place}"),
-            message,
-        )
+        name = share.entry.name
+        if len(share.entry.people) > 1:
+            name += f"-{share.entry.people.index(share.person) + 1}"
+        yield name, message
 
 
 def _message(share: Share, report: bytes, sender: str) -> EmailMessage:
-    """Return a mail; raises ValueError or HeaderParseError if nobody can get it."""
-    message, person = EmailMessage(SMTP), share.person
-    name = line(person.name)
-    to = Address(name, addr_spec=person.email)
+    """Return a mail; raises ValueError, IndexError or HeaderParseError if its address is none."""
+    message = EmailMessage(SMTP)
+    name = line(share.person.name)
+    to = Address(name, addr_spec=share.person.email)
     if not to.username or not to.domain:
         raise ValueError("no address")
     if sender:
@@ -84,7 +85,8 @@ def _message(share: Share, report: bytes, sender: str) -> EmailMessage:
     text = f"{greeting}{plain_report(share.result)}\n{attached}\n"
     message.set_content(text)
     message.add_attachment(report, maintype="text", subtype="html", filename=REPORT_FILE)
-    # The mark between the parts stands nowhere in them: the text cannot know the hash, and Base64 has no underscore.
-    message.set_boundary(f"=_{hashlib.sha256(report + text.encode()).hexdigest()[:40]}")
+    # The boundary cannot occur in the parts: the text cannot know the hash, and Base64 has no underscore.
+    digest = hashlib.sha256(report + text.encode()).hexdigest()
+    message.set_boundary(f"=_{digest[:40]}")
     message.set_unixfrom(_ENVELOPE)
     return message

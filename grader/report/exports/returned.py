@@ -1,4 +1,4 @@
-"""What a class gets back in another system's form: to whom which result belongs, and who is left out, and why."""
+"""The results of a class in another system's form: each result with its people, and the reasons for missing ones."""
 
 from __future__ import annotations
 
@@ -15,16 +15,17 @@ from grader.report.views import BONUS, Loss, adjustments_of, bonus_lines, losses
 from grader.result import Result
 from grader.result_folder import REPORT_FILE
 
-#: Checks that are named in a comment, and in a mail.
+#: Most checks that are named in a comment.
 _MOST_NAMED = 3
+#: Most checks that are named in a mail.
 _MOST_LOSSES = 8
-#: What some systems read as markup in a comment, and others show as it is.
+#: Characters that some systems read as markup in a comment, and others show unchanged.
 _MARKUP = str.maketrans({"<": "‹", ">": "›", "&": "+"})
 
 
 @dataclass(frozen=True)
 class Share:
-    """A person, and the result of what they handed in, alone or with others."""
+    """A person, and the result of the person's submission, alone or with others."""
 
     person: Person
     entry: ClassEntry
@@ -32,28 +33,30 @@ class Share:
 
     @property
     def is_above(self) -> bool:
-        """Whether there are more points than the lab has."""
+        """True if there are more points than the lab has."""
         return self.result.final > self.result.score.possible
 
 
 @dataclass(frozen=True)
 class ReturnedClass:
-    """A class, or one submission, whose results go back."""
+    """A class, or one submission, and where its results are returned to."""
 
     entries: Sequence[ClassEntry]
-    #: In which the folders of the submissions' results lie.
+    #: Folder with a folder of results for each submission.
     folder: Path
-    #: How the grade book calls the column; empty for a new one, called after the lab.
+    #: Heading of the column in the grade book; empty for a new one, named after the lab.
     column: str = ""
-    #: From whom mails come; empty to let the mail program say that.
+    #: Sender of mails; empty to leave the sender to the mail program.
     sender: str = ""
 
     @property
     def shares(self) -> Iterator[Share]:
-        """Each person who has a result."""
+        """Each person with a result."""
         for entry in self.entries:
-            if entry.result is not None:
-                yield from (Share(person, entry, entry.result) for person in entry.people)
+            if entry.result is None:
+                continue
+            for person in entry.people:
+                yield Share(person, entry, entry.result)
 
     def report(self, entry: ClassEntry) -> bytes | None:
         """Return the page of a submission's report, or None if there is none."""
@@ -66,47 +69,50 @@ class Returned:
     """A file in another system's form."""
 
     content: bytes = b""
-    #: How many students, or submissions, are in it.
+    #: Number of students, or submissions, in the file.
     count: int = 0
-    #: Why somebody is not in it -> their submissions.
+    #: Reasons for missing people, each with their submissions.
     left_out: dict[str, list[str]] = field(default_factory=lambda: defaultdict(list))
-    #: Notes for the person that imports the file; names of submissions stand behind a note, if it is about some.
+    #: Notes for the person that imports the file, each with the names of its submissions, if any.
     notes: dict[str, list[str]] = field(default_factory=dict)
     #: Further files of the same form, for students that this one cannot name.
     further: list[Returned] = field(default_factory=list)
 
 
 def comment(result: Result) -> str:
-    """Return one line that says to a student what was earned, and by what mistakes most was lost."""
-    total = f"{points(result.final)} of {points(result.score.possible)} points."
+    """Return one line for the student: the earned points, and the mistakes that cost most."""
+    texts = [f"{points(result.final)} of {points(result.score.possible)} points."]
     if result.adjustments:
-        total += f" With adjustments: {', '.join(f'{view.title} {view.points}' for view in adjustments_of(result))}."
+        changes = [f"{view.title} {view.points}" for view in adjustments_of(result)]
+        texts.append(f"With adjustments: {', '.join(changes)}.")
     if result.still_undecided:
-        total += f" {points(result.still_undecided)} more are undecided; your instructor decides."
+        undecided = points(result.still_undecided)
+        texts.append(f"{undecided} more are undecided; your instructor decides.")
     if result.bonus:
-        total += f" {BONUS}: {'; '.join(bonus_lines(result))}."
-    if losses := losses_of(graded(result))[:_MOST_NAMED]:
-        total += (
-            f" Fix first: {'; '.join(f'{loss.check.title} ({_gain(loss)})' for loss in losses)}."
-        )
-    return line(total, 480).translate(_MARKUP)
+        texts.append(f"{BONUS}: {'; '.join(bonus_lines(result))}.")
+    losses = losses_of(graded(result))[:_MOST_NAMED]
+    if losses:
+        mistakes = [f"{loss.check.title} ({_gain(loss)})" for loss in losses]
+        texts.append(f"Fix first: {'; '.join(mistakes)}.")
+    return line(" ".join(texts), 480).translate(_MARKUP)
 
 
 def plain_report(result: Result) -> str:
-    """Return a short report as plain text: the points of each part, and what to fix first."""
+    """Return a short report as plain text: the points of each part, and the mistakes to fix first."""
     view = graded(result)
     lines = [line(result.lab), comment(result), "", "The points of each part, as judged:"]
     for part in view.criteria:
+        share = f"{points(part.earned):>6} of {points(part.possible):<6}"
         undecided = f" ({points(part.undecided)} undecided)" if part.undecided else ""
-        lines.append(
-            f"  {points(part.earned):>6} of {points(part.possible):<6} {line(part.title)}{undecided}"
-        )
+        lines.append(f"  {share} {line(part.title)}{undecided}")
     for loss in losses_of(view)[:_MOST_LOSSES]:
-        lines += ["", f"{line(loss.check.title)} ({_gain(loss)}): {line(loss.check.reason, 600)}"]
-        lines += [line(loss.check.hint, 600)] if loss.check.hint else []
+        check = loss.check
+        lines += ["", f"{line(check.title)} ({_gain(loss)}): {line(check.reason, 600)}"]
+        if check.hint:
+            lines.append(line(check.hint, 600))
     return "\n".join([*lines, ""])
 
 
 def _gain(loss: Loss) -> str:
-    """Return the points that can be won, with those of what could not be tested because of it."""
+    """Write the points that a fix can win, with those of the checks that it makes possible."""
     return f"{points(loss.check.lost + loss.opens)} points"

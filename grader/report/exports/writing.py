@@ -18,20 +18,20 @@ from grader.result import Result
 STANDARD_OUTPUT = "-"
 #: Forms of a result, and of a class.
 FORMS: Mapping[str, Export | ClassExport] = {**EXPORTS, **CLASS_EXPORTS}
-#: Where a file would not be written but a device replaced.
+#: Folders of devices, which must not be replaced by a file.
 _DEVICES = ("/dev/", "/proc/")
 
 
 @dataclass(frozen=True)
 class ExportTarget:
-    """An export, by its key in `FORMS`, and the file it goes to; by default one in the results folder."""
+    """An export, by its key in `FORMS`, and its file; by default one in the results folder."""
 
     name: str
     file: str | None = None
 
     @classmethod
     def parse(cls, text: str, forms: Mapping[str, Export | ClassExport] = EXPORTS) -> ExportTarget:
-        """Read `NAME` or `NAME=FILE`; raises ValueError if there is no such export among the forms."""
+        """Read `NAME` or `NAME=FILE`; raises ValueError if the forms have no such export."""
         name, _, file = text.partition("=")
         if name not in forms:
             raise ValueError(f"there is no export {name!r}; there are {', '.join(forms)}")
@@ -42,8 +42,10 @@ class ExportTarget:
         return cls(name, file or None)
 
     def path(self, results: Path) -> Path:
-        """Return the file, which is not the standard output."""
-        return Path(self.file) if self.file is not None else results / FORMS[self.name].file_name
+        """Return the file of a target that is not the standard output."""
+        if self.file is not None:
+            return Path(self.file)
+        return results / FORMS[self.name].file_name
 
     def absolute(self) -> ExportTarget:
         """Return the same target for a process with another working folder."""
@@ -58,7 +60,7 @@ class ExportTarget:
 def write_exports(
     targets: Sequence[ExportTarget], result: Result, results: Path, path_prefix: str = ""
 ) -> list[Path]:
-    """Write a result's exports; returns the files. Raises GraderError if one of them cannot be made."""
+    """Write a result's exports, and return their files; raises GraderError if an export cannot be made."""
     written = []
     for target in targets:
         text = render_export(target.name, result, path_prefix=path_prefix, environment=os.environ)
@@ -69,7 +71,7 @@ def write_exports(
 def write_class_export(
     target: ExportTarget, results: Path, returned: Returned
 ) -> list[tuple[Path, Returned]]:
-    """Write a form of a class and its further files, called `moodle-2.csv` and so on; returns the files.
+    """Write a form of a class and its further files, named `moodle-2.csv` and so on, and return the files.
 
     Raises UsageError if several files are to go to the standard output.
     """
@@ -79,17 +81,19 @@ def write_class_export(
             location=STANDARD_OUTPUT,
             remedy="Leave out the file, or give --class-list with what is missing.",
         )
-    written = [(path, returned) for path in write_export(target, results, returned.content)]
+    written = []
     path = target.path(results)
-    for number, further in enumerate(returned.further, 2):
-        beside = str(path.with_name(f"{path.stem}-{number}{path.suffix}"))
-        target = ExportTarget(target.name, beside)
-        written += [(file, further) for file in write_export(target, results, further.content)]
+    for number, each in enumerate((returned, *returned.further), 1):
+        if number > 1:
+            beside = path.with_name(f"{path.stem}-{number}{path.suffix}")
+            target = ExportTarget(target.name, str(beside))
+        for file in write_export(target, results, each.content):
+            written.append((file, each))
     return written
 
 
 def write_export(target: ExportTarget, results: Path, content: bytes) -> list[Path]:
-    """Write an export to the standard output, or into its file, which is returned.
+    """Write an export to the standard output, or into its file, and return the file.
 
     Raises UsageError if its folder among the results is a link.
     """

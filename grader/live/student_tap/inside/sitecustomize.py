@@ -1,10 +1,11 @@
-"""The tap: notes what a student's node asks rclpy for, with its source line.
+"""The tap: notes the endpoints that a student's node requests from rclpy, with their source lines.
 
-It changes nothing but how many cores a program is told of, when modules are imported that ROS 2 itself seldom uses
-(NumPy is most of a third of a node's start), and how often rclpy's logger looks up where a file lies.
+It changes three things of a program: the number of cores that Python reports, the time at which modules are imported
+that ROS 2 itself seldom uses (NumPy is most of a third of a node's start), and the number of look-ups of a file's path
+by rclpy's logger.
 
-Discovery carries neither history nor depth, and no lines. So it wraps a few methods of rclpy's classes when their
-modules are imported, and writes one JSON line a call to the descriptor named by GRADER_TAP_FD: a claim, no evidence.
+Discovery carries neither history nor depth, and no lines. The tap therefore wraps a few methods of rclpy's classes when
+their modules are imported, and writes one JSON line a call to the descriptor in GRADER_TAP_FD: a claim, no evidence.
 Programs that the node's process starts, such as those of `multiprocessing`, open the same pipe by GRADER_TAP_PIPE.
 """
 
@@ -32,9 +33,9 @@ _STARTED = "GRADER_TAP_FD" in os.environ
 _FD = _descriptor()
 _LIMIT = 1000
 _LATE = vars(builtins).copy()
-#: In the type of each service, of which each node has six, but used by introspection alone.
+#: Message in the type of each service, six of them in a node; only introspection uses it.
 _EACH_NODES = "service_msgs.msg._service_event_info"
-# Module -> class -> method -> kind of the note, and the argument that is its name.
+#: Module -> class -> method -> kind of the note, and the argument with its name.
 _WRAPPED = {
     "rclpy.node": {
         "Node": {
@@ -69,17 +70,21 @@ def _qos_of(value):
 
 def _type_of(value):
     module = getattr(value, "__module__", "")
-    return "/".join([*module.split(".")[:2], getattr(value, "__name__", "")]) if module else ""
+    if not module:
+        return ""
+    package_and_folder = module.split(".")[:2]
+    return "/".join([*package_and_folder, getattr(value, "__name__", "")])
 
 
 def _note(kind, name, node, arguments):
     global _LIMIT
-    frame = sys._getframe(2)  # that of the code which called the wrapped method
-    file, line = frame.f_code.co_filename, frame.f_lineno
-    if _LIMIT <= 0 or "/rclpy/" in file:  # What rclpy asks of itself is of no interest.
+    frame = sys._getframe(2)  # that of the caller of the wrapped method
+    file = frame.f_code.co_filename
+    if _LIMIT <= 0 or "/rclpy/" in file:  # Endpoints that rclpy itself requests are skipped.
         return
     _LIMIT -= 1
-    note = {"kind": kind, "file": file, "line": line, "node": node.get_fully_qualified_name()}
+    note = {"kind": kind, "file": file, "line": frame.f_lineno}
+    note["node"] = node.get_fully_qualified_name()
     note["name"] = str(arguments.get(name, ""))[:500]
     for key in ("msg_type", "srv_type", "action_type"):
         if key in arguments:
@@ -114,7 +119,7 @@ def _wrap(cls, method, kind, name):
 
 
 class _Later:
-    """Stands for a module within one of ROS 2's, and imports it once it is used."""
+    """Stands for a module within a module of ROS 2, and imports it at its first use."""
 
     def __init__(self, name):
         self._name = name
@@ -126,25 +131,21 @@ class _Later:
 def _import_late(name, *args, **kwargs):
     if name in ("numpy", "yaml") and name not in sys.modules:
         found = importlib.machinery.PathFinder.find_spec(name)
-        if found is not None and str(found.origin).startswith(
-            (sys.prefix, "/usr/")
-        ):  # and not the student's own
+        is_students = found is None or not str(found.origin).startswith((sys.prefix, "/usr/"))
+        if not is_students:
             return _Later(name)
     return builtins.__import__(name, *args, **kwargs)
 
 
 def _exec_late(module, exec_module):
-    """Execute a module of ROS 2 that is to import others late."""
+    """Execute a module of ROS 2 with late imports."""
     module.__builtins__ = _LATE
     exec_module(module)
-    # Who asks for an endpoint of such a message will need NumPy: better now than in a callback.
+    # A program that requests an endpoint of such a message will need NumPy: better now than in a callback.
     if isinstance(vars(module).get("numpy"), _Later) and module.__name__ != _EACH_NODES:
-        for cls in [
-            cls
-            for cls in vars(module).values()
-            if "__import_type_support__" in getattr(cls, "__dict__", ())
-        ]:
-            _import_before(cls, cls.__import_type_support__)
+        for cls in list(vars(module).values()):
+            if "__import_type_support__" in getattr(cls, "__dict__", ()):
+                _import_before(cls, cls.__import_type_support__)
 
 
 def _import_before(cls, original):
@@ -152,7 +153,7 @@ def _import_before(cls, original):
 
 
 def _remember_files(logger):
-    """Let rclpy's logger look up a file once: doing so for each message is nine tenths of a message's CPU time."""
+    """Let rclpy's logger look up each file once; a look-up for each message takes nine tenths of a message's CPU time."""
     import functools
     import inspect
     import types
@@ -165,8 +166,9 @@ def _remember_files(logger):
 
 class _NodeFinder:
     def find_spec(self, name, path, target=None):
-        # Finding one imports the packages that it is in, which may be another of them.
-        wrapped, late = _WRAPPED.pop(name, {}), name == "rclpy.parameter" or ".msg._" in name
+        # Finding a module imports its packages, which can be in _WRAPPED too.
+        wrapped = _WRAPPED.pop(name, {})
+        late = name == "rclpy.parameter" or ".msg._" in name
         logs = name == "rclpy.impl.rcutils_logger"
         if not wrapped and not late and not logs:
             return None
@@ -176,7 +178,10 @@ class _NodeFinder:
         exec_module = spec.loader.exec_module
 
         def exec_and_wrap(module):
-            _exec_late(module, exec_module) if late else exec_module(module)
+            if late:
+                _exec_late(module, exec_module)
+            else:
+                exec_module(module)
             for cls, methods in wrapped.items():
                 for method, (kind, argument) in methods.items():
                     _wrap(getattr(module, cls), method, kind, argument)
@@ -188,10 +193,10 @@ class _NodeFinder:
 
 
 def _keep_cores():
-    """Tell the cores that there were at the start, and never a single one.
+    """Report the cores of the start for ever, and never a single one.
 
-    Once its node is seen, the grader holds a program to one core. A `MultiThreadedExecutor()` that was made after that
-    had one thread, in which an action that waits waits for ever.
+    The grader holds a program to one core once its node is there. A `MultiThreadedExecutor()` that is made later would have
+    one thread, on which an action that waits would wait for ever.
     """
     now = os.sched_getaffinity
     at_start = now(0) if len(now(0)) > 1 else {0, 1}
@@ -199,7 +204,7 @@ def _keep_cores():
 
 
 def _generate_py(*args, **kwargs):
-    """Generate code. All messages import this, and with it a parser: an eighth of a node's start, and none calls it."""
+    """Generate code. All messages import this, and with it a parser, an eighth of a node's start; no node calls it."""
     del sys.modules[_generator.__name__]
     return importlib.import_module(_generator.__name__).generate_py(*args, **kwargs)
 
