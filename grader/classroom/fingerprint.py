@@ -24,8 +24,9 @@ def engine_sha256() -> str:
     ours: dict[str, Path] = {}
     for package in (confine, grader, launch_plan):
         for folder in package.__path__:
-            ours |= {f"{package.__name__}/{name}": path for name, path in files_below(Path(folder))}
-    ours = {n: path for n, path in ours.items() if not n.startswith("grader/shipped_lab/")}
+            for name, path in files_below(Path(folder)):
+                if not name.startswith("shipped_lab/"):
+                    ours[f"{package.__name__}/{name}"] = path
     stated = {name: version for name, version in versions().items() if name != "kernel"}
     return sha256_of(stated, sorted(ours.items()))
 
