@@ -191,7 +191,8 @@ def _traffic(interpreter: Path) -> Iterator[Status]:
         step = recorded.step("heard")
         window = recorded.window("watched")
         if step is None or step.outcome != "done" or window is None:
-            output = "; ".join(recorded.record.problems) or "the node was not heard"
+            problems = [*recorded.record.problems, "the node was not heard"]
+            output = "; ".join(problems)
             yield Status(
                 Verdict.FAIL,
                 "discovery",
@@ -221,8 +222,9 @@ def _rate(recorded: Recorded, window: Span, took_s: float) -> Status:
         f"{timing.rate_hz:.2f} Hz, {jitter_s * 1000:.1f} ms of jitter (99 %), {timing.lost} of {timing.written} "
         f"lost, {delay_s * 1000:.0f} ms of machine delay; the session took {took_s:.1f} s"
     )
-    rate_is_good = abs(timing.rate_hz / _RATE_HZ - 1) < _RATE_OFF
-    good = rate_is_good and jitter_s < _JITTER_S and timing.lost == 0
+    rate_is_off = abs(timing.rate_hz / _RATE_HZ - 1) >= _RATE_OFF
+    is_uneven = jitter_s >= _JITTER_S
+    good = not any((rate_is_off, is_uneven, timing.lost))
     remedy = "Grade when less is running; timing that a busy machine disturbs is undecided."
     return _status(good, "100 Hz", found, remedy)
 

@@ -58,7 +58,7 @@ def _own_folders(roots: Sequence[Path]) -> list[Path]:
     package = Path(grader.__file__).parent
     checkout = package.parent
     if not (checkout / "rubric.yaml").is_file():
-        return [package, *(Path(other.__file__).parent for other in (confine, launch_plan))]
+        return [package, *map(Path, [*confine.__path__, *launch_plan.__path__])]
     theirs: set[Path] = set()
     if checkout in roots:
         theirs = {checkout / name for name in _OF_ENVIRONMENTS}
