@@ -51,7 +51,8 @@ NOT_NAMED = {
     "remains": "stale",
     "turns": "scheduler",
 }
-RECORDED = {"unrecorded"}
+#: Keys of recordings, which keep their names.
+RECORDED = {"unrecorded", "mended"}
 
 
 @pytest.fixture(scope="module")

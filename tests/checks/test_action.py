@@ -596,18 +596,18 @@ PLAIN = st.recursive(
     st.fixed_dictionaries(
         {
             "accepted": st.sampled_from([True, False, None]),
-            "ended_ns": st.none() | st.integers(-(2**63), 2**63),
+            "ended_ns": st.none() | st.integers(-(2**63), 2**63 - 1),
             "status": st.sampled_from(
                 [None, "unknown", "executing", "succeeded", "canceled", "aborted"]
             ),
             "result": PLAIN,
             "feedback": st.lists(
-                st.fixed_dictionaries({"t_ns": st.integers(-(2**63), 2**63), "values": PLAIN}),
+                st.fixed_dictionaries({"t_ns": st.integers(-(2**63), 2**63 - 1), "values": PLAIN}),
                 max_size=3,
             ),
             "feedback_count": st.integers(0, 2**40),
-            "first_feedback_ns": st.integers(-(2**63), 2**63),
-            "last_feedback_ns": st.integers(-(2**63), 2**63),
+            "first_feedback_ns": st.integers(-(2**63), 2**63 - 1),
+            "last_feedback_ns": st.integers(-(2**63), 2**63 - 1),
             "cancel": st.none()
             | st.fixed_dictionaries(
                 {
