@@ -187,6 +187,7 @@ TERMINALS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", TERMINALS)
 def test_any_terminal_can_show_a_result(name: str, tmp_path: Path) -> None:
     """Signs that it does not have are replaced; an export on the standard output stays UTF-8."""

@@ -10,6 +10,7 @@ from datetime import datetime, timezone
 from decimal import Decimal
 from pathlib import Path
 
+import pytest
 from rich.console import Console
 
 from confine.isolation import Isolation, Level
@@ -121,6 +122,7 @@ def test_who_handed_in_is_told_to_recordings_that_hold_good(tmp_path: Path) -> N
     )
 
 
+@pytest.mark.slow
 def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -> None:
     """Recordings that hold good are judged by what people have decided since, or where a file is missing; else kept."""
     submission_time, results = tmp_path / "ann", tmp_path / "results"

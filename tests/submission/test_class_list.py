@@ -147,6 +147,7 @@ print(json.dumps(told))
 """
 
 
+@pytest.mark.slow
 def test_no_verdict_depends_on_the_machines_time_zone(tmp_path: Path) -> None:
     """Zips of Windows, a list and a download without zones cost the same points in Berlin, UTC and Los Angeles."""
     lay_out_times_without_zones(tmp_path)

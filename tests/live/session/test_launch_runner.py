@@ -46,6 +46,7 @@ def test_a_plans_own_files_are_placed_in_one_pass() -> None:
 _COMPUTES = "import time\nwhile time.process_time() < float({s}):\n    pass"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("cpu_s", "most", "outcome"), [(0.5, 100, "done"), (60, 100, "failed"), (60, 2, "timeout")]
 )

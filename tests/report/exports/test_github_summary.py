@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 
+import pytest
 from hypothesis import HealthCheck, given, settings
 
 from grader.report.exports.github_summary import LONGEST_BYTES, fitting
@@ -103,6 +104,7 @@ def test_what_does_not_fit_is_left_out_whole() -> None:
     assert fitting(parts, 320).startswith("*More did not fit")
 
 
+@pytest.mark.slow
 def test_a_summary_of_many_long_checks_fits() -> None:
     """GitHub shows nothing of a summary above its limit."""
     plain = megabyte_result()
