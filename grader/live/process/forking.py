@@ -117,8 +117,9 @@ def serve(
     os.set_blocking(waking, False)
     signal.signal(signal.SIGCHLD, lambda *_: None)
     signal.set_wakeup_fd(waking, warn_on_full_buffer=False)
-    needed_fds = [server.fileno() for server in needed]
     while True:
+        # The first request may start the needed servers.
+        needed_fds = [server.fileno() for server in needed]
         ready, _, _ = select.select([link.fileno(), woken, *needed_fds], [], [])
         if not set(ready).isdisjoint(needed_fds):
             return
