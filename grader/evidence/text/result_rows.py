@@ -330,9 +330,9 @@ def _header(lines: Iterable[str], width: int) -> list[str]:
 def _cells(line: str) -> list[str]:
     border = r"\s{2,}"
     if re.search(_CELL_BORDER, line):
-        border = rf"\s*{_CELL_BORDER}\s*"
-    cells = re.split(border, line.strip().strip("|│┃║"))
-    return list(filter(str.strip, cells))
+        border = _CELL_BORDER
+    cells = map(str.strip, re.split(border, line.strip().strip("|│┃║")))
+    return list(filter(None, cells))
 
 
 def _is_header(titles: Sequence[str]) -> bool:
