@@ -111,7 +111,9 @@ class LocalScheduler(ExitStack):
     def slots(self, specs: Sequence[SessionSpec], attempt: int) -> Slot:
         """Return slots for as many sessions as the cores allow, or for one session in later attempts."""
         free = asyncio.Semaphore(self._at_a_time(attempt))
-        longest_s = specs[0].typical_s if specs else 0.0
+        longest_s = 0.0
+        if specs:
+            longest_s = specs[0].typical_s
 
         @asynccontextmanager
         async def slot(spec: SessionSpec) -> AsyncIterator[None]:
