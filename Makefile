@@ -28,7 +28,7 @@ test: $(DEV_STAMP) system-dev lint
 	  $(BIN)/python -m pytest -n 2 -m "$(QUICK)" --junitxml=$(DURATIONS)/quick.xml; tests=$$?; \
 	  wait $$checks; checked=$$?; cat "$$said"; rm -f "$$said"; exit $$((tests | checked))
 
-# Live tests, the browser, the slow properties, and a rotating part of the fixtures and attacks; some fifteen minutes.
+# Live tests, the browser, the slow properties, and a rotating part of the fixtures and attacks; some forty minutes.
 test-rest: $(DEV_STAMP) system-dev
 	$(BIN)/python -m pytest -n 3 -m "not $(QUICK)" --junitxml=$(DURATIONS)/rest.xml
 
