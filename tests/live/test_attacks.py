@@ -74,7 +74,7 @@ class Environment(str, Enum):
 
 
 #: One batch in so many is tried in every run, others for each commit and in each environment.
-ONE_IN = {Environment.ROOT: 20, Environment.USER: 25, Environment.CONTAINER: 31}
+ONE_IN = {Environment.ROOT: 34, Environment.USER: 41, Environment.CONTAINER: 53}
 
 
 @dataclass(frozen=True)

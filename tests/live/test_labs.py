@@ -25,7 +25,7 @@ SUBMISSIONS = [
     for lab in WRITTEN
     for name in ("solution", *sorted(p.name for p in lab.glob("fixtures/*")))
 ]
-CHOSEN = part(SUBMISSIONS, 15, os.environ.get("FIXTURES", "") == "all")
+CHOSEN = part(SUBMISSIONS, 25, os.environ.get("FIXTURES", "") == "all")
 #: So often one is graded at most, each time with the repetitions of a grading.
 MOST_GRADINGS = 2
 #: Types that the wheels of ROS lack, and which are built.
