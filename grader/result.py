@@ -405,6 +405,8 @@ WHOLE = "score"
 MEASURED = "measured"
 #: How a note begins that asks a person to look.
 FOR_A_PERSON = "For a person to read:"
+#: Beginning of the last line of a summary in Markdown; the line tells a summary from a text of a student's.
+EVIDENCE_LINE = "The evidence for each point is in `report.html`"
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from pathlib import PurePosixPath
 from pydantic import Field
 
 from grader.checks.base import Context, apart, failed, graded, inconclusive, passed, percent
+from grader.evidence.text.given import GivenText, is_own_export
 from grader.evidence.text.markup import Block, Section, plain_text, read_markdown
 from grader.evidence.text.prose import (
     Discussion,
@@ -70,8 +71,12 @@ def _nearest_to_root(path: PurePosixPath) -> tuple[int, str]:
 
 def _documents(context: Context) -> list[PurePosixPath]:
     """Return the readable documents of a submission, those nearest to its root first."""
-    paths = [PurePosixPath(text) for text in context.submission.texts]
-    written = [path for path in paths if path.suffix.lower() in _WRITTEN]
+    texts = context.submission.texts
+    paths = [PurePosixPath(name) for name in texts]
+    written = []
+    for path in paths:
+        if path.suffix.lower() in _WRITTEN and not is_own_export(texts[str(path)]):
+            written.append(path)
     return sorted(written, key=_nearest_to_root)
 
 
@@ -82,14 +87,15 @@ def _is_for_programs(path: PurePosixPath) -> bool:
 def _read(
     context: Context, paths: Iterable[PurePosixPath]
 ) -> Iterator[tuple[str, tuple[Section, ...]]]:
-    """Read documents one after the other, up to a number of characters."""
+    """Read the student's own text in documents, one after the other, up to a number of characters."""
+    given = GivenText.of(context.submission.given_texts)
     left = _MOST_CHARACTERS
     for path in map(str, paths):
         if left <= 0:
             return
         text = context.submission.texts[path]
         left -= len(text)
-        yield path, read_markdown(text)
+        yield path, given.without(read_markdown(text))
 
 
 def _not_read(context: Context) -> list[str]:
@@ -546,9 +552,12 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     Without a comparison the text may be a mere list of settings, and earns half as much.
     """
     passages = _passages(context, p.artifacts)
-    found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words, p.connectives)
+    given = GivenText.of(context.submission.given_texts).sentences
+    found = concepts(passages, p.concepts, p.reasons, p.anchors, p.min_words, p.connectives, given)
     expected = f"{p.full_concepts} of {len(p.concepts)} concepts discussed (two thirds), and weighed with reasons (one third)"
     measured = f"{', '.join(found.discussed) or 'none'} discussed in {found.words} words"
+    if found.unclear and 2 * len(found.discussed) < p.full_concepts:
+        return _unclear(expected, measured, found.unclear)
     if len(found.discussed) < p.least_concepts:
         return _too_little(context, expected, measured, found)
     covered = min(1.0, len(found.discussed) / p.full_concepts)
@@ -577,6 +586,15 @@ def _passages(context: Context, artifacts: Sequence[str]) -> list[Passage]:
 
 def _locations(found: Discussion) -> list[Location]:
     return [Location(file=passage.file, line=passage.line) for passage in found.discussed.values()]
+
+
+def _unclear(expected: str, measured: str, passages: Sequence[Passage]) -> Finding:
+    """Leave a short text, or one in words unknown here, to a person."""
+    places = ", ".join(_at(passage.file, passage.line) for passage in passages[:_MOST_LISTED])
+    reason = "The text about this is short, or in words that the grader does not know; a person "
+    reason += f"has to read it: {places}."
+    where = [Location(file=passage.file, line=passage.line) for passage in passages]
+    return inconclusive(expected, measured, reason, where=where, retry=False)
 
 
 def _too_little(context: Context, expected: str, measured: str, found: Discussion) -> Finding:

@@ -112,7 +112,8 @@ class LabSpec(Parameters):
     solution: str | None = Field(None, description="Folder of a submission that earns all points.")
     handout: str | None = Field(
         None,
-        description="Folder of the code that students are given; `grade similarity` does not count it.",
+        description="Folder, or file, of the code and the text that students are given. `grade similarity` does not count "
+        "this code, and the checks of written texts do not count this text.",
     )
 
 

@@ -130,6 +130,8 @@ class SubmissionRecord:
     artifacts: list[ArtifactFact] = field(default_factory=list)
     packages: list[PackageFact] = field(default_factory=list)
     left_out: list[str] = field(default_factory=list)
+    #: Texts that the lab gave to all students, by their paths; empty in recordings of earlier versions.
+    given_texts: dict[str, str] = field(default_factory=dict)
     #: The sessions that were asked for; None for all of the rubric's.
     sessions: list[str] | None = None
     #: When it was handed in, as ISO 8601, without offset from UTC if its source names none; None if nothing tells.

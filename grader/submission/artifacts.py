@@ -44,6 +44,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     record.identity = source.identity
     set_submission_time(record, source.submission_time)
     collect_files(intake.folder, record)
+    record.given_texts = _given_texts(rubric)
     if not record.files:
         raise SubmissionError(
             "the submission is empty",
@@ -178,6 +179,20 @@ def collect_files(folder: Path, record: SubmissionRecord) -> None:
         if is_text and len(content) <= MAX_TEXT_BYTES:
             record.texts[path.as_posix()] = decode_text(content)
     _limit_texts(record.texts)
+
+
+def _given_texts(rubric: Rubric) -> dict[str, str]:
+    """Return the texts of the lab's handout, a file or a folder; nothing if the handout is not here."""
+    if rubric.lab.handout is None:
+        return {}
+    handout = rubric.folder / rubric.lab.handout
+    paths = [handout] if handout.is_file() else sorted(handout.rglob("*"))
+    texts = {}
+    for path in paths:
+        if path.suffix.lower() in TEXT_SUFFIXES and path.is_file():
+            name = path.relative_to(rubric.folder).as_posix()
+            texts[name] = decode_text(path.read_bytes()[:MAX_TEXT_BYTES])
+    return texts
 
 
 def _files_first(path: Path) -> list[tuple[bool, str]]:

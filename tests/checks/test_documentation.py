@@ -318,11 +318,16 @@ def test_a_part_that_was_not_handed_in_needs_no_description() -> None:
 ROOT = Path(__file__).resolve().parents[2]
 
 
+def by_the_lab(check: str, texts: dict[str, str]) -> Finding:
+    """Judge texts by a check of the lab's own rubric; `it.py` is the program that compares profiles."""
+    spec = next(spec for spec in read_rubric(None).checks() if spec.id == check)
+    record = submission({"it.py": "", **texts}, qos="it.py")
+    return judged(spec.check, spec.parameters.model_dump(), None, record)
+
+
 def notes_on(text: str) -> tuple[str, ...]:
-    """Give the notes on what a README says of QoS, by the lab's own rubric."""
-    spec = next(spec for spec in read_rubric(None).checks() if spec.id == "qos.explains")
-    record = submission({"README.md": text, "it.py": ""}, qos="it.py")
-    return judged(spec.check, spec.parameters.model_dump(), None, record).notes
+    """Return the notes on what a README says of QoS, by the lab's own rubric."""
+    return by_the_lab("qos.explains", {"README.md": text}).notes
 
 
 def test_words_without_sentences_are_for_a_person_to_read() -> None:
@@ -348,3 +353,73 @@ def test_words_without_sentences_are_for_a_person_to_read() -> None:
 def test_no_sentence_of_any_language_is_taken_for_words_alone(text: str) -> None:
     """Lists with marks, other languages and other scripts are not pointed out."""
     assert notes_on(text) == ()
+
+
+UNCLEAR = {
+    "short sentences": "Reliable resends lost messages, which costs latency. Best effort drops them.",
+    "short items": "QoS:\n\n- reliable: no loss, more delay\n- best effort: loss, less delay\n",
+    "Finnish": "Luotettava (reliable) tila takaa viestit mutta viive kasvaa, best effort hukkaa viestejä "
+    "mutta on nopeampi antureille kuin toinen tila.",
+}
+CLEAR = {
+    "Polish": "Profil reliable zwiększa opóźnienie, ale nie gubi wiadomości. Best effort może je gubić, za to "
+    "nadaje się do czujników.",
+    "fourteen words": "Reliable guarantees delivery but adds latency; best effort is faster but may lose messages.",
+}
+
+
+@pytest.mark.parametrize("text", UNCLEAR.values(), ids=UNCLEAR)
+def test_a_short_or_foreign_text_is_left_to_a_person(text: str) -> None:
+    """A text that the grader does not understand is undecided, and named with its line."""
+    found = by_the_lab("qos.explains", {"README.md": text})
+    assert found.outcome is Outcome.INCONCLUSIVE
+    assert "a person has to read it: README.md, line" in found.reason
+
+
+@pytest.mark.parametrize("text", CLEAR.values(), ids=CLEAR)
+def test_a_clear_text_earns_its_part(text: str) -> None:
+    """Two weighed subjects of four earn at least half."""
+    found = by_the_lab("qos.explains", {"README.md": text})
+    assert found.outcome is Outcome.PARTIAL
+    assert found.credit >= Decimal("0.6")
+
+
+def test_given_text_is_no_readme() -> None:
+    """A copy of the handout earns nothing; a README of the student's own does."""
+    record = submission({"README.md": FILLED})
+    assert static("readme", README, record).outcome is Outcome.PASSED
+    record.given_texts = {"handout/README.md": FILLED}
+    assert static("readme", README, record).credit == 0
+
+
+def test_given_text_discusses_nothing() -> None:
+    """Only sentences of the student's own discuss a concept."""
+    given = "QoS matters: reliable delivery has a delay because lost messages of the queue come again.\n"
+    record = submission({"README.md": given})
+    assert static("concepts_explained", CONCEPTS, record).outcome is Outcome.PASSED
+    record.given_texts = {"handout/README.md": given}
+    assert static("concepts_explained", CONCEPTS, record).credit == 0
+
+
+def test_a_summary_of_the_grader_explains_nothing() -> None:
+    """A job leaves the summary of its last run beside the work."""
+    summary = f"{CLEAR['fourteen words']}\n\nThe evidence for each point is in `report.html`, among the files.\n"
+    found = by_the_lab("qos.explains", {"summary.md": summary, "release-body.md": summary})
+    assert found.outcome is Outcome.FAILED
+
+
+@pytest.mark.parametrize(
+    "note",
+    [
+        "# Lab 09-01: ROS 2\n",
+        "# Author: Jane Doe\n# Date: 2026-11-28\n",
+        "# if enabled:\n#     return response\n",
+        "# last_command = None\n",
+        "// response->success = true;\n".replace("//", "#"),
+    ],
+)
+def test_a_head_or_switched_off_code_explains_nothing(note: str) -> None:
+    """The lab's number, the author, and commented-out code say nothing about a file."""
+    source = f"{note}\nimport os\n\nprint(os.name)\n"
+    found = by_the_lab("documentation.code", {"it.py": source})
+    assert found.outcome is Outcome.FAILED

@@ -45,6 +45,11 @@ _SURELY_CODE = (
     ast.Raise,
     ast.AugAssign,
 )
+#: Statements with a body, which prose looks like by their heads alone.
+_WITH_BODY = (ast.If, ast.For, ast.While, ast.With, ast.Try)
+#: A call or an assignment in C, C++ and their relatives; a semicolon ends the line.
+_OTHER_LANGUAGE = re.compile(r"\w\(|[^=!<>]=[^=]")
+_BRACES = frozenset("{}; ")
 
 
 def is_for_programs(body: str) -> bool:
@@ -67,6 +72,7 @@ class CodeFinder:
         """Return the indices of the lines that are code: clearly code, or next to code and Python too."""
         depths = [_depth(line[:_LINE_START]) for line in lines]
         parses: list[int] = []
+        heads: list[int] = []
         code: set[int] = set()
         at = 0
         while at < len(lines):
@@ -82,9 +88,15 @@ class CodeFinder:
             span = range(at, at + size)
             if statement is not None:
                 parses += span
+                if isinstance(statement, _WITH_BODY):
+                    heads.append(at + size - 1)
                 if _is_surely_code(statement, fragment):
                     code.update(span)
+            elif _is_other_language(lines[at][:_LINE_START]):
+                code.add(at)
             at += size
+        for head in set(heads).intersection(number - 1 for number in parses):
+            code.update((head, head + 1))
         for index in (*parses, *reversed(parses)):
             if code & {index - 1, index + 1}:
                 code.add(index)
@@ -98,6 +110,13 @@ class CodeFinder:
         if tree is None or not tree.body:
             return None
         return tree.body[-1]
+
+
+def _is_other_language(line: str) -> bool:
+    """Return whether a line is a statement or a brace of C, C++ or a relative."""
+    if not line.endswith(";"):
+        return "}" in line and _BRACES.issuperset(line.replace("else", ""))
+    return _OTHER_LANGUAGE.search(line) is not None
 
 
 def _depth(line: str) -> int:
@@ -141,11 +160,11 @@ def _is_surely_code(statement: ast.stmt, fragment: str) -> bool:
     nodes = list(ast.walk(statement))
     if not all(map(_has_ascii_name, nodes)):
         return False
-    if isinstance(statement, _SURELY_CODE):
+    if isinstance(statement, _SURELY_CODE) or _sets_constants(statement):
         return True
     if isinstance(statement, ast.Expr):
         value = statement.value
-        if isinstance(value, ast.Await):
+        if isinstance(value, ast.Await | ast.Lambda):
             return True
         if not isinstance(value, ast.Call) or _BRACKET_IN_PROSE.match(fragment):
             return False
@@ -153,6 +172,13 @@ def _is_surely_code(statement: ast.stmt, fragment: str) -> bool:
     if ast.Attribute in kinds:
         return True
     return ast.Call in kinds and ast.BinOp not in kinds
+
+
+def _sets_constants(statement: ast.stmt) -> bool:
+    """Return whether a statement assigns values without names, as `last_state = None`; a formula has names."""
+    if not isinstance(statement, ast.Assign):
+        return False
+    return not any(isinstance(node, ast.Name) for node in ast.walk(statement.value))
 
 
 def _has_ascii_name(node: ast.AST) -> bool:

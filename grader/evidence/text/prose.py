@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import re
 import unicodedata
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -23,6 +23,7 @@ from grader.evidence.text.words import (
     measure,
     normal_form,
     sentences,
+    substance,
     words,
 )
 from grader.lab.patterns import search
@@ -39,7 +40,12 @@ _STUFFING_RATIO = 1.5
 _COMMAND_START = re.compile(r"^[\s>*+-]{0,8}(?:[$#%]\s+)?")
 #: Average words between two punctuation marks from which words are only strung together.
 _LONG_STRETCH = 8
-#: Share of connectives below which words are only strung together.
+#: Distinct words, and distinct concepts, from which a short passage may discuss.
+_SHORT_WORDS = 8
+_SHORT_CONCEPTS = 2
+#: Own words, besides names, that connect these.
+_SHORT_OWN_WORDS = 3
+#: Share of connectives below which words are only strung together, or in a language unknown here.
 _FEW_CONNECTIVES = 0.1
 _MARKS = re.compile(r"[.,;:!?()|/\"“”„«»—–\n]+")
 _SCRIPTS = ("LATIN", "CYRILLIC")
@@ -67,6 +73,8 @@ class Discussion:
     strung: tuple[Passage, ...]
     #: Distinct own words of all passages that discuss, without the concepts' names.
     words: int
+    #: Passages on the subject that may discuss it: short ones, and ones in words unknown here.
+    unclear: tuple[Passage, ...] = ()
 
 
 # -- visible text ---------------------------------------------------------------------------------------
@@ -175,7 +183,11 @@ def command_line(blocks: Sequence[Block], patterns: Sequence[str]) -> tuple[int,
 
 
 def instruction_line(blocks: Sequence[Block], run_words: Sequence[str]) -> int | None:
-    """Return the line of the first heading with a word for running, or sentence that begins with one."""
+    """Return the line of the first instruction to run the work.
+
+    An instruction is a heading with a word for running, a sentence that begins with one, or else a sentence with such
+    a word beside a code span, as "The nodes are started with `python3`".
+    """
     terms = Terms.of(f"{word}$" for word in run_words)
     for block in blocks:
         if block.kind == "code":
@@ -183,6 +195,10 @@ def instruction_line(blocks: Sequence[Block], run_words: Sequence[str]) -> int |
         for line, sentence in _lines_of(block):
             text = block.text if block.kind == "heading" else _opening(sentence)
             if terms.found(text):
+                return line
+    for block in blocks:
+        for line, sentence in _lines_of(block):
+            if block.kind != "code" and code_spans(sentence) and terms.found(sentence):
                 return line
     return None
 
@@ -254,6 +270,7 @@ def concepts(
     anchors: Sequence[str] = (),
     min_words: int = 8,
     connectives: Sequence[str] = (),
+    given: Collection[str] = (),
 ) -> Discussion:
     """Find the concepts that passages discuss. All words are `Terms` in any languages.
 
@@ -272,6 +289,8 @@ def concepts(
         Distinct own words, besides the names of all concepts, that a passage must have.
     connectives
         Words that connect others, see `lacks_sentences`.
+    given
+        Sentences of the handout, as `normal_form` gives them; they do not count.
     """
     every = Terms.of(stem for stems in lexicon.values() for stem in stems)
     terms = {name: Terms.of(stems) for name, stems in lexicon.items()}
@@ -279,10 +298,18 @@ def concepts(
     discussed: dict[str, Passage] = {}
     related: list[Passage] = []
     strung: list[Passage] = []
+    unclear: list[Passage] = []
     said: set[str] = set()
-    for own in _discussing(_on_topic(passages, anchors), every, min_words):
-        said.update(own.words)
+    connecting = frozenset(map(fold, connectives))
+    for own in _own_texts(_on_topic(passages, anchors), every, given):
         named = [name for name in lexicon if terms[name].found(own.text)]
+        if not own.discusses(min_words):
+            if own.may_discuss(len(named)):
+                unclear.append(own.passage)
+            continue
+        said.update(own.words)
+        if connecting and measure(own.words) >= 2 * min_words and own.is_foreign(connecting):
+            unclear.append(own.passage)
         for name in named:
             discussed.setdefault(name, own.passage)
         if len(named) > 1:
@@ -292,7 +319,7 @@ def concepts(
         if lacks_sentences(own.passage.text, connectives):
             strung.append(own.passage)
     in_order = {name: discussed[name] for name in lexicon if name in discussed}
-    return Discussion(in_order, tuple(related), tuple(strung), measure(said))
+    return Discussion(in_order, tuple(related), tuple(strung), measure(said), tuple(unclear))
 
 
 def _on_topic(passages: Iterable[Passage], anchors: Sequence[str]) -> Iterator[Passage]:
@@ -329,11 +356,30 @@ class _Own:
     passage: Passage
     text: str
     words: list[str]
+    #: Number of names of concepts.
+    names: int
+
+    def discusses(self, min_words: int) -> bool:
+        """Tell whether there are enough own words; names must stand among them, rather than be strewn or listed."""
+        amount = measure(self.words)
+        return amount >= max(min_words, 1) and 0 < self.names <= amount * _STUFFING_RATIO
+
+    def may_discuss(self, concepts: int) -> bool:
+        """Tell whether a passage of few own words may say something about some concepts."""
+        if concepts < _SHORT_CONCEPTS or measure(self.words) < _SHORT_OWN_WORDS:
+            return False
+        return substance(self.text) >= _SHORT_WORDS
+
+    def is_foreign(self, connectives: Collection[str]) -> bool:
+        """Tell whether hardly a word is a known connective."""
+        spoken = words(self.text)
+        known = sum(word in connectives for word in spoken)
+        return all(map(_is_known, spoken)) and known < _FEW_CONNECTIVES * len(spoken)
 
 
-def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> Iterator[_Own]:
-    """Yield the passages with enough own words; a repeated sentence counts once in all of them."""
-    seen: set[str] = set()
+def _own_texts(passages: Iterable[Passage], every: Terms, given: Collection[str]) -> Iterator[_Own]:
+    """Yield the student's own text of passages; a repeated sentence counts once in all of them, a given one never."""
+    seen = set(given)
     for passage in passages:
         fresh: list[str] = []
         for sentence in sentences(passage.text):
@@ -344,8 +390,4 @@ def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> It
         joined = "\n".join(fresh)
         text = plain_text(joined)
         own = words(every.without(own_text(joined)))
-        amount = measure(own)
-        names = every.count(text)
-        # Names must stand among words, rather than be strewn or listed.
-        if amount >= max(min_words, 1) and 0 < names <= amount * _STUFFING_RATIO:
-            yield _Own(passage, text, own)
+        yield _Own(passage, text, own, every.count(text))

@@ -372,7 +372,7 @@ def _fault(text: str, beside: str, rules: Rules, said: set[str]) -> str:
     known = set(words(code))
     known.update(words(_HUMP.sub(" ", code)))
     known.update(map(fold, rules.fillers))
-    if known.issuperset(found):
+    if known.issuperset(word for word in found if not word[0].isdigit()):
         return "repeats the code"
     form = " ".join(found)
     if form in said:

@@ -26,7 +26,7 @@ from grader.report.views import (
     bonus_lines,
     points,
 )
-from grader.result import Outcome
+from grader.result import EVIDENCE_LINE, Outcome
 
 LONGEST_BYTES = 1024 * 1024
 _LEFT_OUT = "*More did not fit here; the report has all.*\n"
@@ -168,6 +168,4 @@ def _foot(graded: Graded) -> str:
     if graded.rubric_sha256:
         facts.append(f"rubric {markdown_text(graded.rubric_sha256[:12])}")
     listed = f" ({'; '.join(facts)})" if facts else ""
-    return (
-        f"The evidence for each point is in `report.html`, among the files of this job{listed}.\n"
-    )
+    return f"{EVIDENCE_LINE}, among the files of this job{listed}.\n"

@@ -182,6 +182,8 @@ def test_talk_about_running_is_no_instruction() -> None:
         ("To start the nodes, press the button.\n", 1),
         ("Everything here starts together and runs at 100 Hz.\n", None),
         ("## Start\n\n## Other\n\nWords.\n", None),
+        ("The two nodes run with `python3`.\n", 1),
+        ("The two nodes run with Python.\n", None),
     ],
 )
 def test_instructions_in_words_are_seen(text: str, line: int | None) -> None:

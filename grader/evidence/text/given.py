@@ -1,0 +1,90 @@
+"""Texts of a lab's own, and of this program's, which are no text of a student's."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+from grader.evidence.text.markup import Block, Section, read_markdown
+from grader.evidence.text.source import read_sources
+from grader.evidence.text.words import normal_form, sentences
+from grader.result import EVIDENCE_LINE
+
+#: Words from which a sentence is known again; anybody may write a shorter one.
+_LEAST_WORDS = 5
+_SOURCE_ENDING = ".py"
+
+
+@dataclass(frozen=True)
+class GivenText:
+    """Sentences and blocks that all students were given.
+
+    Attributes
+    ----------
+    sentences
+        Sentences of five words or more, as `words.normal_form` gives them.
+    blocks
+        Paragraphs, items, rows and code, in the same form.
+    """
+
+    sentences: frozenset[str] = frozenset()
+    blocks: frozenset[str] = frozenset()
+
+    @classmethod
+    def of(cls, texts: dict[str, str]) -> GivenText:
+        """Return the sentences of texts by their paths: documents, and docstrings and comments of Python files."""
+        said: set[str] = set()
+        blocks: set[str] = set()
+        sources = {}
+        for path, text in texts.items():
+            if path.endswith(_SOURCE_ENDING):
+                sources[path] = text
+                continue
+            for section in read_markdown(text):
+                for block in section.blocks:
+                    blocks.add(normal_form(block.text))
+                    if block.kind != "code":
+                        said.update(_known_sentences(block.text))
+        for facts in read_sources(sources):
+            for note in facts.notes:
+                said.update(_known_sentences(note.text))
+        return cls(frozenset(said), frozenset(blocks))
+
+    def without(self, document: Sequence[Section]) -> tuple[Section, ...]:
+        """Return a document without its given paragraphs, items and rows.
+
+        A student's README may repeat a command of the handout: given code and short texts are only left out where at
+        least half of the document's sentences are given.
+        """
+        if not self.sentences:
+            return tuple(document)
+        said: list[str] = []
+        for section in document:
+            for block in section.blocks:
+                if block.kind != "code":
+                    said += _known_sentences(block.text)
+        given = sum(form in self.sentences for form in said)
+        is_copy = given > 0 and 2 * given >= len(said)
+        own = []
+        for section in document:
+            blocks = [block for block in section.blocks if not self._holds(block, is_copy)]
+            own.append(replace(section, blocks=blocks))
+        return tuple(own)
+
+    def _holds(self, block: Block, is_copy: bool) -> bool:
+        if is_copy and normal_form(block.text) in self.blocks:
+            return True
+        if block.kind == "code":
+            return False
+        forms = _known_sentences(block.text)
+        return bool(forms) and self.sentences.issuperset(forms)
+
+
+def is_own_export(text: str) -> bool:
+    """Return whether this program wrote a text: a CI job can leave the summary of its last run in the checkout."""
+    return EVIDENCE_LINE in text
+
+
+def _known_sentences(text: str) -> list[str]:
+    forms: Iterable[str] = map(normal_form, sentences(text))
+    return [form for form in forms if form.count(" ") >= _LEAST_WORDS - 1]
