@@ -72,35 +72,39 @@ class CodeFinder:
         """Return the indices of the lines that are code: clearly code, or next to code and Python too."""
         depths = [_depth(line[:_LINE_START]) for line in lines]
         parses: list[int] = []
-        heads: list[int] = []
+        heads: set[int] = set()
         code: set[int] = set()
         at = 0
         while at < len(lines):
-            statement = None
-            size = 1
-            fragment = ""
-            if _CODE_HINT.search(lines[at][:_LINE_START]):
-                for size in _sizes(depths[at : at + SPAN_LINES]):
-                    fragment = "\n".join(lines[at : at + size])
-                    statement = self._last_statement(_completed(fragment))
-                    if statement is not None:
-                        break
+            size, fragment, statement = self._statement(lines, depths, at)
             span = range(at, at + size)
             if statement is not None:
                 parses += span
                 if isinstance(statement, _WITH_BODY):
-                    heads.append(at + size - 1)
+                    heads.add(at + size - 1)
                 if _is_surely_code(statement, fragment):
                     code.update(span)
             elif _is_other_language(lines[at][:_LINE_START]):
                 code.add(at)
             at += size
-        for head in set(heads).intersection(number - 1 for number in parses):
+        for head in heads.intersection(number - 1 for number in parses):
             code.update((head, head + 1))
         for index in (*parses, *reversed(parses)):
             if code & {index - 1, index + 1}:
                 code.add(index)
         return code
+
+    def _statement(
+        self, lines: Sequence[str], depths: Sequence[int], at: int
+    ) -> tuple[int, str, ast.stmt | None]:
+        """Return the number of lines of the statement that begins at a line, its text and its tree; one line if none does."""
+        if _CODE_HINT.search(lines[at][:_LINE_START]):
+            for size in _sizes(depths[at : at + SPAN_LINES]):
+                fragment = "\n".join(lines[at : at + size])
+                statement = self._last_statement(_completed(fragment))
+                if statement is not None:
+                    return size, fragment, statement
+        return 1, "", None
 
     def _last_statement(self, text: str) -> ast.stmt | None:
         self._left -= 1

@@ -33,22 +33,19 @@ class GivenText:
     @classmethod
     def of(cls, texts: dict[str, str]) -> GivenText:
         """Return the sentences of texts by their paths: documents, and docstrings and comments of Python files."""
-        said: set[str] = set()
-        blocks: set[str] = set()
         sources = {}
+        blocks: list[Block] = []
         for path, text in texts.items():
             if path.endswith(_SOURCE_ENDING):
                 sources[path] = text
-                continue
-            for section in read_markdown(text):
-                for block in section.blocks:
-                    blocks.add(normal_form(block.text))
-                    if block.kind != "code":
-                        said.update(_known_sentences(block.text))
+            else:
+                blocks += _blocks(read_markdown(text))
+        said = _said(blocks)
         for facts in read_sources(sources):
             for note in facts.notes:
-                said.update(_known_sentences(note.text))
-        return cls(frozenset(said), frozenset(blocks))
+                said += _known_sentences(note.text)
+        forms = frozenset(normal_form(block.text) for block in blocks)
+        return cls(frozenset(said), forms)
 
     def without(self, document: Sequence[Section]) -> tuple[Section, ...]:
         """Return a document without its given paragraphs, items and rows.
@@ -58,11 +55,7 @@ class GivenText:
         """
         if not self.sentences:
             return tuple(document)
-        said: list[str] = []
-        for section in document:
-            for block in section.blocks:
-                if block.kind != "code":
-                    said += _known_sentences(block.text)
+        said = _said(_blocks(document))
         given = sum(form in self.sentences for form in said)
         is_copy = given > 0 and 2 * given >= len(said)
         own = []
@@ -83,6 +76,22 @@ class GivenText:
 def is_own_export(text: str) -> bool:
     """Return whether this program wrote a text: a CI job can leave the summary of its last run in the checkout."""
     return EVIDENCE_LINE in text
+
+
+def _blocks(document: Sequence[Section]) -> list[Block]:
+    blocks = []
+    for section in document:
+        blocks += section.blocks
+    return blocks
+
+
+def _said(blocks: Iterable[Block]) -> list[str]:
+    """Return the sentences of blocks, without those of code."""
+    said = []
+    for block in blocks:
+        if block.kind != "code":
+            said += _known_sentences(block.text)
+    return said
 
 
 def _known_sentences(text: str) -> list[str]:

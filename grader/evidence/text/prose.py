@@ -292,34 +292,11 @@ def concepts(
     given
         Sentences of the handout, as `normal_form` gives them; they do not count.
     """
+    reader = _DiscussionReader(lexicon, reasons, min_words, connectives)
     every = Terms.of(stem for stems in lexicon.values() for stem in stems)
-    terms = {name: Terms.of(stems) for name, stems in lexicon.items()}
-    reasoning = Terms.of(reasons)
-    discussed: dict[str, Passage] = {}
-    related: list[Passage] = []
-    strung: list[Passage] = []
-    unclear: list[Passage] = []
-    said: set[str] = set()
-    connecting = frozenset(map(fold, connectives))
     for own in _own_texts(_on_topic(passages, anchors), every, given):
-        named = [name for name in lexicon if terms[name].found(own.text)]
-        if not own.discusses(min_words):
-            if own.may_discuss(len(named)):
-                unclear.append(own.passage)
-            continue
-        said.update(own.words)
-        if connecting and measure(own.words) >= 2 * min_words and own.is_foreign(connecting):
-            unclear.append(own.passage)
-        for name in named:
-            discussed.setdefault(name, own.passage)
-        if len(named) > 1:
-            is_long = measure(own.words) >= 2 * min_words
-            if is_long or reasoning.found(own.text):
-                related.append(own.passage)
-        if lacks_sentences(own.passage.text, connectives):
-            strung.append(own.passage)
-    in_order = {name: discussed[name] for name in lexicon if name in discussed}
-    return Discussion(in_order, tuple(related), tuple(strung), measure(said), tuple(unclear))
+        reader.read(own)
+    return reader.discussion()
 
 
 def _on_topic(passages: Iterable[Passage], anchors: Sequence[str]) -> Iterator[Passage]:
@@ -375,6 +352,57 @@ class _Own:
         spoken = words(self.text)
         known = sum(word in connectives for word in spoken)
         return all(map(_is_known, spoken)) and known < _FEW_CONNECTIVES * len(spoken)
+
+
+class _DiscussionReader:
+    """Collects what passages discuss."""
+
+    def __init__(
+        self,
+        lexicon: Mapping[str, Sequence[str]],
+        reasons: Sequence[str],
+        min_words: int,
+        connectives: Sequence[str],
+    ) -> None:
+        self._terms = {name: Terms.of(stems) for name, stems in lexicon.items()}
+        self._reasoning = Terms.of(reasons)
+        self._min_words = min_words
+        self._connectives = connectives
+        self._connecting = frozenset(map(fold, connectives))
+        self._discussed: dict[str, Passage] = {}
+        self._related: list[Passage] = []
+        self._strung: list[Passage] = []
+        self._unclear: list[Passage] = []
+        self._said: set[str] = set()
+
+    def read(self, own: _Own) -> None:
+        """Add a passage."""
+        named = [name for name, terms in self._terms.items() if terms.found(own.text)]
+        if not own.discusses(self._min_words):
+            if own.may_discuss(len(named)):
+                self._unclear.append(own.passage)
+            return
+        self._said.update(own.words)
+        for name in named:
+            self._discussed.setdefault(name, own.passage)
+        is_long = measure(own.words) >= 2 * self._min_words
+        if len(named) > 1 and (is_long or self._reasoning.found(own.text)):
+            self._related.append(own.passage)
+        if is_long and self._connecting and own.is_foreign(self._connecting):
+            self._unclear.append(own.passage)
+        if lacks_sentences(own.passage.text, self._connectives):
+            self._strung.append(own.passage)
+
+    def discussion(self) -> Discussion:
+        """Return all that was read, with the concepts in the lexicon's order."""
+        in_order = {name: self._discussed[name] for name in self._terms if name in self._discussed}
+        return Discussion(
+            in_order,
+            tuple(self._related),
+            tuple(self._strung),
+            measure(self._said),
+            tuple(self._unclear),
+        )
 
 
 def _own_texts(passages: Iterable[Passage], every: Terms, given: Collection[str]) -> Iterator[_Own]:
