@@ -8,8 +8,9 @@ from dataclasses import replace
 from grader.evidence.crash.diagnosis import advisories, hit_limit
 from grader.evidence.gaps import limits_hit
 from grader.evidence.recorded import Recorded
+from grader.recording.session import NEWER_IDIOM, Claim
 from grader.recording.submission import SubmissionRecord
-from grader.result import ChosenFile, CriterionResult
+from grader.result import FOR_A_PERSON, ChosenFile, CriterionResult
 
 
 def chosen_files(submission: SubmissionRecord) -> tuple[ChosenFile, ...]:
@@ -51,9 +52,19 @@ def _said_in(recorded: Recorded) -> Iterator[tuple[str, str]]:
         artifact = process.artifact or ""
         for text in advisories(process.output):
             yield text, artifact
+        for claim in recorded.record.claims:
+            if claim.process == process.name and claim.kind == NEWER_IDIOM:
+                yield _of_idiom(claim), ""
         hit = hit_limit(replace(process, limit=limits.get(process.name)))
         if hit is not None:
             yield " ".join(hit), artifact
+
+
+def _of_idiom(claim: Claim) -> str:
+    """Tell of a use of ROS 2 that the ROS 2 of the grading does not know, and that was made to work."""
+    place = f"{claim.file}, line {claim.line}"
+    seen = f"`{claim.name}:` ends a program on the ROS 2 of this grading, and works on a newer one"
+    return f"{FOR_A_PERSON} {place}: {seen}. The grader let it work. The points are given."
 
 
 def _of_files(submission: SubmissionRecord) -> Iterator[str]:

@@ -193,12 +193,17 @@ class StepRun:
     result: dict[str, Any] = field(default_factory=dict)
 
 
+#: Kind of a claim about a use of ROS 2 that only a newer one knows, and that was made to work.
+NEWER_IDIOM = "newer_idiom"
+
+
 @dataclass
 class Claim:
     """A note of the tap in a student's process: a claim by student code, never evidence of behaviour."""
 
     process: str
-    #: "publisher", "subscription", "service", "client", "action", "action_client", "timer", "parameter", "node".
+    #: "publisher", "subscription", "service", "client", "action", "action_client", "timer", "parameter", "node", or
+    #: NEWER_IDIOM.
     kind: str
     #: As given in the call (not expanded); period in seconds for a timer.
     name: str
