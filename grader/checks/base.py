@@ -131,8 +131,9 @@ def graded(
 ) -> Finding:
     """State a finding by its share of the credit; full credit drops the reason.
 
-    The finding is undecided if `share` and `best` earn different credit. A measurement without a doubt whose bounds lie
-    more than a level apart shows that the program itself is uneven: in repeated recordings, the lower bound counts.
+    The finding is undecided if `share` and `best` earn different credit. Without a doubt about the machine, repeated
+    recordings settle it: bounds more than a level apart show that the program itself is uneven, and the lower one counts;
+    neighbouring levels are the error of the measurement, and the upper one counts.
 
     Parameters
     ----------
@@ -149,8 +150,11 @@ def graded(
     high = low if best is None else _leveled(best, levels)
     if low != high:
         settled = None
-        if not doubt and float(high - low) > 1.5 / (levels or CREDIT_LEVELS):
-            settled = graded(float(low), expected, measured, reason, where=where)
+        if not doubt:
+            is_uneven = float(high - low) > 1.5 / (levels or CREDIT_LEVELS)
+            settled = graded(
+                float(low if is_uneven else high), expected, measured, reason, where=where
+            )
         cause = doubt or _MEASUREMENT_ERROR
         return inconclusive(expected, measured, cause, where=where, settled=settled)
     if low >= _AS_GOOD_AS_FULL:

@@ -182,7 +182,7 @@ def repeated(case: Case) -> Finding | None:
         return None
     times = case.recorded.record.times_recorded
     often = f"The session was recorded {times} times; a program can cause this by itself."
-    return replace(settled, reason=f"{settled.reason} {often}")
+    return replace(settled, reason=f"{settled.reason} {often}".strip())
 
 
 def left_out(case: Case) -> Finding | None:
