@@ -14,6 +14,7 @@ from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import explain
 from grader.evidence.oracle import load_oracle
 from grader.evidence.recorded import Recorded
+from grader.evidence.source_causes import corrected
 from grader.lab.steps.get_parameters import GetParametersResult
 from grader.recording.session import ProcessRun
 from grader.recording.submission import SubmissionRecord
@@ -70,7 +71,10 @@ class Context:
 
     def explain(self, run: ProcessRun) -> Diagnosis | None:
         """Explain why a process ended or misbehaved, from its output."""
-        return explain(run.output, [f.path for f in self.submission.files], run.interrupted_ns)
+        found = explain(run.output, [f.path for f in self.submission.files], run.interrupted_ns)
+        if found is None or found.file is None:
+            return found
+        return corrected(found, self.submission.texts.get(found.file, ""))
 
     def diagnosis(self, artifact: str) -> Diagnosis | None:
         """Explain why one of an artifact's processes ended or misbehaved."""

@@ -14,6 +14,7 @@ from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.crash.diagnosis import ended_by_limit, hit_limit
 from grader.evidence.environment_gap import environment_gap as missing_here
 from grader.evidence.recorded import clock_step_s
+from grader.evidence.source_causes import silent_cause
 from grader.lab.references import Sought
 from grader.recording.session import Claim, ProcessRun
 from grader.result import Finding, Location, Outcome
@@ -96,7 +97,16 @@ def why_nothing(context: Context, artifact: str) -> Explanation | None:
     if found is not None:
         where = Location(file=found.file, line=found.line) if found.file else output
         return describe_diagnosis(found), found.remedy, (where,)
-    return _ended_already(context, artifact)
+    return _ended_already(context, artifact) or _silent(context, artifact)
+
+
+def _silent(context: Context, artifact: str) -> Explanation | None:
+    """Explain by its source why a program that went on showed nothing; None if the source does not tell."""
+    path = context.path_of(artifact) or ""
+    found = silent_cause(path, context.submission.texts.get(path, ""))
+    if found is None:
+        return None
+    return found.problem, found.remedy, (Location(file=path, line=found.line),)
 
 
 def _ended_already(context: Context, artifact: str) -> Explanation | None:

@@ -23,6 +23,7 @@ from grader.checks.base import (
 from grader.checks.endpoints import claim_of, clash, student_endpoints
 from grader.evidence.cpu_delay import Span, clipped
 from grader.evidence.recorded import Floats, clock_step_s
+from grader.evidence.source_causes import late_lambda
 from grader.evidence.text.result_rows import (
     LINE_LIMIT,
     ResultRow,
@@ -139,7 +140,25 @@ def reported_traffic(context: Context, p: ReportedTraffic) -> Finding:
     measured = "" if any(part.text for part in parts) else "no results"
     where = (context.output_of(p.artifact),)
     finding = of_parts(expected, parts, measured=measured, where=where, doubt=delay.doubt)
+    finding = _explained_by_lambda(context, p, finding, printed)
     return replace(finding, unmeasured=_unmeasured(context, rows, claims, finding))
+
+
+def _explained_by_lambda(
+    context: Context, p: ReportedTraffic, finding: Finding, printed: Sequence[ResultRow]
+) -> Finding:
+    """Name the lambda of a loop if all messages were counted for one row."""
+    path = context.path_of(p.artifact) or ""
+    late = late_lambda(context.submission.texts.get(path, ""))
+    counting = [row for row in printed if row.count]
+    if late is None or len(printed) < 2 or len(counting) != 1:
+        return finding
+    line, name = late
+    reason = f"{finding.reason} All callbacks count for one row: the lambda in line {line} is called after the loop, and "
+    reason += f"sees the last value of {name}."
+    hint = f"Keep the value as a default: lambda message, {name}={name}: ..."
+    where = (Location(file=path, line=line), *finding.where)
+    return replace(finding, reason=reason, hint=hint, where=where)
 
 
 def _has_traffic(context: Context, row: Row, claims: _Claims) -> bool:

@@ -19,6 +19,16 @@ from grader.evidence.text.syntax import normalise, tree_of
 from grader.recording.submission import SubmissionRecord
 
 _WHO_DECIDES = "Your instructor will run it by hand."
+#: Names of NumPy 1.26 that NumPy 2 removed, by its migration guide.
+_ONLY_IN_NUMPY_1 = frozenset([
+    "NaN", "Inf", "Infinity", "infty", "PINF", "NINF", "PZERO", "NZERO", "float_", "complex_", "string_",
+    "unicode_", "cfloat", "longfloat", "singlecomplex", "longcomplex", "clongfloat", "cast", "source",
+    "lookfor", "who", "fastCopyAndTranspose", "set_numeric_ops", "add_docstring", "add_newdoc", "asfarray",
+    "byte_bounds", "compat", "deprecate", "deprecate_with_doc", "disp", "find_common_type", "issctype",
+    "issubclass_", "issubsctype", "mat", "maximum_sctype", "msort", "nbytes", "obj2sctype", "product",
+    "cumproduct", "sometrue", "alltrue", "round_", "recfromcsv", "recfromtxt", "safe_eval", "sctype2char",
+    "sctypes", "tracemalloc_domain",
+])  # fmt: skip
 _INTERFACES = (".msg", ".srv", ".action")
 _IMPORT_KINDS = ("missing-module", "missing-interface", "missing-sibling")
 _IMPORT_LINE = re.compile(r"^[ \t]*(?:from|import)[ \t](.*)$", re.MULTILINE)
@@ -68,13 +78,32 @@ def environment_gap(
         return None
     if found.kind in _IMPORT_KINDS and found.exception_type == "ModuleNotFoundError":
         return absent_module(found.subject, found.file, found.line, submission)
+    text = submission.texts.get(found.file, "")
     if found.kind == "missing-name":
         return _unbuilt_package(found.file, found.line, submission)
-    if found.kind == "syntax-error" and is_newer_python(submission.texts.get(found.file, "")):
+    return _newer_or_older(found, found.file, text)
+
+
+def _newer_or_older(found: Diagnosis, file: str, text: str) -> str | None:
+    """Say that a file is for another version of NumPy or Python; None if it is not."""
+    if found.kind == "removed-from-numpy":
+        return _removed_name(found, file, text)
+    if found.kind == "syntax-error" and is_newer_python(text):
         at = f" (line {found.line})" if found.line else ""
         problem = "uses syntax of Python 3.12 or later, which the grading computer lacks"
-        return f"{found.file}{at} {problem}. {_WHO_DECIDES}"
+        return f"{file}{at} {problem}. {_WHO_DECIDES}"
     return None
+
+
+def _removed_name(found: Diagnosis, file: str, text: str) -> str | None:
+    """Say that a program uses a name that only older versions of NumPy have; None if its line does not show the name."""
+    lines = text.split("\n")
+    line = found.line or 0
+    is_shown = 0 < line <= len(lines) and f".{found.subject}" in lines[line - 1]
+    if not is_shown or found.subject not in _ONLY_IN_NUMPY_1:
+        return None
+    problem = f"uses np.{found.subject}, which the NumPy of ROS 2 Jazzy has and NumPy 2 of the grading computer lacks"
+    return f"{file} (line {line}) {problem}. {_WHO_DECIDES}"
 
 
 def _unbuilt_package(file: str, line: int | None, submission: SubmissionRecord) -> str | None:

@@ -43,6 +43,28 @@ def row(count: int = 1000, mean_ms: float = 1.0, max_ms: float = 3.0, name: str 
     return f"{name:10}: {count:5} msgs, avg latency: {mean_ms:.2f}ms, max: {max_ms:.2f}ms"
 
 
+LAMBDA = "for name in names:\n    create_subscription(T, name, lambda m: on({}, m), 10)\n"
+
+
+@pytest.mark.parametrize(("argument", "is_named"), [("name", True), ("m.name", False)])
+def test_the_lambda_of_a_loop_is_named(tmp_path: Path, argument: str, is_named: bool) -> None:
+    """All messages are counted for the last row, because a lambda sees the last value of its loop."""
+    session = Session(tmp_path).process("it", [row(0), row(2000, name="slow")])
+    times = evenly(100, 9.99)
+    for topic in (TOPIC, "/test_slow"):
+        session.endpoint("publisher", topic).endpoint("subscription", topic)
+        session.messages(topic, [[0.0]] * len(times), times, latency_s=0.001)
+    rows = [*REPORTED["rows"], {"name": "slow", "topic": "/test_slow"}]
+    record = submission({"it.py": LAMBDA.format(argument)})
+    finding = judged("reported_traffic", {**REPORTED, "rows": rows}, session, record)
+    assert finding.credit == 0
+    assert ("the lambda in line 2" in finding.reason) == is_named
+    assert (
+        finding.hint.startswith("Keep the value as a default: lambda message, name=name")
+        == is_named
+    )
+
+
 @pytest.mark.parametrize(
     ("line", "credit"),
     [

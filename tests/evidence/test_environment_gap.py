@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -127,6 +128,19 @@ def test_a_submission_is_searched_for_what_may_be_missing() -> None:
         }
     )
     assert modules_to_look_for(record) == ["scipy"]
+
+
+@pytest.mark.parametrize("name", ["NaN", "float_", "product"])
+def test_a_name_of_numpy_1_is_for_a_person_to_decide(name: str) -> None:
+    """ROS 2 distributions have NumPy 1, whose names the source shows; a made-up message excuses nothing."""
+    found = Diagnosis("removed-from-numpy", "", "", file="it.py", line=2, subject=name)
+    record = submission({"it.py": f"import numpy as np\nx = np.{name}\n"})
+    told = environment_gap(found, record, "it.py")
+    assert told is not None
+    assert told.startswith(f"it.py (line 2) uses np.{name}, which the NumPy of ROS 2 Jazzy has")
+    assert environment_gap(replace(found, line=1), record, "it.py") is None
+    made_up = replace(found, subject="made_up")
+    assert environment_gap(made_up, submission({"it.py": "\nnp.made_up"}), "it.py") is None
 
 
 def test_a_file_in_newer_syntax_is_for_a_person_to_decide() -> None:

@@ -73,6 +73,19 @@ def told(final: str, library: str = "") -> Diagnosis:
             "lab.arm_math",
         ),
         ("ModuleNotFoundError: No module named 'pandas'", "", "missing-module", "pandas"),
+        ("EOFError: EOF when reading a line", "", "keyboard", ""),
+        (
+            "AttributeError: `np.NaN` was removed in the NumPy 2.0 release. Use `np.nan` instead.",
+            "",
+            "removed-from-numpy",
+            "NaN",
+        ),
+        (
+            "TypeError: unsupported format string passed to numpy.ndarray.__format__",
+            "",
+            "format-of-several",
+            "",
+        ),
         ("ModuleNotFoundError: No module named 'numppy'", "", "misspelt-module", "numppy"),
         (
             "ModuleNotFoundError: No module named 'std_msgs.msgs'",

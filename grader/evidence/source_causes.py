@@ -1,0 +1,180 @@
+"""Causes of silence that a program's source shows, where nothing crashed: another ROS domain, a loop that waits for ever.
+
+The source explains a finding in words; it never decides one.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+from grader.evidence.crash.causes import Diagnosis
+from grader.evidence.text.syntax import normalise, tree_of
+
+_DOMAIN = "ROS_DOMAIN_ID"
+#: Calls that set a variable of the environment by their first two arguments.
+_SETTERS = ("setdefault", "putenv")
+#: Longest text of a value that is quoted.
+_QUOTED = 40
+
+
+def silent_cause(path: str, text: str) -> Diagnosis | None:
+    """Return why a program that goes on may show nothing; None if its source does not tell.
+
+    Examples
+    --------
+    `os.environ["ROS_DOMAIN_ID"] = "30"` leads to another graph, and `rate.sleep()` in a program that never spins waits
+    for ever.
+    """
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    for line, value in _domains(tree):
+        problem = f"The program speaks in ROS domain {value}, and the nodes of this session in another one."
+        remedy = (
+            f"Leave the domain to the terminal: take {_DOMAIN} or domain_id out of the program."
+        )
+        return Diagnosis("other-domain", problem, remedy, path, line, subject=value)
+    sleep = _sleep_without_spin(tree)
+    if sleep is None:
+        return None
+    problem = (
+        "sleep() of a rate waits for an executor that spins, and nothing spins in this program."
+    )
+    remedy = (
+        "Do the work in a timer and call rclpy.spin(node), or spin in a thread beside the loop."
+    )
+    return Diagnosis("rate-without-spin", problem, remedy, path, sleep)
+
+
+def _domains(tree: ast.Module) -> Iterator[tuple[int, str]]:
+    """Yield the line and the value of each ROS domain that a program sets."""
+    for node in ast.walk(tree):
+        value = None
+        if isinstance(node, ast.Assign) and any(map(_is_domain_variable, node.targets)):
+            value = node.value
+        elif isinstance(node, ast.Call):
+            value = _domain_of_call(node)
+        if value is not None:
+            yield value.lineno, ast.unparse(value).strip("'\"")[:_QUOTED]
+
+
+def _is_domain_variable(target: ast.expr) -> bool:
+    return isinstance(target, ast.Subscript) and _is_domain_name(target.slice)
+
+
+def _is_domain_name(node: ast.expr) -> bool:
+    return isinstance(node, ast.Constant) and node.value == _DOMAIN
+
+
+def _domain_of_call(call: ast.Call) -> ast.expr | None:
+    """Return the domain that a call sets, None if it sets none."""
+    for keyword in call.keywords:
+        is_none = isinstance(keyword.value, ast.Constant) and keyword.value.value is None
+        if keyword.arg in ("domain_id", _DOMAIN) and not is_none:
+            return keyword.value
+    is_setter = isinstance(call.func, ast.Attribute) and call.func.attr in _SETTERS
+    if is_setter and len(call.args) == 2 and _is_domain_name(call.args[0]):
+        return call.args[1]
+    return None
+
+
+def _sleep_without_spin(tree: ast.Module) -> int | None:
+    """Return the line of the first sleep of a rate in a program that calls no function with `spin` in its name."""
+    has_rate = False
+    sleeps = []
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Call):
+            continue
+        name = _name_of(node.func)
+        if "spin" in name:
+            return None
+        has_rate |= name == "create_rate"
+        if name == "sleep" and not _is_of_time(node.func):
+            sleeps.append(node.lineno)
+    return min(sleeps) if has_rate and sleeps else None
+
+
+def _name_of(function: ast.expr) -> str:
+    if isinstance(function, ast.Attribute):
+        return function.attr
+    return function.id if isinstance(function, ast.Name) else ""
+
+
+def _is_of_time(function: ast.expr) -> bool:
+    """Return whether a function is `time.sleep`, or a plain `sleep`."""
+    if not isinstance(function, ast.Attribute):
+        return True
+    return isinstance(function.value, ast.Name) and function.value.id == "time"
+
+
+def corrected(found: Diagnosis, text: str) -> Diagnosis:
+    """Return the cause of a crash, by the source of its file: an attribute of rclpy's Node may have been overwritten."""
+    if found.kind != "parameter-not-declared":
+        return found
+    line = _overwrites(text, "_parameters")
+    if line is None:
+        return found
+    problem = "self._parameters replaces the attribute in which rclpy's Node keeps its parameters, so that none is declared."
+    remedy = "Give the attribute another name, for instance self._my_parameters."
+    return replace(found, kind="overwritten-attribute", problem=problem, remedy=remedy, line=line)
+
+
+def _overwrites(text: str, attribute: str) -> int | None:
+    """Return the first line that assigns to an attribute of `self`, None if none does."""
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    lines = []
+    for node in ast.walk(tree):
+        for target in _targets(node):
+            if ast.unparse(target) == f"self.{attribute}":
+                lines.append(target.lineno)
+    return min(lines, default=None)
+
+
+def _targets(node: ast.AST) -> Sequence[ast.expr]:
+    if isinstance(node, ast.Assign):
+        return node.targets
+    return [node.target] if isinstance(node, ast.AnnAssign) else []
+
+
+def late_lambda(text: str) -> tuple[int, str] | None:
+    """Return the line of the first lambda in a loop that uses the loop's variable, and the variable; None without one.
+
+    All such lambdas see the variable's last value: `for name in names: create_subscription(..., lambda m: f(name, m))`.
+    A default, as in `lambda m, name=name: ...`, keeps the value.
+    """
+    tree = tree_of(normalise(text))
+    if tree is None:
+        return None
+    found = []
+    for loop in ast.walk(tree):
+        if isinstance(loop, ast.For):
+            names = _names(loop.target, ast.Store)
+            for statement in loop.body:
+                found += _late(statement, names)
+    return min(found, default=None)
+
+
+def _late(statement: ast.stmt, names: set[str]) -> list[tuple[int, str]]:
+    """Return the line and the variable of each lambda that is passed to a call and uses one of the names."""
+    found = []
+    for call in ast.walk(statement):
+        if not isinstance(call, ast.Call):
+            continue
+        for argument in [*call.args, *(keyword.value for keyword in call.keywords)]:
+            if isinstance(argument, ast.Lambda):
+                own = {each.arg for each in ast.walk(argument.args) if isinstance(each, ast.arg)}
+                late = (_names(argument.body, ast.Load) & names) - own
+                found += [(argument.lineno, name) for name in late]
+    return found
+
+
+def _names(tree: ast.AST, context: type[ast.expr_context]) -> set[str]:
+    found = set()
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Name) and isinstance(node.ctx, context):
+            found.add(node.id)
+    return found

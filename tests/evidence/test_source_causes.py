@@ -1,0 +1,92 @@
+"""Causes that the source of a program shows where nothing crashed."""
+
+from __future__ import annotations
+
+import pytest
+
+from grader.evidence.crash.causes import Diagnosis
+from grader.evidence.source_causes import corrected, late_lambda, silent_cause
+
+HEAD = "import os, time\nimport rclpy\n"
+
+
+@pytest.mark.parametrize(
+    ("statement", "value"),
+    [
+        ("os.environ['ROS_DOMAIN_ID'] = '30'", "30"),
+        ("os.environ.setdefault('ROS_DOMAIN_ID', str(bench))", "str(bench)"),
+        ("os.putenv('ROS_DOMAIN_ID', '7')", "7"),
+        ("os.environ.update(ROS_DOMAIN_ID='8')", "8"),
+        ("rclpy.init(args=args, domain_id=42)", "42"),
+    ],
+)
+def test_a_domain_in_the_source_is_named_with_its_line(statement: str, value: str) -> None:
+    """Each usual way to choose a ROS domain in a program is seen."""
+    found = silent_cause("talk.py", HEAD + statement)
+    assert found is not None
+    assert (found.kind, found.subject, found.line) == ("other-domain", value, 3)
+    assert f"ROS domain {value}," in found.problem
+
+
+@pytest.mark.parametrize(
+    "statement",
+    ["rclpy.init(args=args, domain_id=None)", "print(os.environ['ROS_DOMAIN_ID'])", "rclpy.init("],
+)
+def test_a_domain_that_is_only_read_is_no_cause(statement: str) -> None:
+    """Reading the variable, and a default, leave the program in the session's domain."""
+    assert silent_cause("talk.py", HEAD + statement) is None
+
+
+LOOP = """
+rate = node.create_rate(100)
+while rclpy.ok():
+    node.publish()
+    rate.sleep()
+"""
+
+
+def test_a_rate_without_spin_is_named_with_the_line_of_its_sleep() -> None:
+    """The first sleep never returns, as no executor runs its timer."""
+    found = silent_cause("talk.py", LOOP)
+    assert found is not None
+    assert (found.kind, found.line) == ("rate-without-spin", 5)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"threading.Thread(target=rclpy.spin, args=(node,)).start()\nrclpy.spin_once(node)\n{LOOP}",
+        LOOP.replace("rate.sleep()", "time.sleep(0.01)"),
+        "for _ in range(9):\n    rate.sleep()\n",
+    ],
+)
+def test_a_rate_beside_a_spin_is_no_cause(text: str) -> None:
+    """A spin anywhere, or another way to wait, is left alone."""
+    assert silent_cause("talk.py", text) is None
+
+
+def test_an_overwritten_attribute_is_the_cause_of_an_undeclared_parameter() -> None:
+    """The declaration is there: advice to declare the parameter would be wrong."""
+    found = Diagnosis("parameter-not-declared", "The parameter is used.", "Declare it.", "a.py", 9)
+    text = "class A(Node):\n    def __init__(self):\n        self._parameters = {}\n"
+    cause = corrected(found, text)
+    assert (cause.kind, cause.line) == ("overwritten-attribute", 3)
+    assert corrected(found, text.replace("_parameters", "_mine")) is found
+
+
+@pytest.mark.parametrize(
+    ("argument", "found"),
+    [
+        ("lambda m: self.on(name, m)", (2, "name")),
+        ("lambda m, name=name: self.on(name, m)", None),
+        ("lambda name: self.on(name)", None),
+        ("partial(self.on, name)", None),
+        ("callback=lambda m: self.on(topic, m)", None),
+    ],
+)
+def test_a_lambda_that_sees_the_last_value_of_a_loop_is_found(
+    argument: str, found: tuple[int, str] | None
+) -> None:
+    """A default keeps the value of each turn."""
+    text = f"for name in names:\n    self.create_subscription(T, name, {argument}, 10)\n"
+    assert late_lambda(text) == found
