@@ -25,7 +25,7 @@ def lane_of_process(recorded: Recorded, place: int) -> Lane:
     """Return the moments of a process; `place` is its place in the record."""
     run = recorded.record.processes[place]
     heading = heading_of(recorded.record, place)
-    kind = "the lab's" if run.role == "reference" else ""
+    remark = "the lab's" if run.role == "reference" else ""
     end_ns = run.exited_ns or recorded.record.ended_ns
     moments = [
         *_running(recorded, run, end_ns),
@@ -35,7 +35,7 @@ def lane_of_process(recorded: Recorded, place: int) -> Lane:
         *_logged(recorded, place),
         *_delayed(recorded, run),
     ]
-    return Lane(heading, kind, moments)
+    return Lane(heading, remark, moments)
 
 
 def _running(recorded: Recorded, run: ProcessRun, end_ns: int) -> Iterator[Moment]:
