@@ -157,7 +157,7 @@ def _names(entry: ClassEntry) -> Iterator[str]:
 
 
 def _spellings(name: str, known: set[str]) -> set[str]:
-    """Return a name with and without ASCII spellings, and its parts that are no known words."""
+    """Return a name with and without ASCII spellings, and its parts that are not known words."""
     lowered = unicodedata.normalize("NFC", name).lower()
     found = set()
     for spelling in (_plain(lowered), _plain(lowered.translate(_SPELT))):

@@ -339,7 +339,7 @@ def _todos(rows: Sequence[Row], rubric: Rubric) -> tuple[Todo, ...]:
 
 
 def _of_other_rubric(result: Result, rubric: Rubric, lab: str) -> bool:
-    """Return whether a result was judged by another rubric or lab than these; an unknown lab is no other one."""
+    """Return whether a result was judged by another rubric or lab than these; an unknown lab does not count as another."""
     if result.rubric_sha256 != rubric.sha256:
         return True
     return result.lab_sha256 not in ("", lab)

@@ -49,7 +49,7 @@ def limits_of(rubric: Rubric) -> list[Limit]:
 def edited(text: str, values: Mapping[str, str]) -> str:
     """Return a rubric's text with new values at some places, and matching sums.
 
-    Raises RubricError if a value is no number, or a place is unknown.
+    Raises RubricError if a value is not a number, or a place is unknown.
     """
     nodes = {place: node for place, _, _, _, node in _numbers(text)}
     for place, value in values.items():

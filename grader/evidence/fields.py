@@ -12,7 +12,7 @@ from grader.recording.definitions import field_steps
 
 _NUMBERS = (bool, int, float, np.number, np.bool_)
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-#: Numbers that are read one by one from a field's value; a larger number of nested values is no vector.
+#: Numbers that are read one by one from a field's value; a larger number of nested values is not a vector.
 _MOST_NESTED = 10_000
 
 

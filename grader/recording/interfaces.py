@@ -68,7 +68,7 @@ class InterfacePackage:
     def fields(self) -> Mapping[str, Any]:
         """Fields of each message in it, those of services and actions included, as `rosbags` describes them.
 
-        Raises ValueError, naming the file, if a file is no definition.
+        Raises ValueError, naming the file, if a file is not a definition.
         """
         found: dict[str, Any] = {}
         for file, text in self.files.items():

@@ -598,7 +598,7 @@ def _status_text(status: int) -> str:
 
 
 def utc(t_ns: Any) -> str:
-    """Write a time of the system clock as date and minute in UTC; empty if it is no time."""
+    """Write a time of the system clock as date and minute in UTC; empty if it is not a time."""
     if not isinstance(t_ns, int) or not 0 < t_ns < 2**62:
         return ""
     return datetime.fromtimestamp(t_ns // 10**9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M UTC")

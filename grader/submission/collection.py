@@ -18,7 +18,7 @@ of a workspace (`src`, `launch`), or one of several named as versions, sections 
    holds no artifact's file, but other programs, and there is no README beside them: launch files of two labs. Each folder
    is a submission.
 6. The folder holds a single folder, and no files except tables: a wrapper of any name. The rules apply to its folder.
-7. There are several archives; or several folders that are no parts hold archives and no programs; or the folder is named
+7. There are several archives; or several folders that are not parts hold archives and no programs; or the folder is named
    as a folder of submissions: each subfolder and archive is a submission.
 8. An archive lies beside a folder with artifacts' files, without a README: each is a submission.
 9. One submission. In wrappers named as folders of submissions, it is the folder in the innermost of them.
@@ -127,7 +127,7 @@ class Collections:
         return way[-2]
 
     def _way_in(self, listing: Listing) -> tuple[list[Listing], bool | None]:
-        """Return the wrappers from outside to the first folder that is none, and the decision of the rules about it."""
+        """Return the wrappers from outside to the first folder that is not one, and the decision of the rules about it."""
         way = [listing]
         while True:
             decided = self._is_collection(way[-1])

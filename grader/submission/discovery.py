@@ -165,7 +165,7 @@ class _Search:
         return understood.students
 
     def _refuse_packed_class(self, listing: Listing) -> None:
-        """Raise SubmissionError if an archive holds only the archive of a class, which is no single submission."""
+        """Raise SubmissionError if an archive holds only the archive of a class, which is not a single submission."""
         if listing.within is None or list(listing.entries.values()) != [False]:
             return
         (packed,) = listing.entries

@@ -1,6 +1,6 @@
 """Diagnosis of a process that died or went wrong: the cause, the student's line and a remedy, from its output.
 
-Effects of stopping a node are no mistake: they yield no diagnosis, at most an advisory.
+Effects of stopping a node are not mistakes: they yield no diagnosis, at most an advisory.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ _LABEL_UNIT = r"(?: ?[(\[][A-Za-z°]{1,9}[)\]])?"
 _LINE_LABEL = re.compile(r"([^:=\[]*)[:=\[]")
 _CELLS = re.compile(r"\s{2,}|\s*[|,;\t│┃║]\s*")
 _NARROW_CELLS = re.compile(r"[\s|,;│┃║]+")
-#: Bars of an absolute value in a title, as in ``mean |e|``; they are no borders.
+#: Bars of an absolute value in a title, as in ``mean |e|``; they are not borders.
 _MAGNITUDE = re.compile(
     r"(?<=[^\s|]) ?\|(?:e|d|x|q|err|errors?|diff|delta|fehler|erreur|Δ\w?)\|(?=\s|$)", re.IGNORECASE
 )

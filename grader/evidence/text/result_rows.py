@@ -161,7 +161,7 @@ def plain_numbers(line: str) -> str:
 
 
 def _has_decimal_commas(line: str) -> bool:
-    """Return whether a comma in a line is decimal, because its digits are no groups or other digits are not grouped."""
+    """Return whether a comma in a line is decimal, because its digits are not groups or other digits are not grouped."""
     is_ungrouped = _UNGROUPED.search(line) is not None
     for number in _DECIMAL_COMMA.finditer(_GROUPED_BY_DOTS.sub("1", line)):
         if is_ungrouped or not _GROUPED_BY_COMMAS.fullmatch(number[0]):

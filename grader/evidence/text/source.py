@@ -19,7 +19,7 @@ from grader.submission.python_source import parse_python
 
 _DEFINITION_LINE = re.compile(r" *(?:async +)?(?:def|class) +[^\W\d]\w*")
 _HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
-#: Lines of a file that are left out because they are no Python.
+#: Lines of a file that are left out because they are not Python.
 _MOST_REPAIRS = 20
 #: Characters that are parsed to find these lines.
 _MOST_PARSED = 400_000

@@ -118,7 +118,8 @@ class Goal:
         if len(record.feedback) < _MOST_FEEDBACK and self._has_room(data):
             self._left_bytes -= len(data)
             values = None
-            with suppress(Exception):  # A publisher without ROS may send bytes that are no message.
+            # A publisher without ROS may send bytes that are not a message.
+            with suppress(Exception):
                 values = plain(deserialize_message(data, kind).feedback, self._room)
             record.feedback.append(Feedback(source_ns, values))
         if record.first_feedback_ns is None:

@@ -179,7 +179,7 @@ class LaunchRunner:
         """Write the keyword that the remedy names in its place, in the launch files of that name."""
         meant = re.search(r"'(\w{1,100})=?'", problem.remedy)
         name = PurePosixPath(problem.file or "").name
-        # The names in a plan are a student's: they are no patterns, and there may be many.
+        # The names in a plan are a student's: they are not patterns, and there may be many.
         scripts = (
             path for path in self._own_copy().rglob("*.py") if path.name == name and path.is_file()
         )

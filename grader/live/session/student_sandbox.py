@@ -281,7 +281,7 @@ class StudentSandbox:
                     os.waitpid(pid, os.WNOHANG)
 
     def _orphans(self) -> list[int]:
-        """Return the processes below this one that are none of the grader's."""
+        """Return the processes below this one other than the grader's."""
         roots = [root for p in self.trusted if p.alive and (root := p.root_pid()) is not None]
         ours = {os.getpid(), *(pid for root in roots for pid in descendants_of(root))}
         return [pid for pid in descendants_of(os.getpid()) if pid not in ours]

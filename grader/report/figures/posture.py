@@ -138,7 +138,7 @@ class Posture(FigureKind):
 
 
 def _drawable(stream: NumericStream | None) -> NumericStream | None:
-    """Return the messages that can be drawn; None if their numbers are no points, or if fewer than two can be drawn."""
+    """Return the messages that can be drawn; None if their numbers are not points, or if fewer than two can be drawn."""
     if stream is None:
         return None
     length = stream.values.shape[1]

@@ -133,7 +133,7 @@ def _moodle(entries: Entries) -> dict[str, Delivered]:
 # `anon_Xy3z` replaces name and user in anonymous grading, `..._67_text.html` holds text that was typed in. A file
 # that is submitted again is `lab-1.zip`. The first number is the user's, the second the file's, and no two files of a
 # student have the same one; equal numbers come from students that number their files by labs and tasks.
-# A number that begins with 0, as a lab's can, is no id of Canvas.
+# A number that begins with 0, as a lab's can, is not an id of Canvas.
 _CANVAS = (
     r"(?:(?!(?i:LATE)_)(?P<name>\w+?)_)?(?:(?P<late>(?i:LATE))_)?(?P<id>[1-9]\d*|anon_[^\W_]+)_"
     r"(?:(?P<number>0|[1-9]\d*)_(?P<file>.+)|(?P<typed>(?:text|link)\.html))"
