@@ -329,7 +329,7 @@ def _pair(a: _Prints, b: _Prints) -> Pair:
 
 
 def _lines(program: Program, nodes: range) -> set[_Line]:
-    """Return the lines on which nodes stand."""
+    """Return the lines of nodes."""
     places = program.places[nodes.start : nodes.stop]
     lines = program.lines[nodes.start : nodes.stop]
     return set(zip(places, lines, strict=True))

@@ -246,7 +246,7 @@ def _require_safe_output(
 def _note_uncounted_overrides(
     options: argparse.Namespace, origins: Sequence[str], console: Console
 ) -> None:
-    """Print a note if the overrides file in the results folder is ignored because it lies in a submission."""
+    """Print a note if the overrides file in the results folder is ignored because it is in a submission."""
     if options.overrides is not None:
         return
     ignored = uncounted_overrides(options.output, origins)

@@ -106,7 +106,7 @@ def _entry(name: str, model: type[Parameters], around: Mapping[str, Any], key: s
     """Describe a model, with an example.
 
     The example has the keys `around`, the name under `key`, and the parameters under `with`. Without a key, the
-    parameters stand under the name, e.g. `{observe: {duration_s: 4}}`.
+    parameters are under the name, e.g. `{observe: {duration_s: 4}}`.
     """
     schema = model.model_json_schema()
     values = {**_example_of(schema, schema), **model.example}

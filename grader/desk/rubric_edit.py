@@ -138,7 +138,7 @@ def _with_sums(text: str) -> str:
 def _replaced(text: str, changes: list[tuple[Any, str]]) -> str:
     """Return a text with new values for some nodes, the last node first."""
     for node, value in sorted(changes, key=lambda change: -change[0].start_mark.index):
-        # The value stands behind an anchor and a quotation mark.
+        # The value comes after an anchor and a quotation mark.
         start = text.rindex(node.value, node.start_mark.index, node.end_mark.index)
         text = text[:start] + value + text[start + len(node.value) :]
     return text

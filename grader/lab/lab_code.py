@@ -205,7 +205,7 @@ def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> N
     try:
         found = definition_at(scope, scope.settings_of(info.data.get("reference") or ""))
     except ValueError:
-        return  # None is named, or it is a mistake where it stands.
+        return  # None is named, or it is a mistake where it is used.
     if isinstance(found.node, ast.ClassDef):
         model_of(found).model_validate(value, context=scope)
 

@@ -1,6 +1,6 @@
 """`overrides.yaml`: decisions of people about submissions, each with reason, name and date.
 
-The file lies beside the results, so that no regrade can lose it. All its mistakes are reported at once, by line.
+The file is next to the results, so that no regrade can lose it. All its mistakes are reported at once, by line.
 """
 
 from __future__ import annotations

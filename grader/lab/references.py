@@ -707,7 +707,7 @@ TextField = Annotated[str, _TEXT_FIELD]
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _STAMP = ("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time")
 StampField = Annotated[str, _field(*_STAMP, "header.stamp")]
-#: A text if a key `pattern`, which finds the numbers in it, stands before; else numbers.
+#: A text if a key `pattern`, which finds the numbers in it, comes before; else numbers.
 NumbersField = Annotated[
     str,
     Reference(

@@ -197,7 +197,7 @@ _FIELD_PATH = re.compile(r"[A-Za-z_]\w*(\.\w+|\[\d+\])*")
 def field_steps(path: str) -> tuple[str | int, ...]:
     """Return the names and numbers of a field's path; raise `ValueError` if the text is not such a path.
 
-    "pose.position.x", "transforms[0].child_frame_id"; a number may stand behind a dot too: "layout.dim.0.size".
+    "pose.position.x", "transforms[0].child_frame_id"; a number may follow a dot too: "layout.dim.0.size".
     """
     if not _FIELD_PATH.fullmatch(path):
         raise ValueError(

@@ -118,7 +118,7 @@ def read_folder(folder: Path) -> dict[str, str]:
 
 
 def in_order(packages: Iterable[InterfacePackage]) -> list[InterfacePackage]:
-    """Return packages after those that they use; packages that use each other in a circle stand last."""
+    """Return packages after those that they use; packages that use each other in a circle come last."""
     waiting = {package.name: package for package in packages}
     ordered: list[InterfacePackage] = []
     while True:

@@ -259,7 +259,7 @@ class Published:
     topic: str
     type: str
     #: `digest` of each message's CDR, one behind the other: the message with the publication sequence number n
-    #: stands at place n, counted from 1.
+    #: is at place n, counted from 1.
     digests: str
     #: True if it published nothing before the recorder subscribed; then every message must have been recorded.
     recorded: bool = False

@@ -175,7 +175,7 @@ BONUS = "Extensions, beside the points"
 
 
 def figures_by_loss(losses: Sequence[Loss], figures: Sequence[Figure]) -> dict[str, list[Figure]]:
-    """Return the figures of losses by the id of the check; each figure stands with the first loss that it shows."""
+    """Return the figures of losses by the id of the check; each figure is shown with the first loss that it shows."""
     found: dict[str, list[Figure]] = {}
     for figure in figures:
         for loss in losses:

@@ -364,7 +364,7 @@ def _source_of(listing: Listing) -> SubmissionSource:
 
 
 def _commit_time(listing: Listing) -> datetime | None:
-    """Return the time of the last commit in a folder, or in its only folder; None if it lies in the future."""
+    """Return the time of the last commit in a folder, or in its only folder; None if it is in the future."""
     if listing.within is not None:
         return None
     time = last_commit_time(listing.path)

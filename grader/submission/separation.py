@@ -1,6 +1,6 @@
 """Separation of an instructor's decisions and results from a student's submission.
 
-In a student's repository, results lie within the submission, and any file there can be part of the submission. No such
+In a student's repository, results are within the submission, and any file there can be part of the submission. No such
 file counts as an instructor's decision, and nothing is written through its links. Because a submission chooses its own
 name, results record the path of their submission, and results of another path do not replace them unnoticed.
 """
@@ -21,7 +21,7 @@ from grader.submission.extraction import SubmissionSource
 
 
 def lies_within(folder: Path, sources: Iterable[str]) -> bool:
-    """Return whether a folder lies in one of the submissions, or behind a link in one."""
+    """Return whether a folder is in one of the submissions, or behind a link in one."""
     known = list(filter(None, sources))
     return any(_is_below(place, known) for place in _way_to(folder))
 

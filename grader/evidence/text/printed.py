@@ -18,7 +18,7 @@ NUMBER = r"[+-]?(?:(?<!\d)\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"{NUMBER}|[+-]?\b(?:nan|inf)\b", re.IGNORECASE)
 _LONG_RUN = re.compile(r"(\d{40})\d+|([^\S\n]{20})[^\S\n]+|([.=_*~+#-]{100})[.=_*~+#-]+")
 _WRAPPING = re.compile(r"np\.float\d*\(|array\(|dtype=\w+|[()]")
-#: Text that may stand between numbers and behind them.
+#: Text that may be between or after numbers.
 _ONLY_NUMBERS = re.compile(r"(?:[\s,;|│┃║'\"\[\]{}]|\b(?:rad|deg|m|mm|s|ms)\b|°)*")
 #: A letter of any script.
 _LETTER = r"[^\W\d_]"

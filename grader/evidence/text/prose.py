@@ -346,6 +346,6 @@ def _discussing(passages: Iterable[Passage], every: Terms, min_words: int) -> It
         own = words(every.without(own_text(joined)))
         amount = measure(own)
         names = every.count(text)
-        # Names must stand among words, rather than be strewn or listed.
+        # Names must be among words, rather than be strewn or listed.
         if amount >= max(min_words, 1) and 0 < names <= amount * _STUFFING_RATIO:
             yield _Own(passage, text, own)

@@ -177,7 +177,7 @@ def lines_naming(lines: Sequence[str], name: str, *, loosely: bool = False) -> l
     lines
         The lines.
     name
-        Name of the thing, which must stand in a line as a word of its own.
+        Name of the thing, which must be in a line as a word of its own.
     loosely
         Whether the name may be spelt differently, as ``Best Effort`` for ``best_effort``. If lines begin with such a
         name, only these count.

@@ -60,7 +60,7 @@ class Note:
     line: int
     #: Last line.
     last: int
-    #: True if code stands before the note on its line.
+    #: True if code comes before the note on its line.
     inline: bool = False
     #: The reason why the note explains nothing, such as "commented-out code"; empty if it explains.
     fault: str = ""

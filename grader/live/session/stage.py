@@ -1,6 +1,6 @@
 """A submission → a throw-away workspace, as `colcon build` would leave it.
 
-In it stand `src/` (a copy of the student's files) and `install/`, an ament prefix whose executables are wrappers around
+It holds `src/` (a copy of the student's files) and `install/`, an ament prefix whose executables are wrappers around
 the files in `src/`. Paths inside are relative, so that it can be mounted anywhere.
 """
 

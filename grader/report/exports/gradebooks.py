@@ -1,7 +1,7 @@
 """Tables that grade books import: one student a line, with the cells by which the grade book finds the student.
 
 Cells by which students are found are written unchanged, to the last zero, or not at all: one that a spreadsheet would
-take for a formula is left empty. All other texts are made harmless (see `csv_cell`). Every cell stands in quotes,
+take for a formula is left empty. All other texts are made harmless (see `csv_cell`). Every cell is in quotes,
 without a byte order mark before the first, because not all importers expect one.
 
 An importer that finds students by one column needs a cell in each line of it. A column with an empty cell is therefore
@@ -18,7 +18,7 @@ Canvas: `lib/gradebook_importer.rb` in instructure/canvas-lms: the first columns
 are found by ID, else by SIS ids; a column is an assignment's if its heading ends with the assignment's number; columns
 with the names of Canvas' own sums are ignored (`NON_ASSIGNMENT_COLUMN_HEADERS`; by issue 2134 any with "final").
 Blackboard Help, "Work offline with grade data": Username, and a column's own number behind `|` in its heading; cells
-of comma-separated files stand in quotes.
+of comma-separated files are in quotes.
 D2L, "Importing grades" (community.d2l.com): OrgDefinedId or Username, headings that end with `Points Grade`, and
 `End-of-Line Indicator`; University of Wisconsin KB 4330: `#` before ids keeps their zeros.
 """

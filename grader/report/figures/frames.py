@@ -20,7 +20,7 @@ _MOST_FRAMES = 24
 _DEEPEST = 12
 #: Heights of a row and of the space, and indentation of a level, in px.
 _ROW, _INDENT, _SPACE = 22, 16, 300
-#: Width in px from which the space stands beside the tree and not below it.
+#: Width in px from which the space is drawn next to the tree and not below it.
 _SIDE_BY_SIDE = 600
 #: Viewing direction in radians: about the vertical axis, and above the floor.
 _TURN, _RISE = np.radians((35.0, 22.0))

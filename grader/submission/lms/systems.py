@@ -197,7 +197,7 @@ def _common_title(heads: Collection[str]) -> str:
 
 # -- Brightspace: `67-890 - Full Name - Mar 1, 2026 1230 PM/lab.zip`, a folder for each submission -------------------
 
-# The first number is the user's, the second the assignment's. `index.html` lies beside them.
+# The first number is the user's, the second the assignment's. `index.html` is next to them.
 _BRIGHTSPACE = r"(?P<id>\d+)-\d+ - (?P<name>.+) - (?P<time>(?:(?! - ).)*\b\d{4}\b(?:(?! - ).)*)"
 _CLOCK = re.compile(r"(\d{1,2}):?(\d\d)( ?[AP]M)?$")
 
