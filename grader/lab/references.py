@@ -55,7 +55,7 @@ _ENDPOINTS = ("topic", "publisher", "subscription", "service", "action", "action
 
 
 class Parameters(Strict):
-    """Base of the mappings behind `with`, and of parts with a session; values must have the types of the fields."""
+    """Base of the mappings under `with`, and of parts with a session; values must have the types of the fields."""
 
     model_config = ConfigDict(strict=True)
     #: Optional keys in the example of `grade checks`.
@@ -577,7 +577,7 @@ def _of_endpoint(scope: Scope, value: str, info: ValidationInfo) -> None:
         _interface(value, "msg")
 
 
-#: Type of a service or an action behind such a key, else of a message.
+#: Type of a service or an action after such a key, else of a message.
 AnyType = Annotated[
     str, Reference("A message, service or action type.", _of_endpoint, _EXAMPLES["msg"])
 ]

@@ -247,7 +247,7 @@ class SessionSpec(Parameters):
 
 
 class _OfKind(Parameters):
-    """A check or a figure; its kind decides about the parameters behind `with`."""
+    """A check or a figure; its kind decides about the parameters under `with`."""
 
     #: Key of the kind.
     key: ClassVar[str]

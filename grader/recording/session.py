@@ -258,7 +258,7 @@ class Published:
     process: str
     topic: str
     type: str
-    #: `digest` of each message's CDR, one behind the other: the message with the publication sequence number n
+    #: `digest` of each message's CDR, one after another: the message with the publication sequence number n
     #: is at place n, counted from 1.
     digests: str
     #: True if it published nothing before the recorder subscribed; then every message must have been recorded.

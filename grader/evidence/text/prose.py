@@ -86,7 +86,7 @@ def visible(
     """Return the blocks of a document that carry information, in order, and its headings without text below.
 
     A heading with text below becomes a block of kind "heading", or "title" if it is the heading of the whole document.
-    Pasted source code and placeholders carry no information, not even behind the name of a part.
+    Pasted source code and placeholders carry no information, not even after the name of a part.
 
     Parameters
     ----------

@@ -65,16 +65,16 @@ _GROUPED_BY_DOTS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:\.\d{3})+(?=,\d|(?![\d
 _DECIMAL_COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![\d,]|\.\d)")
 #: A thousand written as 1000, so that 1,000 beside it means one; dates and times do not tell.
 _UNGROUPED = re.compile(r"(?<![\d.,:/-])\d{4,6}(?!\d|[.,:/-]\d)")
-#: A comma between values: behind a word or a bracket, or with more than two values in a row.
+#: A comma between values: after a word or a bracket, or with more than two values in a row.
 _COMMAS_PART = re.compile(
     r"[^\W\d],\d|[\"'\])}],|[\[({][^\[\](){}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,"
 )
 
 #: Characters of a line that are read.
 LINE_LIMIT = 1000
-#: Lines behind a name that are read.
+#: Lines after a name that are read.
 _MOST_LINES_OF_A_BLOCK = 12
-#: Numbers behind a name that are read.
+#: Numbers after a name that are read.
 _MOST_FIELDS = 100
 #: First and last lines with a name that are read.
 _FIRST_LINES = 20
@@ -208,7 +208,7 @@ def _matches(lines: Sequence[str], name: str, loosely: bool) -> Iterator[tuple[i
 
 @functools.lru_cache(maxsize=64)
 def _spelt(name: str, loosely: bool) -> re.Pattern[str]:
-    """Return a pattern of a name as a word of its own, optionally behind ``test_``; loosely, in any spelling."""
+    """Return a pattern of a name as a word of its own, optionally after ``test_``; loosely, in any spelling."""
     if not loosely:
         return re.compile(rf"(?<![A-Za-z0-9_])(?:test_)?{re.escape(name)}(?![A-Za-z0-9_])")
     parts = r"[\s_-]?".join(map(re.escape, re.split(r"[\W_]+", name)))
@@ -346,7 +346,7 @@ def _is_header(titles: Sequence[str]) -> bool:
 
 
 def _from_block(lines: Sequence[str], start: int, names: Sequence[str]) -> list[_Field]:
-    """Read the labelled numbers behind a name, the first of some, and in the lines up to the next name."""
+    """Read the labelled numbers after a name, the first of some, and in the lines up to the next name."""
     line = plain_numbers(lines[start])
     name_at = _spelt(names[0], loosely=False).search(line)
     loosely = name_at is None
@@ -369,7 +369,7 @@ def _from_block(lines: Sequence[str], start: int, names: Sequence[str]) -> list[
 
 
 def _labelled(text: str) -> list[_Field]:
-    """Return the numbers of a text with their labels, before each number or, if there are none, behind it."""
+    """Return the numbers of a text with their labels, before each number or, if there are none, after it."""
     fields: list[_Field] = []
     for part in _BORDER.split(_UNIT_IN_BRACKETS.sub(r" \1 ", text)):
         found = list(itertools.islice(_MEASURED.finditer(part), _MOST_FIELDS))
@@ -382,7 +382,7 @@ def _labelled(text: str) -> list[_Field]:
 
 
 def _labels(part: str, found: Sequence[re.Match[str]]) -> list[str]:
-    """Return the text before each number; the text behind each if only that has letters at the ends."""
+    """Return the text before each number; the text after each if only that has letters at the ends."""
     before = []
     end = 0
     for match in found:

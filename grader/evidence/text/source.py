@@ -332,7 +332,7 @@ class _Comment:
 
 
 def _blocks(text: str, code: list[str]) -> Iterator[list[_Comment]]:
-    """Yield blocks of comments on consecutive lines at one column; a comment behind code is a block of its own."""
+    """Yield blocks of comments on consecutive lines at one column; a comment after code is a block of its own."""
     block: list[_Comment] = []
     line = 1
     position = 0

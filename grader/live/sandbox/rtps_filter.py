@@ -52,7 +52,7 @@ def _look_at_part(named: bool) -> list[bytes]:
     """Return steps that look at the part of a packet that begins at X, and set X to the next."""
     source = [step(_EQUAL, _INFO_SOURCE, 0, 1), _DROP] if named else []
     gap = _unless_shorter(28)
-    for high in (12, 14, 20, 22):  # of the first number, and of the one behind the last
+    for high in (12, 14, 20, 22):  # of the first number, and of the one after the last
         gap += [step(_HALF_AT_X, high), step(_EQUAL, 0, 1, 0), _DROP]
     gap += [
         step(_BYTE_AT_X, 1),

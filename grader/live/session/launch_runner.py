@@ -44,7 +44,7 @@ _MOST_RENAMED = 20
 _MOST_LIKENED = 100
 #: Where a prefix lists its packages.
 _INDEX = "share/ament_index/resource_index/packages"
-#: Least time of a second evaluation in s: it shows mistakes behind the repaired one.
+#: Least time of a second evaluation in s: it shows mistakes after the repaired one.
 _LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
 #: Where it waits for a core, it may take so many times as long at most. A wait is known when it is over: so long one

@@ -17,7 +17,7 @@ in moodle/moodle.
 Canvas: `lib/gradebook_importer.rb` in instructure/canvas-lms: the first columns and their order are fixed; students
 are found by ID, else by SIS ids; a column is an assignment's if its heading ends with the assignment's number; columns
 with the names of Canvas' own sums are ignored (`NON_ASSIGNMENT_COLUMN_HEADERS`; by issue 2134 any with "final").
-Blackboard Help, "Work offline with grade data": Username, and a column's own number behind `|` in its heading; cells
+Blackboard Help, "Work offline with grade data": Username, and a column's own number after `|` in its heading; cells
 of comma-separated files are in quotes.
 D2L, "Importing grades" (community.d2l.com): OrgDefinedId or Username, headings that end with `Points Grade`, and
 `End-of-Line Indicator`; University of Wisconsin KB 4330: `#` before ids keeps their zeros.

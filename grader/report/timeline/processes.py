@@ -14,7 +14,7 @@ from grader.report.views import end_of, heading_of
 
 #: Shortest delay by the machine that is shown, in ns.
 _SHOWN_DELAY_NS = 50_000_000
-#: Beginning of a warning or error in the log of rclpy or Python, also behind the prefix of a launch: `[WARN] ...`,
+#: Beginning of a warning or error in the log of rclpy or Python, also after the prefix of a launch: `[WARN] ...`,
 #: `[talker-1] [ERROR] ...`, `talker.py:3: DeprecationWarning: ...`.
 _WARNS = re.compile(
     r"(?:\[[\w.-]{1,100}-\d{1,4}\] ?)?(?:\[(?:WARN|(ERROR|FATAL))\]|\S{1,300}:\d{1,9}: [A-Za-z]{0,60}Warning: )"

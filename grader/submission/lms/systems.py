@@ -42,7 +42,7 @@ class Delivered:
     late: bool = False
     #: Time of the submission, if the download has it; without offset from UTC if it has none.
     attempt_at: datetime | None = None
-    #: Place of the student's feedback in an archive for the system: a file of this name and kind or, behind a slash or
+    #: Place of the student's feedback in an archive for the system: a file of this name and kind or, after a slash or
     #: an underscore, a file of any name. Empty if the system accepts no such archive.
     handback: str = ""
     #: Members of a joint submission, if the system names them.
@@ -110,7 +110,7 @@ def _time(text: str, form: str) -> datetime | None:
 # -- Moodle: `Full Name_12345_assignsubmission_file_/lab.zip`, or without folders `..._file_lab.zip` -----------------
 
 # Underscores in names become spaces, and the name of a group can come first. The number is the participant's in this
-# assignment. A file has its own name behind the student's, a folder has none.
+# assignment. A file has its own name after the student's, a folder has none.
 _MOODLE = r"(?P<name>[^_]+)_(?P<id>\d+)_assignsubmission_(?P<kind>[a-z]+)_?(?P<file>.*)"
 
 
@@ -128,7 +128,7 @@ def _moodle(entries: Entries) -> dict[str, Delivered]:
     return delivered
 
 
-# -- Canvas: `surnamefirstname_67_890_lab.zip`, with `_LATE` behind the name where it was (once `_late`) -------------
+# -- Canvas: `surnamefirstname_67_890_lab.zip`, with `_LATE` after the name where it was (once `_late`) -------------
 
 # `anon_Xy3z` replaces name and user in anonymous grading, `..._67_text.html` holds text that was typed in. A file
 # that is submitted again is `lab-1.zip`. The first number is the user's, the second the file's, and no two files of a
@@ -165,7 +165,7 @@ def _canvas(entries: Entries) -> dict[str, Delivered]:
 
 # -- Blackboard: `Lab 9_username_attempt_2026-03-01-12-30-00_lab.zip`, and a `.txt` about each attempt ---------------
 
-# Titles, user names and names of groups can have underscores. The student's name is the rest behind the assignment's
+# Titles, user names and names of groups can have underscores. The student's name is the rest after the assignment's
 # title, the common beginning of all names.
 _BLACKBOARD = r"(?P<head>.[^_]*_.+?)_attempt_(?P<time>\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d)(?:_(?P<file>.+)|(?P<about>\.txt))"
 
