@@ -197,7 +197,7 @@ def _is_unparted(name: str) -> bool:
 def _plain(text: str) -> str:
     """Return a text with letters without their marks: `Zoë` becomes `Zoe`.
 
-    Each letter stays one character, to keep all places. A Korean syllable stays whole, because hundreds of syllables
+    Each letter stays one character, to keep all positions. A Korean syllable stays whole, because hundreds of syllables
     have the same first part.
     """
     plain = []

@@ -54,7 +54,7 @@ class Need(str, Enum):
 class Todo:
     """A task for a person."""
 
-    #: Place of the student in the class, from 0.
+    #: Index of the student in the class, from 0.
     row: int
     need: Need
     #: Points that depend on it.
@@ -118,7 +118,7 @@ class CheckStatistics:
 
     id: str
     title: str
-    #: Place of its criterion, from 0.
+    #: Index of the criterion, from 0.
     column: int
     points: Decimal
     #: Number of submissions with a decision, and with a passed check.

@@ -215,7 +215,7 @@ def _describe(path: Path, problem: Exception) -> str:
 
 
 def _note_lines(node: yaml.Node, loc: Loc, lines: dict[Loc, int], repeated: list[Loc]) -> None:
-    """Note the lines of a node and of all nodes in it, and the places of repeated keys."""
+    """Note the lines of a node and of all nodes in it, and the positions of repeated keys."""
     lines.setdefault(loc, node.start_mark.line + 1)
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:

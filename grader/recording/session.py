@@ -258,8 +258,8 @@ class Published:
     process: str
     topic: str
     type: str
-    #: `digest` of each message's CDR, one after another: the message with the publication sequence number n
-    #: is at place n, counted from 1.
+    #: `digest` of each message's CDR, one after another: the n-th digest, counted from 1, belongs to the message
+    #: with the publication sequence number n.
     digests: str
     #: True if it published nothing before the recorder subscribed; then every message must have been recorded.
     recorded: bool = False

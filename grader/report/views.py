@@ -439,7 +439,7 @@ def locations_of(
 
 @dataclass(frozen=True)
 class Moment:
-    """A time in a motion at which a check lost points: in words, and as a place on a line of 1000.
+    """A time in a motion at which a check lost points: in words, and as a position on a line of 1000.
 
     `at_ms` is the time at which a reader should look first.
     """
@@ -516,7 +516,7 @@ def heading_of(record: SessionRecord, number: int) -> str:
 
 
 def processes_of(record: SessionRecord) -> list[tuple[int, str, ProcessRun]]:
-    """Return the processes to show, the submission's first: place in the record, heading, and process.
+    """Return the processes to show, the submission's first: index in the record, heading, and process.
 
     Processes of the grader are shown only if they printed something.
     """

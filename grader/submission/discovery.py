@@ -397,7 +397,7 @@ def _mark(text: str) -> str:
 
 
 def _origin(source: SubmissionSource) -> str:
-    """Return the places of a submission's pieces, independent of the way that the path was typed."""
+    """Return the locations of a submission's pieces, independent of the way that the path was typed."""
     places = [f"{os.path.realpath(piece.path)}\n{piece.member}" for piece in source.pieces]
     return "\n".join(places)
 
@@ -451,7 +451,7 @@ def _with_class_list(
     submissions
         The submissions.
     names
-        Names without a mark, by the places of the submissions.
+        Names without a mark, by the indexes of the submissions.
     students
         The class list.
 

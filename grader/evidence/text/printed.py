@@ -312,7 +312,7 @@ def _column(lines: Sequence[str], label: str) -> list[str]:
 
 
 def _title_place(cells: Sequence[str], title: re.Pattern[str]) -> int:
-    """Return the place of a title in the header of a table, counted from the right as -1; 0 if it has none."""
+    """Return the position of a title in the header of a table, counted from the right as -1; 0 if it has none."""
     if len(cells) < 2 or any(map(_NUMBER.fullmatch, cells)):
         return 0
     places = [number for number, cell in enumerate(cells) if title.match(cell)]
@@ -322,7 +322,7 @@ def _title_place(cells: Sequence[str], title: re.Pattern[str]) -> int:
 
 
 def _below(lines: Sequence[str], place: int, *, apart: bool) -> list[str]:
-    """Return the numbers at a place, counted from the right, of the lines of a table."""
+    """Return the numbers at a position, counted from the right, of the lines of a table."""
     numbers: list[str] = []
     for line in lines:
         if not re.search(r"[^\W_]", line):

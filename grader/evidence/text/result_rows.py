@@ -195,7 +195,7 @@ def lines_naming(lines: Sequence[str], name: str, *, loosely: bool = False) -> l
 
 
 def _matches(lines: Sequence[str], name: str, loosely: bool) -> Iterator[tuple[int, re.Match[str]]]:
-    """Yield each line with a name, by its index, and the place of the name."""
+    """Yield each line with a name, by its index, and the position of the name."""
     pattern = _spelt(name, loosely)
     # Finding a part of the name is much faster than matching the pattern.
     begins = re.split(r"[\W_]+", name)[0].casefold() if loosely else name

@@ -176,7 +176,7 @@ class LaunchRunner:
         return f"'{wanted}' was installed in {folder[1]}"
 
     def _rename_keyword(self, wanted: str, problem: Problem) -> str:
-        """Write the keyword that the remedy names in its place, in the launch files of that name."""
+        """Replace the keyword by the one that the remedy names, in the launch files of that name."""
         meant = re.search(r"'(\w{1,100})=?'", problem.remedy)
         name = PurePosixPath(problem.file or "").name
         # The names in a plan are a student's: they are not patterns, and there may be many.

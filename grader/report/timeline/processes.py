@@ -22,7 +22,7 @@ _WARNS = re.compile(
 
 
 def lane_of_process(recorded: Recorded, place: int) -> Lane:
-    """Return the moments of a process; `place` is its place in the record."""
+    """Return the moments of a process; `place` is its index in the record."""
     run = recorded.record.processes[place]
     heading = heading_of(recorded.record, place)
     remark = "the lab's" if run.role == "reference" else ""

@@ -42,7 +42,7 @@ class Delivered:
     late: bool = False
     #: Time of the submission, if the download has it; without offset from UTC if it has none.
     attempt_at: datetime | None = None
-    #: Place of the student's feedback in an archive for the system: a file of this name and kind or, after a slash or
+    #: Location of the student's feedback in an archive for the system: a file of this name and kind or, after a slash or
     #: an underscore, a file of any name. Empty if the system accepts no such archive.
     handback: str = ""
     #: Members of a joint submission, if the system names them.
