@@ -124,7 +124,7 @@ class CheckStatistics:
     #: Number of submissions with a decision, and with a passed check.
     decided: int
     passed: int
-    #: Mean share of its points, from 0 to 1; None without any decision.
+    #: Mean share of its points, from 0 to 1; None if there is no decision.
     mean_credit: float | None
     #: Measure of how well the check separates strong submissions from weak ones: see Notes.
     discrimination: float | Silent

@@ -208,7 +208,7 @@ def _referenced(part: _Schema, schema: _Schema) -> _Schema:
 
 
 def _model_within(part: _Schema, schema: _Schema) -> _Schema | None:
-    """Return the model of a part, of its elements or of its values; None without one."""
+    """Return the model of a part, of its elements or of its values; None if there is no model."""
     if "$ref" in part:
         return _referenced(part, schema)
     inner = [*part.get("anyOf", ()), part.get("items"), part.get("additionalProperties")]

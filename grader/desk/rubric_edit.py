@@ -145,7 +145,7 @@ def _replaced(text: str, changes: list[tuple[Any, str]]) -> str:
 
 
 def _get(node: Any, key: str) -> Any:
-    """Return the node of a key in a mapping, None without that key."""
+    """Return the node of a key in a mapping; None if the key is missing."""
     for name, value in node.value:
         if name.value == key:
             return value

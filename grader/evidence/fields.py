@@ -75,7 +75,7 @@ def time_ns(value: Any) -> int | None:
 
 
 def value_at(values: Any, path: str) -> Any:
-    """Return the value of a field in a message of a step's result, given as JSON; None without that field."""
+    """Return the value of a field in a message of a step's result, given as JSON; None if the field is missing."""
     try:
         for step in field_steps(path):
             values = values[step]

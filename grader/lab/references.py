@@ -765,7 +765,7 @@ def fields_of_type(part: str = "", label: str | None = None) -> Reference:
 
 
 def _type_of_step(scope: Scope, label: Any) -> Any:
-    """Return the type that a step is given; None without such a step."""
+    """Return the type that a step is given; None if there is no such step."""
     for step in scope.steps or ():
         if step.label == label:
             return step.parameters.get("type")
@@ -822,7 +822,7 @@ def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
 
 
 def interfaces_in(folder: Path, name: object) -> list[InterfacePackage]:
-    """Return the packages in a folder beside a rubric; none without such a folder."""
+    """Return the packages in a folder beside a rubric; empty if the folder is missing."""
     if not isinstance(name, str) or not (folder / name).resolve().is_relative_to(folder.resolve()):
         return []
     return list(packages_of(read_folder(folder / name)))
@@ -861,7 +861,7 @@ def _interfaces(scope: Scope, value: str, info: ValidationInfo) -> None:
 
 
 def _wrong_in(package: InterfacePackage) -> str:
-    """Describe a mistake of a lab's package, as far as it is known without building it; empty without one."""
+    """Describe a mistake of a lab's package, as far as it is known without building it; empty if there is no mistake."""
     if package.problem:
         return package.problem
     if any(installed_types(package.name, kind) for kind in PARTS):

@@ -390,7 +390,7 @@ def _numbered_in(
 def _owner_of(
     by_number: set[int], by_name: set[int], unclear: set[int]
 ) -> tuple[int | None, set[int]]:
-    """Return the only student named by logins or ids, and by names; None and all named students without one."""
+    """Return the only student named by logins or ids, and by names; None and all named students if there is none."""
     both = (by_number | unclear) & by_name
     if len(both) == 1 and by_number <= both:
         return min(both), both

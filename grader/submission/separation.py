@@ -62,7 +62,7 @@ def _paths_below(folder: Path) -> Iterator[Path]:
 
 
 def uncounted_overrides(results: Path, sources: Iterable[str]) -> str | None:
-    """Name a file of overrides that does not count, because it can be part of the submission; None without one."""
+    """Name a file of overrides that does not count, because it can be part of the submission; None if there is none."""
     path = results / OVERRIDES_FILE
     if not os.path.lexists(path) or not lies_within(results, sources):
         return None

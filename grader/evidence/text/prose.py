@@ -143,7 +143,7 @@ def _is_informative(block: Block, names: Terms, placeholders: Sequence[str]) -> 
 
 
 def mention(blocks: Sequence[Block], names: Terms, synonyms: Terms) -> int | None:
-    """Return the line with the first of a part's names, or else the first of its synonyms; None without one."""
+    """Return the line with the first of a part's names, or else the first of its synonyms; None if there is no such line."""
     line = _first_line(blocks, names)
     if line is None:
         line = _first_line([block for block in blocks if block.kind != "title"], synonyms)

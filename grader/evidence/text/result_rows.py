@@ -224,7 +224,7 @@ class _Field(NamedTuple):
     number: str
     #: "max", "mean", "received", "messages", "latency", or empty.
     kind: str = ""
-    #: The unit of the number or of its label; milliseconds without one.
+    #: The unit of the number or of its label; milliseconds if neither has a unit.
     unit_s: float = 1e-3
     has_unit: bool = False
     has_label: bool = True
@@ -264,7 +264,7 @@ def _unit_of(text: str) -> float | None:
 
 
 def _row_of(t_ns: int, fields: Sequence[_Field]) -> ResultRow | None:
-    """Return the row that fields make together; None without a count."""
+    """Return the row that fields make together; None if there is no count."""
     by_kind: dict[str, _Field] = {}
     for each in fields:
         if each.is_count or each.kind not in ("received", "messages"):
@@ -319,7 +319,7 @@ def _from_table(lines: Sequence[str], start: int) -> list[_Field]:
 
 
 def _header(lines: Iterable[str], width: int) -> list[str]:
-    """Return the titles of the first line that is a header of so many cells; empty without one."""
+    """Return the titles of the first line that is a header of so many cells; empty if there is no such line."""
     for line in lines:
         titles = _cells(line)
         if len(titles) == width and _is_header(titles):

@@ -72,7 +72,7 @@ class GradeBook:
     columns: Sequence[Column]
     #: Heading of the column of points, unless the user gives one; `{lab}` and `{points}` stand for the lab's.
     heading: str = "{lab}"
-    #: First cell of a second line with the possible points in the column of points; empty without such a line.
+    #: First cell of a second line with the possible points in the column of points; empty if there is no such line.
     second: str = ""
     #: True if each line is looked up by its first cell that is not empty; key columns may then have empty cells.
     line_by_line: bool = False

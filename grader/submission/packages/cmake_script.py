@@ -48,7 +48,7 @@ class _Command:
     folder: str
     #: All words of the command.
     words: list[str]
-    #: New name of a single file; empty without one.
+    #: New name of a single file; empty if the file keeps its name.
     new_name: str = ""
 
     @property
