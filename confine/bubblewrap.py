@@ -67,7 +67,7 @@ def file_system_options(room: Room) -> list[str]:
         layout.made.add(target)
     for target, source in room.tools.items():
         layout.bind("--ro-bind", str(source), target)
-    # After these, because a virtual environment may lie below /tmp.
+    # After these, because a virtual environment may be below /tmp.
     for root in room.roots:
         if not root.is_relative_to("/usr") and str(root) != "/":
             layout.bind("--ro-bind", str(root), str(root))
@@ -110,7 +110,7 @@ class _Layout:
         self.options += ["--proc", "/proc", "--dev", "/dev"]
 
     def cover(self, folders: Iterable[Path], roots: Iterable[Path]) -> None:
-        """Hide folders that lie below one of the roots."""
+        """Hide folders that are below one of the roots."""
         for folder in folders:
             if any(folder.is_relative_to(root) for root in roots):
                 self.options += ["--perms", "0555", "--tmpfs", str(folder)]

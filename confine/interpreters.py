@@ -17,7 +17,7 @@ def interpreter_roots(interpreter: Path) -> list[Path]:
     stdlib = real
     if interpreter == OWN_INTERPRETER:
         stdlib = Path(sysconfig.get_path("stdlib")).parent.parent
-    # A link may lie anywhere, such as in ~/bin; the other files there must stay hidden.
+    # A link may be anywhere, such as in ~/bin; the other files there must stay hidden.
     linked = [path.parent.parent for path in (interpreter, *_links_of(interpreter))]
     installed = [folder for folder in linked if _is_installation(folder)]
     return list(dict.fromkeys([*installed, real, stdlib]))

@@ -73,7 +73,7 @@ def _report_defect(error: Exception) -> int:
 def _in_full(arguments: list[str]) -> list[str]:
     """Return the options that `grade help`, `grade help COMMAND` and `grade version` stand for.
 
-    Raises UsageError for help with something that is no command.
+    Raises UsageError for help with something that is not a command.
     """
     match arguments:
         case ["help" | "version" as word]:
@@ -88,7 +88,7 @@ def _in_full(arguments: list[str]) -> list[str]:
 
 
 def _is_unknown(word: str) -> bool:
-    """Tell whether a word after `help` is no option, and `help` is no folder to grade."""
+    """Tell whether a word after `help` is not an option, and `help` is not a folder to grade."""
     if word.startswith("-"):
         return False
     return not os.path.lexists("help")

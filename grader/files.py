@@ -1,4 +1,4 @@
-"""Replaces files, and the results of a submission, in one step: new files lie beside the old ones until all are complete.
+"""Replaces files, and the results of a submission, in one step: new files are next to the old ones until all are complete.
 
 All files are replaced by this module: nothing is written through another user's link.
 """

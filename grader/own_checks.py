@@ -1,7 +1,7 @@
 """What a lab's own checks are made of: import it in a file beside the rubric.
 
 A check is a pure function of a recording. The rubric names it by its file, `check: checks/mine.py:keeps_away`, and its
-parameters stand behind `with`, as those of the built-in checks do:
+parameters are given under `with`, as those of the built-in checks do:
 
     from dataclasses import dataclass
 
@@ -41,7 +41,7 @@ parameters stand behind `with`, as those of the built-in checks do:
 - The decorator `check` states commands for students, and which parts of a recording the check needs.
 - A parameter called `artifact` names a file; where that was not handed in, the check fails without being called.
 
-Within a version of `API_VERSION` nothing that stands here is removed or changes its meaning. A file that says
+Within a version of `API_VERSION` nothing that is defined here is removed or changes its meaning. A file that says
 `API_VERSION = 1` is refused by a grader of another version.
 """
 

@@ -54,7 +54,7 @@ def write_to_any_terminal() -> None:
 
 
 def _replaced(error: UnicodeError) -> tuple[str, int]:
-    """Return the replacement of the text that cannot be encoded, and the place after it."""
+    """Return the replacement of the text that cannot be encoded, and the position after it."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
     text = error.object[error.start : error.end]

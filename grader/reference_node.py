@@ -86,7 +86,7 @@ class Configuration:
 
 
 def parse_configuration(text: str) -> Configuration:
-    """Read a JSON object such as `{"seed": 1, "names": {"/in": "/input"}}`; raises ConfigurationError if it is none."""
+    """Read a JSON object such as `{"seed": 1, "names": {"/in": "/input"}}`; raises ConfigurationError for other texts."""
     try:
         plain = json.loads(text)
     except ValueError as problem:
@@ -239,7 +239,7 @@ class ReferenceNode:
         try:
             found = self.node.get_subscriptions_info_by_topic(topic)
         except (UnicodeDecodeError, RuntimeError):
-            return False  # A student's node may have a name that is no text.
+            return False  # A student's node may have a name that is not text.
         subscribers = [(info.node_namespace, info.topic_type) for info in found]
         return (GRADER_NAMESPACE, topic_type) in subscribers
 

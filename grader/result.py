@@ -507,7 +507,7 @@ def to_json(result: Result) -> str:
 
 
 def read_result(plain: Any) -> Result:
-    """Read the plain data of `result.json`; raises RecordingError if it is no result of this version.
+    """Read the plain data of `result.json`; raises RecordingError if it is not a result of this version.
 
     Keys that this version does not know are passed over, so that a later `result.json` can be read too.
     """

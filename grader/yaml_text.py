@@ -9,7 +9,7 @@ import yaml
 #: Values in a file once its aliases are written out. The largest rubric that we know has 3,000.
 MOST_VALUES = 200_000
 
-#: Deeper than this, lists and mappings lie in each other in no file that a person writes. Much deeper, the loader in C
+#: Deeper than this, no file that a person writes nests lists and mappings. Much deeper, the loader in C
 #: overflows the stack of the process.
 _DEEPEST = 200
 
@@ -18,7 +18,7 @@ SAFE: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 
 class TooManyValues(yaml.YAMLError):
-    """A text stands for more values than are read, for endlessly many, or for some that lie too deep in others."""
+    """A text stands for more values than are read, for endlessly many, or for some that are nested too deeply."""
 
     def __init__(self, problem: str) -> None:
         super().__init__(problem)
@@ -46,7 +46,7 @@ def load(text: str | bytes) -> Any:
 
 
 def require_flat(text: str | bytes) -> None:
-    """Raise yaml.YAMLError if lists and mappings lie too deep in each other."""
+    """Raise yaml.YAMLError if lists and mappings are nested too deeply."""
     depth = 0
     for event in yaml.parse(text, SAFE):
         if isinstance(event, yaml.CollectionStartEvent):

@@ -157,7 +157,7 @@ def _names(entry: ClassEntry) -> Iterator[str]:
 
 
 def _spellings(name: str, known: set[str]) -> set[str]:
-    """Return a name with and without ASCII spellings, and its parts that are no known words."""
+    """Return a name with and without ASCII spellings, and its parts that are not known words."""
     lowered = unicodedata.normalize("NFC", name).lower()
     found = set()
     for spelling in (_plain(lowered), _plain(lowered.translate(_SPELT))):
@@ -197,7 +197,7 @@ def _is_unparted(name: str) -> bool:
 def _plain(text: str) -> str:
     """Return a text with letters without their marks: `Zoë` becomes `Zoe`.
 
-    Each letter stays one character, to keep all places. A Korean syllable stays whole, because hundreds of syllables
+    Each letter stays one character, to keep all positions. A Korean syllable stays whole, because hundreds of syllables
     have the same first part.
     """
     plain = []

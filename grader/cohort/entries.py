@@ -200,7 +200,7 @@ def _without_submission(student: Student) -> ClassEntry:
 def _without_id(entry: ClassEntry) -> str:
     """Return the student's name from a submission's name that ends with the id, such as `Alice Liddell_1234`.
 
-    It is empty without an id.
+    It is empty if there is no id.
     """
     if not entry.student_id:
         return ""

@@ -15,7 +15,7 @@ from decimal import Decimal
 from grader.lab.rubric import Rubric
 from grader.result import CheckResult, Result
 
-#: Values that are listed for one place in a text.
+#: Values that are listed for one position in a text.
 MOST_VALUES = 3
 #: Characters of a text that are read.
 MOST_CHARACTERS = 2000
@@ -25,7 +25,7 @@ MOST_CHARACTERS = 2000
 class Made:
     """One student's share in a mistake."""
 
-    #: Place of the student in the class, from 0.
+    #: Index of the student in the class, from 0.
     row: int
     #: Points that the check itself cost, and points of the checks that it blocked.
     lost: Decimal
@@ -78,7 +78,7 @@ def mistakes_of(results: Mapping[int, Result], rubric: Rubric) -> tuple[Mistake,
     Parameters
     ----------
     results
-        Results of the graded submissions by their places in the class.
+        Results of the graded submissions by their indexes in the class.
     """
     groups: dict[tuple[str, str, str], list[_Failed]] = {}
     for row, result in results.items():
@@ -239,7 +239,7 @@ def _merged(texts: Sequence[_Text]) -> str | None:
 
 
 def _together(values: Sequence[str]) -> str:
-    """Return one text for the values at the same place: a value, a range of numbers, or the most frequent values."""
+    """Return one text for the values at the same position: a value, a range of numbers, or the most frequent values."""
     distinct = [value for value, _ in Counter(sorted(values)).most_common()]
     if len(distinct) == 1:
         return distinct[0]

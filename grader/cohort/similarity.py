@@ -39,16 +39,16 @@ LEAST_NODES, LEAST_SHARE = 100, 0.4
 MOST_HOLDERS, MOST_HOLDERS_SHARE = 10, 0.1
 #: Size below which files are alike by chance.
 LEAST_BYTES = 200
-#: Bounds far beyond real submissions: nodes of a submission, places of a fingerprint in it, and compared pairs.
+#: Bounds far beyond real submissions: nodes of a submission, positions of a fingerprint in it, and compared pairs.
 MOST_NODES, MOST_PLACES, MOST_PAIRS = 100_000, 20, 500
-#: Bounds of a shown pair: places, lines of each, and characters of a line.
+#: Bounds of a shown pair: passages, lines of each, and characters of a line.
 MOST_SPANS, MOST_LINES, MOST_CHARACTERS = 60, 200, 160
 #: Lines between two runs that are shown as one.
 _GAP = 2
 #: Factor of the rolling hash: 2**64 divided by the golden ratio.
 _FACTOR = np.uint64(0x9E3779B97F4A7C15)
 
-#: Place of a file in the paths of a program, and line from 1.
+#: Index of a file in the paths of a program, and line from 1.
 _Line = tuple[int, int]
 _Numbers = npt.NDArray[np.uint64]
 _Flags = npt.NDArray[np.bool_]
@@ -76,7 +76,7 @@ class Program:
     sha256: str
     texts: dict[str, str]
     files: tuple[FileFact, ...]
-    #: Each node's kind, the place of its file in `paths`, and its line from 1.
+    #: Each node's kind, the index of its file in `paths`, and its line from 1.
     kinds: tuple[int, ...]
     places: tuple[int, ...]
     lines: tuple[int, ...]
@@ -298,7 +298,7 @@ def pairs_of(programs: Sequence[Program], common: Sequence[Program] = ()) -> lis
 
 
 def _candidates(prints: Sequence[_Prints]) -> list[tuple[int, int]]:
-    """Return the places of pairs with enough common fingerprints, those with most of them first."""
+    """Return the indexes of pairs with enough common fingerprints, those with most of them first."""
     holders: defaultdict[int, list[int]] = defaultdict(list)
     for place, each in enumerate(prints):
         for value in each.unique.tolist():
@@ -329,7 +329,7 @@ def _pair(a: _Prints, b: _Prints) -> Pair:
 
 
 def _lines(program: Program, nodes: range) -> set[_Line]:
-    """Return the lines on which nodes stand."""
+    """Return the lines of nodes."""
     places = program.places[nodes.start : nodes.stop]
     lines = program.lines[nodes.start : nodes.stop]
     return set(zip(places, lines, strict=True))
@@ -352,7 +352,7 @@ class _Comparison:
     def __init__(self, a: _Prints, b: _Prints) -> None:
         self.mine = a.listed()
         self.theirs = b.listed()
-        #: Places of each fingerprint in the second program.
+        #: Positions of each fingerprint in the second program.
         self.places: defaultdict[int, list[int]] = defaultdict(list)
         for place, value in enumerate(self.theirs):
             self.places[value].append(place)
@@ -390,7 +390,7 @@ class _Comparison:
         return _Run(mine, range(place, place + nodes))
 
     def _length(self, start: int, at: int) -> int:
-        """Return how many equal fingerprints with unused nodes follow one another from two places on."""
+        """Return how many equal fingerprints with unused nodes follow one another from two positions on."""
         mine_left = len(self.mine) - start
         theirs_left = len(self.theirs) - at
         most = min(mine_left, theirs_left)
@@ -411,7 +411,7 @@ class _Block:
     """Lines of a program's file, from 1, the last one included."""
 
     program: Program
-    #: Place of the file in the program's paths.
+    #: Index of the file in the program's paths.
     file: int
     first: int
     last: int

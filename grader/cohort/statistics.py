@@ -54,7 +54,7 @@ class Need(str, Enum):
 class Todo:
     """A task for a person."""
 
-    #: Place of the student in the class, from 0.
+    #: Index of the student in the class, from 0.
     row: int
     need: Need
     #: Points that depend on it.
@@ -118,13 +118,13 @@ class CheckStatistics:
 
     id: str
     title: str
-    #: Place of its criterion, from 0.
+    #: Index of the criterion, from 0.
     column: int
     points: Decimal
     #: Number of submissions with a decision, and with a passed check.
     decided: int
     passed: int
-    #: Mean share of its points, from 0 to 1; None without any decision.
+    #: Mean share of its points, from 0 to 1; None if there is no decision.
     mean_credit: float | None
     #: Measure of how well the check separates strong submissions from weak ones: see Notes.
     discrimination: float | Silent
@@ -339,7 +339,7 @@ def _todos(rows: Sequence[Row], rubric: Rubric) -> tuple[Todo, ...]:
 
 
 def _of_other_rubric(result: Result, rubric: Rubric, lab: str) -> bool:
-    """Return whether a result was judged by another rubric or lab than these; an unknown lab is no other one."""
+    """Return whether a result was judged by another rubric or lab than these; an unknown lab does not count as another."""
     if result.rubric_sha256 != rubric.sha256:
         return True
     return result.lab_sha256 not in ("", lab)

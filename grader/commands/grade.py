@@ -58,16 +58,17 @@ if TYPE_CHECKING:
     from grader.submission.discovery import Discovery
     from grader.submission.extraction import SubmissionSource
 
+#: Exit status after Ctrl-C, as shells report it.
 _INTERRUPTED = 130
-#: Maximum number of listed files that belong to no submission.
+#: Maximum number of files that are listed because they belong to no submission.
 _MOST_LISTED = 10
 
 _DESCRIPTION = """\
 Grade ROS 2 lab submissions on a live ROS graph.
 
-PATH is a submission (a folder or an archive), a folder of submissions, or a download of a learning-management system.
-Several submissions are graded side by side. After an interruption, the same command continues; it does not grade
-unchanged submissions again.
+PATH is a submission (a folder or an archive), a folder of submissions, or a download from a learning-management
+system. Several submissions are graded side by side. After an interruption, run the same command again: it keeps the
+results of unchanged submissions.
 """
 
 
@@ -89,7 +90,7 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
         help="folder for the results (default: results)",
     )
     add_lab(parser, "default: the lab shipped with grade")
-    overrides = "decisions by people, see `grade regrade --help` (default: overrides.yaml in the results folder)"
+    overrides = "file of manual decisions, see `grade regrade --help` (default: overrides.yaml in the results folder)"
     add_path(parser, "--overrides", overrides)
     parser.add_argument(
         "--sessions",
@@ -98,8 +99,8 @@ def _parser(epilog: str) -> argparse.ArgumentParser:
         help="sessions of the rubric to run (default: all)",
     )
     add_path(parser, "--python", "interpreter for students' code (default: grade's own)")
-    parser.add_argument("--seed", type=int, help="seed of the stimuli (default: a random one)")
-    add_jobs(parser, "number of sessions side by side (default: by the number of cores)")
+    parser.add_argument("--seed", type=int, help="seed of the random stimuli (default: a new one)")
+    add_jobs(parser, "number of sessions side by side (default: depends on the number of cores)")
     parser.add_argument(
         "--launch",
         choices=("standin", "native", "auto"),
@@ -123,20 +124,20 @@ def _names(text: str) -> list[str]:
 def _add_class(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("several submissions")
     shape = group.add_mutually_exclusive_group()
-    add_flag(shape, "--one", "take each PATH as one submission")
-    add_flag(shape, "--each", "take each folder and archive in PATH as a submission")
-    listed = "class list with the columns name, student_id, submitted_at and others, or an export of the grade book"
+    add_flag(shape, "--one", "treat each PATH as one submission")
+    add_flag(shape, "--each", "treat each folder and archive in PATH as a submission")
+    listed = "class list with the columns name, student_id, submitted_at and others, or a grade book export"
     add_path(group, "--class-list", listed, "CSV")
     again = group.add_mutually_exclusive_group()
     add_flag(
         again,
         "--resume",
-        "keep results with the same files, rubric and options (the default)",
+        "keep results whose files, rubric and options are unchanged (the default)",
     )
     add_flag(again, "--afresh", "grade everything again")
-    undecided = "run again only the sessions with undecided checks"
+    undecided = "run only the sessions with undecided checks again"
     add_flag(again, "--undecided", undecided)
-    replacing = "replace results of the same name from another path"
+    replacing = "replace earlier results of a submission with the same name from another path"
     add_flag(group, "--replace", replacing)
     pseudonyms = "also write index-anonymous.html and grades-anonymous.csv with pseudonyms"
     add_flag(group, "--anonymous", pseudonyms)
@@ -145,7 +146,7 @@ def _add_class(parser: argparse.ArgumentParser) -> None:
 
 
 def takes(arguments: Sequence[str]) -> bool:
-    """Tell whether these are arguments of grading with only existing paths."""
+    """Return whether these arguments start a grading and all of their paths exist."""
     if {"-h", "--help", "--version"}.intersection(arguments):
         return False
     try:
@@ -171,8 +172,8 @@ def run(arguments: Sequence[str], console: Console, epilog: str = "") -> int:
 
 
 def _note_limits(console: Console) -> None:
-    """Print low limits that affect students' programs; raises PlatformError if a limit prevents grading."""
-    # This check comes first, because a limit on memory can prevent even the imports of the grader.
+    """Print a note for each resource limit too low for students' programs; raises PlatformError if one prevents grading."""
+    # This check comes before other imports, because a memory limit can prevent even them.
     from grader.live.sandbox.enough import present_shortages, require_limits
 
     require_limits()
@@ -189,19 +190,19 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
     pipeline.require_sessions(options.sessions or (), rubric)
     require_submissions(options.submissions, rubric)
     found = _found(options, rubric)
-    several = len(found.submissions) > 1 or options.scheduler is not None or options.undecided
-    _require_fitting_options(parser, options, several=several)
+    is_class = len(found.submissions) > 1 or options.scheduler is not None or options.undecided
+    _require_compatible_options(parser, options, is_class=is_class)
     origins = [source.origin for source in found.submissions]
-    _require_places(options, rubric, origins)
+    _require_safe_output(options, rubric, origins)
     _note_uncounted_overrides(options, origins, console)
-    live = _live_options(options, rubric, origins, several=several)
+    live = _live_options(options, rubric, origins, is_class=is_class)
     _note_single_files(options.submissions, rubric, console)
     remove_stale()
-    _print_discovery(found, console, several=several)
+    _print_discovery(found, console, is_class=is_class)
     allowed, status = _without_other_sources(found.submissions, options)
     if not allowed:
         return status
-    if several:
+    if is_class:
         found = replace(found, submissions=tuple(allowed))
         graded = _grade_class(found, rubric, live, options, console)
     else:
@@ -211,22 +212,27 @@ def _run(parser: argparse.ArgumentParser, options: argparse.Namespace, console: 
     return max(status, graded)
 
 
-def _require_fitting_options(
-    parser: argparse.ArgumentParser, options: argparse.Namespace, *, several: bool
+def _require_compatible_options(
+    parser: argparse.ArgumentParser, options: argparse.Namespace, *, is_class: bool
 ) -> None:
-    """End with an error of usage if options exclude each other, or exclude several submissions."""
+    """End with a usage error if options exclude each other, or do not work for a class."""
     if options.undecided and options.scheduler is not None:
         parser.error("--undecided runs on this machine only; leave out --scheduler")
-    if several and options.timings:
-        parser.error("--timings is for one submission")
-    if several and options.exports:
+    if is_class and options.timings:
         parser.error(
-            "--export is for one submission; for several, run `grade export` on their results"
+            "--timings is for one submission, without --scheduler and --undecided; leave out --timings"
+        )
+    if is_class and options.exports:
+        parser.error(
+            "--export is for one submission, without --scheduler and --undecided; "
+            "otherwise run `grade export` on the results"
         )
 
 
-def _require_places(options: argparse.Namespace, rubric: Rubric, origins: Sequence[str]) -> None:
-    """Raise UsageError if results or exports would follow a submission's link, or join results of another lab."""
+def _require_safe_output(
+    options: argparse.Namespace, rubric: Rubric, origins: Sequence[str]
+) -> None:
+    """Raise UsageError if output would go through a submission's link, or to a folder with another lab's results."""
     from grader.classroom.regrade import recorded_in
     from grader.judging import rubrics
 
@@ -240,7 +246,7 @@ def _require_places(options: argparse.Namespace, rubric: Rubric, origins: Sequen
 def _note_uncounted_overrides(
     options: argparse.Namespace, origins: Sequence[str], console: Console
 ) -> None:
-    """Print a note if overrides among the results do not count, because they lie in a submission."""
+    """Print a note if the overrides file in the results folder is ignored because it is in a submission."""
     if options.overrides is not None:
         return
     ignored = uncounted_overrides(options.output, origins)
@@ -249,9 +255,9 @@ def _note_uncounted_overrides(
 
 
 def _live_options(
-    options: argparse.Namespace, rubric: Rubric, origins: Sequence[str], *, several: bool
+    options: argparse.Namespace, rubric: Rubric, origins: Sequence[str], *, is_class: bool
 ) -> Options:
-    """Return the options of the live half."""
+    """Return the options for `grader.pipeline`."""
     from grader import pipeline
     from grader.judging import rubrics
 
@@ -262,7 +268,7 @@ def _live_options(
         options.seed,
         options.jobs,
         options.launch,
-        least_isolation(options, several=several),
+        least_isolation(options, several=is_class),
         rubrics.read_overrides(options.overrides, options.output, rubric, origins),
         options.exports,
         options.path_prefix,
@@ -272,9 +278,10 @@ def _live_options(
 def _without_other_sources(
     submissions: Iterable[SubmissionSource], options: argparse.Namespace
 ) -> tuple[list[SubmissionSource], int]:
-    """Return the submissions without results from another path, and the exit status of the others.
+    """Return the submissions to grade, and the exit status for the refused ones.
 
-    Prints an error for each other submission. With `--replace` there are none.
+    A submission is refused, with an error on the terminal, if its results were made from another path. `--replace` allows
+    all.
     """
     allowed = []
     status = 0
@@ -304,7 +311,7 @@ def _found(options: argparse.Namespace, rubric: Rubric) -> Discovery:
     )
     if not found.submissions:
         raise SubmissionError(
-            "there are no submissions in it",
+            "no submissions were found",
             location=", ".join(map(str, options.submissions)),
             remedy="Name a submission, or a folder of submissions.",
         )
@@ -316,7 +323,7 @@ def _found(options: argparse.Namespace, rubric: Rubric) -> Discovery:
 
 
 def _note_single_files(paths: Sequence[Path], rubric: Rubric, console: Console) -> None:
-    """Print a note for a path to one file of the lab, if the file's folder holds more files of the lab."""
+    """Print a note for each path that leads to one file of the lab although its folder holds others."""
     names = {artifact.file for artifact in rubric.artifacts.values()}
     for path in paths:
         if path.name not in names or not path.is_file():
@@ -358,17 +365,15 @@ def _grade_one(
             display.note(p.session, p.text, p.step, p.steps, p.ended)
 
         result = pipeline.grade(source, rubric, results, live, show, options.local, watch)
-    # Without overrides, these are a student's own attempts, which need no trail.
+    # Without overrides, this is probably a student's own attempt, which needs no audit trail.
     if live.overrides.sha256:
         audit.note_replaced(
             options.output, source.name, before, "grade", overrides_sha256=live.overrides.sha256
         )
     print_result(console, result)
     if live.sessions is not None:
-        only = ", ".join(live.sessions)
-        print_note(
-            console, f"Only the sessions {only} were graded; the score leaves out the others."
-        )
+        graded = ", ".join(live.sessions)
+        print_note(console, f"Sessions graded: {graded}. The score leaves out the others.")
     if options.timings:
         children = resource.getrusage(resource.RUSAGE_CHILDREN)
         print_timings(console, watch, result.provenance, children.ru_utime + children.ru_stime)
@@ -397,7 +402,7 @@ def _grade_class(
                 return _interrupted(run.rows, len(found.submissions), end)
         rows = sorted(run.rows, key=lambda row: (row.source.name.casefold(), row.source.name))
         print_class(console, rows)
-        took = _minutes(time.monotonic() - began_s)
+        took = _duration(time.monotonic() - began_s)
         console.print(Text(f"{summary(rows)}; {took}."))
         names = [*(row.source.name for row in rows), *found.missing]
         for remark in live.overrides.remarks(names, times_matter=rubric.policy.late is not None):
@@ -420,8 +425,8 @@ def _interrupted(rows: Sequence[Row], count: int, end: KeyboardInterrupt | Syste
     return _INTERRUPTED
 
 
-def _minutes(duration_s: float) -> str:
-    """Write a duration in seconds, from two minutes on in minutes, e.g. `2.5 min`."""
+def _duration(duration_s: float) -> str:
+    """Write a duration: below two minutes in seconds, otherwise in minutes, e.g. `95 s` or `2.5 min`."""
     if duration_s >= 120:
         return f"{duration_s / 60:.1f} min"
     return f"{duration_s:.0f} s"
@@ -430,40 +435,38 @@ def _minutes(duration_s: float) -> str:
 def _grading_location(
     options: argparse.Namespace, live: Options
 ) -> tuple[Isolation | str, Machine]:
-    """Return the place of grading (this machine's isolation, or a scheduler's address) and this machine's slots."""
+    """Return where to grade (with this machine's isolation, or at a scheduler's address), and this machine's slots."""
     from confine.isolation import Isolation, Level
     from grader.classroom.scheduler import Machine
     from grader.live.sandbox.probing import require
 
     if options.scheduler is not None:
         return str(options.scheduler), Machine.of(Isolation(Level.FULL))
-    with options.local as local:  # Processes of a class are forks of another process.
+    with options.local as local:  # A class has its own fork server; this one ends here.
         isolation: Isolation = local.isolation
     require(isolation, Level.of(live.least_isolation))
     return isolation, Machine.of(isolation, live.jobs)
 
 
-def _print_discovery(found: Discovery, console: Console, *, several: bool) -> None:
-    """Print how the paths were understood, unless they hold a single submission without further facts."""
+def _print_discovery(found: Discovery, console: Console, *, is_class: bool) -> None:
+    """Print how the paths were understood; for a single plain submission, only doubts."""
     for doubt in found.doubts:
         print_note(console, f"Note: {doubt}")
-    if not (several or _has_more_to_say(found)):
+    if not (is_class or _is_worth_printing(found)):
         return
     for line in found.understood:
         print_note(console, line, "")
     _print_not_understood(found.not_understood, console)
     late = _late_without_time(found.submissions)
     if late:
-        text = (
-            "Marked as late without a time of submission in the download; a --class-list can add it"
-        )
+        text = "Marked late in the download, without a submission time; add it with --class-list"
         print_note(console, f"{text}: {', '.join(late)}")
     if found.missing:
         print_note(console, f"Nothing handed in: {', '.join(found.missing)}")
 
 
-def _has_more_to_say(found: Discovery) -> bool:
-    """Tell whether there is more to print than plain submissions, such as students' names or missing submissions."""
+def _is_worth_printing(found: Discovery) -> bool:
+    """Return whether more was found than plain submissions, such as students' names or missing submissions."""
     if found.not_understood or found.missing:
         return True
     return any(source.late or source.student for source in found.submissions)
@@ -479,7 +482,7 @@ def _print_not_understood(lines: Sequence[str], console: Console) -> None:
 
 
 def _late_without_time(submissions: Iterable[SubmissionSource]) -> list[str]:
-    """Return the names of submissions that a download marks as late without their time."""
+    """Return the names of submissions that a download marks as late without a submission time."""
     found = []
     for source in submissions:
         if source.late and source.submitted_at is None:
@@ -524,7 +527,7 @@ def require_submissions(paths: Sequence[Path], rubric: Rubric) -> None:
     for path in paths:
         near = difflib.get_close_matches(str(path), COMMANDS, n=1, cutoff=0.75)
         if near and not path.exists():
-            remedy = f"If you mean the command, write it first: grade {near[0]} ..."
+            remedy = f"If you mean the command, put it first: grade {near[0]} ..."
             raise UsageError(
                 f"there is neither a submission nor a command {str(path)!r}", remedy=remedy
             )
@@ -538,10 +541,10 @@ def require_submissions(paths: Sequence[Path], rubric: Rubric) -> None:
 
 
 def is_results(path: Path, rubric: Rubric) -> bool:
-    """Tell whether a folder holds only results, of a submission or of a class."""
+    """Return whether a folder holds the results of a submission or of a class, and nothing that could be graded."""
     if not path.is_dir():
         return False
-    inner = [entry for entry in path.iterdir() if not _is_about_a_class(entry)]
+    inner = [entry for entry in path.iterdir() if not _is_auxiliary(entry)]
     folders = [path]
     if not _is_recorded(path):
         folders = [entry for entry in inner if entry.is_dir()]
@@ -553,13 +556,13 @@ def is_results(path: Path, rubric: Rubric) -> bool:
     return not any(_holds(folder, wanted) for folder in folders)
 
 
-def _is_about_a_class(path: Path) -> bool:
-    """Tell whether an entry of a folder of results is hidden, or is the folder of the trail or of exports."""
+def _is_auxiliary(path: Path) -> bool:
+    """Return whether an entry of a results folder is hidden, or is the folder of the audit trail or of exports."""
     return path.name.startswith(".") or path.name in (HISTORY, EXPORTED)
 
 
 def _holds(folder: Path, names: Set[str]) -> bool:
-    """Tell whether a folder holds a file with one of the names, at any depth."""
+    """Return whether a folder holds a file with one of the names, at any depth."""
     return any(not names.isdisjoint(files) for _, _, files in os.walk(folder))
 
 

@@ -106,7 +106,7 @@ def _entry(name: str, model: type[Parameters], around: Mapping[str, Any], key: s
     """Describe a model, with an example.
 
     The example has the keys `around`, the name under `key`, and the parameters under `with`. Without a key, the
-    parameters stand under the name, e.g. `{observe: {duration_s: 4}}`.
+    parameters are under the name, e.g. `{observe: {duration_s: 4}}`.
     """
     schema = model.model_json_schema()
     values = {**_example_of(schema, schema), **model.example}
@@ -208,7 +208,7 @@ def _referenced(part: _Schema, schema: _Schema) -> _Schema:
 
 
 def _model_within(part: _Schema, schema: _Schema) -> _Schema | None:
-    """Return the model of a part, of its elements or of its values; None without one."""
+    """Return the model of a part, of its elements or of its values; None if there is no model."""
     if "$ref" in part:
         return _referenced(part, schema)
     inner = [*part.get("anyOf", ()), part.get("items"), part.get("additionalProperties")]

@@ -17,17 +17,18 @@ from grader.errors import RecordingError, UsageError
 from grader.recording.session import SESSION_FILE
 from grader.result_folder import RECORDINGS
 
-#: Variables with the middleware's files of settings.
+#: Environment variables that name settings files of the middleware.
 _PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
-#: Variable with the terminal's PYTHONPATH, for types of interfaces; an isolated interpreter ignores PYTHONPATH.
-_MORE_MODULES = "_GRADER_PLAY_PYTHONPATH"
-#: Variables with folders of programs and libraries.
-_SEARCH_PATHS = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH", _MORE_MODULES)
+#: Environment variable that hands PYTHONPATH, needed for interface types, to an interpreter that ignores PYTHONPATH.
+_HANDED_PYTHONPATH = "_GRADER_PLAY_PYTHONPATH"
+#: Environment variables that list folders of programs and libraries.
+_SEARCH_PATHS = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH", _HANDED_PYTHONPATH)
 
 _DESCRIPTION = """\
 Publish the messages of a recorded session at the original intervals, on the ROS graph of this terminal (ROS_DOMAIN_ID).
-`ros2 topic echo`, RViz and your own nodes receive them as in the session. /clock is published as recorded, or else with
-the recording's time. Do not play on the network of a real robot: it would obey the recorded commands.
+`ros2 topic echo`, RViz and your own nodes receive them as in the session. /clock is published as recorded, or, if
+no recorded one is played, with the recording's time. Do not play on the network of a real robot: it would obey the
+recorded commands.
 """
 
 
@@ -43,9 +44,9 @@ def _parser() -> argparse.ArgumentParser:
         "session",
         nargs="?",
         metavar="SESSION",
-        help="session to play; may be left out if there is only one",
+        help="session to play (default: the only one)",
     )
-    words = "start at this time on the report's timeline (default: %(default)s)"
+    words = "start at this time, in seconds on the report's timeline (default: %(default)s)"
     parser.add_argument(
         "--from", dest="from_s", type=float, default=0.0, metavar="SECONDS", help=words
     )
@@ -54,7 +55,7 @@ def _parser() -> argparse.ArgumentParser:
         type=float,
         default=1.0,
         metavar="X",
-        help="factor of the speed (default: %(default)s)",
+        help="speed, as a multiple of the original speed (default: %(default)s)",
     )
     parser.add_argument(
         "--topics", nargs="+", default=(), metavar="TOPIC", help="topics to play (default: all)"
@@ -77,18 +78,22 @@ def run(arguments: Sequence[str], console: Console) -> int:
         recorded = Recorded.open(folder)
     except (OSError, ValueError) as problem:
         raise RecordingError(
-            "this recording cannot be read", location=str(folder), remedy=str(problem)
+            "this recording cannot be read",
+            location=str(folder),
+            remedy=f"Grade the submission again. ({problem})",
         ) from problem
     require_platform()
     if not sys.flags.isolated:
         _play_isolated(options)
-    sys.path += filter(None, os.environ.get(_MORE_MODULES, "").split(os.pathsep))
+    sys.path += filter(None, os.environ.get(_HANDED_PYTHONPATH, "").split(os.pathsep))
     from grader.live.ros_node.player import Player
 
     player = Player(recorded.bag, options.topics)
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     print_note(
-        console, f"Playing '{folder.name}' with ROS_DOMAIN_ID {domain}; Ctrl-C stops it.", "bold"
+        console,
+        f"Playing '{folder.name}' with ROS_DOMAIN_ID {domain}; press Ctrl-C to stop.",
+        "bold",
     )
     for topic, what in player.topics.items():
         print_note(console, f"{topic}: {what}", "")
@@ -97,7 +102,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
         player.await_subscription()
         while (count := player.play(start_ns, options.rate)) and options.loop:
             played += count
-        print_note(console, f"{played + count} messages were published.", "")
+        print_note(console, f"Messages published: {played + count}.", "")
     except KeyboardInterrupt:
         return 130
     finally:
@@ -106,7 +111,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
 
 
 def _play_isolated(options: argparse.Namespace) -> NoReturn:
-    """Become a process that takes no modules and no settings from the working folder, which may be a student's."""
+    """Replace this process by one that loads neither modules nor settings from the working folder, often a student's."""
     results = options.results.resolve()
     command = python(sys.executable, "-m", "grader.cli", "play", str(results))
     if options.session is not None:
@@ -116,19 +121,19 @@ def _play_isolated(options: argparse.Namespace) -> NoReturn:
         command.append("--loop")
     if options.topics:
         command += ["--topics", *options.topics]
-    become(command, environment=environment_without(Path.cwd(), results, os.environ))
+    become(command, environment=isolated_environment(Path.cwd(), results, os.environ))
 
 
-def environment_without(
+def isolated_environment(
     working: Path, results: Path, environment: Mapping[str, str]
 ) -> dict[str, str]:
-    """Return an environment without paths of DDS and the loader into the working folder or the results.
+    """Return an environment without DDS profiles in the working folder or the results, and without relative paths.
 
-    It keeps a DDS profile with a full path outside of both, and the full paths of a search path.
+    A DDS profile is kept if its path is absolute and leads outside both folders. A search path keeps its absolute folders.
     """
     kept = dict(environment)
     kept["SKIP_DEFAULT_XML_FILE"] = "1"
-    kept[_MORE_MODULES] = environment.get("PYTHONPATH", "")
+    kept[_HANDED_PYTHONPATH] = environment.get("PYTHONPATH", "")
     for name in _PROFILES:
         file = Path(os.path.realpath(kept.get(name, "")))
         is_inside = not {working, results}.isdisjoint(file.parents)
@@ -143,7 +148,15 @@ def environment_without(
 
 
 def _recording(results: Path, session: str | None) -> Path:
-    """Return the folder of a session's recording; raises GraderError if there is none, or several without a choice."""
+    """Return the folder of a session's recording.
+
+    Raises
+    ------
+    RecordingError
+        If there are no recordings.
+    UsageError
+        If the session does not exist, or if no session is named and there are several.
+    """
     recordings = results / RECORDINGS
     names = sorted(file.parent.name for file in recordings.glob(f"*/{SESSION_FILE}"))
     if not names:
@@ -153,5 +166,7 @@ def _recording(results: Path, session: str | None) -> Path:
         problem = (
             "there are several sessions" if session is None else f"there is no session {session!r}"
         )
-        raise UsageError(problem, location=str(results), remedy=f"Name one of {', '.join(names)}.")
+        raise UsageError(
+            problem, location=str(results), remedy=f"Name one session: {', '.join(names)}."
+        )
     return recordings / (session or names[0])

@@ -139,7 +139,7 @@ def _counts(summary: ClassSummary) -> str:
 
 
 def _class_list(results: Path, entries: Sequence[ClassEntry], given: Path | None) -> Path | None:
-    """Return the given class list and keep a copy, or return the kept one; None without a list.
+    """Return the given class list and keep a copy, or return the kept one; None if there is neither.
 
     A kept list within a submission may be a student's and does not count.
     """

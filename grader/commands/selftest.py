@@ -57,7 +57,7 @@ def _parser() -> argparse.ArgumentParser:
         parser, "--fixtures", "folder of fixtures (default: fixtures/ beside the rubric)", "DIR"
     )
     add_flag(parser, "--quick", "grade only a few, in about a minute")
-    add_jobs(parser, "number of sessions side by side (default: by the number of cores)")
+    add_jobs(parser, "number of sessions side by side (default: depends on the number of cores)")
     parser.add_argument(
         "-o",
         "--output",

@@ -49,7 +49,7 @@ def limits_of(rubric: Rubric) -> list[Limit]:
 def edited(text: str, values: Mapping[str, str]) -> str:
     """Return a rubric's text with new values at some places, and matching sums.
 
-    Raises RubricError if a value is no number, or a place is unknown.
+    Raises RubricError if a value is not a number, or a place is unknown.
     """
     nodes = {place: node for place, _, _, _, node in _numbers(text)}
     for place, value in values.items():
@@ -138,14 +138,14 @@ def _with_sums(text: str) -> str:
 def _replaced(text: str, changes: list[tuple[Any, str]]) -> str:
     """Return a text with new values for some nodes, the last node first."""
     for node, value in sorted(changes, key=lambda change: -change[0].start_mark.index):
-        # The value stands behind an anchor and a quotation mark.
+        # The value comes after an anchor and a quotation mark.
         start = text.rindex(node.value, node.start_mark.index, node.end_mark.index)
         text = text[:start] + value + text[start + len(node.value) :]
     return text
 
 
 def _get(node: Any, key: str) -> Any:
-    """Return the node of a key in a mapping, None without that key."""
+    """Return the node of a key in a mapping; None if the key is missing."""
     for name, value in node.value:
         if name.value == key:
             return value

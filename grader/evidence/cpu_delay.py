@@ -1,7 +1,7 @@
 """Delays of a process by the machine, and the part of a measurement that they did not affect.
 
 The machine delays a process that has work while its core serves others, or stalls. Waits for threads of its own, or
-for other programs of the student's, are no such delays.
+for other programs of the student's, do not count.
 """
 
 from __future__ import annotations

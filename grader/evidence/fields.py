@@ -12,7 +12,7 @@ from grader.recording.definitions import field_steps
 
 _NUMBERS = (bool, int, float, np.number, np.bool_)
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-#: Numbers that are read one by one from a field's value; a larger number of nested values is no vector.
+#: Numbers that are read one by one from a field's value; a larger number of nested values is not a vector.
 _MOST_NESTED = 10_000
 
 
@@ -75,7 +75,7 @@ def time_ns(value: Any) -> int | None:
 
 
 def value_at(values: Any, path: str) -> Any:
-    """Return the value of a field in a message of a step's result, given as JSON; None without that field."""
+    """Return the value of a field in a message of a step's result, given as JSON; None if the field is missing."""
     try:
         for step in field_steps(path):
             values = values[step]

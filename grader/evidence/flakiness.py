@@ -68,7 +68,7 @@ def may_be_flaky(recorded: Recorded) -> bool:
 
 
 def flaky_end(run: ProcessRun) -> str:
-    """Describe an event at Ctrl-C that correct programs meet occasionally too; empty without one."""
+    """Describe an event at Ctrl-C that correct programs meet occasionally too; empty if there was none."""
     if any(HIT_IN_A_CALL in line.text for line in run.output):
         return "Ctrl-C arrived inside a call into rclpy and became another error; a correct program can meet this too."
     if not run.interrupted_ns:

@@ -107,7 +107,7 @@ class _Integrity:
         whole: bool = False,
         certain: bool = True,
     ) -> Tampering:
-        """Return a tampering with its place in the session."""
+        """Return a tampering with its location in the session."""
         where = Location(
             session=self.record.session,
             topic=topic,

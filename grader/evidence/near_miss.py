@@ -106,7 +106,7 @@ def likeness(wanted: str, name: str) -> float:
 def is_misspelt(wanted: str, name: str) -> bool:
     """Return whether a frame's name is a misspelt wanted one.
 
-    Names are compared word by word: `left` is no misspelt `right`.
+    Names are compared word by word: `left` is not a misspelt `right`.
     """
     words = _words(wanted)
     others = _words(name)

@@ -182,7 +182,7 @@ class _Rewriting:
 
 
 def _require_bare(nodes: list[tree_sitter.Node]) -> None:
-    """Raise _Wrong unless the nodes of an expression may stand in a field without parentheses."""
+    """Raise _Wrong unless the nodes of an expression may be used in a field without parentheses."""
     waiting = list(nodes)
     while waiting:
         node = waiting.pop()

@@ -223,7 +223,7 @@ class Recorded:
 
     @functools.cache  # noqa: B019
     def rows(self, name: str, field: str) -> tuple[Floats | None, ...]:
-        """Return the numbers in a field of each message, as `numbers_of` finds them; None for a message without.
+        """Return the numbers in a field of each message, as `numbers_of` finds them; None if a message has none.
 
         If messages have another type, which another check judges, the first field with an array of numbers is read
         instead.
@@ -242,7 +242,7 @@ class Recorded:
 
     @functools.cache  # noqa: B019
     def texts(self, name: str, field: str) -> tuple[str | None, ...]:
-        """Return the text in a field of each message on a topic of the rubric; None for a message without."""
+        """Return the text in a field of each message on a topic of the rubric; None if a message has no text there."""
         found = []
         for value in self.stream(name).field(field):
             text = value if isinstance(value, str) else None
@@ -251,7 +251,7 @@ class Recorded:
 
     @functools.cache  # noqa: B019
     def stamps_ns(self, name: str, field: str = "header.stamp") -> tuple[int | None, ...]:
-        """Return the time stamp in a field of each message, in ns; None for a message without."""
+        """Return the time stamp in a field of each message, in ns; None if a message has no time stamp there."""
         return tuple(map(time_ns, self.stream(name).field(field)))
 
     def streams(self, roles: Mapping[str, str], field: str) -> dict[str, NumericStream]:
@@ -520,7 +520,7 @@ class Recorded:
     def _unseen_s(self, span: Span) -> float:
         """Return the CPU time of unseen student's processes within a span, in s.
 
-        The time is the kernel's count for all student's processes less the time of the known ones; 0 without a count.
+        The time is the kernel's count for all student's processes less the time of the known ones; 0 if there is no count.
         """
         counted = []
         for sample in self.record.machine:

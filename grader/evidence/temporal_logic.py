@@ -1,41 +1,43 @@
 """Signal temporal logic over sampled signals: truth of a property, and its margin (robustness).
 
-Properties are written as expressions of Python, and parsed by it:
+Properties are written in the syntax of Python expressions, and parsed by Python:
 
     always(implies(distance < 0.5, eventually[0, 2](abs(speed) <= 0.05)))
 
 - numbers: names of signals, + - * /, abs(x), min(x, y), max(x, y);
 - comparisons: < <= > >=, also chained: -1 <= turn <= 1;
 - not a, a and b, a or b, implies(a, b);
-- always(a), eventually(a), until(a, b): b comes, and until then a holds; with optional bounds in s.
+- always(a), eventually(a), and until(a, b): b becomes true, and a holds until then.
 
-Time is discrete: signals are sampled at even steps, and bounds are rounded to these. An operator with bounds is
-evaluated only at steps for which its bounds lie within the samples; an operator without bounds ends at the last sample.
+The last three take optional bounds in s, as in eventually[0, 2](a): a becomes true within 2 s from now.
 
-The robustness of a comparison is the difference of its sides, in their unit; positive if it holds. `not` negates the
-robustness, `and` and `always` take the least, `or` and `eventually` the greatest.
+Time is discrete: signals are sampled at regular steps, and bounds are rounded to whole steps. An operator with bounds
+is evaluated only where its bounds lie within the samples; an operator without bounds looks up to the last sample.
 
-The library rtamt is not used: its parser needs a Python before 3.13, and it does not report the deciding moment.
+The robustness of a comparison is the difference between its sides, in their unit; it is positive if the comparison
+holds. `not` negates the robustness, `and` and `always` take the minimum, `or` and `eventually` the maximum.
+
+The library rtamt is not used, because its parser needs Python 3.12 or earlier, and it does not report the deciding step.
 
 References
 ----------
 A. Donzé and O. Maler: Robust satisfaction of temporal logic over real-valued signals, FORMATS 2010. The rewriting of a
-bounded `until` is of A. Donzé, T. Ferrère and O. Maler: Efficient robust monitoring for STL, CAV 2013.
+bounded `until` is from A. Donzé, T. Ferrère and O. Maler: Efficient robust monitoring for STL, CAV 2013.
 """
 
 from __future__ import annotations
 
 import ast
 import difflib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import numpy as np
 
 from grader.evidence.recorded import Floats, Integers
 
-#: Characters of the longest property; a longer one might be nested too deeply.
+#: Maximum number of characters in a property; longer ones may be nested too deeply for the parser.
 _LONGEST = 2000
 _BINARY: Mapping[type[ast.operator], np.ufunc] = {
     ast.Add: np.add,
@@ -45,16 +47,18 @@ _BINARY: Mapping[type[ast.operator], np.ufunc] = {
 }
 _FUNCTIONS: Mapping[str, np.ufunc] = {"abs": np.abs, "min": np.minimum, "max": np.maximum}
 _TEMPORAL = ("always", "eventually", "until")
-_OPERATORS = dict.fromkeys(("implies", *_TEMPORAL))
-_OF_ONE = ("abs", "always", "eventually")
-#: Robustness of a comparison of equal numbers; its sign tells the truth: 1 >= 1 holds, 1 > 1 does not.
-_LEAST = 1e-12
-#: Comparisons with the greater side on the right.
+_OPERATORS = ("implies", *_TEMPORAL)
+#: Functions and operators with one argument; all others take two.
+_UNARY = ("abs", "always", "eventually")
+#: Absolute robustness of a comparison of equal numbers: positive for 1 >= 1, which holds, and negative for 1 > 1.
+_TIE = 1e-12
+#: Comparisons that hold if the right side is greater.
 _LESS = (ast.Lt, ast.LtE)
+#: Comparisons that hold if the left side is greater.
 _GREATER = (ast.Gt, ast.GtE)
 #: Comparisons that hold for equal numbers.
 _OR_EQUAL = (ast.LtE, ast.GtE)
-#: First and last step of a window.
+#: First and last step of a window, counted from the step at which an operator is evaluated.
 _Steps = tuple[int, int]
 
 
@@ -63,27 +67,27 @@ class TooShortError(ValueError):
 
 
 @dataclass(frozen=True)
-class Truth:
-    """Robustness of a formula at each step, and the steps that decide it."""
+class Trace:
+    """Robustness of a formula at each step, and the step that decides it there."""
 
     #: float64[n]
     values: Floats
     #: int64[n]
-    where: Integers
+    decided_at: Integers
 
     def __len__(self) -> int:
         return len(self.values)
 
-    def cut(self, start: int, length: int) -> Truth:
-        """Return a part of the steps."""
+    def cut(self, start: int, length: int) -> Trace:
+        """Return `length` steps from `start`, or fewer if the trace ends before."""
         part = slice(start, start + length)
-        return Truth(self.values[part], self.where[part])
+        return Trace(self.values[part], self.decided_at[part])
 
-    def extended(self, length: int) -> Truth:
-        """Return the truth with copies of the last step."""
+    def extended(self, length: int) -> Trace:
+        """Return the trace with `length` copies of its last step at the end."""
         values = np.pad(self.values, (0, length), mode="edge")
-        where = np.pad(self.where, (0, length), mode="edge")
-        return Truth(values, where)
+        decided_at = np.pad(self.decided_at, (0, length), mode="edge")
+        return Trace(values, decided_at)
 
 
 @dataclass(frozen=True)
@@ -91,44 +95,62 @@ class Robustness:
     """Robustness of a property at the first step; positive if it holds."""
 
     value: float
-    #: The deciding step.
+    #: Step that decides the value: for `always` the worst one, for `eventually` the best one.
     worst: int
-    #: Conditions of implications, as they are written, that held at no step.
+    #: Source text of the conditions of implications that held at no step; such an implication proves nothing.
     never: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class Property:
-    """A property, parsed."""
+    """A parsed property."""
 
     text: str
     root: ast.expr
 
     @classmethod
     def parse(cls, text: str, signals: Iterable[str]) -> Property:
-        """Read a property of some signals; raises ValueError, with the place in the text, if it is none."""
+        """Parse a property over the named signals; raises ValueError with the position of the first mistake."""
         if len(text) > _LONGEST:
-            raise ValueError(f"a property has at most {_LONGEST} characters")
+            raise ValueError(
+                f"a property may have at most {_LONGEST} characters; this one has {len(text)}"
+            )
         text = text.strip()
-        # One sample of each signal, and steps so long that all bounds are 0, are enough to find mistakes.
+        # A trial evaluation finds mistakes: one sample per signal is enough, and infinite steps round all bounds to 0.
         samples = {name: np.zeros(1) for name in signals}
         try:
             root = ast.parse(text, mode="eval").body
-            _Evaluation(samples, np.inf, 1).truth(root)
+            _Evaluation(samples, np.inf, 1).formula(root)
         except SyntaxError as problem:
-            place = f" at character {problem.offset}"
-            raise ValueError(f"not a property{place}: {problem.msg}") from problem
+            raise ValueError(
+                f"not a property at character {problem.offset}: {problem.msg}"
+            ) from problem
         except (RecursionError, MemoryError) as problem:
-            raise ValueError(f"not a property: {problem}") from problem
+            raise ValueError(
+                "not a property that can be read: it is nested too deeply; use fewer brackets or signs"
+            ) from problem
         return cls(text, root)
 
     def robustness(self, signals: Mapping[str, Floats], step_s: float) -> Robustness:
-        """Evaluate the property over signals, float64[n] each, at even steps; raises TooShortError if they end early."""
+        """Evaluate the property over signals at regular steps.
+
+        Parameters
+        ----------
+        signals
+            Name -> float64[n].
+        step_s
+            Time between two samples, in s.
+
+        Raises
+        ------
+        TooShortError
+            If the signals are shorter than the bounds of the property.
+        """
         count = len(next(iter(signals.values())))
         evaluation = _Evaluation(signals, step_s, count)
-        truth = evaluation.truth(self.root)
+        trace = evaluation.formula(self.root)
         never = tuple(dict.fromkeys(evaluation.never))
-        return Robustness(float(truth.values[0]), int(truth.where[0]), never)
+        return Robustness(float(trace.values[0]), int(trace.decided_at[0]), never)
 
 
 # -- reading ---------------------------------------------------------------------------------------
@@ -140,33 +162,35 @@ def _refuse(node: ast.AST, why: str) -> NoReturn:
     raise ValueError(f"{why} (at character {character}: {code})")
 
 
-def _require_known(node: ast.AST, name: str, known: Iterable[str], kind: str) -> None:
-    """Raise ValueError unless a name is known."""
+def _require_known(node: ast.AST, name: str, known: Collection[str], kind: str) -> None:
+    """Raise ValueError, with the most similar name or all known names, unless a name is known."""
     if name in known:
         return
     why = f"there is no {kind} {name!r}"
-    near = difflib.get_close_matches(name, list(known), n=1)
+    near = difflib.get_close_matches(name, known, n=1)
     if near:
         why += f"; did you mean {near[0]!r}?"
+    else:
+        why += f", only {', '.join(known)}"
     _refuse(node, why)
 
 
 def _called(
-    node: ast.Call, known: Mapping[str, Any], kind: str
+    node: ast.Call, known: Collection[str], kind: str
 ) -> tuple[str, tuple[float, float] | None]:
-    """Return the name of the called function, a known one, and its bounds in s."""
+    """Return the name and the bounds in s of a call; raises ValueError unless the name is known and the call fits it."""
     function = node.func
     bounds = None
     if isinstance(function, ast.Subscript):
         bounds = _bounds(function)
         function = function.value
     if not isinstance(function, ast.Name) or node.keywords:
-        _refuse(node, "this cannot be called")
+        _refuse(node, "this cannot be called; write a name and, in parentheses, its arguments")
     name = function.id
-    count = 1 if name in _OF_ONE else 2
+    count = 1 if name in _UNARY else 2
     _require_known(node, name, known, kind)
     if bounds is not None and name not in _TEMPORAL:
-        _refuse(node, f"{name} has no bounds")
+        _refuse(node, f"{name} takes no bounds; only {', '.join(_TEMPORAL)} do")
     if len(node.args) != count:
         arguments = "1 argument" if count == 1 else f"{count} arguments"
         _refuse(node, f"{name} takes {arguments}")
@@ -177,9 +201,9 @@ def _bounds(node: ast.Subscript) -> tuple[float, float]:
     try:
         low, high = map(float, ast.literal_eval(node.slice))
     except (TypeError, ValueError, SyntaxError):
-        _refuse(node, "bounds are two numbers in s, as in eventually[0, 2](...)")
+        _refuse(node, "bounds must be two numbers in s, as in eventually[0, 2](...)")
     if not 0 <= low <= high < np.inf:
-        _refuse(node, "bounds begin at 0 or later, and end no earlier")
+        _refuse(node, "bounds must be finite, with 0 <= start <= end")
     return low, high
 
 
@@ -188,7 +212,7 @@ def _bounds(node: ast.Subscript) -> tuple[float, float]:
 
 @dataclass
 class _Evaluation:
-    """One evaluation of a property; raises ValueError for an expression that is none."""
+    """One evaluation of a property; the methods raise ValueError for an expression that a property must not contain."""
 
     signals: Mapping[str, Floats]
     step_s: float
@@ -196,6 +220,7 @@ class _Evaluation:
     never: list[str] = field(default_factory=list)
 
     def number(self, node: ast.expr) -> Floats:
+        """Return the values of a numeric expression: float64[n]."""
         if isinstance(node, ast.Name):
             _require_known(node, node.id, self.signals, "signal")
             return self.signals[node.id]
@@ -208,40 +233,42 @@ class _Evaluation:
             function = _BINARY[type(node.op)]
             arguments += [node.left, node.right]
         elif isinstance(node, ast.Call):
-            name, _ = _called(node, _FUNCTIONS, "function of numbers")
+            name, _ = _called(node, _FUNCTIONS, "numeric function")
             function = _FUNCTIONS[name]
             arguments += node.args
         else:
-            _refuse(node, "a number is expected")
+            expected = "a signal, a number, or a calculation with + - * / abs min max"
+            _refuse(node, f"a number is expected: {expected}")
         with np.errstate(divide="ignore", invalid="ignore"):
             values: Floats = function(*map(self.number, arguments))
         return values
 
-    def truth(self, node: ast.expr) -> Truth:
+    def formula(self, node: ast.expr) -> Trace:
+        """Return the trace of an expression that is true or false at each step."""
         if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
-            return _negated(self.truth(node.operand))
+            return _negated(self.formula(node.operand))
         if isinstance(node, ast.BoolOp):
-            better = np.less if isinstance(node.op, ast.And) else np.greater
-            return _pick(map(self.truth, node.values), better)
+            decides = np.less if isinstance(node.op, ast.And) else np.greater
+            return _deciding(map(self.formula, node.values), decides)
         if isinstance(node, ast.Compare):
             return self._compared(node)
         if not isinstance(node, ast.Call):
             _refuse(node, "this is neither true nor false; compare it with something")
         name, bounds = _called(node, _OPERATORS, "operator")
-        parts = list(map(self.truth, node.args))
+        parts = list(map(self.formula, node.args))
         if name == "implies":
             if not (parts[0].values > 0).any():
                 self.never.append(ast.unparse(node.args[0]))
-            return _pick((_negated(parts[0]), parts[1]), np.greater)
+            return _deciding((_negated(parts[0]), parts[1]), np.greater)
         steps = None
         if bounds is not None:
             steps = (round(bounds[0] / self.step_s), round(bounds[1] / self.step_s))
         if name == "until":
             return _until(parts[0], parts[1], steps)
-        better = np.less if name == "always" else np.greater
-        return _window(parts[0], steps, better)
+        decides = np.less if name == "always" else np.greater
+        return _window(parts[0], steps, decides)
 
-    def _compared(self, node: ast.Compare) -> Truth:
+    def _compared(self, node: ast.Compare) -> Trace:
         sides = [self.number(node.left), *map(self.number, node.comparators)]
         parts = []
         for left, right, op in zip(sides, sides[1:], node.ops, strict=False):
@@ -250,61 +277,66 @@ class _Evaluation:
             elif isinstance(op, _GREATER):
                 values = left - right
             else:
-                known = "numbers are compared by < <= > >="
-                _refuse(node, f"{known}; for equal ones, write abs(a - b) <= 0.01")
-            equal = _LEAST if isinstance(op, _OR_EQUAL) else -_LEAST
-            # NaN, as from 0 / 0, holds by no more than equal numbers do.
-            is_equal = (values == 0) | np.isnan(values)
-            values = np.where(is_equal, equal, values)
-            parts.append(Truth(values, np.arange(self.count)))
-        return _pick(parts, np.less)
+                operators = "compare numbers with < <= > >="
+                _refuse(node, f"{operators}; for equality, write abs(a - b) <= 0.01")
+            tie = _TIE if isinstance(op, _OR_EQUAL) else -_TIE
+            # NaN, e.g. from 0 / 0, is treated as a tie.
+            is_tie = (values == 0) | np.isnan(values)
+            values = np.where(is_tie, tie, values)
+            parts.append(Trace(values, np.arange(self.count)))
+        return _deciding(parts, np.less)
 
 
-_Better = Callable[[Floats, Floats], np.typing.NDArray[np.bool_]]
+#: Test if the first value decides rather than the second: the lesser one for `and`, the greater one for `or`.
+_Decides = Callable[[Floats, Floats], np.typing.NDArray[np.bool_]]
 
 
-def _negated(truth: Truth) -> Truth:
-    return Truth(-truth.values, truth.where)
+def _negated(trace: Trace) -> Trace:
+    return Trace(-trace.values, trace.decided_at)
 
 
-def _pick(parts: Iterable[Truth], better: _Better) -> Truth:
-    """Return the better part at each step, the first of equal parts."""
+def _deciding(parts: Iterable[Trace], decides: _Decides) -> Trace:
+    """Return the deciding part at each step; of equal parts, the first."""
     first, *others = parts
     for other in others:
         length = min(len(first), len(other))
         first = first.cut(0, length)
         other = other.cut(0, length)
-        is_better = better(other.values, first.values)
-        values = np.where(is_better, other.values, first.values)
-        where = np.where(is_better, other.where, first.where)
-        first = Truth(values, where)
+        other_decides = decides(other.values, first.values)
+        values = np.where(other_decides, other.values, first.values)
+        decided_at = np.where(other_decides, other.decided_at, first.decided_at)
+        first = Trace(values, decided_at)
     return first
 
 
-def _window(truth: Truth, steps: _Steps | None, better: _Better) -> Truth:
-    """Return the best step within bounds after each step; without bounds, of all later steps."""
+def _window(trace: Trace, steps: _Steps | None, decides: _Decides) -> Trace:
+    """Return the deciding step of each step's window; without bounds, a window reaches from its step to the last one."""
     if steps is None:
-        later = len(truth) - 1
-        truth = truth.extended(later)
+        later = len(trace) - 1
+        trace = trace.extended(later)
         steps = (0, later)
     start, end = steps
-    length = len(truth) - end
+    length = len(trace) - end
     if length <= 0:
         raise TooShortError
     width = end - start + 1
     covered = 1
-    best = truth
+    found = trace
     # Two overlapping windows make one of up to twice the width.
     while covered < width:
         shift = min(covered, width - covered)
-        earlier = best.cut(0, len(best) - shift)
-        best = _pick((earlier, best.cut(shift, len(best))), better)
+        earlier = found.cut(0, len(found) - shift)
+        found = _deciding((earlier, found.cut(shift, len(found))), decides)
         covered += shift
-    return best.cut(start, length)
+    return found.cut(start, length)
 
 
-def _until(holds: Truth, comes: Truth, steps: _Steps | None) -> Truth:
-    """Return the truth of `until(holds, comes)`, within bounds."""
+def _until(holds: Trace, comes: Trace, steps: _Steps | None) -> Trace:
+    """Return the trace of `until(holds, comes)`.
+
+    With bounds, three conditions must be met: `comes` becomes true within the bounds, `until` without bounds holds at
+    their start, and `holds` is true before it.
+    """
     if steps is None:
         return _unbounded_until(holds, comes)
     parts = [_window(comes, steps, np.greater)]
@@ -314,20 +346,21 @@ def _until(holds: Truth, comes: Truth, steps: _Steps | None) -> Truth:
     parts.append(after.cut(steps[0], len(after)))
     if steps[0]:
         parts.append(_window(holds, (0, steps[0] - 1), np.less))
-    return _pick(parts, np.less)
+    return _deciding(parts, np.less)
 
 
-def _unbounded_until(holds: Truth, comes: Truth) -> Truth:
+def _unbounded_until(holds: Trace, comes: Trace) -> Trace:
+    """Return the trace of `until(holds, comes)` without bounds, computed from the last step backwards."""
     length = min(len(holds), len(comes))
     values = comes.values[:length].copy()
-    where = comes.where[:length].copy()
+    decided_at = comes.decided_at[:length].copy()
     for n in range(length - 2, -1, -1):
         later = values[n + 1]
-        decided_at = where[n + 1]
+        later_at = decided_at[n + 1]
         if holds.values[n] < later:
             later = holds.values[n]
-            decided_at = holds.where[n]
+            later_at = holds.decided_at[n]
         if later > values[n]:
             values[n] = later
-            where[n] = decided_at
-    return Truth(values, where)
+            decided_at[n] = later_at
+    return Trace(values, decided_at)

@@ -134,7 +134,7 @@ def broadcasts(stream: Stream, *, static: bool) -> tuple[Broadcast, ...]:
 
 
 def _read(sent: Any) -> _Transform | None:
-    """Return a transform of a message; None if it is none.
+    """Return a transform of a message; None if it is not valid.
 
     A student's workspace can define the type again, with other fields.
     """

@@ -104,7 +104,7 @@ def _model_named(name: str, found: Definition) -> type[Parameters] | None:
 
 
 def _value(node: ast.expr | None, *, limited: bool = False) -> Any:
-    """Return the default of a field: `...` if it is required, None if it is no literal.
+    """Return the default of a field: `...` if it is required, None if it is not a literal.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ def _value(node: ast.expr | None, *, limited: bool = False) -> Any:
 
 
 def _literal(node: ast.expr) -> Any:
-    """Return the value of an expression; None if it is no literal."""
+    """Return the value of an expression; None if it is not a literal."""
     with suppress(ValueError):
         return ast.literal_eval(node)
     return None
@@ -141,7 +141,7 @@ def _field(node: ast.Call, *, limited: bool) -> Any:
 
 
 def _type_of(node: ast.expr, found: Definition) -> Any:
-    """Return the type that an annotation stands for; Any where it is none that is known here."""
+    """Return the type that an annotation stands for; Any if the type is not known here."""
     try:
         return _annotated(node, found)
     except (TypeError, ValueError, SyntaxError):
@@ -176,7 +176,7 @@ def _subscripted(node: ast.Subscript, found: Definition) -> Any:
         return Any
     of = []
     for each in inner:
-        # Values of a Literal and the dots of a tuple are no types.
+        # Values of a Literal and the dots of a tuple are not types.
         is_value = kind is Literal or ast.unparse(each) == "..."
         of.append(ast.literal_eval(each) if is_value else _annotated(each, found))
     return kind[tuple(of)]
@@ -205,7 +205,7 @@ def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> N
     try:
         found = definition_at(scope, scope.settings_of(info.data.get("reference") or ""))
     except ValueError:
-        return  # None is named, or it is a mistake where it stands.
+        return  # None is named, or it is a mistake where it is used.
     if isinstance(found.node, ast.ClassDef):
         model_of(found).model_validate(value, context=scope)
 

@@ -1,6 +1,6 @@
 """`overrides.yaml`: decisions of people about submissions, each with reason, name and date.
 
-The file lies beside the results, so that no regrade can lose it. All its mistakes are reported at once, by line.
+The file is next to the results, so that no regrade can lose it. All its mistakes are reported at once, by line.
 """
 
 from __future__ import annotations
@@ -271,7 +271,7 @@ def _replacing(identity: str, kind: str, rubric: Rubric) -> str:
 
 
 def _is_possible(value: Any, most: Decimal) -> bool:
-    """Return whether points are within those of a part; the validation reports a value that is no number."""
+    """Return whether points are within those of a part; the validation reports a value that is not a number."""
     try:
         return bool(0 <= _points(value) <= most)
     except ValueError:

@@ -23,7 +23,7 @@ _KEY = "overrides"
 _HEAD = "# Decisions of people; `grade regrade --help` shows what entries look like.\n"
 _INDENT = 2
 _SEQUENCE = "tag:yaml.org,2002:seq"
-#: More than the length of any line of an entry; each value stands on the line of its key.
+#: More than the length of any line of an entry; each value is on the line of its key.
 _ONE_LINE = 2**20
 
 

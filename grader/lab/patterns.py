@@ -51,7 +51,7 @@ def patterns_bounded() -> Iterator[Budget]:
 
 @lru_cache(maxsize=256)
 def compiled(pattern: str, *, ignore_case: bool = False) -> regex.Pattern[str]:
-    """Return a pattern, ready to be searched; raises ValueError if it is no regular expression."""
+    """Return a pattern, ready to be searched; raises ValueError if it is not a regular expression."""
     try:
         return regex.compile(pattern, regex.IGNORECASE if ignore_case else 0)
     except regex.error as problem:
@@ -59,7 +59,7 @@ def compiled(pattern: str, *, ignore_case: bool = False) -> regex.Pattern[str]:
 
 
 def search(pattern: str, text: str, *, ignore_case: bool = False) -> regex.Match[str] | None:
-    """Return the first match of a pattern; None without a match, or without remaining time."""
+    """Return the first match of a pattern; None if there is no match, or no time left."""
     return _within_budget(compiled(pattern, ignore_case=ignore_case).search, text)
 
 

@@ -55,7 +55,7 @@ _ENDPOINTS = ("topic", "publisher", "subscription", "service", "action", "action
 
 
 class Parameters(Strict):
-    """Base of the mappings behind `with`, and of parts with a session; values must have the types of the fields."""
+    """Base of the mappings under `with`, and of parts with a session; values must have the types of the fields."""
 
     model_config = ConfigDict(strict=True)
     #: Optional keys in the example of `grade checks`.
@@ -577,7 +577,7 @@ def _of_endpoint(scope: Scope, value: str, info: ValidationInfo) -> None:
         _interface(value, "msg")
 
 
-#: Type of a service or an action behind such a key, else of a message.
+#: Type of a service or an action after such a key, else of a message.
 AnyType = Annotated[
     str, Reference("A message, service or action type.", _of_endpoint, _EXAMPLES["msg"])
 ]
@@ -707,7 +707,7 @@ TextField = Annotated[str, _TEXT_FIELD]
 _TIMES = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
 _STAMP = ("a time stamp", lambda spelled: spelled == "builtin_interfaces/msg/Time")
 StampField = Annotated[str, _field(*_STAMP, "header.stamp")]
-#: A text if a key `pattern`, which finds the numbers in it, stands before; else numbers.
+#: A text if a key `pattern`, which finds the numbers in it, comes before; else numbers.
 NumbersField = Annotated[
     str,
     Reference(
@@ -765,7 +765,7 @@ def fields_of_type(part: str = "", label: str | None = None) -> Reference:
 
 
 def _type_of_step(scope: Scope, label: Any) -> Any:
-    """Return the type that a step is given; None without such a step."""
+    """Return the type that a step is given; None if there is no such step."""
     for step in scope.steps or ():
         if step.label == label:
             return step.parameters.get("type")
@@ -822,7 +822,7 @@ def _definitions(source: bytes) -> dict[str, ast.FunctionDef | ast.ClassDef]:
 
 
 def interfaces_in(folder: Path, name: object) -> list[InterfacePackage]:
-    """Return the packages in a folder beside a rubric; none without such a folder."""
+    """Return the packages in a folder beside a rubric; empty if the folder is missing."""
     if not isinstance(name, str) or not (folder / name).resolve().is_relative_to(folder.resolve()):
         return []
     return list(packages_of(read_folder(folder / name)))
@@ -861,7 +861,7 @@ def _interfaces(scope: Scope, value: str, info: ValidationInfo) -> None:
 
 
 def _wrong_in(package: InterfacePackage) -> str:
-    """Describe a mistake of a lab's package, as far as it is known without building it; empty without one."""
+    """Describe a mistake of a lab's package, as far as it is known without building it; empty if there is no mistake."""
     if package.problem:
         return package.problem
     if any(installed_types(package.name, kind) for kind in PARTS):

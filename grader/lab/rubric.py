@@ -78,7 +78,7 @@ Points = Annotated[
 
 
 def _wrong_sums(plain: Mapping[str, Any]) -> Iterator[tuple[Loc, str]]:
-    """Find points that differ from the sum of their parts; values that are no numbers are other mistakes."""
+    """Find points that differ from the sum of their parts; values that are not numbers are other mistakes."""
     wholes: list[tuple[Loc, Any, str, Any]] = [
         (("lab",), plain.get("lab"), "criteria", plain.get("criteria"))
     ]
@@ -248,7 +248,7 @@ class SessionSpec(Parameters):
 
 
 class _OfKind(Parameters):
-    """A check or a figure; its kind decides about the parameters behind `with`."""
+    """A check or a figure; its kind decides about the parameters under `with`."""
 
     #: Key of the kind.
     key: ClassVar[str]

@@ -51,7 +51,7 @@ class _Loader(SAFE):  # type: ignore[misc]
 
 
 def read_text(path: Path, what: str, remedy: str) -> str:
-    """Read a file, named in words such as "the rubric"; raises RubricError if it is missing, or is no text."""
+    """Read a file, named in words such as "the rubric"; raises RubricError if it is missing, or is not text."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as problem:
@@ -176,7 +176,7 @@ class Mistakes:
 
 
 def parse_yaml(path: Path, text: str, what: str) -> tuple[dict[str, Any], Mistakes]:
-    """Parse a mapping into plain data, and note repeated keys as mistakes; raises RubricError if it is no mapping."""
+    """Parse a mapping into plain data, and note repeated keys as mistakes; raises RubricError if it is not a mapping."""
     lines: dict[Loc, int] = {}
     repeated: list[Loc] = []
     try:
@@ -215,7 +215,7 @@ def _describe(path: Path, problem: Exception) -> str:
 
 
 def _note_lines(node: yaml.Node, loc: Loc, lines: dict[Loc, int], repeated: list[Loc]) -> None:
-    """Note the lines of a node and of all nodes in it, and the places of repeated keys."""
+    """Note the lines of a node and of all nodes in it, and the positions of repeated keys."""
     lines.setdefault(loc, node.start_mark.line + 1)
     if isinstance(node, yaml.MappingNode):
         for key, value in node.value:

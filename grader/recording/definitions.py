@@ -65,13 +65,13 @@ class MessageDefinition:
     text: str
 
     def types(self, topic_type: str) -> Typesdict:
-        """Return the types in it by their names, as `rosbags` describes them; `TypesysError` if it is no definition."""
+        """Return the types in it by their names, as `rosbags` describes them; `TypesysError` if it is not a definition."""
         from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
         types: Typesdict = {}
         if self.encoding == "ros2msg":
             for name, (_, fields) in get_types_from_msg(self.text, topic_type).items():
-                # A constant is no part of a message, but `rosbags` has a field for it.
+                # A constant is not part of a message, but `rosbags` has a field for it.
                 types[name] = ([], fields)
             return types
         text = re.sub(r"^IDL: .*", "", self.text, flags=re.MULTILINE)
@@ -142,7 +142,7 @@ def _msg_text(name: str) -> str | None:
 def _plain_text(file: Path) -> str | None:
     """Return a `.msg` text without the parts that readers of bags understand differently than rosidl.
 
-    A ruler in a comment is no end of the definition, each line ends with a line feed, and `char` is `uint8`.
+    A ruler in a comment does not end the definition, each line ends with a line feed, and `char` is `uint8`.
     """
     try:
         text = file.read_text(encoding="utf-8", errors="replace")
@@ -195,9 +195,9 @@ _FIELD_PATH = re.compile(r"[A-Za-z_]\w*(\.\w+|\[\d+\])*")
 
 
 def field_steps(path: str) -> tuple[str | int, ...]:
-    """Return the names and numbers of a field's path; raise `ValueError` if it is none.
+    """Return the names and numbers of a field's path; raise `ValueError` if the text is not such a path.
 
-    "pose.position.x", "transforms[0].child_frame_id"; a number may stand behind a dot too: "layout.dim.0.size".
+    "pose.position.x", "transforms[0].child_frame_id"; a number may follow a dot too: "layout.dim.0.size".
     """
     if not _FIELD_PATH.fullmatch(path):
         raise ValueError(

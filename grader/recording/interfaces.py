@@ -68,7 +68,7 @@ class InterfacePackage:
     def fields(self) -> Mapping[str, Any]:
         """Fields of each message in it, those of services and actions included, as `rosbags` describes them.
 
-        Raises ValueError, naming the file, if a file is no definition.
+        Raises ValueError, naming the file, if a file is not a definition.
         """
         found: dict[str, Any] = {}
         for file, text in self.files.items():
@@ -118,7 +118,7 @@ def read_folder(folder: Path) -> dict[str, str]:
 
 
 def in_order(packages: Iterable[InterfacePackage]) -> list[InterfacePackage]:
-    """Return packages after those that they use; packages that use each other in a circle stand last."""
+    """Return packages after those that they use; packages that use each other in a circle come last."""
     waiting = {package.name: package for package in packages}
     ordered: list[InterfacePackage] = []
     while True:

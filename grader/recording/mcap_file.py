@@ -149,7 +149,7 @@ def _summary_of(buffer: Buffer, size: int, contents: Contents) -> _Summary | Non
 
 
 def _summary_start(buffer: Buffer, place: int) -> int | None:
-    """Return the start of the summary from the footer at a place, or None if either is damaged or missing."""
+    """Return the start of the summary from the footer at an offset, or None if either is damaged or missing."""
     if place < len(MAGIC):
         return None
     if buffer[place + _FOOTER.size :] != MAGIC:
@@ -183,7 +183,7 @@ def _read_summary_record(opcode: int, data: bytes, summary: _Summary, contents: 
 
 
 def _read_finished(buffer: Buffer, summary: _Summary, contents: Contents) -> None:
-    """Read each chunk at its place in the summary, or else all records one after another."""
+    """Read each chunk at its offset in the summary, or else all records one after another."""
     if not summary.chunks or len(summary.chunks) != summary.chunk_count:
         _read_records(buffer, len(MAGIC), summary.end, contents)
         return
@@ -194,7 +194,7 @@ def _read_finished(buffer: Buffer, summary: _Summary, contents: Contents) -> Non
 
 
 def _read_at(buffer: Buffer, place: int, expected: int, limit: int, contents: Contents) -> None:
-    """Read the record of an expected kind at a place, or note that it is not there."""
+    """Read the record of an expected kind at an offset, or note that it is not there."""
     if not 0 < place <= limit - _RECORD_HEAD.size:
         contents.note(place, "lies outside of the file")
         return
@@ -239,7 +239,7 @@ def _records(buffer: Buffer, offset: int, end: int) -> Iterator[tuple[int, int, 
 def _read_records(
     buffer: Buffer, offset: int, end: int, contents: Contents, *, in_chunk: bool = False
 ) -> int:
-    """Read records up to `end`, or to the first that is cut short or no record at all, and return that place."""
+    """Read records up to `end`, or to the first that is cut short or no record at all, and return the offset reached."""
     read_head, read_message, rows = (
         _RECORD_HEAD.unpack_from,
         _MESSAGE_HEAD.unpack_from,
@@ -291,7 +291,7 @@ def _read_chunk(
 def _opened(
     buffer: Buffer, body: int, end: int, contents: Contents, cut: bool
 ) -> tuple[Buffer, int, int]:
-    """Return the place of a chunk's decompressed records: buffer, start and end."""
+    """Return the position of a chunk's decompressed records: buffer, start and end."""
     _, _, size, checksum, name_length = _CHUNK_HEAD.unpack_from(buffer, body)
     start = body + _CHUNK_HEAD.size + name_length + _LENGTH.size
     if start > end:

@@ -25,7 +25,7 @@ def write_record(file: Path, record: Any) -> None:
 
 
 def read_record(file: Path, kind: type[T], schema: str) -> T:
-    """Read a record with a schema; raise `FileNotFoundError`, or `ValueError` if it is no such record."""
+    """Read a record with a schema; raise `FileNotFoundError`, or `ValueError` if it is not such a record."""
     try:
         plain = json.loads(file.read_text(encoding="utf-8"))
     except RecursionError as problem:
@@ -89,7 +89,7 @@ def _optional_reader(hint: Any) -> _Reader:
 
 
 def _checked(value: Any, kind: Any, accepted: Any) -> Any:
-    """Return a value of an accepted type, or raise `ValueError`; True and False are no numbers."""
+    """Return a value of an accepted type, or raise `ValueError`; True and False are not numbers."""
     is_other_bool = value.__class__ is bool and kind is not bool
     if not isinstance(value, accepted) or is_other_bool:
         raise ValueError(f"{kind.__name__} expected, found {type(value).__name__}")

@@ -30,7 +30,7 @@ _GOAL_SERVICE = "/_action/send_goal"
 STANDARD_TOPICS = ("/rosout", "/parameter_events", "/clock")
 #: Keys of a step; one of them names the awaited part of the graph.
 AWAITED = ("node", "publisher", "subscription", "service", "action", "action_client")
-#: Namespace of the grader's own nodes; their topics and endpoints are no part of a snapshot.
+#: Namespace of the grader's own nodes; their topics and endpoints are not part of a snapshot.
 GRADER_NAMESPACE = "/_grader"
 #: Name of the process of a step `link` (`grader.lab.steps.link`).
 LINK = "link"
@@ -263,8 +263,8 @@ class Published:
     process: str
     topic: str
     type: str
-    #: `digest` of each message's CDR, one behind the other: the message with the publication sequence number n
-    #: stands at place n, counted from 1.
+    #: `digest` of each message's CDR, one after another: the n-th digest, counted from 1, belongs to the message
+    #: with the publication sequence number n.
     digests: str
     #: True if it published nothing before the recorder subscribed; then every message must have been recorded.
     recorded: bool = False

@@ -219,7 +219,7 @@ def _codes(row: Row, summary: ClassSummary) -> str:
 
 
 def _zone(summary: ClassSummary) -> timezone | None:
-    """Return the zone for all times: their common zone, or else UTC; None without zoned times."""
+    """Return the zone for all times: their common zone, or else UTC; None if no time has a zone."""
     offsets = set()
     for row in summary.rows:
         time = row.entry.submitted_at
@@ -253,7 +253,7 @@ def _when(row: Row, zone: timezone | None) -> tuple[str, str]:
 def _time_and_source(
     entry: ClassEntry, timing: Timing | None, zone: timezone | None
 ) -> tuple[str, list[str]]:
-    """Return the time of a submission in a zone, a dash without one, and notes on its source."""
+    """Return the time of a submission in a zone, a dash if none is known, and notes on its source."""
     time = entry.submitted_at
     if time is not None:
         notes = [entry.time_source]

@@ -81,7 +81,7 @@ def command_property(text: str, longest: int = LONGEST) -> str:
 def uncommanded(text: str) -> str:
     """Return a text without any workflow command, at whatever place its lines are broken when it is printed.
 
-    A blank parts two colons before a name with two more behind it, and `##` from a bracket. Names of two parts in C++
+    A blank parts two colons before a name with two more after it, and `##` from a bracket. Names of two parts in C++
     stay.
     """
     last = text.rfind("::")

@@ -23,7 +23,7 @@ _MOST_LINES = 8
 _MOST_PLOTS = 4
 #: Levels of messages in messages that are looked at.
 _DEEPEST = 4
-#: Topics of every node and of time, and parts of messages that are no quantity.
+#: Topics of every node and of time, and parts of messages that are not quantities.
 _NO_QUANTITY = ("/clock", "/parameter_events", _LOG, "stamp", "layout")
 
 

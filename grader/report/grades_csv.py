@@ -26,16 +26,16 @@ _LAST = ("adjustments", "extensions", "needs", "problem")
 
 _FORMULA = "=+\\-@\uff1d\uff0b\uff0d\uff20"
 _QUOTES = "\"'`‘’“”„«»＂＇"
-#: Beginning of a cell that a spreadsheet may take for a formula, behind blanks and quotes.
+#: Beginning of a cell that a spreadsheet may take for a formula, after blanks and quotes.
 _BEGINS = re.compile(rf"[\s{_QUOTES}]*[{_FORMULA}\t\r]")
-#: The same behind a mark that another spreadsheet may take for the end of a cell.
+#: The same after a mark that another spreadsheet may take for the end of a cell.
 _GOES_ON = re.compile(rf"([,;|][\s{_QUOTES}]*)(?=[{_FORMULA}])")
 
 
 def csv_cell(value: str | int | Decimal) -> str | int | Decimal:
     """Return a value as a cell that no spreadsheet takes for a formula; text becomes one line that can be shown.
 
-    Text that begins like a formula gets an apostrophe before it. The same goes for text behind a comma or semicolon,
+    Text that begins like a formula gets an apostrophe before it. The same goes for text after a comma or semicolon,
     because a spreadsheet with another separator would divide the cell there.
 
     References

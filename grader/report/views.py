@@ -175,7 +175,7 @@ BONUS = "Extensions, beside the points"
 
 
 def figures_by_loss(losses: Sequence[Loss], figures: Sequence[Figure]) -> dict[str, list[Figure]]:
-    """Return the figures of losses by the id of the check; each figure stands with the first loss that it shows."""
+    """Return the figures of losses by the id of the check; each figure is shown with the first loss that it shows."""
     found: dict[str, list[Figure]] = {}
     for figure in figures:
         for loss in losses:
@@ -439,7 +439,7 @@ def locations_of(
 
 @dataclass(frozen=True)
 class Moment:
-    """A time in a motion at which a check lost points: in words, and as a place on a line of 1000.
+    """A time in a motion at which a check lost points: in words, and as a position on a line of 1000.
 
     `at_ms` is the time at which a reader should look first.
     """
@@ -516,7 +516,7 @@ def heading_of(record: SessionRecord, number: int) -> str:
 
 
 def processes_of(record: SessionRecord) -> list[tuple[int, str, ProcessRun]]:
-    """Return the processes to show, the submission's first: place in the record, heading, and process.
+    """Return the processes to show, the submission's first: index in the record, heading, and process.
 
     Processes of the grader are shown only if they printed something.
     """
@@ -598,7 +598,7 @@ def _status_text(status: int) -> str:
 
 
 def utc(t_ns: Any) -> str:
-    """Write a time of the system clock as date and minute in UTC; empty if it is no time."""
+    """Write a time of the system clock as date and minute in UTC; empty if it is not a time."""
     if not isinstance(t_ns, int) or not 0 < t_ns < 2**62:
         return ""
     return datetime.fromtimestamp(t_ns // 10**9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M UTC")

@@ -265,7 +265,7 @@ def _chooser(found: dict[str, Candidates], record: SubmissionRecord, rubric: Rub
 def _free_programs(
     paths: Sequence[PurePosixPath], facts: Iterable[ArtifactFact]
 ) -> list[PurePosixPath]:
-    """Return the Python files and files without suffix that are no artifact yet."""
+    """Return the Python files and files without suffix that are not artifacts yet."""
     taken = {fact.path for fact in facts}
     free = []
     for path in paths:

@@ -59,7 +59,7 @@ class _Group:
     rank: int
     #: True if one of the files has the required words.
     own_words: bool
-    #: True if one of the files lies in the lab's package.
+    #: True if one of the files is in the lab's package.
     in_package: bool
     #: Largest number of the lab's programs named in one of the files.
     programs: int
@@ -201,7 +201,7 @@ class _Within:
     rivals: frozenset[str]
 
     def holds(self, path: PurePosixPath) -> bool:
-        """Return whether a file lies in this part."""
+        """Return whether a file is in this part."""
         depth = len(self.above)
         if path.parts[:depth] != self.above:
             return False

@@ -9,8 +9,8 @@ of a workspace (`src`, `launch`), or one of several named as versions, sections 
 2. The folder is the root of a git repository, or directly contains an artifact's file: one submission. In a folder
    named as a folder of submissions (`submissions`, `lab-09-submissions`, `Abgaben`), rule 3 has priority: the
    repository can be an instructor's, and the file a stray one.
-3. The same artifact's file lies in two subfolders that are neither parts nor packages: each subfolder and archive is
-   a submission. In a single workspace, each file lies in one package; in a class, all students submit the same names.
+3. The same artifact's file is in two subfolders that are neither parts nor packages: each subfolder and archive is
+   a submission. In a single workspace, each file is in one package; in a class, all students submit the same names.
    Packages count as students only if three hold the same file, or two hold all files of all packages, and more than one.
 4. The folder looks like a package or a workspace (`package.xml`, `setup.py`, `CMakeLists.txt`, or a part with an
    artifact's file): one submission.
@@ -18,9 +18,9 @@ of a workspace (`src`, `launch`), or one of several named as versions, sections 
    holds no artifact's file, but other programs, and there is no README beside them: launch files of two labs. Each folder
    is a submission.
 6. The folder holds a single folder, and no files except tables: a wrapper of any name. The rules apply to its folder.
-7. There are several archives; or several folders that are no parts hold archives and no programs; or the folder is named
+7. There are several archives; or several folders that are not parts hold archives and no programs; or the folder is named
    as a folder of submissions: each subfolder and archive is a submission.
-8. An archive lies beside a folder with artifacts' files, without a README: each is a submission.
+8. An archive is next to a folder with artifacts' files, without a README: each is a submission.
 9. One submission. In wrappers named as folders of submissions, it is the folder in the innermost of them.
 
 A single folder named as a part (`code/`) is a wrapper too if two folders in it, neither parts nor with a package.xml,
@@ -127,7 +127,7 @@ class Collections:
         return way[-2]
 
     def _way_in(self, listing: Listing) -> tuple[list[Listing], bool | None]:
-        """Return the wrappers from outside to the first folder that is none, and the decision of the rules about it."""
+        """Return the wrappers from outside to the first folder that is not one, and the decision of the rules about it."""
         way = [listing]
         while True:
             decided = self._is_collection(way[-1])
@@ -179,7 +179,7 @@ class Collections:
     def _is_download(self, listing: Listing, has_artifacts: bool) -> bool:
         """Return whether a system named most entries.
 
-        A system's own files lie neither in a repository nor beside a student's files.
+        A system's own files are neither in a repository nor beside a student's files.
         """
         download = recognised(listing.entries)
         if download is None or listing.is_repository:

@@ -165,7 +165,7 @@ class _Search:
         return understood.students
 
     def _refuse_packed_class(self, listing: Listing) -> None:
-        """Raise SubmissionError if an archive holds only the archive of a class, which is no single submission."""
+        """Raise SubmissionError if an archive holds only the archive of a class, which is not a single submission."""
         if listing.within is None or list(listing.entries.values()) != [False]:
             return
         (packed,) = listing.entries
@@ -364,7 +364,7 @@ def _source_of(listing: Listing) -> SubmissionSource:
 
 
 def _commit_time(listing: Listing) -> datetime | None:
-    """Return the time of the last commit in a folder, or in its only folder; None if it lies in the future."""
+    """Return the time of the last commit in a folder, or in its only folder; None if it is in the future."""
     if listing.within is not None:
         return None
     time = last_commit_time(listing.path)
@@ -397,7 +397,7 @@ def _mark(text: str) -> str:
 
 
 def _origin(source: SubmissionSource) -> str:
-    """Return the places of a submission's pieces, independent of the way that the path was typed."""
+    """Return the locations of a submission's pieces, independent of the way that the path was typed."""
     places = [f"{os.path.realpath(piece.path)}\n{piece.member}" for piece in source.pieces]
     return "\n".join(places)
 
@@ -451,7 +451,7 @@ def _with_class_list(
     submissions
         The submissions.
     names
-        Names without a mark, by the places of the submissions.
+        Names without a mark, by the indexes of the submissions.
     students
         The class list.
 

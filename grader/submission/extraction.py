@@ -348,7 +348,7 @@ class _Extraction:
         return True
 
     def _is_made_by_tool(self, member: Member, parts: tuple[str, ...]) -> bool:
-        """Return whether a member is a folder, lies in a tool's folder, or is litter of a file manager."""
+        """Return whether a member is a folder, is in a tool's folder, or is litter of a file manager."""
         is_folder = member.kind is Kind.FOLDER
         made = file_names.tool_folder((*parts, "") if is_folder else parts)
         if made is not None and made not in self._tool_folders:
@@ -495,7 +495,7 @@ def _listed(member: Member) -> str:
 
 
 def text_of(folder: Path, name: str, most_bytes: int) -> str | None:
-    """Return the text of a system's file beside submissions; None if it cannot be read or lies elsewhere."""
+    """Return the text of a system's file beside submissions; None if it cannot be read or is elsewhere."""
     with suppress(OSError), os.fdopen(open_regular_beneath(folder, name), "rb") as file:
         return file.read(most_bytes).decode("utf-8", "replace")
     return None

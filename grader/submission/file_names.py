@@ -99,7 +99,7 @@ def _clean_part(part: str) -> str:
 
 
 def _decoded(name: str) -> str:
-    """Return a name with bytes that are no UTF-8 decoded as Western Windows encodes them."""
+    """Return a name with bytes that are not UTF-8 decoded as Western Windows encodes them."""
     try:
         raw = name.encode("utf-8", "surrogateescape")
     except UnicodeEncodeError:

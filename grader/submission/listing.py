@@ -50,14 +50,14 @@ class Listing:
 
     @property
     def location(self) -> str:
-        """The place of the folder, for a person."""
+        """The location of the folder, as shown to people."""
         if not self.within:
             return str(self.path)
         return f"{self.path}: {displayed(self.within)}"
 
     @property
     def origin(self) -> str:
-        """The place of the folder, independent of the way that the path was typed."""
+        """The location of the folder, independent of the way that the path was typed."""
         path = os.path.realpath(self.path)
         return f"{path}: {self.within}" if self.within else path
 

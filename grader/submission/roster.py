@@ -202,7 +202,7 @@ class Match:
     student_id: str | None
     submitted_at: datetime | None
     time_source: str
-    #: Places in the list of all possible owners.
+    #: Indexes in the list of all possible owners.
     may_be: frozenset[int]
     #: Certain owners: a student with their team, or a team without a known submitter.
     people: tuple[Person, ...] = ()
@@ -260,7 +260,7 @@ def matches(
 
 
 def _members_of_teams(students: Sequence[Student]) -> dict[str, list[int]]:
-    """Return the places of each team's members."""
+    """Return the indexes of each team's members."""
     teams: dict[str, list[int]] = defaultdict(list)
     for index, student in enumerate(students):
         if student.team:
@@ -278,7 +278,7 @@ def _team_named(names: Iterable[str], teams: Mapping[str, object]) -> str:
 
 #: Facts of a submission, and its other names.
 _Item = tuple[Student, Sequence[str]]
-#: Place of the owner in the class list if it is certain, and the places of all possible owners.
+#: Index of the owner in the class list if it is certain, and the indexes of all possible owners.
 _Owner = tuple[int | None, set[int]]
 
 
@@ -322,7 +322,7 @@ def _by_whole_names(students: Sequence[Student], items: Sequence[_Item]) -> list
 
 
 def _students_by_key(students: Sequence[Student]) -> dict[str, set[int]]:
-    """Return the places of the students with each key."""
+    """Return the indexes of the students with each key."""
     called: dict[str, set[int]] = defaultdict(set)
     for index, student in enumerate(students):
         keys = _keys(student.student_id, student.name, *student.person.names)
@@ -390,7 +390,7 @@ def _numbered_in(
 def _owner_of(
     by_number: set[int], by_name: set[int], unclear: set[int]
 ) -> tuple[int | None, set[int]]:
-    """Return the only student named by logins or ids, and by names; None and all named students without one."""
+    """Return the only student named by logins or ids, and by names; None and all named students if there is none."""
     both = (by_number | unclear) & by_name
     if len(both) == 1 and by_number <= both:
         return min(both), both

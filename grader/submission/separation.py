@@ -1,6 +1,6 @@
 """Separation of an instructor's decisions and results from a student's submission.
 
-In a student's repository, results lie within the submission, and any file there can be part of the submission. No such
+In a student's repository, results are within the submission, and any file there can be part of the submission. No such
 file counts as an instructor's decision, and nothing is written through its links. Because a submission chooses its own
 name, results record the path of their submission, and results of another path do not replace them unnoticed.
 """
@@ -21,7 +21,7 @@ from grader.submission.extraction import SubmissionSource
 
 
 def lies_within(folder: Path, sources: Iterable[str]) -> bool:
-    """Return whether a folder lies in one of the submissions, or behind a link in one."""
+    """Return whether a folder is in one of the submissions, or behind a link in one."""
     known = list(filter(None, sources))
     return any(_is_below(place, known) for place in _way_to(folder))
 
@@ -62,7 +62,7 @@ def _paths_below(folder: Path) -> Iterator[Path]:
 
 
 def uncounted_overrides(results: Path, sources: Iterable[str]) -> str | None:
-    """Name a file of overrides that does not count, because it can be part of the submission; None without one."""
+    """Name a file of overrides that does not count, because it can be part of the submission; None if there is none."""
     path = results / OVERRIDES_FILE
     if not os.path.lexists(path) or not lies_within(results, sources):
         return None

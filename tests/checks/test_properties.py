@@ -114,7 +114,9 @@ def test_a_silent_signal_fails_and_a_short_one_is_not_tested(tmp_path: Path) -> 
 
 def test_a_mistake_in_a_property_is_told_when_the_rubric_loads(tmp_path: Path) -> None:
     """With the place in it."""
-    with pytest.raises(ValidationError, match=r"there is no signal 'w' \(at character 8"):
+    with pytest.raises(
+        ValidationError, match=r"there is no signal 'w', only [^(]+ \(at character 8"
+    ):
         judged(
             "signal_property", {"signals": SIGNALS, "property": "always(w < 1)"}, Session(tmp_path)
         )

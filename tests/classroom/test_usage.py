@@ -67,7 +67,7 @@ def test_a_cluster_needs_its_software(
 def told(found: Discovery) -> str:
     """Give what the command tells of what was found."""
     console = Console(file=io.StringIO(), width=200)
-    _print_discovery(found, console, several=True)
+    _print_discovery(found, console, is_class=True)
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
 
@@ -75,9 +75,7 @@ def told(found: Discovery) -> str:
 def test_who_is_marked_late_without_a_time_is_reported() -> None:
     """A system's mark is not lost where it alone tells that something was late."""
     late = SubmissionSource("bob", (), late=True)
-    assert "a --class-list can add it: bob\n" in told(
-        Discovery((late, SubmissionSource("ann", ())))
-    )
+    assert "add it with --class-list: bob\n" in told(Discovery((late, SubmissionSource("ann", ()))))
     assert (
         told(Discovery((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=timezone.utc)),)))
         == ""

@@ -50,7 +50,7 @@ def test_a_misspelt_command_grades_nothing(
     """It is wrong usage, wherever it stands, and the command is named."""
     status, errors = run(capsys, *arguments, "-o", tmp_path / "out")
     assert status == 2
-    assert f"If you mean the command, write it first: grade {meant}" in errors
+    assert f"If you mean the command, put it first: grade {meant}" in errors
     assert not (tmp_path / "out").exists()
 
 

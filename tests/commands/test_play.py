@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from grader.cli import main
-from grader.commands.play import environment_without
+from grader.commands.play import isolated_environment
 from grader.result_folder import RECORDINGS
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings" / "solution"
@@ -27,7 +27,7 @@ def test_it_asks_for_one_of_several_sessions(
 ) -> None:
     """Without a name, or with one that is not there, it names those that are."""
     assert main(["play", str(results)]) == 2
-    assert "Name one of launch, publisher." in capsys.readouterr().err
+    assert "Name one session: launch, publisher." in capsys.readouterr().err
     assert main(["play", str(results), "lunch"]) == 2
     assert "there is no session 'lunch'" in capsys.readouterr().err
 
@@ -77,12 +77,12 @@ def test_of_the_terminals_settings_those_outside_of_the_working_folder_count(
         (results / "x.xml", False),
         ("x.xml", False),
     ):
-        kept = environment_without(working, results, {name: str(given), "ROS_DOMAIN_ID": "7"})
+        kept = isolated_environment(working, results, {name: str(given), "ROS_DOMAIN_ID": "7"})
         assert (name in kept) is stays, given
         assert kept["SKIP_DEFAULT_XML_FILE"] == "1"
         assert kept["ROS_DOMAIN_ID"] == "7"
     paths = {"PYTHONPATH": ":/opt/a:b", "LD_LIBRARY_PATH": "", "AMENT_PREFIX_PATH": ".:/opt/c:"}
-    kept = environment_without(working, results, paths)
+    kept = isolated_environment(working, results, paths)
     assert kept["_GRADER_PLAY_PYTHONPATH"] == "/opt/a"
     assert kept["AMENT_PREFIX_PATH"] == "/opt/c"
     assert "LD_LIBRARY_PATH" not in kept

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from grader.report.figures.posture import Motion, encoded, projected
+from grader.report.figures.posture import Motion, encode, projected
 from grader.report.figures.svg import Figure
 from tests.report.test_figures import Row, drawn, marks, picture, recorded, shown
 
@@ -53,7 +53,7 @@ def test_whole_numbers_come_back_as_they_were(
     rows: np.ndarray[tuple[int, int], np.dtype[np.int64]],
 ) -> None:
     """Any rows are written in letters that stand for nothing else in a page, and read again."""
-    text = encoded(rows)
+    text = encode(rows)
     assert decoded(text, rows.shape[1]) == rows.tolist()
     assert set(text) <= set(map(chr, range(63, 127)))
 
@@ -99,9 +99,7 @@ def test_the_page_gets_each_posture_at_its_time(figure: Figure) -> None:
 
 def test_the_still_is_where_the_tip_is_farthest_from_its_command(figure: Figure) -> None:
     """The picture without a script has links, joints and ghost of that moment, and the caption says how far it is."""
-    assert (
-        figure.caption == "At 2.60 s the tip is farthest from where it is commanded to be: 500 mm."
-    )
+    assert figure.caption == "At 2.60 s the tip is farthest from its commanded position: 500 mm."
     motion = motion_of(figure)
     assert motion.still == 40
     links, places = marks(figure, "link"), projected(motion.solid[40])
@@ -116,7 +114,10 @@ def test_the_still_is_where_the_tip_is_farthest_from_its_command(figure: Figure)
 def test_what_nobody_commands_has_no_ghost(tmp_path: Path) -> None:
     """Without a command the robot is shown as it stood, and the caption says so."""
     figure = shown("posture", recorded(tmp_path, {"/is": swinging(9)}), **TOPICS)
-    assert figure.caption == "No command reached it in this recording."
+    assert (
+        figure.caption
+        == "There is no ghost, because this recording holds no commanded points to draw."
+    )
     assert motion_of(figure).encoded_ghost == ""
     assert [ghost.get("points") for ghost in marks(figure, "ghost")] == [""]
 

@@ -31,9 +31,9 @@ def drawn(session: Session | Recorded, checks: Sequence[Any] = ()) -> Timeline:
     return timeline_of(recorded, result_of(checks))
 
 
-def lane(timeline: Timeline, name: str, kind: str = "") -> list[Moment]:
+def lane(timeline: Timeline, name: str, remark: str = "") -> list[Moment]:
     """Return the moments of the only lane of a name."""
-    (found,) = [lane for lane in timeline.lanes if lane.name == name and kind in lane.kind]
+    (found,) = [lane for lane in timeline.lanes if lane.name == name and remark in lane.remark]
     return list(found.moments)
 
 
@@ -128,8 +128,8 @@ def test_warnings_errors_and_exceptions_lead_to_their_lines(tmp_path: Path) -> N
         ("logged-error", about(3.0), "bad", (0, 3)),
         ("raised", about(4.0), "AttributeError: no x", (0, 7)),
     ]
-    assert timeline.lines_of(0) >= {1, 2, 3, 7}
-    assert timeline.lines_of(1) == set()
+    assert timeline.linked_lines(0) >= {1, 2, 3, 7}
+    assert timeline.linked_lines(1) == set()
 
 
 def test_a_flood_of_warnings_is_bounded(tmp_path: Path) -> None:
@@ -273,7 +273,7 @@ def test_goals_of_a_real_recording(tmp_path: Path) -> None:
     with tarfile.open(LABS / "fibonacci/recordings/not_preempted.tar.xz") as archive:
         archive.extractall(tmp_path, filter="data")
     timeline = drawn(Recorded.open(tmp_path / "server"))
-    first, second = (lane.moments for lane in timeline.lanes if lane.kind == "goals")
+    first, second = (lane.moments for lane in timeline.lanes if lane.remark == "goals")
     texts = [moment.text for moment in first]
     assert texts == [
         "five: order: 5",
@@ -363,4 +363,4 @@ def test_what_lies_outside_of_the_session_is_brought_in(tmp_path: Path) -> None:
     empty = Session(tmp_path / "empty")
     empty.record.ended_ns, empty.record.graph = 0, []
     assert drawn(empty).lanes == []
-    assert drawn(empty).at(0.0) == "0%"
+    assert drawn(empty).percentage(0.0) == "0%"

@@ -41,7 +41,7 @@ class Diagnosis:
     #: File and line of the submission's innermost frame.
     file: str | None = None
     line: int | None = None
-    #: Type as Python printed it; empty without an exception.
+    #: Type as Python printed it; empty if there was no exception.
     exception_type: str = ""
     #: Name in question: a module, a topic, a parameter, an attribute.
     subject: str = ""

@@ -1,6 +1,6 @@
 """Diagnosis of a process that died or went wrong: the cause, the student's line and a remedy, from its output.
 
-Effects of stopping a node are no mistake: they yield no diagnosis, at most an advisory.
+Effects of stopping a node are not mistakes: they yield no diagnosis, at most an advisory.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ _SECOND_SHUTDOWN = (
 def explain(
     output: Sequence[OutputLine], root_files: Collection[str], interrupted_ns: int | None = None
 ) -> Diagnosis | None:
-    """Return the diagnosis of a process, None without a sign of a failure.
+    """Return the diagnosis of a process; None if there is no sign of a failure.
 
     The last exception counts, by its first cause; without an exception, other signs count.
 

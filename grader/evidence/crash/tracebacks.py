@@ -1,6 +1,6 @@
 """Python tracebacks in a process's output lines.
 
-Other output can stand between their lines. All styles from Python 3.10 to 3.14 are read, with chains and groups.
+Other output can come between their lines. All styles from Python 3.10 to 3.14 are read, with chains and groups.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Raised:
     ignored: bool = False
     #: Time at which the line with the type was read.
     t_ns: int = 0
-    #: True if "Traceback (most recent call last)" stands above it.
+    #: True if "Traceback (most recent call last)" is above it.
     headed: bool = False
 
     @property
@@ -113,7 +113,7 @@ def chains(raised: Sequence[Raised]) -> list[list[Raised]]:
 
 
 def student_frame(frames: Sequence[Frame], root_files: Collection[str]) -> tuple[str, int] | None:
-    """Return file and line of the innermost of some frames, outermost first, that lies in the submission."""
+    """Return file and line of the innermost of some frames, outermost first, that is in the submission."""
     meant: dict[str, str | None] = {}
     for frame in reversed(frames[-FRAME_LIMIT:]):
         if frame.path not in meant:

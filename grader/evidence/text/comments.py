@@ -32,7 +32,7 @@ _LICENCE = re.compile(
 _CODE_HINT = re.compile(
     r"[=(\[{@]|\bimport\b|:$|^\W*(?:return|raise|del|pass|break|continue|else|try|finally)\b"
 )
-#: The first bracket behind a blank, or at the beginning.
+#: The first bracket after a blank, or at the beginning.
 _BRACKET_IN_PROSE = re.compile(r"(?:[^(]*\s)?\(")
 #: Heads that complete the second part of a compound statement.
 _HEADS = {"else": "if x: pass\n", "except": "try: pass\n", "finally": "try: pass\n"}
@@ -53,7 +53,7 @@ _BRACES = frozenset("{}; ")
 
 
 def is_for_programs(body: str) -> bool:
-    """Return whether the text behind a `#` is a shebang, an encoding, or an instruction to a tool."""
+    """Return whether the text after a `#` is a shebang, an encoding, or an instruction to a tool."""
     return _FOR_PROGRAMS.match(body[:_START]) is not None
 
 
@@ -141,7 +141,7 @@ def _sizes(depths: Sequence[int]) -> Sequence[int]:
 
 
 def _completed(fragment: str) -> str:
-    """Return a fragment with a body behind a head, a head before a body, and without the comma of a list."""
+    """Return a fragment with a body after a head, a head before a body, and without the comma of a list."""
     fragment = re.sub(r"^elif\b", "if", fragment.rstrip(", "))
     if fragment.startswith("@") and not fragment.endswith(":"):
         return f"{fragment}\ndef f(): pass"
@@ -159,7 +159,7 @@ def _is_surely_code(statement: ast.stmt, fragment: str) -> bool:
 
     For example `return value` and `error = command - state` can be both. A definition, an import from a module or a
     raise is code. A call or an attribute is code too, except in a formula as `rms = sqrt(mean(error**2))`, or with
-    a bracket behind a blank as in prose.
+    a bracket after a blank as in prose.
     """
     nodes = list(ast.walk(statement))
     if not all(map(_has_ascii_name, nodes)):

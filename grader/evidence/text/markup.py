@@ -174,7 +174,7 @@ def _as_markdown(text: str) -> str:
 
 
 def _fence(lines: list[str], at: int) -> None:
-    """Turn the code below a directive into a fenced block, in the lines of the directive and of the blank behind it."""
+    """Turn the code below a directive into a fenced block, in the lines of the directive and of the blank after it."""
     end = at + 1
     while end < len(lines) and (not lines[end] or lines[end][0] in " \t"):
         end += 1

@@ -12,25 +12,25 @@ from grader.evidence.recorded import Recorded
 from grader.lab.patterns import search
 from grader.recording.session import OutputLine
 
-#: A decimal number. A match neither starts behind a digit nor can end in two ways; a search therefore looks at each
-#: character once, even if the text behind the number does not fit.
+#: A decimal number. A match neither starts after a digit nor can end in two ways; a search therefore looks at each
+#: character once, even if the text after the number does not fit.
 NUMBER = r"[+-]?(?:(?<!\d)\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 _NUMBER = re.compile(rf"{NUMBER}|[+-]?\b(?:nan|inf)\b", re.IGNORECASE)
 _LONG_RUN = re.compile(r"(\d{40})\d+|([^\S\n]{20})[^\S\n]+|([.=_*~+#-]{100})[.=_*~+#-]+")
 _WRAPPING = re.compile(r"np\.float\d*\(|array\(|dtype=\w+|[()]")
-#: Text that may stand between numbers and behind them.
+#: Text that may be between or after numbers.
 _ONLY_NUMBERS = re.compile(r"(?:[\s,;|│┃║'\"\[\]{}]|\b(?:rad|deg|m|mm|s|ms)\b|°)*")
 #: A letter of any script.
 _LETTER = r"[^\W\d_]"
 #: The name of an element, with its number, before its value.
 _ELEMENT_NAME = re.compile(rf"['\"]?{_LETTER}{{0,10}}[ _]?\d{{1,2}}['\"]?\s?[:=]\s?", re.IGNORECASE)
-#: A unit behind a label, as in ``Mean (rad): 0.1`` or ``Mean [rad]: [0.1]``.
+#: A unit after a label, as in ``Mean (rad): 0.1`` or ``Mean [rad]: [0.1]``.
 _LABEL_UNIT = r"(?: ?[(\[][A-Za-z°]{1,9}[)\]])?"
 #: The label at the start of a line.
 _LINE_LABEL = re.compile(r"([^:=\[]*)[:=\[]")
 _CELLS = re.compile(r"\s{2,}|\s*[|,;\t│┃║]\s*")
 _NARROW_CELLS = re.compile(r"[\s|,;│┃║]+")
-#: Bars of an absolute value in a title, as in ``mean |e|``; they are no borders.
+#: Bars of an absolute value in a title, as in ``mean |e|``; they are not borders.
 _MAGNITUDE = re.compile(
     r"(?<=[^\s|]) ?\|(?:e|d|x|q|err|errors?|diff|delta|fehler|erreur|Δ\w?)\|(?=\s|$)", re.IGNORECASE
 )
@@ -137,7 +137,7 @@ class PrintedVector:
     values: tuple[float, ...]
     #: Half a unit of the last printed place; 0 if that is coarser than the second place.
     rounding: float = 0.0
-    #: "vector" (behind the label), "table" (a column of one) or "lines" (a number in each of several).
+    #: "vector" (after the label), "table" (a column of one) or "lines" (a number in each of several).
     form: str = "vector"
 
 
@@ -147,7 +147,7 @@ def printed_vector(
     after_ns: int | None = None,
     unless: str | None = None,
 ) -> PrintedVector | None:
-    """Return the last vector printed behind a label, as ``Mean: [0.1 0.2]``, on one line or several.
+    """Return the last vector printed after a label, as ``Mean: [0.1 0.2]``, on one line or several.
 
     Parameters
     ----------
@@ -194,7 +194,7 @@ def _labelled(
 
 
 def _bracketed(text: str, label: str, other: str | None) -> list[str]:
-    """Return the numbers of the last vector in brackets behind a label."""
+    """Return the numbers of the last vector in brackets after a label."""
     head = (
         rf"\b{label}\w*\b[^\[\n]{{0,60}}(?:\[[A-Za-z°]{{1,9}}\][^\[\n]{{0,20}})?"
         r"(?:\n[ \t]*(?:np\.)?(?:array\()?)?\["
@@ -230,7 +230,7 @@ def _last_lines(output: Sequence[OutputLine], after_ns: int) -> list[str]:
 
 
 def _unbracketed(lines: Sequence[str], label: str) -> PrintedVector | None:
-    """Return numbers for a label in one of the other forms; a single number behind the label is the last choice."""
+    """Return numbers for a label in one of the other forms; a single number after the label is the last choice."""
     behind = _last_behind(lines, label)
     if len(behind) > 1:
         return _numbers_of(behind, "vector")
@@ -266,7 +266,7 @@ def _rounding(texts: Sequence[str]) -> float:
 
 
 def _last_behind(lines: Sequence[str], label: str) -> list[str]:
-    """Return the numbers behind a label of one or two words, in the last line with some.
+    """Return the numbers after a label of one or two words, in the last line with some.
 
     Each number may have the name of its element, as in ``mean: joint1=0.1, joint2=0.2``.
     """
@@ -312,7 +312,7 @@ def _column(lines: Sequence[str], label: str) -> list[str]:
 
 
 def _title_place(cells: Sequence[str], title: re.Pattern[str]) -> int:
-    """Return the place of a title in the header of a table, counted from the right as -1; 0 if it has none."""
+    """Return the position of a title in the header of a table, counted from the right as -1; 0 if it has none."""
     if len(cells) < 2 or any(map(_NUMBER.fullmatch, cells)):
         return 0
     places = [number for number, cell in enumerate(cells) if title.match(cell)]
@@ -322,7 +322,7 @@ def _title_place(cells: Sequence[str], title: re.Pattern[str]) -> int:
 
 
 def _below(lines: Sequence[str], place: int, *, apart: bool) -> list[str]:
-    """Return the numbers at a place, counted from the right, of the lines of a table."""
+    """Return the numbers at a position, counted from the right, of the lines of a table."""
     numbers: list[str] = []
     for line in lines:
         if not re.search(r"[^\W_]", line):
@@ -338,7 +338,7 @@ def _below(lines: Sequence[str], place: int, *, apart: bool) -> list[str]:
 
 
 def _each(lines: Sequence[str], label: str) -> list[str]:
-    """Return the number behind a label in each line, as in ``joint 3: mean = 0.1 rad, max = 0.2 rad``."""
+    """Return the number after a label in each line, as in ``joint 3: mean = 0.1 rad, max = 0.2 rad``."""
     words = rf"(?:^|[\W_]){label}{_LETTER}*(?:[ _-]{_LETTER}{{1,20}})?{_LABEL_UNIT}"
     number = rf"(?:\s{{0,9}}[:=：]\s{{0,9}}|\s{{1,9}})({_NUMBER.pattern})(?![\w.])"
     pattern = re.compile(words + number, re.IGNORECASE)
@@ -346,7 +346,7 @@ def _each(lines: Sequence[str], label: str) -> list[str]:
 
 
 def _listed(lines: Sequence[str], label: str) -> list[str]:
-    """Return the numbers below the last line that holds a label alone, one behind a name in each line."""
+    """Return the numbers below the last line that holds a label alone, one after a name in each line."""
     title = rf"(?:^|[\W_]){label}(?:{_LETTER}|[ ()_|°-]){{0,60}}[:：]?\s*$"
     pattern = re.compile(title, re.IGNORECASE)
     found: list[str] = []

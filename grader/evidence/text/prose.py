@@ -94,7 +94,7 @@ def visible(
     """Return the blocks of a document that carry information, in order, and its headings without text below.
 
     A heading with text below becomes a block of kind "heading", or "title" if it is the heading of the whole document.
-    Pasted source code and placeholders carry no information, not even behind the name of a part.
+    Pasted source code and placeholders carry no information, not even after the name of a part.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def _is_informative(block: Block, names: Terms, placeholders: Sequence[str]) -> 
 
 
 def mention(blocks: Sequence[Block], names: Terms, synonyms: Terms) -> int | None:
-    """Return the line with the first of a part's names, or else the first of its synonyms; None without one."""
+    """Return the line with the first of a part's names, or else the first of its synonyms; None if there is no such line."""
     line = _first_line(blocks, names)
     if line is None:
         line = _first_line([block for block in blocks if block.kind != "title"], synonyms)

@@ -65,16 +65,16 @@ _GROUPED_BY_DOTS = re.compile(r"(?<![\d.,])[1-9]\d{0,2}(?:\.\d{3})+(?=,\d|(?![\d
 _DECIMAL_COMMA = re.compile(r"(?<![\d.,])(\d+),(\d+)(?![\d,]|\.\d)")
 #: A thousand written as 1000, so that 1,000 beside it means one; dates and times do not tell.
 _UNGROUPED = re.compile(r"(?<![\d.,:/-])\d{4,6}(?!\d|[.,:/-]\d)")
-#: A comma between values: behind a word or a bracket, or with more than two values in a row.
+#: A comma between values: after a word or a bracket, or with more than two values in a row.
 _COMMAS_PART = re.compile(
     r"[^\W\d],\d|[\"'\])}],|[\[({][^\[\](){}]*\d,\d|\d,\d+(?:\.\d+)?,\d+\.|,\d+\.\d+,"
 )
 
 #: Characters of a line that are read.
 LINE_LIMIT = 1000
-#: Lines behind a name that are read.
+#: Lines after a name that are read.
 _MOST_LINES_OF_A_BLOCK = 12
-#: Numbers behind a name that are read.
+#: Numbers after a name that are read.
 _MOST_FIELDS = 100
 #: First and last lines with a name that are read.
 _FIRST_LINES = 20
@@ -161,7 +161,7 @@ def plain_numbers(line: str) -> str:
 
 
 def _has_decimal_commas(line: str) -> bool:
-    """Return whether a comma in a line is decimal, because its digits are no groups or other digits are not grouped."""
+    """Return whether a comma in a line is decimal, because its digits are not groups or other digits are not grouped."""
     is_ungrouped = _UNGROUPED.search(line) is not None
     for number in _DECIMAL_COMMA.finditer(_GROUPED_BY_DOTS.sub("1", line)):
         if is_ungrouped or not _GROUPED_BY_COMMAS.fullmatch(number[0]):
@@ -177,7 +177,7 @@ def lines_naming(lines: Sequence[str], name: str, *, loosely: bool = False) -> l
     lines
         The lines.
     name
-        Name of the thing, which must stand in a line as a word of its own.
+        Name of the thing, which must be in a line as a word of its own.
     loosely
         Whether the name may be spelt differently, as ``Best Effort`` for ``best_effort``. If lines begin with such a
         name, only these count.
@@ -195,7 +195,7 @@ def lines_naming(lines: Sequence[str], name: str, *, loosely: bool = False) -> l
 
 
 def _matches(lines: Sequence[str], name: str, loosely: bool) -> Iterator[tuple[int, re.Match[str]]]:
-    """Yield each line with a name, by its index, and the place of the name."""
+    """Yield each line with a name, by its index, and the position of the name."""
     pattern = _spelt(name, loosely)
     # Finding a part of the name is much faster than matching the pattern.
     begins = re.split(r"[\W_]+", name)[0].casefold() if loosely else name
@@ -208,7 +208,7 @@ def _matches(lines: Sequence[str], name: str, loosely: bool) -> Iterator[tuple[i
 
 @functools.lru_cache(maxsize=64)
 def _spelt(name: str, loosely: bool) -> re.Pattern[str]:
-    """Return a pattern of a name as a word of its own, optionally behind ``test_``; loosely, in any spelling."""
+    """Return a pattern of a name as a word of its own, optionally after ``test_``; loosely, in any spelling."""
     if not loosely:
         return re.compile(rf"(?<![A-Za-z0-9_])(?:test_)?{re.escape(name)}(?![A-Za-z0-9_])")
     parts = r"[\s_-]?".join(map(re.escape, re.split(r"[\W_]+", name)))
@@ -224,7 +224,7 @@ class _Field(NamedTuple):
     number: str
     #: "max", "mean", "received", "messages", "latency", or empty.
     kind: str = ""
-    #: The unit of the number or of its label; milliseconds without one.
+    #: The unit of the number or of its label; milliseconds if neither has a unit.
     unit_s: float = 1e-3
     has_unit: bool = False
     has_label: bool = True
@@ -264,7 +264,7 @@ def _unit_of(text: str) -> float | None:
 
 
 def _row_of(t_ns: int, fields: Sequence[_Field]) -> ResultRow | None:
-    """Return the row that fields make together; None without a count."""
+    """Return the row that fields make together; None if there is no count."""
     by_kind: dict[str, _Field] = {}
     for each in fields:
         if each.is_count or each.kind not in ("received", "messages"):
@@ -319,7 +319,7 @@ def _from_table(lines: Sequence[str], start: int) -> list[_Field]:
 
 
 def _header(lines: Iterable[str], width: int) -> list[str]:
-    """Return the titles of the first line that is a header of so many cells; empty without one."""
+    """Return the titles of the first line that is a header of so many cells; empty if there is no such line."""
     for line in lines:
         titles = _cells(line)
         if len(titles) == width and _is_header(titles):
@@ -346,7 +346,7 @@ def _is_header(titles: Sequence[str]) -> bool:
 
 
 def _from_block(lines: Sequence[str], start: int, names: Sequence[str]) -> list[_Field]:
-    """Read the labelled numbers behind a name, the first of some, and in the lines up to the next name."""
+    """Read the labelled numbers after a name, the first of some, and in the lines up to the next name."""
     line = plain_numbers(lines[start])
     name_at = _spelt(names[0], loosely=False).search(line)
     loosely = name_at is None
@@ -369,7 +369,7 @@ def _from_block(lines: Sequence[str], start: int, names: Sequence[str]) -> list[
 
 
 def _labelled(text: str) -> list[_Field]:
-    """Return the numbers of a text with their labels, before each number or, if there are none, behind it."""
+    """Return the numbers of a text with their labels, before each number or, if there are none, after it."""
     fields: list[_Field] = []
     for part in _BORDER.split(_UNIT_IN_BRACKETS.sub(r" \1 ", text)):
         found = list(itertools.islice(_MEASURED.finditer(part), _MOST_FIELDS))
@@ -382,7 +382,7 @@ def _labelled(text: str) -> list[_Field]:
 
 
 def _labels(part: str, found: Sequence[re.Match[str]]) -> list[str]:
-    """Return the text before each number; the text behind each if only that has letters at the ends."""
+    """Return the text before each number; the text after each if only that has letters at the ends."""
     before = []
     end = 0
     for match in found:

@@ -19,7 +19,7 @@ from grader.submission.python_source import parse_python
 
 _DEFINITION_LINE = re.compile(r" *(?:async +)?(?:def|class) +[^\W\d]\w*")
 _HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
-#: Lines of a file that are left out because they are no Python.
+#: Lines of a file that are left out because they are not Python.
 _MOST_REPAIRS = 20
 #: Characters that are parsed to find these lines.
 _MOST_PARSED = 400_000
@@ -60,7 +60,7 @@ class Note:
     line: int
     #: Last line.
     last: int
-    #: True if code stands before the note on its line.
+    #: True if code comes before the note on its line.
     inline: bool = False
     #: The reason why the note explains nothing, such as "commented-out code"; empty if it explains.
     fault: str = ""
@@ -332,7 +332,7 @@ class _Comment:
 
 
 def _blocks(text: str, code: list[str]) -> Iterator[list[_Comment]]:
-    """Yield blocks of comments on consecutive lines at one column; a comment behind code is a block of its own."""
+    """Yield blocks of comments on consecutive lines at one column; a comment after code is a block of its own."""
     block: list[_Comment] = []
     line = 1
     position = 0

@@ -53,7 +53,7 @@ tree_of = functools.lru_cache(maxsize=8)(expression_tree)
 
 
 def spans(text: str) -> list[re.Match[str]]:
-    """Return comments (with the group `comment`) and string literals of a normalised text, which may be no Python.
+    """Return comments (with the group `comment`) and string literals of a normalised text, which may not be Python.
 
     A literal in an f-string with the same quotes (Python 3.12) counts as the end of the f-string.
     """

@@ -145,7 +145,7 @@ class Terms:
         return self.pattern.search(fold(text)) is not None
 
     def place(self, text: str) -> int | None:
-        """Return the start of the first term in the folded text, None without one."""
+        """Return the start of the first term in the folded text; None if it contains no term."""
         match = self.pattern.search(fold(text))
         return match.start() if match is not None else None
 

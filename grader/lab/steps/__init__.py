@@ -1,6 +1,6 @@
 """The steps of a session, a module a step: its parameters, its words, its result. No ROS is needed to read them.
 
-The action of a step stands in a module of the same name below `grader.live.ros_node.steps`, or below
+The action of a step is in a module of the same name below `grader.live.ros_node.steps`, or below
 `grader.live.session.steps` if the step starts or ends processes. Imports the files of the lab and the recording's format.
 """
 

@@ -37,7 +37,7 @@ class GetParametersResult(StepResult):
 
     @property
     def read(self) -> dict[str, ParameterValue]:
-        """The values, none without an answer."""
+        """The values; empty if there was no answer."""
         return {} if self.values is None else self.values
 
     def note(self) -> str:

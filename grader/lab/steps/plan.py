@@ -44,7 +44,7 @@ class PlanResult(StepResult):
 
     @property
     def repairs(self) -> list[Repair]:
-        """The repaired mistakes, none without a plan."""
+        """The repaired mistakes; empty if there is no plan."""
         return [] if self.mended is None else list(self.mended)
 
     def note(self) -> str:

@@ -58,12 +58,12 @@ class GoalRecord:
 
     @property
     def answer_ns(self) -> int:
-        """Time of the server's answer, 0 without one."""
+        """Time of the server's answer; 0 if there was none."""
         return 0 if self.answered_ns is None else self.answered_ns
 
     @property
     def feedback_span_ns(self) -> tuple[int, int]:
-        """Times of the first and of the last feedback, 0 without any."""
+        """Times of the first and of the last feedback; 0 if there was none."""
         if self.first_feedback_ns is None or self.last_feedback_ns is None:
             return 0, 0
         return self.first_feedback_ns, self.last_feedback_ns

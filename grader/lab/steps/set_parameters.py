@@ -31,7 +31,7 @@ class SetParametersResult(StepResult):
 
     @property
     def reasons(self) -> dict[str, str | None]:
-        """The reasons of refusals, none without an answer."""
+        """The reasons for refusals; empty if there was no answer."""
         return {} if self.refused is None else self.refused
 
     def note(self) -> str:

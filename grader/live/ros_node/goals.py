@@ -34,7 +34,7 @@ _LARGEST_FEEDBACK_BYTES = 2**20
 _FEEDBACK_ROOM = 100_000
 #: Serialised bytes of a goal's feedback that are decoded. A MiB of short elements takes 0.2 s.
 _MOST_DECODED_BYTES = 4 * 2**20
-#: Place of the goal's identifier in a serialised message of feedback, behind the header of CDR.
+#: Offset of the goal's identifier in a serialised message of feedback, after the header of CDR.
 _GOAL_ID = slice(4, 20)
 #: Time in s after the last result in which earlier feedback may still arrive.
 _SETTLED_S = 0.2
@@ -118,7 +118,8 @@ class Goal:
         if len(record.feedback) < _MOST_FEEDBACK and self._has_room(data):
             self._left_bytes -= len(data)
             values = None
-            with suppress(Exception):  # A publisher without ROS may send bytes that are no message.
+            # A publisher without ROS may send bytes that are not a message.
+            with suppress(Exception):
                 values = plain(deserialize_message(data, kind).feedback, self._room)
             record.feedback.append(Feedback(source_ns, values))
         if record.first_feedback_ns is None:

@@ -71,7 +71,7 @@ def silent_node(name: str, context: rclpy.Context) -> Node:
 
 
 def interface_named(name: str) -> Any:
-    """Import the class of an interface's type, e.g. ``std_srvs/srv/SetBool``; raises ImportError without one.
+    """Import the class of an interface's type, e.g. ``std_srvs/srv/SetBool``; raises ImportError if there is none.
 
     Only types of installed packages are imported: the name may come from outside, and an import executes code.
     """

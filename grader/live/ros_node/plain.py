@@ -20,7 +20,7 @@ class Room:
 
 
 def plain(value: Any, room: Room | None = None) -> Any:
-    """Return a message, or a part of one, as JSON has it; None for values without room."""
+    """Return a message, or a part of one, as JSON has it; None for values that do not fit in the room."""
     room = room or Room()
     if room.left <= 0:
         return None

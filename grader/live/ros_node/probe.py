@@ -185,7 +185,7 @@ class Probe:
         return client
 
     def ask(self, service: str, service_type: str, timeout_s: float, fields: dict[str, Any]) -> Any:
-        """Call a service once with some fields in the request; returns the response, None without one."""
+        """Call a service once with some fields in the request; returns the response; None if there was none."""
         client = self.ready_client(service, service_type, 0, timeout_s)
         if client is None:
             return None

@@ -161,7 +161,7 @@ def _run_in_sandbox(form: Form, file: Path) -> None:
 
 def _serve_branch() -> None:
     put_self_first()
-    # The socket for requests stands in the place of standard output.
+    # The socket for requests takes the place of standard output.
     with socket.socket(fileno=os.dup(1)) as link:
         os.dup2(0, 1)
         serve(link, _program_of)

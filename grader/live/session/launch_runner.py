@@ -44,7 +44,7 @@ _MOST_RENAMED = 20
 _MOST_LIKENED = 100
 #: Where a prefix lists its packages.
 _INDEX = "share/ament_index/resource_index/packages"
-#: Least time of a second evaluation in s: it shows mistakes behind the repaired one.
+#: Least time of a second evaluation in s: it shows mistakes after the repaired one.
 _LEAST_EVALUATION_S = 1.0
 _MAX_MEMORY_BYTES = 2 * 1024 * 1024 * 1024
 #: Where it waits for a core, it may take so many times as long at most. A wait is known when it is over: so long one
@@ -176,10 +176,10 @@ class LaunchRunner:
         return f"'{wanted}' was installed in {folder[1]}"
 
     def _rename_keyword(self, wanted: str, problem: Problem) -> str:
-        """Write the keyword that the remedy names in its place, in the launch files of that name."""
+        """Replace the keyword by the one that the remedy names, in the launch files of that name."""
         meant = re.search(r"'(\w{1,100})=?'", problem.remedy)
         name = PurePosixPath(problem.file or "").name
-        # The names in a plan are a student's: they are no patterns, and there may be many.
+        # The names in a plan are a student's: they are not patterns, and there may be many.
         scripts = (
             path for path in self._own_copy().rglob("*.py") if path.name == name and path.is_file()
         )

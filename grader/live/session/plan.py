@@ -18,7 +18,7 @@ class SessionPlan:
     The `record` holds facts from before the session, `steps` its steps, each with its entry for the record; the caller
     removes `scratch`. For each artifact there are the wrapper's path relative to `staged`, and the source's
     relative to `staged`/src; for each reference node the absolute path of its "file" and its full name as "node".
-    `expected` are the names of topics, services and nodes that the rubric uses. In the folder `interfaces` lie the
+    `expected` are the names of topics, services and nodes that the rubric uses. In the folder `interfaces` are the
     prefixes of packages that were built.
     """
 

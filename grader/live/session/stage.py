@@ -1,6 +1,6 @@
 """A submission → a throw-away workspace, as `colcon build` would leave it.
 
-In it stand `src/` (a copy of the student's files) and `install/`, an ament prefix whose executables are wrappers around
+It holds `src/` (a copy of the student's files) and `install/`, an ament prefix whose executables are wrappers around
 the files in `src/`. Paths inside are relative, so that it can be mounted anywhere.
 """
 
@@ -74,7 +74,7 @@ def stage(
     Returns for each artifact the path of its wrapper in there.
 
     Data may need more room than a session has, once it is installed for each of several packages; then a file that
-    is no text is left out. The interpreter is the absolute path of the Python that runs students' code.
+    is not text is left out. The interpreter is the absolute path of the Python that runs students' code.
     """
     for file in record.files:
         origin, target = source / file.path, folder / "src" / file.path

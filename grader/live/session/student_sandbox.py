@@ -58,7 +58,7 @@ _WRITABLE = 0o622
 class StudentSandbox:
     """Where the student's programs of one session run.
 
-    The session's `processes` stand in order of their start, reference nodes included; `trusted` are the grader's own
+    The session's `processes` are in the order of their start, reference nodes included; `trusted` are the grader's own
     ones. Launch files are evaluated in `launch_workspace`, a copy of the `workspace`, since reading one runs what it
     will; the files that one brings for its nodes are in `parameters`. `seen` is where the student's processes see these
     folders.
@@ -281,7 +281,7 @@ class StudentSandbox:
                     os.waitpid(pid, os.WNOHANG)
 
     def _orphans(self) -> list[int]:
-        """Return the processes below this one that are none of the grader's."""
+        """Return the processes below this one other than the grader's."""
         roots = [root for p in self.trusted if p.alive and (root := p.root_pid()) is not None]
         ours = {os.getpid(), *(pid for root in roots for pid in descendants_of(root))}
         return [pid for pid in descendants_of(os.getpid()) if pid not in ours]

@@ -49,7 +49,7 @@ class _Note(BaseModel):
 
 
 def claims_in(text: str, process: str, above: str) -> list[Claim]:
-    """Read the lines of the tap in a process, and drop `above` from paths; a line that is no note is skipped."""
+    """Read the lines of the tap in a process, and drop `above` from paths; a line that is not a note is skipped."""
     found = []
     for line in text.split("\n")[:_MOST_CLAIMS]:
         with suppress(ValueError):

@@ -134,12 +134,12 @@ def _because(check: GradedCheck, cost: str) -> str:
 
 
 def _listed(title: str, texts: Iterable[str], last: str = "") -> Iterable[str]:
-    """Yield a part with a title and untrusted texts as its items; nothing without texts."""
+    """Yield a part with a title and untrusted texts as its items; nothing if there are no texts."""
     yield from _items(title, map(markdown_text, texts), last)
 
 
 def _items(title: str, lines: Iterable[str], last: str = "") -> Iterable[str]:
-    """Yield a part with a title, lines of Markdown as its items, and a last item; nothing without lines."""
+    """Yield a part with a title, lines of Markdown as its items, and a last item; nothing if there are no lines."""
     items = [f"- {line}" for line in lines]
     if not items:
         return

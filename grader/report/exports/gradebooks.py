@@ -1,7 +1,7 @@
 """Tables that grade books import: one student a line, with the cells by which the grade book finds the student.
 
 Cells by which students are found are written unchanged, to the last zero, or not at all: one that a spreadsheet would
-take for a formula is left empty. All other texts are made harmless (see `csv_cell`). Every cell stands in quotes,
+take for a formula is left empty. All other texts are made harmless (see `csv_cell`). Every cell is in quotes,
 without a byte order mark before the first, because not all importers expect one.
 
 An importer that finds students by one column needs a cell in each line of it. A column with an empty cell is therefore
@@ -17,8 +17,8 @@ in moodle/moodle.
 Canvas: `lib/gradebook_importer.rb` in instructure/canvas-lms: the first columns and their order are fixed; students
 are found by ID, else by SIS ids; a column is an assignment's if its heading ends with the assignment's number; columns
 with the names of Canvas' own sums are ignored (`NON_ASSIGNMENT_COLUMN_HEADERS`; by issue 2134 any with "final").
-Blackboard Help, "Work offline with grade data": Username, and a column's own number behind `|` in its heading; cells
-of comma-separated files stand in quotes.
+Blackboard Help, "Work offline with grade data": Username, and a column's own number after `|` in its heading; cells
+of comma-separated files are in quotes.
 D2L, "Importing grades" (community.d2l.com): OrgDefinedId or Username, headings that end with `Points Grade`, and
 `End-of-Line Indicator`; University of Wisconsin KB 4330: `#` before ids keeps their zeros.
 """
@@ -72,7 +72,7 @@ class GradeBook:
     columns: Sequence[Column]
     #: Heading of the column of points, unless the user gives one; `{lab}` and `{points}` stand for the lab's.
     heading: str = "{lab}"
-    #: First cell of a second line with the possible points in the column of points; empty without such a line.
+    #: First cell of a second line with the possible points in the column of points; empty if there is no such line.
     second: str = ""
     #: True if each line is looked up by its first cell that is not empty; key columns may then have empty cells.
     line_by_line: bool = False

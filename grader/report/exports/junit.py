@@ -96,7 +96,7 @@ def _unique(named: Sequence[GradedCriterion | GradedCheck]) -> list[str]:
 
 
 def _numbered(texts: Sequence[str]) -> list[str]:
-    """Return the texts, equal ones with their places behind them: `a 1`, `a 2`."""
+    """Return the texts, equal ones with their positions after them: `a 1`, `a 2`."""
     numbered = []
     for number, text in enumerate(texts, 1):
         numbered.append(text if texts.count(text) == 1 else f"{text} {number}")

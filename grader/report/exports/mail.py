@@ -69,7 +69,7 @@ def _messages(given: ReturnedClass, returned: Returned) -> Iterator[tuple[str, E
 
 
 def _message(share: Share, report: bytes, sender: str) -> EmailMessage:
-    """Return a mail; raises ValueError, IndexError or HeaderParseError if its address is none."""
+    """Return a mail; raises ValueError, IndexError or HeaderParseError if its address is invalid."""
     message = EmailMessage(SMTP)
     name = line(share.person.name)
     to = Address(name, addr_spec=share.person.email)

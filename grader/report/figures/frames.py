@@ -20,7 +20,7 @@ _MOST_FRAMES = 24
 _DEEPEST = 12
 #: Heights of a row and of the space, and indentation of a level, in px.
 _ROW, _INDENT, _SPACE = 22, 16, 300
-#: Width in px from which the space stands beside the tree and not below it.
+#: Width in px from which the space is drawn next to the tree and not below it.
 _SIDE_BY_SIDE = 600
 #: Viewing direction in radians: about the vertical axis, and above the floor.
 _TURN, _RISE = np.radians((35.0, 22.0))
@@ -61,7 +61,7 @@ class _Drawn:
     depth: int
     #: Description of how the frame was sent.
     words: str
-    #: Place of the parent among the drawn frames; None for a root.
+    #: Index of the parent among the drawn frames; None for a root.
     parent: int | None
     #: float64[1, 7]: Pose in the root.
     pose: Floats
@@ -233,7 +233,7 @@ def _flat(frames: Sequence[_Drawn], left: float, top: float, width: float) -> _F
 
 
 def _extent(poses: Floats) -> float:
-    """Return the largest distance of origins along an axis; 1 if all are at one place."""
+    """Return the largest distance of origins along an axis; 1 if all are at one position."""
     extents = np.ptp(poses[:, :3], axis=0)
     return float(extents.max(initial=0.0)) or 1.0
 
@@ -249,7 +249,7 @@ def _axes(poses: Floats, size: float) -> list[Floats]:
 
 
 def _projected(points: Floats) -> Floats:
-    """Return the places of points in the picture, y downwards: float64[n, 2]."""
+    """Return the positions of points in the picture, y downwards: float64[n, 2]."""
     right = np.array([-np.sin(_TURN), np.cos(_TURN), 0.0])
     up = np.array([-np.cos(_TURN) * np.sin(_RISE), -np.sin(_TURN) * np.sin(_RISE), np.cos(_RISE)])
     return np.stack((points @ right, -(points @ up)), axis=-1)

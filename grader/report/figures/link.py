@@ -370,7 +370,7 @@ class _Columns:
         self.canvas.vertical(median, middle - 8, middle + 8, "median")
 
     def _place(self, latency_s: float) -> float:
-        """Return the place of a latency on the logarithmic axis in px."""
+        """Return the position of a latency on the logarithmic axis in px."""
         return self.delays.px(math.log10(max(_LOWEST_S, latency_s)))
 
     def _paint_late_joiners(self, outcome: Outcome, middle: float) -> None:

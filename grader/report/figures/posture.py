@@ -1,4 +1,4 @@
-"""Postures in space to be played: a line through moving points, and a ghost at the commanded points."""
+"""Animated postures in space: a line through the measured points, and a ghost through the commanded points."""
 
 from __future__ import annotations
 
@@ -15,52 +15,53 @@ from grader.lab import references as ref
 from grader.report.figures.svg import Canvas, Figure, FigureKind, short
 from grader.report.figures.timing import FAR_NS
 
-#: Postures in a page; enough for ten seconds and more, because the player interpolates between them.
+#: Maximum number of postures in a page; enough for more than ten seconds, because the player interpolates between them.
 _MOST_FRAMES = 360
-#: Points of a posture.
-_MOST_CHAIN = 64
+#: Maximum number of points in a posture.
+_MOST_POINTS = 64
 #: Distance from the origin beyond which a point is not drawn, in m.
 _FAR_M = 1e6
-#: Half of the extent of all postures, in the whole numbers of the page.
+#: Greatest distance of a measured point from the foot, in the integer units of the page.
 _RADIUS_UNITS = 2000
-#: Bound of the whole numbers; a ghost far away stays at it.
+#: Maximum coordinate in these units; a ghost farther away is drawn there.
 _MOST_UNITS = 9999
 #: Height of the picture in px.
 _HEIGHT = 430
 _GRID_LINES = 9
 #: Widths of the first and last link in px.
 _THICKEST, _THINNEST = 13.0, 5.0
-#: Duration of the trace behind the tip, in ms.
-_WAY_MS = 2000
+#: Duration of the traces behind the tips, in ms.
+_TRACE_MS = 2000
 
 
 @dataclass(frozen=True)
 class Motion:
-    """Postures over time for the page's player, in whole numbers from the foot of the first posture.
+    """Postures over time for the page's player, in integer units from the first posture's foot, its first point.
 
-    The ghost has the last frames only, if nothing was commanded at first, or none.
+    Frames before the first command have no ghost; without a command, no frame has one.
     """
 
     #: int64[n]: Times of the frames.
     times_ms: Integers
-    #: int64[n, points, 3]: Measured and commanded postures.
+    #: int64[n, points, 3]: Measured postures.
     solid: Integers
+    #: int64[frames with a ghost, points, 3]: Commanded postures.
     ghost: Integers
-    #: First viewing direction in degrees: about the vertical axis from x to y, and above the floor.
+    #: Initial viewing direction in degrees: azimuth from x towards y, and elevation above the floor.
     view: tuple[float, float] = (-58.0, 20.0)
     #: Width of the picture in px; the foot is at its middle.
     width: int = 640
 
     @property
     def encoded(self) -> Markup:
-        """Times and postures, one row per frame."""
+        """Times and measured postures as text, one row per frame."""
         postures = self.solid.reshape(len(self.solid), -1)
-        return encoded(np.column_stack((self.times_ms, postures)))
+        return encode(np.column_stack((self.times_ms, postures)))
 
     @property
     def encoded_ghost(self) -> Markup:
-        """Postures of the ghost, one row per frame."""
-        return encoded(self.ghost.reshape(len(self.ghost), 3 * self.points))
+        """Postures of the ghost as text, one row per frame."""
+        return encode(self.ghost.reshape(len(self.ghost), 3 * self.points))
 
     @property
     def points(self) -> int:
@@ -69,32 +70,32 @@ class Motion:
 
     @property
     def first_ghost(self) -> int:
-        """Number of frames before the first one with a ghost."""
+        """Index of the first frame with a ghost."""
         return len(self.solid) - len(self.ghost)
 
     @property
     def still(self) -> int:
-        """Frame of the still picture: at the greatest distance from the ghost, or in the middle without a ghost."""
+        """Index of the still frame: the one with the greatest distance between the tips; without a ghost, the middle one."""
         if not len(self.ghost):
             return len(self.solid) // 2
-        return self.first_ghost + int(np.argmax(self.off))
+        return self.first_ghost + int(np.argmax(self.tip_distances))
 
     @property
-    def off(self) -> Floats:
-        """Distances between the last points of posture and ghost, in each of the ghost's frames."""
+    def tip_distances(self) -> Floats:
+        """Distances between the last points of posture and ghost, in the frames with a ghost."""
         tips = self.solid[self.first_ghost :, -1]
-        apart: Floats = np.linalg.norm(tips - self.ghost[:, -1], axis=1)
-        return apart
+        distances: Floats = np.linalg.norm(tips - self.ghost[:, -1], axis=1)
+        return distances
 
 
-def encoded(rows: Integers) -> Markup:
-    """Write rows of whole numbers as text, each number as its difference from the one in the previous row.
+def encode(rows: Integers) -> Markup:
+    """Return rows of integers as text, with each number as its difference from the number above.
 
-    Small differences are short: the rows (5, 7) and (5, 8) become `IM?A`.
+    Small differences need few letters: the rows (5, 7) and (5, 8) become `IM?A`.
 
     References
     ----------
-    The letters are those of Google's "Encoded Polyline Algorithm Format"; none has a meaning in HTML.
+    The letters are those of Google's "Encoded Polyline Algorithm Format"; none of them is special in HTML.
     """
     letters = []
     for number in np.diff(rows, axis=0, prepend=0).ravel().tolist():
@@ -109,7 +110,7 @@ def encoded(rows: Integers) -> Markup:
 
 
 class Posture(FigureKind):
-    """A robot in space, to be played: a line through points that a topic carries, x, y and z of each in m."""
+    """An animated robot in space: a line through the points in a topic's messages, each with x, y and z in m."""
 
     topics: dict[str, ref.Topic] = Field(
         min_length=1,
@@ -119,7 +120,7 @@ class Posture(FigureKind):
     field: ref.FieldPath
 
     def draw(self, recorded: Recorded, lab_folder: Path) -> Figure | None:
-        """Draw one posture, and give all of them to the page."""
+        """Draw the still frame, and pass the whole motion to the page."""
         solid, *others = (
             _drawable(recorded.numeric(topic, self.field)) for topic in self.topics.values()
         )
@@ -128,43 +129,43 @@ class Posture(FigureKind):
         count = len(solid.values)
         shown: Integers = np.linspace(0, count - 1, _MOST_FRAMES).round().astype(int)
         shown = np.unique(shown)
-        beside = _beside(solid, others[0] if others else None, shown)
+        ghost = _ghost_rows(solid, others[0] if others else None, shown)
         times_s = recorded.seconds(solid.source_ns[shown])
-        motion, unit_m = _whole(times_s, solid.values[shown], beside)
+        motion, unit_m = _motion_of(times_s, solid.values[shown], ghost)
         key = tuple(zip(("line-0", "line-1"), self.topics, strict=False))
         still = _Still(motion)
         return Figure(_caption(motion, unit_m), still.paint, key, content=motion)
 
 
 def _drawable(stream: NumericStream | None) -> NumericStream | None:
-    """Return the messages that can be drawn; None if they hold no points, or fewer than two can be drawn."""
+    """Return the messages that can be drawn; None if their numbers are not points, or if fewer than two can be drawn."""
     if stream is None:
         return None
     length = stream.values.shape[1]
-    if length % 3 or not 6 <= length <= 3 * _MOST_CHAIN:
+    if length % 3 or not 6 <= length <= 3 * _MOST_POINTS:
         return None
-    near = (np.abs(stream.values) < _FAR_M).all(axis=1)
-    stamped_near = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
-    drawable = near & stamped_near
+    is_near = (np.abs(stream.values) < _FAR_M).all(axis=1)
+    has_plausible_time = np.abs(stream.source_ns - stream.received_ns) < FAR_NS
+    drawable = is_near & has_plausible_time
     if drawable.sum() < 2:
         return None
     return stream.only(drawable)
 
 
-def _beside(solid: NumericStream, ghost: NumericStream | None, shown: Integers) -> Floats:
-    """Return the ghost's points for the shown postures, from its first message on: float64[n, 3 * points]."""
+def _ghost_rows(solid: NumericStream, ghost: NumericStream | None, shown: Integers) -> Floats:
+    """Return the ghost of each shown posture, without the postures before the first command: float64[n, 3 * points]."""
     length = solid.values.shape[1]
     if ghost is None or ghost.values.shape[1] != length:
         return np.empty((0, length))
-    # Both are published together: the ghost of a posture was sent before the next posture.
+    # A command and its posture are published together; the last command before the next posture belongs to the posture.
     end = np.iinfo(np.int64).max
     until_ns = np.append(solid.source_ns[1:], end)
     latest = (np.searchsorted(ghost.source_ns, until_ns) - 1)[shown]
     return ghost.values[latest[latest >= 0]]
 
 
-def _whole(times_s: Floats, solid: Floats, ghost: Floats) -> tuple[Motion, float]:
-    """Return postures in whole numbers, and their unit in m."""
+def _motion_of(times_s: Floats, solid: Floats, ghost: Floats) -> tuple[Motion, float]:
+    """Return the motion in integer units, and the unit in m."""
     solid = _points_of(solid)
     foot = solid[0, 0]
     radius_m = float(np.linalg.norm(solid - foot, axis=2).max())
@@ -176,32 +177,33 @@ def _whole(times_s: Floats, solid: Floats, ghost: Floats) -> tuple[Motion, float
 
 
 def _points_of(rows: Floats) -> Floats:
-    """Return rows of numbers as points: float64[n, points, 3]."""
+    """Reshape rows of numbers into points: float64[n, points, 3]."""
     return rows.reshape(len(rows), rows.shape[1] // 3, 3)
 
 
 def _in_units(points: Floats, unit_m: float) -> Integers:
-    """Return points in whole numbers of a unit, within bounds."""
+    """Return points in integer multiples of a unit, clipped to the maximum coordinate."""
     bounded = np.clip(points / unit_m, -_MOST_UNITS, _MOST_UNITS)
     return np.rint(bounded).astype(np.int64)
 
 
 def _caption(motion: Motion, unit_m: float) -> str:
     if not len(motion.ghost):
-        return "No command reached it in this recording."
+        return "There is no ghost, because this recording holds no commanded points to draw."
     at_s = motion.times_ms[motion.still] / 1000
-    off_m = float(motion.off.max()) * unit_m
+    off_m = float(motion.tip_distances.max()) * unit_m
     off = f"{short(off_m)} m" if off_m >= 1 else f"{short(1000 * off_m)} mm"
-    return f"At {at_s:.2f} s the tip is farthest from where it is commanded to be: {off}."
+    return f"At {at_s:.2f} s the tip is farthest from its commanded position: {off}."
 
 
 def projected(points: Integers | Floats) -> Floats:
-    """Return the places of points in the picture, seen from the first viewing direction: float64[..., 2]."""
+    """Project points into the picture, as seen from the initial viewing direction: float64[..., 2]."""
     turn, rise = np.radians(Motion.view)
     right = np.array([-np.sin(turn), np.cos(turn), 0.0])
     up = np.array([-np.cos(turn) * np.sin(rise), -np.sin(turn) * np.sin(rise), np.cos(rise)])
     scale = 0.72 * _HEIGHT / _RADIUS_UNITS
-    # The foot is low in the picture, because a robot is above its floor; seen from above, it is in the middle.
+    # Seen from the side, the foot is low in the picture, because a robot stands above its floor. Seen from above, the
+    # foot is in the middle.
     foot = (0.8 - 0.3 * Motion.view[1] / 90) * _HEIGHT
     x = Motion.width / 2 + scale * (points @ right)
     y = foot - scale * (points @ up)
@@ -210,7 +212,7 @@ def projected(points: Integers | Floats) -> Floats:
 
 @dataclass(frozen=True)
 class _Still:
-    """One frame of a motion, in the parts that the player moves."""
+    """The still frame of a motion, drawn with the elements that the player moves."""
 
     motion: Motion
 
@@ -230,17 +232,17 @@ class _Still:
         canvas.polyline(projected(posture * [1, 1, 0]), "shadow")
 
     def _paint_traces(self, canvas: Canvas) -> None:
-        """Draw the way of both tips before the frame."""
+        """Draw the paths of both tips up to the still frame."""
         motion = self.motion
         now_ms = motion.times_ms[motion.still]
-        begun: Booleans = motion.times_ms > now_ms - _WAY_MS
-        recent = begun & (motion.times_ms <= now_ms)
-        ghost_tips = motion.ghost[recent[motion.first_ghost :], -1]
+        is_recent: Booleans = motion.times_ms > now_ms - _TRACE_MS
+        traced = is_recent & (motion.times_ms <= now_ms)
+        ghost_tips = motion.ghost[traced[motion.first_ghost :], -1]
         canvas.polyline(projected(ghost_tips), "ghost-way")
-        canvas.polyline(projected(motion.solid[recent, -1]), "way")
+        canvas.polyline(projected(motion.solid[traced, -1]), "way")
 
     def _paint_ghost(self, canvas: Canvas) -> None:
-        """Draw the ghost as a line, without points if the frame has none."""
+        """Draw the ghost as a line; without a ghost, the line is empty."""
         frame = self.motion.still - self.motion.first_ghost
         ghost = projected(self.motion.ghost[frame : frame + 1])
         canvas.polyline(ghost.reshape(-1, 2), "ghost")
@@ -267,7 +269,7 @@ def _paint_floor(canvas: Canvas) -> None:
     reach = np.linspace(-_RADIUS_UNITS, _RADIUS_UNITS, _GRID_LINES)
     along = [[(at, reach[0], 0), (at, reach[-1], 0)] for at in reach]
     across = [[(reach[0], at, 0), (reach[-1], at, 0)] for at in reach]
-    steps = []
+    segments = []
     for start, end in projected(np.array(along + across)):
-        steps.append(f"M{start[0]:.0f} {start[1]:.0f}L{end[0]:.0f} {end[1]:.0f}")
-    canvas.path("".join(steps), "floor")
+        segments.append(f"M{start[0]:.0f} {start[1]:.0f}L{end[0]:.0f} {end[1]:.0f}")
+    canvas.path("".join(segments), "floor")

@@ -129,7 +129,7 @@ class _Goal:
 
     @property
     def accepted(self) -> bool | None:
-        """True if the server accepted the goal, and None without an answer."""
+        """True if the server accepted the goal; None if there was no answer."""
         return self.record.accepted
 
     @property

@@ -243,12 +243,12 @@ class Frame:
         return (self.left + self.right) / 2
 
     def px(self, value: float) -> float:
-        """Return the place of a number on the x axis in px."""
+        """Return the position of a number on the x axis in px."""
         width = self.right - self.left
         return self.left + width * (value - self.x.low) / self.x.length
 
     def py(self, value: float) -> float:
-        """Return the place of a number on the y axis in px."""
+        """Return the position of a number on the y axis in px."""
         height = self.bottom - self.top
         return self.bottom - height * (value - self.y.low) / self.y.length
 

@@ -358,5 +358,5 @@ def _logarithm(seconds: float) -> float:
 
 
 def _place(frame: Frame, seconds: float) -> float:
-    """Return the place of a time on a logarithmic axis in px."""
+    """Return the position of a time on a logarithmic axis in px."""
     return frame.px(_logarithm(seconds))

@@ -13,18 +13,20 @@ from grader.evidence.recorded import Recorded
 from grader.report.figures.svg import duration, short, ticks
 from grader.report.views import anchor, heading_of
 
-#: Lanes of a kind, and moments of a lane, that are shown.
+#: Maximum number of lanes of the same sort, e.g. of topics or of processes.
 MOST_LANES = 12
+#: Maximum number of moments in a lane.
 _MOST_MOMENTS = 60
+#: Approximate maximum number of ticks on the time axis.
 _MOST_TICKS = 8
-#: Time in s after a moment within which a written line is shown with it.
+#: Longest time in s from a moment to the line of output that is shown with it.
 _SOON_S = 1.0
-#: Shortest length of a timeline in s.
+#: Minimum length of a timeline in s, because times are divided by it.
 _SHORTEST_S = 1e-3
 
 
 class LogLine(NamedTuple):
-    """A line of a process's output: place of the process in the record, and number of the line, both from 0."""
+    """A line of output, by the index of its process in the record and its own index in the output, both from 0."""
 
     process: int
     number: int
@@ -32,19 +34,19 @@ class LogLine(NamedTuple):
 
 @dataclass(frozen=True)
 class Moment:
-    """Something that happened at a time, or lasted from that time on; times are in s since the session's start."""
+    """An event, or an interval if it has an end; times are in s since the session's start."""
 
     #: Style of its mark or bar in the picture.
     style: str
     start_s: float
     text: str
-    #: Outcome of the moment.
+    #: Result or details of the event, e.g. `no answer` or `3 times`.
     note: str = ""
     end_s: float | None = None
     #: True if something went wrong.
     trouble: bool = False
     line: LogLine | None = None
-    #: Link to the part of the report with more about it.
+    #: Link to the part of the report that explains the moment.
     href: str = ""
 
 
@@ -53,12 +55,13 @@ class Lane:
     """Moments of one thing, such as a process or a topic."""
 
     name: str
-    kind: str
+    #: Remark beside the name, e.g. `goals` or `60 of 75 moments`; may be empty.
+    remark: str
     moments: Sequence[Moment]
 
 
-def stacked(name: str, kind: str, moments: Iterable[Moment]) -> list[Lane]:
-    """Return lanes of one name, as few as possible without overlapping bars."""
+def stacked(name: str, remark: str, moments: Iterable[Moment]) -> list[Lane]:
+    """Return moments in as few lanes as possible without overlapping bars; at most `MOST_LANES` lanes."""
     lanes: list[list[Moment]] = []
     for moment in sorted(moments, key=lambda moment: moment.start_s):
         for lane in lanes:
@@ -68,13 +71,13 @@ def stacked(name: str, kind: str, moments: Iterable[Moment]) -> list[Lane]:
                 break
         else:
             lanes.append([moment])
-    return [Lane(name, kind, lane) for lane in lanes[:MOST_LANES]]
+    return [Lane(name, remark, lane) for lane in lanes[:MOST_LANES]]
 
 
 def delay_moments(
     recorded: Recorded, words: str, delays: Iterable[Delay], style: str
 ) -> Iterator[Moment]:
-    """Yield delays by the machine; `words` stand before their durations."""
+    """Yield a moment for each delay by the machine; its text is `words`, followed by the duration."""
     for delay in delays:
         start_s = recorded.since_start_s(delay.start_ns)
         end_s = recorded.since_start_s(delay.end_ns)
@@ -86,31 +89,31 @@ class Row(NamedTuple):
     """A moment in the list of all moments."""
 
     id: str
-    #: Place of its lane.
+    #: Index of the moment's lane in `Timeline.lanes`.
     lane: int
     moment: Moment
 
 
 class Timeline:
-    """All lanes of a session with moments, and all moments in the order of time."""
+    """The lanes of a session that have moments, and a list of all moments in chronological order."""
 
     def __init__(self, recorded: Recorded, lanes: Iterable[Lane]) -> None:
         record = recorded.record
         self.session = record.session
         self.started_ns = record.started_ns
-        #: Headings of the processes, by their places in the record.
+        #: Headings of the processes, in the order of the record.
         self.processes = [heading_of(record, place) for place in range(len(record.processes))]
         self.length_s = _length_s(recorded)
-        #: Round times in s with their texts.
+        #: Ticks of the time axis: a round time in s, and its label.
         self.ticks: list[tuple[float, str]] = []
         for time_s in ticks(0.0, self.length_s, _MOST_TICKS):
             self.ticks.append((time_s, short(time_s)))
-        log = _log(recorded)
+        log = _student_log(recorded)
         self.lanes = [_shown(lane, log, self.length_s) for lane in lanes if lane.moments]
         self.rows = self._rows()
 
     def _rows(self) -> list[Row]:
-        """Return all moments in the order of time."""
+        """Return the moments of all lanes in chronological order."""
         placed = []
         for place, lane in enumerate(self.lanes):
             for moment in lane.moments:
@@ -122,28 +125,28 @@ class Timeline:
             rows.append(Row(f"{prefix}-{number}", place, moment))
         return rows
 
-    def at(self, time_s: float) -> str:
-        """Return a time, or the length of a span, as a share of the picture's width: `12.5%`."""
+    def percentage(self, time_s: float) -> str:
+        """Return a time or a duration as a percentage of the timeline's length, e.g. `12.5%`."""
         percent = f"{100 * time_s / self.length_s:.2f}"
         return percent.rstrip("0").rstrip(".") + "%"
 
-    def lines_of(self, place: int) -> set[int]:
-        """Return the numbers of a process's lines with links from moments."""
+    def linked_lines(self, process: int) -> set[int]:
+        """Return the indexes of the lines of output to which moments link, for the process with an index in the record."""
         numbers = set()
         for row in self.rows:
             line = row.moment.line
-            if line is not None and line.process == place:
+            if line is not None and line.process == process:
                 numbers.add(line.number)
         return numbers
 
     @property
     def styles(self) -> set[str]:
-        """Styles of all moments."""
+        """Styles that the key of the picture must explain."""
         return {row.moment.style for row in self.rows}
 
 
 def _length_s(recorded: Recorded) -> float:
-    """Return the time from the session's start to the last end of anything, in s."""
+    """Return the time from the session's start until the session, all steps and all processes have ended, in s."""
     record = recorded.record
     ends_ns = [record.ended_ns]
     for step in record.steps:
@@ -156,43 +159,43 @@ def _length_s(recorded: Recorded) -> float:
 # -- moments as they are shown -----------------------------------------------------------------
 
 
-class _Written(NamedTuple):
-    """A line in a student's output, with its time since the session's start."""
+class _TimedLine(NamedTuple):
+    """A line of a student's output, with its time since the session's start."""
 
     time_s: float
     line: LogLine
 
 
-def _log(recorded: Recorded) -> list[_Written]:
-    """Return the lines of all student processes in the order of time."""
+def _student_log(recorded: Recorded) -> list[_TimedLine]:
+    """Return the lines of output of all student processes in chronological order."""
     log = []
     for place, run in enumerate(recorded.record.processes):
         if run.role == "student":
             for number, line in enumerate(run.output):
                 time_s = recorded.since_start_s(line.t_ns)
-                log.append(_Written(time_s, LogLine(place, number)))
+                log.append(_TimedLine(time_s, LogLine(place, number)))
     return sorted(log)
 
 
-def _shown(lane: Lane, log: Sequence[_Written], length_s: float) -> Lane:
-    """Return a lane with one moment for consecutive equal ones, and with the first few of these."""
+def _shown(lane: Lane, log: Sequence[_TimedLine], length_s: float) -> Lane:
+    """Return a lane with runs of equal moments merged, cut after the maximum number of moments."""
     shown = []
-    for _, alike in itertools.groupby(lane.moments, key=_likeness):
+    for _, alike in itertools.groupby(lane.moments, key=_merge_key):
         first, *others = alike
-        shown.append(_within(first, log, length_s, len(others) + 1))
-    kind = lane.kind
+        shown.append(_completed(first, log, length_s, len(others) + 1))
+    remark = lane.remark
     if len(shown) > _MOST_MOMENTS:
-        kind = f"{_MOST_MOMENTS} of {len(shown)} moments"
-    return Lane(lane.name, kind, shown[:_MOST_MOMENTS])
+        remark = f"{_MOST_MOMENTS} of {len(shown)} moments"
+    return Lane(lane.name, remark, shown[:_MOST_MOMENTS])
 
 
-def _likeness(moment: Moment) -> tuple[str, str, str, float | None]:
-    """Return the common facts of equal moments."""
+def _merge_key(moment: Moment) -> tuple[str, str, str, float | None]:
+    """Return the attributes that consecutive moments must share to be merged."""
     return moment.style, moment.text, moment.note, moment.end_s
 
 
-def _within(moment: Moment, log: Sequence[_Written], length_s: float, times: int) -> Moment:
-    """Return a moment within the session, with its number of times and a line written soon after it."""
+def _completed(moment: Moment, log: Sequence[_TimedLine], length_s: float, times: int) -> Moment:
+    """Return a moment clamped to the session, with the number of merged moments and a line of output."""
     note = moment.note
     if times > 1:
         note += f" {times} times"
@@ -206,9 +209,9 @@ def _within(moment: Moment, log: Sequence[_Written], length_s: float, times: int
     return replace(moment, start_s=start_s, end_s=end_s, note=note.strip(), line=line)
 
 
-def _soon_after(time_s: float, log: Sequence[_Written]) -> LogLine | None:
-    """Return the first line written at a time or soon after it."""
-    place = bisect.bisect_left(log, time_s, key=lambda written: written.time_s)
+def _soon_after(time_s: float, log: Sequence[_TimedLine]) -> LogLine | None:
+    """Return the first line written at a time or soon after it; None if there is no such line."""
+    place = bisect.bisect_left(log, time_s, key=lambda line: line.time_s)
     if place == len(log) or log[place].time_s - time_s > _SOON_S:
         return None
     return log[place].line

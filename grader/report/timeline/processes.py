@@ -14,7 +14,7 @@ from grader.report.views import end_of, heading_of
 
 #: Shortest delay by the machine that is shown, in ns.
 _SHOWN_DELAY_NS = 50_000_000
-#: Beginning of a warning or error in the log of rclpy or Python, also behind the prefix of a launch: `[WARN] ...`,
+#: Beginning of a warning or error in the log of rclpy or Python, also after the prefix of a launch: `[WARN] ...`,
 #: `[talker-1] [ERROR] ...`, `talker.py:3: DeprecationWarning: ...`.
 _WARNS = re.compile(
     r"(?:\[[\w.-]{1,100}-\d{1,4}\] ?)?(?:\[(?:WARN|(ERROR|FATAL))\]|\S{1,300}:\d{1,9}: [A-Za-z]{0,60}Warning: )"
@@ -22,10 +22,10 @@ _WARNS = re.compile(
 
 
 def lane_of_process(recorded: Recorded, place: int) -> Lane:
-    """Return the moments of a process; `place` is its place in the record."""
+    """Return the moments of a process; `place` is its index in the record."""
     run = recorded.record.processes[place]
     heading = heading_of(recorded.record, place)
-    kind = "the lab's" if run.role == "reference" else ""
+    remark = "the lab's" if run.role == "reference" else ""
     end_ns = run.exited_ns or recorded.record.ended_ns
     moments = [
         *_running(recorded, run, end_ns),
@@ -35,7 +35,7 @@ def lane_of_process(recorded: Recorded, place: int) -> Lane:
         *_logged(recorded, place),
         *_delayed(recorded, run),
     ]
-    return Lane(heading, kind, moments)
+    return Lane(heading, remark, moments)
 
 
 def _running(recorded: Recorded, run: ProcessRun, end_ns: int) -> Iterator[Moment]:

@@ -42,7 +42,7 @@ class Delivered:
     late: bool = False
     #: Time of the submission, if the download has it; without offset from UTC if it has none.
     attempt_at: datetime | None = None
-    #: Place of the student's feedback in an archive for the system: a file of this name and kind or, behind a slash or
+    #: Location of the student's feedback in an archive for the system: a file of this name and kind or, after a slash or
     #: an underscore, a file of any name. Empty if the system accepts no such archive.
     handback: str = ""
     #: Members of a joint submission, if the system names them.
@@ -110,7 +110,7 @@ def _time(text: str, form: str) -> datetime | None:
 # -- Moodle: `Full Name_12345_assignsubmission_file_/lab.zip`, or without folders `..._file_lab.zip` -----------------
 
 # Underscores in names become spaces, and the name of a group can come first. The number is the participant's in this
-# assignment. A file has its own name behind the student's, a folder has none.
+# assignment. A file has its own name after the student's, a folder has none.
 _MOODLE = r"(?P<name>[^_]+)_(?P<id>\d+)_assignsubmission_(?P<kind>[a-z]+)_?(?P<file>.*)"
 
 
@@ -128,12 +128,12 @@ def _moodle(entries: Entries) -> dict[str, Delivered]:
     return delivered
 
 
-# -- Canvas: `surnamefirstname_67_890_lab.zip`, with `_LATE` behind the name where it was (once `_late`) -------------
+# -- Canvas: `surnamefirstname_67_890_lab.zip`, with `_LATE` after the name where it was (once `_late`) -------------
 
 # `anon_Xy3z` replaces name and user in anonymous grading, `..._67_text.html` holds text that was typed in. A file
 # that is submitted again is `lab-1.zip`. The first number is the user's, the second the file's, and no two files of a
 # student have the same one; equal numbers come from students that number their files by labs and tasks.
-# A number that begins with 0, as a lab's can, is no id of Canvas.
+# A number that begins with 0, as a lab's can, is not an id of Canvas.
 _CANVAS = (
     r"(?:(?!(?i:LATE)_)(?P<name>\w+?)_)?(?:(?P<late>(?i:LATE))_)?(?P<id>[1-9]\d*|anon_[^\W_]+)_"
     r"(?:(?P<number>0|[1-9]\d*)_(?P<file>.+)|(?P<typed>(?:text|link)\.html))"
@@ -165,7 +165,7 @@ def _canvas(entries: Entries) -> dict[str, Delivered]:
 
 # -- Blackboard: `Lab 9_username_attempt_2026-03-01-12-30-00_lab.zip`, and a `.txt` about each attempt ---------------
 
-# Titles, user names and names of groups can have underscores. The student's name is the rest behind the assignment's
+# Titles, user names and names of groups can have underscores. The student's name is the rest after the assignment's
 # title, the common beginning of all names.
 _BLACKBOARD = r"(?P<head>.[^_]*_.+?)_attempt_(?P<time>\d{4}-\d\d-\d\d-\d\d-\d\d-\d\d)(?:_(?P<file>.+)|(?P<about>\.txt))"
 
@@ -197,7 +197,7 @@ def _common_title(heads: Collection[str]) -> str:
 
 # -- Brightspace: `67-890 - Full Name - Mar 1, 2026 1230 PM/lab.zip`, a folder for each submission -------------------
 
-# The first number is the user's, the second the assignment's. `index.html` lies beside them.
+# The first number is the user's, the second the assignment's. `index.html` is next to them.
 _BRIGHTSPACE = r"(?P<id>\d+)-\d+ - (?P<name>.+) - (?P<time>(?:(?! - ).)*\b\d{4}\b(?:(?! - ).)*)"
 _CLOCK = re.compile(r"(\d{1,2}):?(\d\d)( ?[AP]M)?$")
 

@@ -1,10 +1,10 @@
 """Moodle's grading worksheet: its columns and times, in any language.
 
 Facts from Moodle's source (`mod/assign/gradingtable.php`, `lib/moodlelib.php`): headings are in the language of the
-downloading user. "Last modified (submission)" stands before "Last modified (grade)" and differs from it by the
+downloading user. "Last modified (submission)" comes before "Last modified (grade)" and differs from it by the
 words in brackets only, in every language. Times are written by `userdate` in the language's long form and the user's
 time zone, without the zone: "Monday, 2 March 2026, 11:41 PM", "Montag, 2. März 2026, 23:41". The first column is
-the participant's number behind a word ("Participant 12", "Teilnehmer/in12"), the second the full name unless hidden.
+the participant's number after a word ("Participant 12", "Teilnehmer/in12"), the second the full name unless hidden.
 """
 
 from __future__ import annotations

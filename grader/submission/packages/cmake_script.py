@@ -21,7 +21,7 @@ _HERE = re.compile(
 _MOST_COMMANDS = 2000
 _MOST_WORDS = 500
 _LONGEST_WORD = 1000
-#: Commands that change a variable in an unknown way, with the place of its name.
+#: Commands that change a variable in an unknown way, with the index of its name.
 _CHANGING = {"list": 1, "file": 1, "foreach": 0}
 _KINDS = ("DIRECTORY", "FILES", "PROGRAMS")
 #: Words that select files of a folder.
@@ -48,7 +48,7 @@ class _Command:
     folder: str
     #: All words of the command.
     words: list[str]
-    #: New name of a single file; empty without one.
+    #: New name of a single file; empty if the file keeps its name.
     new_name: str = ""
 
     @property

@@ -1,6 +1,6 @@
 """The actions of steps that the director does, a module a step. Each takes the probe and the step, and answers.
 
-Their models stand in the modules of the same names of `grader.lab.steps`.
+Their models are in the modules of the same names of `grader.lab.steps`.
 """
 
 from __future__ import annotations

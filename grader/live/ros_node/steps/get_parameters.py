@@ -65,7 +65,7 @@ class ParameterServices:
         return values
 
     def all_values(self) -> dict[str, Any]:
-        """Return the values of all parameters, as far as they are passed on; nothing without an answer."""
+        """Return the values of all parameters, as far as they are passed on; empty if there was no answer."""
         declared = self.declared()
         if declared is None:
             return {}

@@ -1,6 +1,6 @@
 """The actions of steps that concern processes, a module a step. Each takes the session and the step, and answers.
 
-Their models stand in the modules of the same names of `grader.lab.steps`. The director does all other steps alone.
+Their models are in the modules of the same names of `grader.lab.steps`. The director does all other steps alone.
 """
 
 from __future__ import annotations

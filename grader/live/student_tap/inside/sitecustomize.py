@@ -17,7 +17,7 @@ import sys
 
 
 def _descriptor():
-    """Return the descriptor of the tap's pipe, or -1 without one."""
+    """Return the descriptor of the tap's pipe, or -1 if there is none."""
     descriptor = int(os.environ.pop("GRADER_TAP_FD", "-1"))
     if descriptor >= 0:
         os.set_inheritable(descriptor, False)
