@@ -94,7 +94,7 @@ def test_on_a_terminal_all_that_runs_is_shown() -> None:
 
 
 def test_the_view_stays_small_in_a_large_class() -> None:
-    """Of two hundred ended submissions only the last few are shown, to fit a terminal."""
+    """Only the last few of two hundred ended submissions are shown, to fit a terminal."""
     progress = RunProgress(console(terminal=True)[0], 4)
     for number in range(200):
         progress.expect(f"s{number}", 40.0)
