@@ -18,7 +18,7 @@ SETTINGS: dict[str, Any] = {"step": "link", "names": {"fast": "/fast"}, "artifac
 
 
 def crossing(loss: float, sent: int, received: list[list[int]], late: int = 0) -> Crossing:
-    """Return a crossing in which some of four late joiners got the last message."""
+    """Return a crossing with the last message at some of four late joiners."""
     return Crossing(loss, sent, received, [[sent]] * late + [[]] * (4 - late))
 
 
@@ -102,7 +102,7 @@ def test_the_programs_own_line_stands_beside(tmp_path: Path) -> None:
 
 
 def test_incompatible_sides_are_shown_as_that(tmp_path: Path) -> None:
-    """No message arrives, and the table names the policy in which the sides differ."""
+    """No message arrives, and the table names the policy with different values on the two sides."""
     result = two_profiles()
     result.topics[0].requested = LATCHED
     result.topics[0].crossings = [crossing(0.3, 4, [])]

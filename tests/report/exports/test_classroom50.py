@@ -1,4 +1,4 @@
-"""Classroom 50's result.json: what its runner checks, and whole scores that add up."""
+"""Classroom 50's result.json: requirements of its runner, and whole scores that add up."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from tests.report.rendered_markdown import MADE_ACTIVE, Page
 
 
 def is_score(value: Any) -> bool:
-    """Whether a value is a whole number from 0 on; a truth value is none."""
+    """Say if a value is a whole number from 0 on; a truth value is none."""
     return isinstance(value, int) and not isinstance(value, bool) and value >= 0
 
 
@@ -112,7 +112,7 @@ _POINTS = st.integers(0, 400).map(lambda n: Decimal(n) / 20)
 
 @given(st.lists(_POINTS, max_size=40))
 def test_whole_scores_add_up(exact: list[Decimal]) -> None:
-    """They add up to the rounded total, and each is less than a point from its own."""
+    """Whole scores add up to the rounded total, and each is less than a point off."""
     whole = whole_scores(exact)
     assert sum(whole) == int(sum(exact, Decimal(0)).quantize(Decimal(1), ROUND_HALF_UP))
     assert all(abs(value - each) < 1 for value, each in zip(whole, exact, strict=True))

@@ -25,7 +25,7 @@ def commands_of(text: str) -> list[Command]:
 
 
 def test_outcomes_are_kinds_on_lines_of_files() -> None:
-    """Failed is an error, partial a warning, the rest notices; what passed is not marked."""
+    """Failed is an error, partial a warning, unreached or undecided a notice; passed has none."""
     commands = commands_of(exported("github-annotations", every_outcome(), path_prefix="ann"))
     assert [(c.name, c.properties.get("file"), c.properties.get("line")) for c in commands] == [
         ("error", None, None),
@@ -45,7 +45,10 @@ def test_outcomes_are_kinds_on_lines_of_files() -> None:
 
 
 def test_ten_of_a_kind_the_costliest_first() -> None:
-    """GitHub drops what is beyond ten of a kind, so those that cost most come first, and the rest is counted."""
+    """The costliest ten annotations of a kind come first, and the rest is counted.
+
+    GitHub drops more than ten of a kind.
+    """
     checks = [check(f"a.{n}", "failed", 0, n + 1) for n in range(13)]
     checks += [check(f"b.{n}", "partial", 1, n + 2) for n in range(11)]
     lines = exported("github-annotations", result(criterion("a", *checks))).splitlines()

@@ -62,7 +62,10 @@ def text_of(message: EmailMessage) -> str:
 
 
 def test_each_gets_a_mail_with_the_report(tmp_path: Path) -> None:
-    """Umlauts and commas in names arrive, the text says what was earned and what to fix first, the page is whole."""
+    """Each student gets a mail with points, first remedy and whole page, for any name.
+
+    Umlauts and commas in names arrive.
+    """
     entries = [
         entry(
             tmp_path,
@@ -146,7 +149,7 @@ def test_who_has_no_address_is_named(address: str, tmp_path: Path) -> None:
 
 
 def test_without_a_report_there_is_no_mail(tmp_path: Path) -> None:
-    """A submission whose page was not written is named, and one that was not graded is not there."""
+    """A submission without a page is named, and one without a grading is left out."""
     bare = dataclasses.replace(
         entry(tmp_path, "ann", Person("Ann", email="a@b.example")), report=""
     )
