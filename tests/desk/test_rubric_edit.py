@@ -56,16 +56,19 @@ def test_a_number_is_moved_alone(rubric: Rubric) -> None:
     for limit in limits[::7]:
         value = "17%" if limit.value.endswith("%") else "17"
         text = edited(rubric.text, {limit.id: value})
-        lines = [
-            line
-            for line in difflib.ndiff(rubric.text.splitlines(), text.splitlines())
-            if line[0] in "+-"
-        ]
+        differences = difflib.ndiff(rubric.text.splitlines(), text.splitlines())
+        new = [line for line in differences if line.startswith("+")]
         most = 3 if limit.key == "points" else 1
-        assert 1 <= sum(line.startswith("+") for line in lines) <= most, lines
-        c, k, key = limit.id.split("/")
-        check = yaml.load(text, yaml.CSafeLoader)["criteria"][int(c)]["checks"][int(k)]
-        assert str(check["points"] if key == "points" else check["with"][key]) == value
+        assert 1 <= len(new) <= most, new
+        assert value_of(text, limit.id) == value
+
+
+def value_of(text: str, place: str) -> str:
+    """Return the number at a place such as `1/0/points`, read from a rubric's text."""
+    criterion, number, key = place.split("/")
+    plain = yaml.load(text, yaml.CSafeLoader)
+    check = plain["criteria"][int(criterion)]["checks"][int(number)]
+    return str(check["points"] if key == "points" else check["with"][key])
 
 
 def test_a_number_that_others_share_moves_for_all(rubric: Rubric) -> None:

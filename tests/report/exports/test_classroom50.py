@@ -30,30 +30,37 @@ def is_score(value: Any) -> bool:
     return isinstance(value, int) and not isinstance(value, bool) and value >= 0
 
 
+def require_origin(data: dict[str, Any]) -> None:
+    """Fail unless a result names its schema, its assignment, and the submission's commit."""
+    assert data["schema"] == "classroom50/result/v1"
+    assert (data["classroom"], data["assignment"]) == ("robotics", "lab")
+    assert data["submission"].startswith("submit/")
+    for key in ("commit", "release", "review", "datetime"):
+        assert isinstance(data[key], str)
+        assert data[key]
+
+
+def require_scores(part: dict[str, Any]) -> None:
+    """Fail unless the score of a result or a test is a whole number up to its maximum."""
+    assert is_score(part["score"])
+    assert is_score(part["max-score"])
+    assert part["score"] <= part["max-score"]
+
+
 def valid(plain: dict[str, Any]) -> dict[str, Any]:
     """Export, and return the data if the runner and the collector take them; the runner adds owner and type."""
     text = exported("classroom50", plain, environment=VARIABLES)
     data: dict[str, Any] = json.loads(text)
     assert len(text) < 10 * 1024 * 1024
-    assert data["schema"] == "classroom50/result/v1"
-    assert (data["classroom"], data["assignment"]) == ("robotics", "lab")
-    assert data["submission"].startswith("submit/")
-    assert all(
-        isinstance(data[key], str) and data[key]
-        for key in ("commit", "release", "review", "datetime")
-    )
-    assert is_score(data["score"])
-    assert is_score(data["max-score"])
-    assert data["score"] <= data["max-score"]
+    require_origin(data)
+    require_scores(data)
     for test in data["tests"]:
         assert isinstance(test["test-name"], str)
         assert test["test-name"]
         assert isinstance(test["passed"], bool)
-        assert is_score(test["score"])
-        assert is_score(test["max-score"])
-        assert test["score"] <= test["max-score"]
-    assert sum(test["score"] for test in data["tests"]) == data["score"]
-    assert sum(test["max-score"] for test in data["tests"]) == data["max-score"]
+        require_scores(test)
+    for key in ("score", "max-score"):
+        assert sum(test[key] for test in data["tests"]) == data[key]
     return data
 
 

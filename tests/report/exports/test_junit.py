@@ -56,30 +56,44 @@ def assert_valid(text: str) -> ElementTree.Element:
     root = ElementTree.fromstring(text.encode("utf-8"))
     assert root.tag == "testsuites"
     for element in root.iter():
-        needed, allowed, within = _SCHEMA[element.tag]
-        assert needed <= set(element.attrib) <= needed | allowed
-        assert {child.tag for child in element} <= within
-        assert _TIME.fullmatch(element.get("time", "0"))
-        # GitLab's parser converts the contents of an element by its `type`, and refuses some.
-        assert "type" not in element.attrib
+        assert_in_schema(element)
+    names = []
     for suite in root:
-        cases = suite.findall("testcase")
-        assert suite.get("tests") == str(len(cases))
-        assert suite.get("failures") == str(len(suite.findall("testcase/failure")))
-        assert suite.get("skipped") == str(len(suite.findall("testcase/skipped")))
-        assert suite.get("errors") == "0"
-        assert all(case.get("name") and case.get("classname") for case in cases)
-        # An element without contents becomes a mapping in GitLab, not a text.
-        assert all((told.text or "").strip() for case in cases for told in case)
+        assert_counts(suite)
+        for case in suite:
+            assert_case(case)
+            names.append((suite.get("name"), case.get("classname"), case.get("name")))
     # GitLab knows a case by these three, Jenkins by the last two.
-    names = [
-        (suite.get("name"), case.get("classname"), case.get("name"))
-        for suite in root
-        for case in suite
-    ]
     assert len(set(names)) == len(names)
     assert len({name[1:] for name in names}) == len(names)
     return root
+
+
+def assert_in_schema(element: ElementTree.Element) -> None:
+    """Assert that an element has the attributes and children of the schema."""
+    needed, allowed, within = _SCHEMA[element.tag]
+    assert needed <= set(element.attrib) <= needed | allowed
+    assert {child.tag for child in element} <= within
+    assert _TIME.fullmatch(element.get("time", "0"))
+    # GitLab's parser converts the contents of an element by its `type`, and refuses some.
+    assert "type" not in element.attrib
+
+
+def assert_counts(suite: ElementTree.Element) -> None:
+    """Assert that a suite counts its cases and their verdicts rightly."""
+    assert suite.get("tests") == str(len(suite.findall("testcase")))
+    assert suite.get("failures") == str(len(suite.findall("testcase/failure")))
+    assert suite.get("skipped") == str(len(suite.findall("testcase/skipped")))
+    assert suite.get("errors") == "0"
+
+
+def assert_case(case: ElementTree.Element) -> None:
+    """Assert that a case has its names, and a text in each verdict."""
+    assert case.get("name")
+    assert case.get("classname")
+    for told in case:
+        # An element without contents becomes a mapping in GitLab, not a text.
+        assert (told.text or "").strip()
 
 
 def test_checks_are_cases_and_criteria_suites() -> None:
