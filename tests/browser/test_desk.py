@@ -330,7 +330,7 @@ SETTLED: list[tuple[tuple[str, ...], str, dict[str, Any]]] = [
 
 
 def test_each_key_settles_each_scope(chromium: Browser, tmp_path: Path) -> None:
-    """The maximum beside the field is that of the check or of its criterion; one submission for each."""
+    """The maximum beside the field is the check's or the criterion's, in a submission for each."""
     results = tmp_path / "results"
     names = [f"s{n:02d}" for n in range(len(SETTLED))]
     add_alike(results, [*names, "unsettled"], "solution", without="service")

@@ -16,7 +16,7 @@ from grader.files import UNFINISHED
 from grader.result_folder import JOURNAL_FILE, RECORDINGS, RESULT_FILE
 from tests.live.small_lab import TALKER, TEXT, below, command_of, make_lab, published
 
-#: The talker on another topic than the rubric's, for which there is part of the credit.
+#: The talker on another topic than the rubric's, for part of the credit.
 ASTRAY = TALKER.replace("/chatter", "/chitter")
 CRASHES = "raise SystemExit(3)\n"
 #: Keeps its session waiting for as long as that waits.
@@ -121,13 +121,13 @@ class SmallClass:
         }
 
     def graded(self) -> list[str]:
-        """Return who is graded, as the journal says, in that order."""
+        """Return the graded submissions in the order of the journal."""
         path = self.results / JOURNAL_FILE
         lines = path.read_text(encoding="utf-8").split("\n")[:-1] if path.exists() else []
         return [line["graded"] for line in map(json.loads, lines) if "graded" in line]
 
     def recording(self) -> list[str]:
-        """Return whose sessions are being recorded now."""
+        """Return the submissions with sessions being recorded now."""
         return sorted(
             {p.parts[-4] for p in self.results.glob(f"*/{UNFINISHED}/{RECORDINGS}/.*.partial")}
         )
@@ -139,7 +139,7 @@ class Family:
 
     pid: int
     members: set[tuple[int, str]] = field(default_factory=set)
-    #: What was there before, such as a helper of `multiprocessing` that another test has started.
+    #: Processes from before the run, such as a helper of `multiprocessing` started by another test.
     before: set[tuple[int, str]] = field(default_factory=set)
 
     def __post_init__(self) -> None:
@@ -173,7 +173,7 @@ def _born(pid: int) -> str:
 
 
 def make_class(folder: Path, talkers: Mapping[str, str | None]) -> SmallClass:
-    """Make a class whose lab asks for a talker on /chatter, worth 1 point, by submissions' names."""
+    """Make a class for a lab with a talker on /chatter, worth 1 point, by submissions' names."""
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},
         {"wait_for": {"publisher": "/chatter", "type": TEXT, "timeout_s": 60}},

@@ -1,4 +1,4 @@
-"""Folders as bytes: what goes in comes out, and nothing else does."""
+"""Folders as bytes: the same files come out that went in, and nothing else."""
 
 from __future__ import annotations
 

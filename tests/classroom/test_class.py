@@ -70,7 +70,7 @@ def half_done(small: SmallClass, pid: int) -> Family:
 
 
 def test_a_class_is_graded_once(tmp_path: Path) -> None:
-    """All are graded but one that is empty; given again, only what has changed is graded, and the rest kept."""
+    """Every submission is graded except an empty one; a second run grades only changed ones."""
     small = make_class(tmp_path, {"ann": TALKER, "bob": CRASHES, "eve": None})
     status, output, errors = small.grade()
     assert (status, errors) == (3, "")
@@ -107,7 +107,10 @@ def test_a_class_is_graded_once(tmp_path: Path) -> None:
 
 
 def test_a_download_goes_back_to_where_it_came_from(tmp_path: Path) -> None:
-    """From Moodle's download to what Moodle reads again; a class list counts for later runs, and runs nothing anew."""
+    """A class goes from Moodle's download back into a file for Moodle.
+
+    A class list counts for later runs, and grades nothing anew.
+    """
     names = {
         "Änne Müller_11_assignsubmission_file": TALKER,
         "Bob O'Brien_12_assignsubmission_file": CRASHES,
@@ -182,7 +185,7 @@ def test_exactly_what_is_undecided_is_run_again(tmp_path: Path) -> None:
 
 
 def test_undecided_sessions_are_found_after_the_rubric_changed(tmp_path: Path) -> None:
-    """After a corrected hint, judged again or not, --undecided still knows who is graded and what is open."""
+    """After a corrected hint, judged again or not, --undecided finds the open submissions."""
     small = make_class(tmp_path, {"ann": TALKER, "bob": CRASHES})
     assert small.grade()[0] == 0
     leave_open(small, "ann")
@@ -228,7 +231,7 @@ def test_a_class_without_sessions_is_graded(tmp_path: Path) -> None:
 
 
 def leave_open(small: SmallClass, name: str) -> None:
-    """Make of a graded submission one whose session the machine disturbed."""
+    """Give a graded submission a session that the machine disturbed."""
     folder = small.results / name
     session = read_session(folder / RECORDINGS / "only")
     session.problems = ["A reference node ended."]
@@ -267,7 +270,10 @@ def test_a_killed_run_goes_on_where_it_stopped(tmp_path: Path) -> None:
 def test_a_run_that_is_asked_to_end_keeps_what_is_done(
     tmp_path: Path, number: signal.Signals
 ) -> None:
-    """At Ctrl-C the run ends with the status of the signal, says what is kept, and leaves no process and no folder."""
+    """At Ctrl-C a run ends with the signal's status and keeps finished gradings.
+
+    It names them, and leaves no process and no folder behind.
+    """
     small = make_class(tmp_path, {"ann": TALKER, "bob": SLEEPS, "cem": TALKER})
     with small.start("-j", "1") as process:
         family = half_done(small, process.pid)
@@ -289,7 +295,7 @@ def test_a_second_run_in_the_same_folder_is_refused(tmp_path: Path) -> None:
     small = make_class(tmp_path, {"ann": TALKER, "bob": TALKER})
     with small.start() as process:
         until(small.recording, 120)
-        process.send_signal(signal.SIGSTOP)  # It is at work for as long as the other one takes.
+        process.send_signal(signal.SIGSTOP)  # This grading lasts as long as the other one.
         try:
             status, _, errors = small.grade()
         finally:
@@ -337,7 +343,7 @@ def kill(family: Family, victim: str) -> set[int]:
 
 @pytest.mark.parametrize("victim", VICTIMS)
 def test_a_process_that_is_killed_is_replaced(tmp_path: Path, victim: str) -> None:
-    """In the midst of a session, whichever it is: the run goes on, and what was lost is graded once more."""
+    """A run goes on after any process of a session is killed, and grades the lost work again."""
     small = make_class(tmp_path, dict.fromkeys(NAMES, TALKER))
     with small.start("-j", "2") as process:
         family = half_done(small, process.pid)

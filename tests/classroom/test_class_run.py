@@ -1,4 +1,4 @@
-"""What a run over a class does with what was recorded before, and what the class page is told of it."""
+"""A run over a class: its use of earlier recordings, and its entries for the class page."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
 
 
 def source(name: str) -> SubmissionSource:
-    """Make what a student of this name handed in."""
+    """Make the submission of a student with this name."""
     return SubmissionSource(name, (Piece(Path(name)),), f"id of {name}", NOON)
 
 
@@ -53,7 +53,7 @@ def result(folder: Path, name: str) -> None:
 
 
 def test_all_who_are_known_are_reported_once(tmp_path: Path) -> None:
-    """Those of this run and those graded before, in the order of their names."""
+    """Submissions of this run and earlier ones are reported once each, in the order of names."""
     for name in ("ann", "cem", "old"):
         result(tmp_path, name)
     (tmp_path / ".unfinished").mkdir()
@@ -81,7 +81,7 @@ def test_all_who_are_known_are_reported_once(tmp_path: Path) -> None:
 
 
 def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
-    """What was found when a submission was extracted stands in its record, and on the page."""
+    """The time found while a submission was extracted stands in its record, and on the page."""
     results = tmp_path / "results"
     shutil.copytree(KEPT, results / "ann" / RECORDINGS)
     (results / "ann" / "result.json").write_text(to_json(result_named("ann")), encoding="utf-8")
@@ -94,7 +94,7 @@ def test_the_time_that_an_archive_tells_is_kept(tmp_path: Path) -> None:
 
 
 def test_who_handed_in_is_told_to_recordings_that_hold_good(tmp_path: Path) -> None:
-    """What a class list adds in a later run is kept with the results, and nothing is judged or recorded for it."""
+    """A class list of a later run is kept with the results; nothing is graded again for it."""
     results = tmp_path / "results"
     shutil.copytree(KEPT, results / "ann" / RECORDINGS)
     ann = replace(source("ann"), origin=read_submission(results / "ann" / RECORDINGS).source)
@@ -124,7 +124,7 @@ def test_who_handed_in_is_told_to_recordings_that_hold_good(tmp_path: Path) -> N
 
 @pytest.mark.slow
 def test_what_was_recorded_is_judged_again_where_that_suffices(tmp_path: Path) -> None:
-    """Recordings that hold good are judged by what people have decided since, or where a file is missing; else kept."""
+    """Valid recordings are judged again after a new decision or the loss of a file; else kept."""
     submission_time, results = tmp_path / "ann", tmp_path / "results"
     shutil.copytree(lab_folder() / "reference/solution", submission_time)
     shutil.copytree(KEPT, results / "ann" / RECORDINGS)

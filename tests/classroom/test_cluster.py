@@ -48,7 +48,7 @@ class Cluster:
     workers: list[subprocess.Popen[bytes]]
 
     def grading(self) -> subprocess.Popen[bytes] | None:
-        """Return a worker in which a student's node runs now."""
+        """Return a worker with a running student's node."""
         for worker in self.workers:
             if any("/ws/install" in command_of(pid) for pid in below(worker.pid)):
                 return worker
@@ -57,7 +57,7 @@ class Cluster:
 
 @contextmanager
 def running(command: list[str], folder: Path) -> Iterator[subprocess.Popen[bytes]]:
-    """Run a process until the context ends; what it says goes to a file."""
+    """Run a process until the context ends, with its output in a file."""
     environment = {**os.environ, "TMPDIR": str(folder), "DASK_DISTRIBUTED__DASHBOARD__LINK": ""}
     with (
         (folder / "said").open("ab") as said,
@@ -114,7 +114,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 
 def is_whole(file: Path) -> bool:
-    """Whether a file of JSON is there and written to its end."""
+    """Say if a file of JSON is there and written to its end."""
     try:
         return bool(json.loads(file.read_text(encoding="utf-8")))
     except (OSError, ValueError):
@@ -148,7 +148,7 @@ def test_a_lost_worker_changes_no_result(tmp_path: Path, cluster: Cluster) -> No
     assert small.outcomes() == here.outcomes()
     assert len(small.outcomes()) == 3
     assert any("link.py" in line for line in small.result("ann")["provenance"]["left_out"])
-    # What came over the network is whole: it is judged again here, to the same bytes.
+    # The files from the network are whole: they are judged again here, to the same bytes.
     names = list(here.outcomes())
     before = {name: small.files_of(name) for name in names}
     folders = [str(small.results / name) for name in names]
@@ -168,7 +168,10 @@ def test_a_lost_worker_changes_no_result(tmp_path: Path, cluster: Cluster) -> No
 
 
 def test_problems_come_back_and_ctrl_c_ends(tmp_path: Path, cluster: Cluster) -> None:
-    """What a worker refuses is told as it is here; at Ctrl-C the command ends at once and keeps what is graded."""
+    """A refusal by a worker is reported like one on this machine.
+
+    At Ctrl-C the command ends at once and keeps finished gradings.
+    """
     small = make_class(tmp_path, {"ann": TALKER, "bob": None, "cem": "print()\n", "dan": SLEEPS})
     (small.submissions / "cem" / "talker.py").rename(small.submissions / "cem" / "notes.txt")
     with small.start("--scheduler", str(cluster.address)) as process:
@@ -183,7 +186,7 @@ def test_problems_come_back_and_ctrl_c_ends(tmp_path: Path, cluster: Cluster) ->
 
 
 def test_another_grader_is_refused() -> None:
-    """A worker whose grader is not the same grades nothing, and says what to do."""
+    """A worker with another version of the grader grades nothing, and names the remedy."""
     source = SubmissionSource.of(Path(__file__))
     job = Job(source, Path("results"), read_rubric(None), Options(Path(sys.executable)))
     bundle = pickle.dumps(Bundle("another", job, b"", b"", own_interpreter=True))

@@ -1,4 +1,4 @@
-"""What fixtures expect: read strictly, laid out, and compared with what was judged."""
+"""Expectations of fixtures: strict reading, layout, and comparison with a result."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def expecting(**parts: Any) -> Expectation:
 
 
 def read(result: dict[str, Any], identity: str = "", **change: Any) -> Result:
-    """Give a result, in which a check is otherwise."""
+    """Give a result with one check changed."""
     changed = copy.deepcopy(result)
     for check in (check for criterion in changed["criteria"] for check in criterion["checks"]):
         if check["id"] == identity:
@@ -103,7 +103,7 @@ def test_what_asserts_nothing_is_refused(tmp_path: Path, text: str) -> None:
 
 
 def test_a_folder_without_fixtures(tmp_path: Path) -> None:
-    """That there are none is an error that says where they come from."""
+    """A folder without fixtures is an error, with a remedy that names `--fixtures`."""
     with pytest.raises(SubmissionError, match="no fixtures") as caught:
         fixtures_in(tmp_path)
     assert "--fixtures" in caught.value.remedy
@@ -126,7 +126,7 @@ def test_a_fixture_is_laid_out_over_what_it_builds_on(tmp_path: Path) -> None:
 def test_the_solution_is_a_fixture_too(
     tmp_path: Path, rubric: Rubric, judged: dict[str, Any]
 ) -> None:
-    """It is laid out as it lies there, and expects all points of every check."""
+    """The solution is laid out from its own folder, and expects all points of every check."""
     fixture = solution(SOLUTION, rubric)
     assert (fixture.lay_out(tmp_path) / "robot_service.py").is_file()
     assert compare(fixture.expectation, read(judged), rubric).differences == ()
@@ -142,7 +142,7 @@ def test_the_solution_is_a_fixture_too(
 
 
 def differences(expectation: Expectation, result: Result, rubric: Rubric) -> list[str]:
-    """Give the differences, each without what was measured."""
+    """Give the differences, each without its measurement."""
     return [line.split(":")[0] for line in compare(expectation, result, rubric).differences]
 
 
@@ -252,7 +252,7 @@ def test_what_is_undecided_may_be_run_again(judged: dict[str, Any], rubric: Rubr
 
 
 def test_an_expectation_of_another_rubric_is_reported_before_anything_runs(rubric: Rubric) -> None:
-    """Names that the rubric does not have are listed, each with its kind, its place, and what may be meant."""
+    """Names missing in the rubric are listed, each with its kind, place and nearest known name."""
     checks = {"publisher.rat": {"outcome": "failed"}}
     expectation = expecting(
         sessions=["publisher", "night"], criteria={"publisher": {"checks": checks}, "fame": {}}
@@ -272,7 +272,10 @@ def test_an_expectation_of_another_rubric_is_reported_before_anything_runs(rubri
 
 
 def test_a_quick_choice_says_something_of_every_criterion(rubric: Rubric) -> None:
-    """Of all fixtures few are chosen, and for each criterion one that loses points there; solution and starter stay."""
+    """A quick choice has few fixtures, but one with lost points for each criterion.
+
+    The solution and the starter are always in it.
+    """
     every = [solution(SOLUTION, rubric), *fixtures_in(ROOT / "fixtures")]
     chosen = quick(every, rubric)
     assert {"solution", "empty_starter"} < {fixture.name for fixture in chosen}

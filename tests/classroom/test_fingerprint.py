@@ -1,4 +1,4 @@
-"""What makes a second grading necessary, and what does not."""
+"""Changes that make a second grading necessary, and changes that do not."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def test_names_and_contents_cannot_be_mixed_up(tmp_path: Path) -> None:
 
 
 def test_the_rubric_with_all_its_programs_counts(tmp_path: Path, rubric: Rubric) -> None:
-    """A change in the rubric, a reference node, what it imports, or an oracle makes another lab."""
+    """A changed rubric, reference node, import of one, or oracle makes another lab."""
     lab = tmp_path / "lab"
     lab.mkdir()
     shutil.copy(rubric.folder / "rubric.yaml", lab)
@@ -107,7 +107,10 @@ def test_the_rubric_with_all_its_programs_counts(tmp_path: Path, rubric: Rubric)
 
 
 def test_words_points_and_checks_need_no_other_recordings(rubric: Rubric) -> None:
-    """What judges a recording does not change its key; sessions, programs and wanted files do."""
+    """Words, points and checks do not change a recording's key.
+
+    Sessions, programs and wanted files do.
+    """
     whole = fingerprint.recording_sha256(rubric)
     words = rubric.text.replace("hint:", "hint: Look here.").replace("Lab 09-01", "Lab 9-1")
     assert words != rubric.text
@@ -158,7 +161,7 @@ def test_options_that_matter(options: Options) -> None:
 
 
 def test_options_that_do_not_matter() -> None:
-    """How many run side by side changes no result."""
+    """The number of gradings side by side does not change the key of the options."""
     assert fingerprint.options_sha256(replace(OPTIONS, jobs=3)) == fingerprint.options_sha256(
         OPTIONS
     )

@@ -30,7 +30,7 @@ def test_a_job_arrives_as_it_was_sent(tmp_path: Path) -> None:
 
 
 def test_problems_arrive() -> None:
-    """What went wrong arrives, and without end it does not."""
+    """A problem arrives whole on the other side, but with its text cut to a bound."""
     problem = problem_of(SubmissionError("it broke", location="a.py", remedy="mend it"))
     arrived = pickle.loads(pickle.dumps(problem))
     assert (vars(arrived), arrived.exit_status) == (vars(problem), 3)
@@ -60,7 +60,7 @@ def test_errors_keep_their_words_and_their_exit_status(
 
 
 def test_a_full_disk_is_named() -> None:
-    """Of an error of the system the reason and the file are told, and what to look at."""
+    """An error of the system has its reason, its file and a remedy."""
     told = problem_of(OSError(28, "No space left on device", "/results/ann"))
     assert (told.problem, told.location, told.exit_status) == (
         "No space left on device",

@@ -1,4 +1,4 @@
-"""The journal: what counts as graded, whatever moment a run ended at."""
+"""The journal: submissions that count as graded, whatever moment a run ended at."""
 
 from __future__ import annotations
 
@@ -49,14 +49,14 @@ def test_what_is_graded_is_kept(tmp_path: Path) -> None:
 
 
 def test_another_key_is_another_submission(tmp_path: Path) -> None:
-    """What was graded from something else does not count."""
+    """A result under another key does not count."""
     graded(tmp_path, "ann")
     assert held(tmp_path, "ann", key="other") == []
 
 
 @pytest.mark.parametrize("what", ["record", "bag", "all"])
 def test_recordings_must_be_those_of_which_the_journal_speaks(tmp_path: Path, what: str) -> None:
-    """A result whose recordings were renewed, damaged or removed since is graded again."""
+    """A result is graded again after its recordings were renewed, damaged or removed."""
     graded(tmp_path, "ann")
     recordings = tmp_path / "ann" / RECORDINGS
     if what == "all":
@@ -69,14 +69,14 @@ def test_recordings_must_be_those_of_which_the_journal_speaks(tmp_path: Path, wh
 
 
 def test_a_result_that_was_judged_again_is_kept(tmp_path: Path) -> None:
-    """What `grade regrade` writes, new points from the same recordings, does not make a new grading necessary."""
+    """A result rewritten by `grade regrade` from the same recordings needs no new grading."""
     graded(tmp_path, "ann")
     (tmp_path / "ann" / RESULT_FILE).write_text("{}", encoding="utf-8")
     assert held(tmp_path, "ann") == ["ann"]
 
 
 def test_the_journal_may_end_anywhere(tmp_path: Path) -> None:
-    """Cut off at any byte, it tells of the submissions whose lines are whole, and is written on after that."""
+    """A journal cut off at any byte tells of submissions with whole lines, and can be continued."""
     graded(tmp_path, "ann", "bob")
     journal = tmp_path / JOURNAL_FILE
     content = journal.read_bytes()
@@ -91,14 +91,14 @@ def test_the_journal_may_end_anywhere(tmp_path: Path) -> None:
 
 
 def test_results_that_were_not_noted_do_not_count(tmp_path: Path) -> None:
-    """What a killed run put in its place, and did not note, is graded again; earlier ones stay."""
+    """A result in its place that a killed run did not note is graded again; earlier ones stay."""
     graded(tmp_path, "ann")
     fill(tmp_path / "cem")
     assert held(tmp_path, "ann", "cem") == ["ann"]
 
 
 def test_afresh_counts_for_later_runs_too(tmp_path: Path) -> None:
-    """After a run that grades all again and is interrupted, only what it graded itself counts; seeds are new."""
+    """An interrupted run that grades all again keeps only its own gradings, under a new seed."""
     graded(tmp_path, "ann", "bob")
     with Journal.open(tmp_path) as journal:
         seed = journal.run_seed

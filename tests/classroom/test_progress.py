@@ -1,4 +1,4 @@
-"""What a person sees of a class: while it is graded, and at its end."""
+"""Display of a class: while it is graded, and at its end."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from grader.submission.extraction import Piece, SubmissionSource
 
 
 def row(name: str, ending: Ending, *, reused: bool = False) -> Row:
-    """Make what became of a submission."""
+    """Make the row of an ended submission."""
     return Row(SubmissionSource(name, (Piece(Path(name)),)), ending, reused, 12.4)
 
 
@@ -29,7 +29,7 @@ def points(earned: str, undecided: str = "0") -> Result:
 
 
 def console(*, terminal: bool = False) -> tuple[Console, io.StringIO]:
-    """Make a console whose output can be read."""
+    """Make a console with readable output."""
     stream = io.StringIO()
     return Console(
         file=stream, force_terminal=terminal, width=100, highlight=False, _environ={}
@@ -37,14 +37,17 @@ def console(*, terminal: bool = False) -> tuple[Console, io.StringIO]:
 
 
 def shown(progress: RunProgress) -> str:
-    """Return what the terminal shows now, without colours."""
+    """Return the terminal's content, without colours."""
     screen, stream = console(terminal=True)
     screen.print(progress.view())
     return re.sub(r"\x1b\[[0-9;]*m", "", stream.getvalue())
 
 
 def test_in_a_ci_job_each_submission_is_a_line() -> None:
-    """Without a terminal a line says of each that has ended what became of it, and nothing else is written."""
+    """Without a terminal, one line reports the outcome of each ended submission.
+
+    Nothing else is written.
+    """
     screen, stream = console()
     with RunProgress(screen, 4) as progress:
         for name in ("ann", "bob", "cem"):
@@ -67,7 +70,7 @@ def test_in_a_ci_job_each_submission_is_a_line() -> None:
 
 
 def test_on_a_terminal_all_that_runs_is_shown() -> None:
-    """The display tells what is done, what runs in which phase, what waits, and how long it takes about."""
+    """The display shows finished, running and waiting submissions, the phase, and the time left."""
     progress = RunProgress(console(terminal=True)[0], 4)
     for name in ("ann", "bob", "cem", "dan"):
         progress.expect(name, 40.0)
@@ -91,7 +94,7 @@ def test_on_a_terminal_all_that_runs_is_shown() -> None:
 
 
 def test_the_view_stays_small_in_a_large_class() -> None:
-    """Of two hundred that have ended only the last few are shown, so that the view fits a terminal."""
+    """Only the last few of two hundred ended submissions are shown, to fit a terminal."""
     progress = RunProgress(console(terminal=True)[0], 4)
     for number in range(200):
         progress.expect(f"s{number}", 40.0)
@@ -104,7 +107,7 @@ def test_the_view_stays_small_in_a_large_class() -> None:
 
 
 def test_the_table_at_the_end() -> None:
-    """Each submission has its points, and below stands what needs a person, with the remedy."""
+    """Each submission has its points; cases for a person stand below, with the remedy."""
     screen, stream = console()
     rows = [
         row("ann", points("84.6")),

@@ -104,7 +104,7 @@ def test_a_class_is_a_folder_of_recorded_submissions(results: Path) -> None:
 
 
 def test_nothing_to_judge(tmp_path: Path) -> None:
-    """A folder without recordings is an error that says what to give."""
+    """A folder without recordings is an error with a remedy."""
     with pytest.raises(RecordingError, match="no recordings"):
         rejudge(tmp_path, None, None, pages=False)
 
@@ -130,7 +130,7 @@ def test_the_same_rubric_changes_nothing(results: Path) -> None:
 
 
 def test_applying_writes_what_single_regrading_writes(results: Path, stricter: Path) -> None:
-    """Results and reports are byte for byte those of judging each by itself."""
+    """Results and reports equal byte for byte the ones of judging each submission by itself."""
     found = rejudge(results, stricter, None, pages=True)
     found.apply()
     as_class = files(results)
@@ -140,7 +140,7 @@ def test_applying_writes_what_single_regrading_writes(results: Path, stricter: P
 
 
 def test_processes_side_by_side_find_the_same(results: Path, stricter: Path) -> None:
-    """Whether here or in other processes, the changes are the same, in the order of the names."""
+    """The changes are the same from one process and from several, in the order of names."""
     for number in range(2):
         add(results, f"d{number}", "wrong_topic")
     alone = rejudge(results, stricter, None, pages=False, jobs=1)
@@ -180,7 +180,10 @@ def test_each_is_judged_by_its_own_rubric(results: Path, stricter: Path) -> None
 
 
 def test_results_remember_the_rubric_that_was_applied(results: Path, stricter: Path) -> None:
-    """What was applied holds for the next judgement without a rubric, until the first rubric is applied again."""
+    """An applied rubric holds for the next judgement without a rubric.
+
+    The first rubric has to be applied again to end this.
+    """
     rejudge(results, stricter, None, pages=True).apply()
     again = rejudge(results, None, None, pages=False)
     assert not any(changes.matters or changes.words for changes in again.changes.values())
@@ -302,7 +305,10 @@ def test_lateness_by_the_recorded_time(tmp_path: Path) -> None:
 
 
 def test_each_replaced_result_is_kept_and_noted(results: Path, stricter: Path) -> None:
-    """The old file lies under its hash, byte for byte; the line says when, by what, and from what to what."""
+    """The old file lies under its hash, byte for byte, and the trail tells of the change.
+
+    It has the time, the cause, and the old and new result.
+    """
     old = {name: (results / name / result_folder.RESULT_FILE).read_bytes() for name in NAMES}
     (results / "overrides.yaml").write_text("overrides: []\n")
     before = datetime.now(timezone.utc).replace(microsecond=0)

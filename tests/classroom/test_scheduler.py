@@ -121,7 +121,10 @@ def test_one_alone_on_a_part_leaves_the_others() -> None:
 
 
 def test_the_part_that_is_free_is_taken() -> None:
-    """One in whose places something runs for half a minute, such as a session without answers, is not waited for."""
+    """A job takes the first free part of the machine.
+
+    It does not wait for a part with a long session, such as one without answers.
+    """
 
     async def scenario() -> None:
         slots = machine(4)
@@ -136,7 +139,7 @@ def test_the_part_that_is_free_is_taken() -> None:
 
 
 def test_whoever_gives_up_leaves_nothing_held() -> None:
-    """One that is cancelled while it waits to be alone gives back what it had already."""
+    """A cancelled wait gives back the places it already held."""
 
     async def scenario() -> None:
         slots = machine(1)
@@ -154,7 +157,7 @@ def test_whoever_gives_up_leaves_nothing_held() -> None:
 
 @pytest.mark.parametrize("how", ["beside others", "alone"])
 def test_what_a_killed_process_held_is_free(how: str) -> None:
-    """Other processes see what is held; after a kill -9 of the holder it is free."""
+    """Other processes see held places, and get them after a kill -9 of the holder."""
     name = f"grade-test-{uuid.uuid4().hex}"
     command = [sys.executable, "-c", _HOLDER, name, how]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as holder:

@@ -65,7 +65,7 @@ def test_a_cluster_needs_its_software(
 
 
 def told(found: Discovery) -> str:
-    """Give what the command tells of what was found."""
+    """Give the command's text about the found submissions."""
     console = Console(file=io.StringIO(), width=200)
     _print_discovery(found, console, is_class=True)
     assert isinstance(console.file, io.StringIO)

@@ -51,9 +51,9 @@ class Case:
     phases: list[str] = field(default_factory=list)
 
     def ends(self, kill_at: str = "", after_another: bool = False, **limits: Any) -> Ending:
-        """Grade it, and check that nothing is left; its process is killed from the phase `kill_at` on.
+        """Grade the submission, and check for leftovers; `kill_at` is the phase to kill it from.
 
-        After another submission, the process that forks has imported what it needs.
+        After another submission, the process that forks has imported the needed modules.
         """
         phases = self.phases
 
@@ -92,7 +92,7 @@ class Case:
 
 @pytest.fixture
 def case(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Case:
-    """Give a submission whose session waits for a minute."""
+    """Give a submission with a session that waits for a minute."""
     isolation = probe_isolation(Path(sys.executable))
     if not isolation.level.at_least(Level.NO_CGROUP):
         pytest.skip(f"no sandboxes here: {isolation.remedy}")
@@ -162,7 +162,7 @@ def test_what_stays_undecided_is_recorded_in_an_ever_calmer_machine(
     case: Case, alone_s: float, third: str
 ) -> None:
     """Again beside few others, then alone, but not once that took its time: the others wait for it."""
-    # What it asks for is never seen; one recording is no proof of that, nor are two.
+    # Its publisher is never seen; neither one recording nor two are proof of that.
     case.small.hand_in("ann", TALKER.replace("rclpy.init()", "rclpy.init(domain_id=7)"))
     text = case.small.rubric.read_text(encoding="utf-8")
     patient = re.compile(r"(timeout_s\W+)[26]0\b")
@@ -171,7 +171,7 @@ def test_what_stays_undecided_is_recorded_in_an_ever_calmer_machine(
     case.job = replace(case.job, rubric=read_rubric(case.small.rubric))
     ending = case.ends(alone_s=alone_s)
     assert isinstance(ending, Result)
-    # Whether its last recording decides is the machine's affair: tests run beside it.
+    # The machine, busy with other tests, decides if the last recording does.
     assert (ending.score.earned, ending.score.possible) == (Decimal(0), Decimal(1))
     waits = dict.fromkeys(phase for phase in case.phases if phase.startswith("waits"))
     assert list(waits) == list(dict.fromkeys(["waits", "waits to run beside few others", third]))
@@ -184,7 +184,7 @@ class Harmful:
         self.folder = folder
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Say what unpickling calls."""
+        """Return the call that unpickling makes."""
         return os.mkdir, (str(self.folder),)
 
 

@@ -159,7 +159,7 @@ def test_problems_of_what_was_not_graded_have_no_names_either() -> None:
 
 
 def test_pseudonyms_do_not_follow_the_names_and_need_the_submissions() -> None:
-    """The order differs from that of the names, is the same each time, and another for other submissions."""
+    """The order is not the names' order; it is stable, and another for other submissions."""
     names = [f"student{n:02d}" for n in range(40)]
     entries = [entry(name) for name in names]
 

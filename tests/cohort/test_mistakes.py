@@ -146,7 +146,7 @@ def test_a_mistake_has_its_students_its_cost_and_its_hint() -> None:
 
 
 def test_what_could_not_be_reached_counts_with_its_cause() -> None:
-    """A missing service costs its own points and those of all dependent checks, and nothing twice."""
+    """A missing service costs its own points and the dependent checks' points, nothing twice."""
     lost = {"calls": "s.offers", "more": "s.offers"}
     found = mistakes(student("a", [0, 0, 0, 1], {"s.offers": "There is no x.py."}, **lost))
     assert costs(found) == [("s.offers", 12, 8)]

@@ -104,7 +104,7 @@ def test_copies_in_a_class_are_those_that_are_shown(
     programs: dict[str, Program],
     given: list[Program],
 ) -> None:
-    """Of 125 fixtures of one origin, the pairs with common lines of their own are shown."""
+    """Of 125 fixtures of one origin, the pairs with shared lines of their own are shown."""
     pairs = {frozenset(pair.names) for pair in pairs_of(list(programs.values()), given)}
     lines = {name: _lines(texts) for name, texts in class_of_fixtures.items()}
     held = Counter(line for own in lines.values() for line in own)
@@ -179,7 +179,7 @@ def test_little_in_common_is_not_shown() -> None:
 
 
 def test_same_files_are_found_but_those_given() -> None:
-    """Files that are equal byte for byte are listed, of any kind, except small ones and those of the common ground."""
+    """Equal files of any kind are listed, except small ones and files of the common ground."""
     picture, small, sheet = (
         FileFact("a.png", 900, "p"),
         FileFact("__init__.py", 0, "i"),

@@ -1,4 +1,4 @@
-"""`grade appeal`: the evidence as a page, judged again, and what the student reads of question and answer."""
+"""`grade appeal`: the evidence as a page, judged again, and the exchange that the student reads."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ CHECK = "subscriber.mean"
 
 @pytest.fixture
 def alice(tmp_path: Path) -> Path:
-    """Give the results of one who loses two points at a check, in a class."""
+    """Give the results of a student in a class, with two points lost at a check."""
     add_alike(tmp_path / "results", ["alice"], "signed_mean_statistics")
     return tmp_path / "results/alice"
 
 
 def run(folder: Path, *more: str, check: str = CHECK) -> str:
-    """Run the command; gives what it prints, in one line."""
+    """Run the command; gives its output, in one line."""
     console = Console(record=True, width=200)
     assert appeal.run([str(folder), check, "--who", "J. Smith", *more], console) == 0
     return " ".join(console.export_text().split())
@@ -84,7 +84,7 @@ def test_points_that_the_check_does_not_have_are_refused_first(alice: Path, poin
 
 
 def test_a_question_waits_and_is_shown(alice: Path) -> None:
-    """It changes no points; the report shows it at its check, and the file that the student asked."""
+    """A question changes no points, is kept under the student, and stands in the report."""
     printed = run(alice, "--question", "My mean is <b>right</b>: see line 40.")
     assert "Noted in" in printed
     assert listed(alice) == [
@@ -111,7 +111,10 @@ def test_a_question_waits_and_is_shown(alice: Path) -> None:
 def test_question_and_answer_stand_in_the_next_report(
     alice: Path, options: tuple[str, ...], kind: AdjustmentKind, points: str, reason: str
 ) -> None:
-    """At the check, in this order, with who answered; the points follow, and comments in the file stay."""
+    """Question and answer stand at the check, in this order, with the name of the teacher.
+
+    Points follow, and comments in the file stay.
+    """
     (alice.parent / "overrides.yaml").write_text(
         "# by mail\noverrides: []  # none yet\n", encoding="utf-8"
     )
@@ -131,7 +134,7 @@ def test_question_and_answer_stand_in_the_next_report(
 
 
 def test_an_unknown_check_is_told(alice: Path) -> None:
-    """With what may be meant, and nothing is written."""
+    """An unknown check is refused with the nearest known name, and nothing is written."""
     with pytest.raises(UsageError, match=r"did you mean 'subscriber\.mean'"):
         run(alice, check="subscriber.maen")
     with pytest.raises(UsageError, match="no result of this submission"):

@@ -1,4 +1,4 @@
-"""`grade export`: which files it writes, what it says of mistakes, and results that are not whole yet."""
+"""`grade export`: its files, its messages about mistakes, and results that are not whole yet."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ def test_a_form_goes_into_a_file_of_ones_choice(
 def test_a_form_on_the_standard_output_is_alone_there(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """So it can be piped, while others go into files."""
+    """A form on the standard output is alone there and can be piped; others go into files."""
     status, out, _ = run(capsys, results, "--to=gradescope=-", "--to=junit")
     assert (status, json.loads(out)["score"]) == (0, 7.5)
     assert (results / "junit.xml").exists()
@@ -121,7 +121,7 @@ def test_what_is_no_result_does_not_keep_others_from_their_forms(
 def test_wrong_usage(
     results: Path, arguments: list[str], said: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It ends with 2 and says what is wrong."""
+    """Wrong usage ends with status 2 and an error that names the mistake."""
     status, _, errors = run(capsys, results, *arguments)
     assert (status, said in errors) == (2, True)
 
@@ -141,7 +141,7 @@ def test_no_result(results: Path, content: str | None, capsys: pytest.CaptureFix
 def test_missing_variables_are_named(
     results: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Classroom 50's form needs what its runner sets."""
+    """Classroom 50's form needs the variables of its runner."""
     for name in VARIABLES:
         monkeypatch.delenv(name, raising=False)
     status, _, errors = run(capsys, results, "--to", "classroom50")
@@ -160,7 +160,10 @@ def test_an_absolute_prefix_is_meant_from_the_repository(
     monkeypatch: pytest.MonkeyPatch,
     tmp_path: Path,
 ) -> None:
-    """A job may name the submission by the variable of its workspace; what lies elsewhere is not pointed at."""
+    """An absolute prefix, such as a workspace's variable, is taken relative to the repository.
+
+    A file outside of the repository has no location.
+    """
     monkeypatch.chdir(tmp_path)
     for prefix, pointed in ((tmp_path / "labs/ann", True), (tmp_path.parent, False)):
         _, out, _ = run(
@@ -169,22 +172,34 @@ def test_an_absolute_prefix_is_meant_from_the_repository(
         assert ("file=labs/ann/a.partial.py,line=3" in out, "file=" in out) == (pointed, pointed)
 
 
-def test_a_grading_that_still_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What has been recorded is judged, the rest is undecided and says so; what an earlier one recorded is not."""
-    results = tmp_path / "ann"
+def lay_out_running(results: Path, missing: tuple[str, ...]) -> None:
+    """Lay out the folder of a running grading, with some sessions not yet recorded."""
     (results / RECORDINGS).mkdir(parents=True)
     recordings = results / UNFINISHED / RECORDINGS
     shutil.copytree(ROOT / "tests/recordings/solution", recordings)
     shutil.copy(lab_folder() / "rubric.yaml", recordings / RUBRIC_COPY)
-    for session in ("subscriber", "launch", "qos"):
+    for session in missing:
         shutil.rmtree(recordings / session)
+
+
+def test_a_grading_that_still_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Recorded sessions of a running grading are judged, and the others are undecided.
+
+    Sessions of an earlier grading are not judged.
+    """
+    results = tmp_path / "ann"
+    lay_out_running(results, missing=("subscriber", "launch", "qos"))
     assert run(capsys, results, "--so-far", "--to", "gradescope")[0] == 0
     assert {path.name for path in results.iterdir()} == {UNFINISHED, RECORDINGS, "gradescope.json"}
     data: dict[str, Any] = json.loads((results / "gradescope.json").read_text(encoding="utf-8"))
     waiting = [test for test in data["tests"] if "Not yet run: the session '" in test["output"]]
-    assert {test["tags"][0] for test in waiting} == {"subscriber", "launch", "qos"}
-    assert not any("score" in test for test in waiting)
-    assert all(test["status"] == "passed" for test in data["tests"] if test not in waiting)
+    judged = [test for test in data["tests"] if test not in waiting]
+    assert {(test["tags"][0], "score" in test) for test in waiting} == {
+        ("subscriber", False),
+        ("launch", False),
+        ("qos", False),
+    }
+    assert {test["status"] for test in judged} == {"passed"}
     assert data["score"] + data["extra_data"]["undecided"] == 100
 
 
@@ -193,7 +208,7 @@ def test_a_grading_that_still_runs(tmp_path: Path, capsys: pytest.CaptureFixture
 
 @pytest.fixture
 def of_class(tmp_path: Path) -> Path:
-    """Give the results of a download of Moodle, one student of which has no ID number."""
+    """Give the results of a download of Moodle, with one student without an ID number."""
     names = [
         f"{name}_assignsubmission_file_/joint_publisher.py" for name in ("Änne Müller_11", "Bob_12")
     ]
@@ -206,7 +221,10 @@ def of_class(tmp_path: Path) -> Path:
 def test_a_class_goes_into_files_of_its_own(
     of_class: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """All forms at once, each with how many it has; who is left out is named with the reason, nothing is changed."""
+    """All forms of a class go into files, each with its number of students.
+
+    A student left out is named with the reason, and no result changes.
+    """
     before = contents_of(of_class)
     status, out, err = run(capsys, of_class, *(f"--to={name}" for name in CLASS_EXPORTS))
     counts = {
@@ -243,7 +261,10 @@ def contents_of(folder: Path) -> dict[Path, bytes]:
 def test_a_class_list_adds_whom_the_download_did_not_name(
     of_class: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It may come with the export, and who has not handed in is not in it; columns and files are as one says."""
+    """A class list given with the export adds missing ids, but no student without a submission.
+
+    Columns and files are named as wanted.
+    """
     listed = tmp_path / "list.csv"
     listed.write_text("name,student_id,login\nBob,0013,bob13\nEve,0015,eve15\n", encoding="utf-8")
     arguments = (
@@ -266,7 +287,7 @@ def test_a_class_list_adds_whom_the_download_did_not_name(
 def test_a_table_on_the_standard_output_is_alone_there(
     of_class: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """So it can be piped, while others go into files and are named beside it."""
+    """A table on the standard output is alone there; other files are named beside it."""
     status, out, err = run(capsys, of_class, "--to=moodle=-", "--to=feedback")
     assert (status, [*csv.DictReader(out.splitlines())][1]["Identifier"]) == (0, "Participant 11")
     assert f"{of_class / 'exports/feedback.zip'}: 2" in err
@@ -275,7 +296,10 @@ def test_a_table_on_the_standard_output_is_alone_there(
 def test_students_without_a_common_key_go_into_tables_of_their_own(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The message names each table, which student it has, and by which column; the standard output has no room."""
+    """Each table is named with its students and its key.
+
+    The standard output has no room for two tables.
+    """
     listed = tmp_path / "list.csv"
     listed.write_text("name,student_id,email\nann,0012,\nben,,ben@uni.example\n", encoding="utf-8")
     shutil.copytree(results, results.parent / "ben")
@@ -312,7 +336,7 @@ def test_one_submission_goes_back_as_a_class_of_one(
 def test_what_is_undecided_or_not_graded_is_said(
     of_class: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Points that are open count as not earned in a grade book, so whose they are is named."""
+    """Open points count as not earned in a grade book, and their owners are named."""
     plain = json.loads((of_class / "Bob_12" / RESULT_FILE).read_text())
     check = plain["criteria"][0]["checks"][0]
     check |= {"outcome": "inconclusive", "earned": 0, "undecided": check["possible"]}
@@ -338,7 +362,7 @@ def test_options_that_do_not_fit_are_refused(
 def test_a_folder_without_results_has_nothing_to_go_back(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It is named, with what is wanted."""
+    """A folder without results is named, with the remedy."""
     status, _, err = run(capsys, tmp_path, "--to=canvas")
     assert status == 6
     assert "there are no results to export" in err
@@ -347,7 +371,7 @@ def test_a_folder_without_results_has_nothing_to_go_back(
 def test_nothing_is_written_through_a_link_among_results(
     of_class: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A folder of exports that leads elsewhere is refused, and what is there stays."""
+    """A folder of exports that leads elsewhere is refused, and the files there stay."""
     (tmp_path / "elsewhere").mkdir()
     (of_class / "exports").symlink_to(tmp_path / "elsewhere")
     status, _, err = run(capsys, of_class, "--to=canvas")

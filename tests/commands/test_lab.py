@@ -1,4 +1,4 @@
-"""`grade lab`: the lab that it makes works, and what is wrong with one is said before anything runs."""
+"""`grade lab`: a new lab works, and mistakes in one are reported before anything runs."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ def with_code(lab: Path) -> Path:
 
 
 def test_a_new_lab_is_in_order(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It has its folder's name, is complete in itself, and its mistakes are none."""
+    """A new lab has its folder's name, is complete in itself, and has no mistakes."""
     plain = yaml.safe_load((new / "rubric.yaml").read_text(encoding="utf-8"))
     assert plain["lab"]["id"] == "08-03"
     assert {path.name for path in new.iterdir()} >= {
@@ -138,7 +138,8 @@ def test_nothing_is_overwritten(new: Path, capsys: pytest.CaptureFixture[str]) -
     assert (status, "there is no rubric.yaml in it" in errors) == (2, True)
 
 
-#: File and change; what is said of it. The line is that of the change, where a line of the rubric is at fault.
+#: File, change and message. The message has the line of the change, if a line of the rubric is at
+#: fault.
 MISTAKES = [
     (
         "rubric.yaml",
@@ -224,7 +225,7 @@ MISTAKES = [
 def test_what_only_the_files_tell_is_found(
     new: Path, capsys: pytest.CaptureFixture[str], file: str, old: str, wrong: str, words: str
 ) -> None:
-    """A class that refuses its settings, a file that cannot be imported, a fixture that expects what there is not."""
+    """Mistakes inside files are found: refused settings, broken imports, unknown expectations."""
     if "reference" in file or "reference" in old:
         pytest.importorskip("rclpy")
     with_code(new)
@@ -259,7 +260,10 @@ def test_what_a_check_of_its_own_names_is_for_itself_to_call(
 def test_interfaces_of_its_own_are_no_mistake(
     new: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """They are built for a reference node that imports them, and what it takes from them has to be there."""
+    """A lab's own interfaces are built for a reference node that imports them.
+
+    Each imported name must be there.
+    """
     pytest.importorskip("rclpy")
     with_code(new)
     (new / "interfaces/our_msgs/msg").mkdir(parents=True)
@@ -287,7 +291,7 @@ def test_what_the_grader_brings_is_no_mistake(
 
 
 def recorded(lab: Path, recording: Path) -> None:
-    """Put a recording where `grade lab try` leaves that of the solution."""
+    """Put a recording at the place of the solution's recording by `grade lab try`."""
     recordings = lab / "tried/solution/recordings"
     shutil.copytree(recording, recordings)
     shutil.copy(lab / "rubric.yaml", recordings)
@@ -350,7 +354,10 @@ def test_checks_that_nobody_can_fail_or_pass_are_named(
 def test_checks_of_the_bonus_are_examined_too(
     arm_lab: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Where the solution holds what they are about; else that is said."""
+    """Checks of the bonus are examined if the solution holds their subject.
+
+    A message says so if it does not.
+    """
     (arm_lab / "checks").mkdir()
     (arm_lab / "checks/mine.py").write_text(CHECKS, encoding="utf-8")
     edit(arm_lab, "bonus:\n", "bonus:\n" + FREE)
@@ -408,7 +415,7 @@ def test_the_check_in_its_readme_works(
     numbers: Iterable[object],
     outcome: str,
 ) -> None:
-    """As it is written there: right, just enough, wrong, and what no number stands in."""
+    """The check in the README works as written: right, just enough, wrong, and without a number."""
     text = (new / "README.md").read_text(encoding="utf-8")
     source = textwrap.dedent(text.partition("  ```python\n")[2].partition("  ```\n")[0])
     with_check(new, source, "check: checks/mine.py:counts_up, with: {topic: /chatter}")
@@ -446,7 +453,10 @@ def test_the_check_in_the_documentation_of_own_checks_works(
 
 @pytest.mark.live
 def test_the_new_lab_gets_its_verdicts(new: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Its solution earns all points, its fixture loses what it expects, and its checks can be failed."""
+    """A new lab gives its solution all points and its fixture the expected losses.
+
+    Each of its checks can fail.
+    """
     pytest.importorskip("rclpy")
     for _ in range(2):  # A second time over the results of the first.
         status, output, errors = run(capsys, "try", new)

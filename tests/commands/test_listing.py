@@ -25,7 +25,7 @@ CASES = [(command, entry) for command in KNOWN for entry in entries_of(command)]
 
 @pytest.mark.parametrize("command", KNOWN)
 def test_everything_is_listed_with_all_its_parameters(command: str) -> None:
-    """Also those within others, by the names that a rubric gives them; each says what it is."""
+    """Parameters are all listed with a description, nested ones too, under a rubric's names."""
     found = {entry.name: entry for entry in entries_of(command)}
     assert found.keys() == KNOWN[command].keys()
     for name, entry in found.items():
@@ -40,7 +40,7 @@ def test_everything_is_listed_with_all_its_parameters(command: str) -> None:
     ("command", "entry"), CASES, ids=[f"{command} {entry.name}" for command, entry in CASES]
 )
 def test_each_example_can_be_used_as_it_is(command: str, entry: Entry) -> None:
-    """It is a list of YAML with one element, whose values are of their types."""
+    """Each example is a YAML list with one element, with values of the right types."""
     (plain,) = yaml.safe_load(entry.example)
     if command == "steps":
         assert list(plain) == [entry.name]
@@ -55,7 +55,7 @@ def test_each_example_can_be_used_as_it_is(command: str, entry: Entry) -> None:
 def test_the_example_of_a_rate_fits_the_new_lab(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What is said of the same names in the examples and in the lab that `grade lab new` makes is the same."""
+    """Names in the examples have the same meaning as in the lab made by `grade lab new`."""
     assert main(["lab", "new", str(tmp_path / "lab")]) == 0
     (example,) = (entry.example for entry in entries_of("checks") if entry.name == "topic_rate")
     rubric = tmp_path / "lab/rubric.yaml"
@@ -67,7 +67,7 @@ def test_the_example_of_a_rate_fits_the_new_lab(
 
 
 def test_programs_get_json(capsys: pytest.CaptureFixture[str]) -> None:
-    """All that is printed, with types in words, defaults, what is nested, and the example."""
+    """The JSON has all parts of the text: types in words, defaults, nested values, the example."""
     assert main(["checks", "--json", "topics_subscribed"]) == 0
     (found,) = json.loads(capsys.readouterr().out)
     topics = next(p for p in found["parameters"] if p["name"] == "topics")
@@ -80,7 +80,10 @@ def test_programs_get_json(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_people_get_text(capsys: pytest.CaptureFixture[str]) -> None:
-    """All with a word on each; one by its name with an example; a misspelt name with what may be meant."""
+    """The text has a word on each entry, and one entry with its example.
+
+    A misspelt name is answered with the nearest one.
+    """
     assert main(["steps"]) == 0
     output = capsys.readouterr().out
     assert "observe: Let the system run for a time" in output

@@ -1,4 +1,4 @@
-"""What is no submission is not graded as one: a misspelt command, results, and the results of another lab."""
+"""Refusal to grade other things: a misspelt command, results, and results of another lab."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def results(tmp_path: Path) -> Path:
 def test_a_misspelt_command_grades_nothing(
     arguments: list[str], meant: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It is wrong usage, wherever it stands, and the command is named."""
+    """A misspelt command is wrong usage, wherever it stands, and the command is named."""
     status, errors = run(capsys, *arguments, "-o", tmp_path / "out")
     assert status == 2
     assert f"If you mean the command, put it first: grade {meant}" in errors
@@ -58,7 +58,7 @@ def test_a_misspelt_command_grades_nothing(
 def test_results_are_not_graded(
     more: list[str], results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Of one submission or of a class: the commands for them are named."""
+    """Results of a submission or a class are not graded; the commands for them are named."""
     status, errors = run(capsys, results / "ann", *more, "-o", results.parent / "out")
     assert (status, f"`grade regrade {results / 'ann'}` judges them again" in errors) == (2, True)
     assert "grade report" not in errors
@@ -72,7 +72,7 @@ def test_results_are_not_graded(
     "place", ["ann/src/joint_publisher.py", "eve/joint_publisher.py", "eve.zip"]
 )
 def test_submissions_beside_results_are_submissions(results: Path, place: str) -> None:
-    """Who hands in recordings with the lab's files, or beside others who do, is graded."""
+    """A folder with recordings and the lab's files, or beside other submissions, is graded."""
     assert is_results(results, read_rubric(None))
     (results / place).parent.mkdir(exist_ok=True)
     (results / place).touch()

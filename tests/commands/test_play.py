@@ -1,4 +1,4 @@
-"""`grade play`: what it says where it cannot play."""
+"""`grade play`: its messages where it cannot play."""
 
 from __future__ import annotations
 
@@ -63,7 +63,10 @@ def test_a_rate_is_above_nothing(
 def test_of_the_terminals_settings_those_outside_of_the_working_folder_count(
     tmp_path: Path,
 ) -> None:
-    """A profile elsewhere stays, and so do full paths; what is relative, empty or of the folder goes."""
+    """A profile outside of the working folder stays, and so do full paths.
+
+    Relative and empty paths, and paths in the folder, are dropped.
+    """
     working, results, elsewhere = (tmp_path / name for name in ("here", "alice", "profiles"))
     for folder in (working, results, elsewhere):
         folder.mkdir()

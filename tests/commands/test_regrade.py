@@ -1,4 +1,4 @@
-"""`grade regrade`: one submission at once, a class only with --apply, and what both leave behind."""
+"""`grade regrade`: one submission at once, a class only with --apply, and the files after both."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def points(folder: Path) -> float:
 def test_a_class_is_only_looked_at(
     results: Path, stricter: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Who would change is printed and written; no result is; and the status tells a script."""
+    """Changes in a class are printed and written, but no result is; the status tells a script."""
     before = {
         p: p.read_bytes() for p in results.rglob("*") if p.is_file() and p.name != CHANGES_FILE
     }
@@ -133,7 +133,7 @@ def test_the_class_page_is_said_to_be_of_before(
 
 
 def test_a_limit_is_for_final_points(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """--fail-under compares what counts, decisions included."""
+    """--fail-under compares final points, decisions included."""
     assert run(capsys, results, "--fail-under", "16")[0] == 0
     assert run(capsys, results, "--fail-under", "16.1")[0] == 1
     (results / "overrides.yaml").write_text(
@@ -143,7 +143,7 @@ def test_a_limit_is_for_final_points(results: Path, capsys: pytest.CaptureFixtur
 
 
 def test_one_that_cannot_be_judged(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """The others are judged, and the status is that of the one."""
+    """The others are judged if one cannot be, and the status is that one's."""
     (results / "ann" / RECORDINGS / "publisher/session.json").write_text("{")
     status, output, errors = run(capsys, results)
     assert status == 6
@@ -154,7 +154,7 @@ def test_one_that_cannot_be_judged(results: Path, capsys: pytest.CaptureFixture[
 def test_a_class_by_a_rubric_of_an_older_version(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It is said how many could not be judged, the cause once with those that it concerns, and what to do."""
+    """The failed submissions are counted, and named with their one cause and the remedy."""
     for folder in ("ann", "bob"):
         kept = results / folder / RECORDINGS / RUBRIC_COPY
         kept.write_text(
@@ -195,7 +195,10 @@ def test_broken_decisions_end_with_4(results: Path, capsys: pytest.CaptureFixtur
 def test_a_single_submission_is_written_at_once(
     results: Path, stricter: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It is judged, printed and written, with what has changed; its old result is kept beside the class."""
+    """A submission is judged, printed and written at once, with its changes.
+
+    Its old result is kept beside the class.
+    """
     status, output, _ = run(capsys, results / "ann", "--rubric", stricter)
     assert status == 0
     assert "ann 16 → 11 −5" in output

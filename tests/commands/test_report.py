@@ -1,4 +1,4 @@
-"""`grade report`: page and table written from results that are there, and what is said of folders without any."""
+"""`grade report`: page and table from existing results, and messages about folders without any."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def grades(results: Path) -> dict[str, dict[str, str]]:
 def test_page_and_table_are_written_and_reported(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It says how many were graded, and where the files are; the table has the points of each result."""
+    """The command prints the number of results and the files; the table has all points."""
     status, output, _ = run(capsys, results)
     assert status == 0
     assert (
@@ -131,7 +131,7 @@ def test_a_list_in_a_submission_is_nobodys_word(
 def test_a_list_adds_ids_and_who_is_missing(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Who handed in nothing is listed, and needs attention."""
+    """A student without a submission is listed, and needs attention."""
     roster = tmp_path / "class.csv"
     roster.write_text("name,student_id\nsolution,007\nnobody,8\n", encoding="utf-8")
     _, output, _ = run(capsys, results, "--class-list", roster)
@@ -192,7 +192,7 @@ def test_results_of_two_labs_are_not_summed_up(
 def test_results_of_one_submission_are_no_class(
     results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """It is said that they have a page already."""
+    """Results of one submission are refused, because they have a page already."""
     status, _, errors = run(capsys, results / "solution")
     assert status == 3
     assert "These are the results of one submission; its page is report.html." in errors
@@ -292,7 +292,7 @@ def test_a_resubmission_says_what_was_won_and_lost(
 def test_two_runs_over_a_class_are_compared(
     results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`--before` names the results of another run, in which students are found by their names."""
+    """`--before` names the results of another run, and students are found there by their names."""
     other = tmp_path / "first due date"
     shutil.copytree(results, other)
     shutil.copy(other / "wrong_topic" / result_folder.RESULT_FILE, other / "solution")

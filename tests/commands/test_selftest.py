@@ -1,4 +1,4 @@
-"""`grade selftest`: what it grades, what it says of a difference, and its exit statuses."""
+"""`grade selftest`: its choice of fixtures, its words for a difference, and its exit statuses."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def fixtures(tmp_path: Path) -> Path:
 def test_each_fixture_is_compared(
     fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What is as expected has a tick, what is not says in what it differs, and the status is 1."""
+    """A fixture as expected has a tick, another one shows its differences, and the status is 1."""
     pytest.importorskip("rclpy")
     status, output, _ = run(capsys, "--fixtures", fixtures, "good", "bad", "-o", tmp_path / "kept")
     assert status == 1
@@ -65,7 +65,7 @@ def test_all_as_expected(fixtures: Path, capsys: pytest.CaptureFixture[str]) -> 
 def test_a_rubric_that_lost_a_check(
     fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What the rubric no longer has is told without running anything."""
+    """A check missing in the rubric is reported without running anything."""
     pytest.importorskip("rclpy")
     text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")
     (tmp_path / "new.yaml").write_text(
@@ -105,7 +105,7 @@ def test_what_is_there_is_tried(tmp_path: Path, capsys: pytest.CaptureFixture[st
 def test_two_into_one_folder(
     fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The second is refused, and what the first has laid out stays."""
+    """A second run into the same folder is refused, and the first one's files stay."""
     pytest.importorskip("rclpy")
     laid_out = tmp_path / "kept/submissions/good/joint_publisher.py"
     laid_out.parent.mkdir(parents=True)
@@ -123,7 +123,7 @@ def test_two_into_one_folder(
 def test_earlier_submissions_are_replaced(
     fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """What a fixture no longer has is not laid below what it has now."""
+    """A file that a fixture no longer has is not laid out."""
     pytest.importorskip("rclpy")
     gone = tmp_path / "kept/submissions/good/robot_launch.py"
     gone.parent.mkdir(parents=True)
@@ -139,7 +139,10 @@ def test_earlier_submissions_are_replaced(
 def test_another_lab_is_tried_with_its_own_fixtures(
     fixtures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Those of the grader's lab say nothing about it; where it has none, that is said."""
+    """Another lab needs its own fixtures; a lab without any is refused.
+
+    Fixtures of the grader's lab say nothing about it.
+    """
     text = (
         (lab_folder() / "rubric.yaml")
         .read_text(encoding="utf-8")

@@ -1,4 +1,7 @@
-"""`grade similarity`: what a class has in common is printed, kept, and shown on the class page; nobody loses by it."""
+"""`grade similarity`: common code in a class is printed, kept, and shown on the class page.
+
+It costs no points.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +27,7 @@ EVIL = "<script>alert(1)</script>\x1b[31m{{ 7*7 }}"
 
 
 def hand_in(results: Path, name: str, **texts: str) -> None:
-    """Lay down what was recorded of a submission."""
+    """Lay down the recorded files of a submission."""
     folder = results / name / RECORDINGS
     folder.mkdir(parents=True)
     lab = str(ROOT)
@@ -36,7 +39,7 @@ def hand_in(results: Path, name: str, **texts: str) -> None:
 
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
-    """Give a class of four, two of whom have the same program under other names."""
+    """Give a class of four, two of them with the same program under other names."""
     solution = {
         path.stem: path.read_text(encoding="utf-8")
         for path in (ROOT / "reference/solution").glob("*.py")
@@ -58,7 +61,7 @@ def run(results: Path, *options: str) -> int:
 
 
 def test_the_pair_is_printed_and_kept(results: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Who renamed all is found; who handed in the solution has nothing of an own."""
+    """A copy with other names is found; a submission of the solution has nothing of its own."""
     assert run(results) == 0
     printed = capsys.readouterr().out
     assert "ada bob 100% and 100%" in " ".join(printed.split())
@@ -83,7 +86,7 @@ def test_what_else_was_given_does_not_count(
 
 
 def test_the_class_page_shows_the_lines_as_text(results: Path) -> None:
-    """What students wrote stands side by side, and is never markup; equal facts give equal pages."""
+    """Students' lines stand side by side, never as markup; equal facts give equal pages."""
     run(results)
     rubric = read_rubric(None)
     summary = summarise(entries_in(results), rubric)
@@ -109,7 +112,7 @@ def test_files_that_cannot_be_read_are_named(
 
 
 def test_one_submission_is_no_class(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It says what to give; so does a folder that is not there."""
+    """One submission, or a missing folder, is refused with a remedy."""
     hand_in(tmp_path, "ada", node=OWN)
     assert run(tmp_path) == 3
     assert "fewer than two submissions" in capsys.readouterr().err

@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def add(results: Path, name: str, recording: str, *, without: str = "") -> Path:
-    """Add a submission with kept recordings, of which one session may be missing, so that it is undecided."""
+    """Add a submission with kept recordings; one session may be missing, and is then undecided."""
     folder = results / name
     shutil.copytree(ROOT / "tests/recordings" / recording, folder / RECORDINGS)
     if without:
@@ -95,7 +95,7 @@ class Served:
         return answer.status, answer.read(), dict(answer.getheaders())
 
     def queue(self) -> dict[str, Any]:
-        """Return what the desk shows."""
+        """Return the list that the desk shows."""
         status, body, _ = self.ask("GET", "queue")
         assert status == 200, body
         plain: dict[str, Any] = json.loads(body)
@@ -104,7 +104,7 @@ class Served:
     def until(self, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
         """Ask for the queue until something holds of it; the test's own time limit ends it."""
         while not holds(plain := self.queue()):
-            time.sleep(0.2)  # What it waits for needs the processor, too.
+            time.sleep(0.2)  # The desk needs the processor, too.
         return plain
 
     def kill(self) -> None:
@@ -113,7 +113,7 @@ class Served:
         self.process.wait()
 
     def stop(self) -> str:
-        """End it by Ctrl-C; returns what it printed."""
+        """End the desk by Ctrl-C; returns its output."""
         self.process.send_signal(signal.SIGINT)
         output, _ = self.process.communicate(timeout=120)
         return output

@@ -1,4 +1,4 @@
-"""A rubric edited beside a class: only numbers move, who would change is shown, and the file that is saved works."""
+"""A rubric edited beside a class: only numbers move, changes are shown, the saved file works."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def rubric() -> Rubric:
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Lay out a class of two: one without a mistake in the subscriber, and one who prints signed means."""
+    """Lay out a class of two: a right solution, and a subscriber that prints signed means."""
     folder = tmp_path_factory.mktemp("class") / "results"
     add_alike(folder, ["alice"], "solution")
     add_alike(folder, ["bob"], "signed_mean_statistics")
@@ -45,7 +45,10 @@ def place(rubric: Rubric, check: str, key: str) -> str:
 
 
 def test_a_number_is_moved_alone(rubric: Rubric) -> None:
-    """Of every seventh, its line and the sums change, and no comment, order or spelling."""
+    """An edited number changes its line and the sums, and no comment, order or spelling.
+
+    Every seventh number is tried.
+    """
     limits = limits_of(rubric)
     assert {limit.check for limit in limits} == {
         check.id for criterion in rubric.criteria for check in criterion.checks
@@ -53,16 +56,19 @@ def test_a_number_is_moved_alone(rubric: Rubric) -> None:
     for limit in limits[::7]:
         value = "17%" if limit.value.endswith("%") else "17"
         text = edited(rubric.text, {limit.id: value})
-        lines = [
-            line
-            for line in difflib.ndiff(rubric.text.splitlines(), text.splitlines())
-            if line[0] in "+-"
-        ]
+        differences = difflib.ndiff(rubric.text.splitlines(), text.splitlines())
+        new = [line for line in differences if line.startswith("+")]
         most = 3 if limit.key == "points" else 1
-        assert 1 <= sum(line.startswith("+") for line in lines) <= most, lines
-        c, k, key = limit.id.split("/")
-        check = yaml.load(text, yaml.CSafeLoader)["criteria"][int(c)]["checks"][int(k)]
-        assert str(check["points"] if key == "points" else check["with"][key]) == value
+        assert 1 <= len(new) <= most, new
+        assert value_of(text, limit.id) == value
+
+
+def value_of(text: str, place: str) -> str:
+    """Return the number at a place such as `1/0/points`, read from a rubric's text."""
+    criterion, number, key = place.split("/")
+    plain = yaml.load(text, yaml.CSafeLoader)
+    check = plain["criteria"][int(criterion)]["checks"][int(number)]
+    return str(check["points"] if key == "points" else check["with"][key])
 
 
 def test_a_number_that_others_share_moves_for_all(rubric: Rubric) -> None:
@@ -104,7 +110,7 @@ def test_a_rubric_that_cannot_be_used_is_not_saved(rubric: Rubric, made: Path) -
 
 
 def test_who_would_change_and_by_how_much(rubric: Rubric, made: Path) -> None:
-    """The desk shows it and changes nothing; what is saved gives the same by `grade regrade --rubric`."""
+    """A preview changes nothing; after saving, `grade regrade --rubric` gives the same points."""
     before = {path: path.read_bytes() for path in made.rglob("*") if path.is_file()}
     bob = load_result(made / "bob" / RESULT_FILE)
     points, possible = bob.final, bob.score.possible

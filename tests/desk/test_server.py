@@ -1,4 +1,4 @@
-"""The desk's server: who may see and decide, and what a decision, a killed server and a second desk leave behind."""
+"""The desk's server: access, decisions, a killed server, and a second desk."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CHECK = "service.enables"
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Lay out a class of four: two whose service was not recorded, and two with the same mistake."""
+    """Lay out a class of four: two without a recorded service, and two with the same mistake."""
     folder = tmp_path_factory.mktemp("class") / "results"
     add_alike(folder, ["alice", "bob"], "solution", without="service")
     add_alike(folder, ["carol", "dave"], "signed_mean_statistics")
@@ -46,7 +46,7 @@ def desk(made: Path) -> Iterator[Served]:
 
 
 def decision(desk: Served, name: str = "alice", check: str = CHECK, **more: Any) -> dict[str, Any]:
-    """Give what the page would send for an item."""
+    """Give the page's request for an item."""
     item = next(i for i in desk.queue()["items"] if i["name"] == name and i["part"]["id"] == check)
     plain = {
         "names": [name],
@@ -106,7 +106,7 @@ def test_nothing_is_decided_from_elsewhere(
 
 
 def test_a_decision_cannot_be_an_address(desk: Served, made: Path) -> None:
-    """What is fetched by an image or a link changes nothing."""
+    """A GET request, as made for an image or a link, changes nothing."""
     before = text(made)
     for path in ("decide", "undo", "decide?names=alice&change=excused", "rubric/save"):
         assert desk.ask("GET", path)[0] == 405
@@ -118,7 +118,7 @@ def test_a_decision_cannot_be_an_address(desk: Served, made: Path) -> None:
     "name", ["../alice", "/etc/passwd", "alice/../bob", "..", "", "alice\x00", "nobody"]
 )
 def test_a_path_leads_nowhere(desk: Served, made: Path, name: str) -> None:
-    """Names are looked up among those that were graded, in what is asked and in what is decided."""
+    """Names are looked up among the graded submissions, in questions and in decisions."""
     from urllib.parse import quote
 
     before = text(made)
@@ -168,7 +168,7 @@ def test_a_link_leads_nowhere(desk: Served, made: Path) -> None:
 def test_what_cannot_be_decided_is_refused(
     desk: Served, made: Path, change: dict[str, Any]
 ) -> None:
-    """With what is wrong in words, and without a change of the file."""
+    """An invalid decision is refused in words, without a change of the file."""
     before = text(made)
     status, body, _ = desk.ask("POST", "decide", decision(desk, **change))
     assert status == 400
@@ -207,7 +207,10 @@ def test_a_port_that_cannot_be_used_is_told(desk: Served, made: Path, port: str)
 
 
 def test_a_decision_stands_in_the_file_and_then_in_the_result(desk: Served, made: Path) -> None:
-    """With comments as they were, who and why; result, report and trail follow; taken back, the file is as before."""
+    """A decision stands in the file with its author and reason, and other comments stay.
+
+    Result, report and trail follow. Once taken back, the file is as before.
+    """
     before = text(made)
     assert desk.ask("POST", "decide", decision(desk, comment='Fine; "really" <b>'))[0] == 200
     assert text(made).startswith(before)
@@ -229,7 +232,7 @@ def test_a_decision_stands_in_the_file_and_then_in_the_result(desk: Served, made
 def test_the_same_decision_for_all_with_the_same_mistake_is_shown_first(
     desk: Served, made: Path
 ) -> None:
-    """Who, with the points before and after; one entry names them all."""
+    """The points of all submissions with a mistake are shown first; one entry names them all."""
     before = text(made)
     item = next(i for i in desk.queue()["items"] if i["name"] == "bob" and i["part"]["id"] == CHECK)
     assert item["same"] == ["bob", "alice"]
@@ -245,7 +248,7 @@ def test_the_same_decision_for_all_with_the_same_mistake_is_shown_first(
 
 
 def test_two_desks_lose_no_decision(desk: Served, made: Path) -> None:
-    """What one decides the other sees; who has not seen it is told, and nothing is overwritten."""
+    """Each desk sees the other's decisions, and cannot overwrite them unseen."""
     second = serve(made)
     try:
         seen = decision(desk)
@@ -300,7 +303,7 @@ def test_all_that_two_desks_decide_at_once_stands(desk: Served, made: Path) -> N
 
 
 def test_a_killed_desk_has_lost_nothing(made: Path, desk: Served) -> None:
-    """What was decided stands in the file; the next desk brings the results after."""
+    """A decision stands in the file before a kill, and the next desk brings the results after."""
     first = serve(made)
     plain = {"names": ["carol"], "id": "subscriber.mean", "points": "1", "seen": {}}
     assert (

@@ -15,7 +15,7 @@ from grader.recording.definitions import fields_of, types_in
 LAB = Path(__file__).parents[1] / "labs" / "fibonacci" / "rubric.yaml"
 KIND = "test_msgs/action/Fibonacci"
 
-#: What is mistyped, what it becomes, and what the message says.
+#: Text, misspelling, and message.
 MISTYPED = [
     (
         "goal: {order: 5}",
@@ -84,7 +84,7 @@ def lab() -> str:
 def test_what_is_mistyped_is_reported_with_its_line(
     tmp_path: Path, lab: str, old: str, new: str, words: str
 ) -> None:
-    """A goal, a result, feedback, a type, a step or a status that is none: the line, and what may be meant."""
+    """A wrong goal, result, feedback, type, step or status is reported with its line and remedy."""
     assert old in lab
     (tmp_path / "lab.yaml").write_text(lab.replace(old, new, 1), encoding="utf-8")
     with pytest.raises(RubricError) as caught:
@@ -94,7 +94,7 @@ def test_what_is_mistyped_is_reported_with_its_line(
 
 
 def test_fields_of_the_feedbacks_topic_are_looked_up(tmp_path: Path, lab: str) -> None:
-    """It is known as soon as the action's type is, for any check that looks into messages."""
+    """Fields of the feedback's topic are known from the action's type, to any check."""
     head, _, _ = lab.rpartition("        check: action_server\n")
     for field, words in (
         ("feedback.sequence", ""),
@@ -113,7 +113,7 @@ def test_fields_of_the_feedbacks_topic_are_looked_up(tmp_path: Path, lab: str) -
 
 
 def test_feedback_is_a_topic_whose_fields_are_known(lab: str) -> None:
-    """What an action implies is described with it."""
+    """The feedback's topic is described together with its action."""
     fields = fields_of(f"{KIND}_FeedbackMessage")
     assert fields is not None
     assert fields["feedback"] == f"{KIND}_Feedback"

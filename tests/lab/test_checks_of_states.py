@@ -1,4 +1,4 @@
-"""What may be mistyped in a rubric of lifecycle nodes, parameters, answers and frames is reported when it loads."""
+"""Misspellings in a rubric of lifecycles, parameters, answers and frames, found when it loads."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ LABS = Path(__file__).parents[1] / "labs"
     ],
 )
 def test_a_mistake_is_reported(tmp_path: Path, right: str, wrong: str, words: str) -> None:
-    """With what is meant where that is near."""
+    """A mistake is reported with the nearest right name, if one is near."""
     lab = shutil.copytree(LABS / "lifecycle_talker", tmp_path / "lab")
     text = (lab / "rubric.yaml").read_text(encoding="utf-8")
     assert right in text

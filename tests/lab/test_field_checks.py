@@ -1,4 +1,4 @@
-"""Checks of fields in a rubric: what they may be given, and that each mistake is told with its line before a run."""
+"""Checks of fields in a rubric: their parameters, and each mistake with its line before a run."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def load(folder: Path, text: str) -> Rubric:
 
 
 def test_a_rubric_of_fields_loads(tmp_path: Path) -> None:
-    """All that stands in it is known."""
+    """All parts of a rubric of fields are known."""
     assert [spec.id for spec in load(tmp_path, GOOD).checks()][:2] == ["limits", "states"]
 
 
@@ -154,7 +154,7 @@ def test_a_rubric_of_fields_loads(tmp_path: Path) -> None:
     ],
 )
 def test_each_mistake_is_told_with_its_line(tmp_path: Path, old: str, new: str, words: str) -> None:
-    """Before anything runs, with what may be meant."""
+    """Each mistake is reported with its line and remedy before anything runs."""
     assert GOOD.count(old) == 1
     with pytest.raises(RubricError) as caught:
         load(tmp_path, GOOD.replace(old, new))

@@ -1,4 +1,4 @@
-"""Patterns of files, held against those of Python's own glob."""
+"""Patterns of files, compared with Python's own glob."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def test_a_pattern_matches_as_written(pattern: str, path: str, is_match: bool) -
 
 
 def test_globs_of_python_find_the_same(tmp_path: Path) -> None:
-    """Every pattern finds in a real folder what `Path.glob` finds."""
+    """Every pattern finds the same files in a real folder as `Path.glob`."""
     names = sorted({path for _, path, _ in CASES})
     for name in names:
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
@@ -78,7 +78,7 @@ criteria:
 def test_a_pattern_that_matches_nothing_is_a_mistake_of_the_rubric(
     pattern: str, tmp_path: Path
 ) -> None:
-    """It is reported with its line, as `grade lab check` shows it."""
+    """A pattern without a match is reported with its line, as by `grade lab check`."""
     (tmp_path / "rubric.yaml").write_text(RUBRIC.replace("PATTERN", pattern))
     with pytest.raises(RubricError) as caught:
         read_rubric(tmp_path / "rubric.yaml")

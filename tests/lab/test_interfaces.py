@@ -38,7 +38,7 @@ READING = "std_msgs/Header header\nfloat64 value 1.5\n"
 
 
 def load(folder: Path, text: str = RUBRIC, **files: str) -> Rubric:
-    """Load a rubric beside the lab's interfaces, of which some may be other ones."""
+    """Load a rubric beside the lab's interfaces, with some files replaced."""
     texts = {
         "msg/Reading.msg": READING,
         "srv/Add.srv": "int64 a\nint64 b\n---\nint64 sum\n",
@@ -53,7 +53,7 @@ def load(folder: Path, text: str = RUBRIC, **files: str) -> Rubric:
 
 
 def test_types_and_fields_of_the_labs_own_are_known(tmp_path: Path) -> None:
-    """Also those of a student's package, which nobody knows before it is handed in, are taken."""
+    """Types of the lab's own packages are known, and a student's package is taken unseen."""
     rubric = load(tmp_path)
     assert [package.name for package in rubric.interface_packages] == ["lab_msgs"]
 
@@ -72,7 +72,7 @@ def test_types_and_fields_of_the_labs_own_are_known(tmp_path: Path) -> None:
 def test_mistakes_are_found_before_anything_runs(
     wrong: tuple[str, str], words: str, tmp_path: Path
 ) -> None:
-    """With what may be meant."""
+    """A misspelt type or field is reported before anything runs, with the nearest right one."""
     with pytest.raises(RubricError) as raised:
         load(tmp_path, RUBRIC.replace(*wrong))
     assert any(words in mistake for mistake in raised.value.mistakes), raised.value.mistakes
@@ -89,14 +89,14 @@ def test_mistakes_are_found_before_anything_runs(
     ],
 )
 def test_mistakes_in_a_definition_name_it(file: str, text: str, words: str, tmp_path: Path) -> None:
-    """As far as they are known without building it."""
+    """A mistake in a definition names the file, if it can be known without building it."""
     with pytest.raises(RubricError) as raised:
         load(tmp_path, RUBRIC, **{file: text})
     assert any(words in mistake for mistake in raised.value.mistakes), raised.value.mistakes
 
 
 def test_they_are_kept_with_recordings(tmp_path: Path) -> None:
-    """So that the copy of the rubric is right where the lab is not."""
+    """Interfaces are kept with recordings, to make the copied rubric valid away from the lab."""
     rubric = load(tmp_path)
     kept = tmp_path / "results" / kept_lab.KEPT
     for name, text in kept_lab.files_of(rubric).items():

@@ -1,4 +1,4 @@
-"""A lab of one's own: what its judging executes travels with the recordings, and runs only where it is known."""
+"""A lab of one's own: code for judging travels with the recordings, and runs only if trusted."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def tracking_plateaus(streams, parameters, seed):
 
 @pytest.fixture
 def lab(tmp_path: Path) -> Path:
-    """Write another lab, whose files are called as those of the grader's own and whose oracle differs."""
+    """Write another lab, with the file names of the grader's own but a different oracle."""
     folder = tmp_path / "lab"
     shutil.copytree(
         lab_folder() / "reference", folder / "reference", ignore=shutil.ignore_patterns("solution")
@@ -57,7 +57,7 @@ def lab(tmp_path: Path) -> Path:
 
 
 def record(lab: Path, results: Path) -> Path:
-    """Lay out what `grade` leaves of a recording by a lab, without the result."""
+    """Lay out the files of `grade` for a recording by a lab, without the result."""
     rubric, recordings = read_rubric(lab / "rubric.yaml"), results / RECORDINGS
     shutil.copytree(ROOT / "tests/recordings/signed_mean_statistics", recordings)
     (recordings / RUBRIC_COPY).write_text(rubric.text, encoding="utf-8")
@@ -98,7 +98,7 @@ def result(results: Path) -> Any:
 
 
 def checks(results: Path) -> dict[str, str]:
-    """Give what was measured in each check of the statistics."""
+    """Give the measurement of each check of the statistics."""
     found = [check for criterion in result(results)["criteria"] for check in criterion["checks"]]
     return {check["id"]: f"{check['expected']} {check['measured']}" for check in found}
 
@@ -204,7 +204,7 @@ def test_what_an_oracles_file_imports_is_no_oracle() -> None:
 def test_a_rubric_that_is_named_brings_its_own_oracles(
     lab: Path, results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Where they are others than those of the recording, that is said, once and for a class."""
+    """A named rubric brings its own oracles; a difference from the recording's is reported once."""
     run(capsys, "regrade", results)
     before = checks(results)
     new = Path(shutil.copytree(lab, tmp_path / "new"))
@@ -218,7 +218,7 @@ def test_a_rubric_that_is_named_brings_its_own_oracles(
     output = run(capsys, "regrade", results, "--rubric", new / "rubric.yaml")[1]
     assert f"Note: {said}" in output
     assert checks(results) != before
-    # It is what the result is judged by from now on, without naming it and without the lab.
+    # The result is judged by the new oracle from now on, without naming it and without the lab.
     after = result(results)
     shutil.rmtree(new)
     assert run(capsys, "regrade", results)[0] == 0
@@ -257,7 +257,7 @@ def test_a_result_names_the_lab_with_all_files_that_it_names(
 def test_an_oracle_that_was_repaired_in_the_lab_is_pointed_to(
     lab: Path, results: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """The recording's own judges, and what has changed since is named."""
+    """The recording's own oracle judges, and a later change in the lab is named."""
     path = lab / "reference/oracles.py"
     path.write_text(path.read_text(encoding="utf-8") + "\n# Corrected.\n", encoding="utf-8")
     status, output, _ = run(capsys, "regrade", results)
@@ -269,7 +269,10 @@ def test_an_oracle_that_was_repaired_in_the_lab_is_pointed_to(
 def test_an_edited_copy_of_a_rubric_finds_the_oracles_of_the_recording(
     lab: Path, results: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Wherever the copy lies; never those of another lab, with which nothing can be graded."""
+    """An edited copy finds the recording's oracles from any folder, never another lab's.
+
+    Nothing can be graded with such a copy alone.
+    """
     run(capsys, "regrade", results)
     before = checks(results)
     text = (lab / "rubric.yaml").read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""What the lab's rubric reads of what students print, who word and lay it out as they like."""
+"""The lab's reading of students' output, in any wording and layout."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`overrides.yaml`: all its mistakes at once, each with its line; and whom an entry is about."""
+"""`overrides.yaml`: all its mistakes at once, each with its line; the submission of an entry."""
 
 from __future__ import annotations
 
@@ -58,15 +58,18 @@ def test_each_kind_of_entry(tmp_path: Path, rubric: Rubric) -> None:
       - {{submission: alice, submitted: 2026-11-22 23:59:00Z, {WHY}}}
     """
     found = load(tmp_path, text, rubric).of("alice")
-    assert [e.set_ for e in found if e.set_ is not None] == [Decimal("4.5")]
-    assert [e.add for e in found if e.add is not None] == [Decimal("-1.25")]
+
+    def given(key: str) -> list[object]:
+        values = [getattr(entry, key) for entry in found]
+        return [value for value in values if value is not None]
+
+    assert given("set_") == [Decimal("4.5")]
+    assert given("add") == [Decimal("-1.25")]
     assert [e.criterion for e in found if e.excused] == ["qos"]
-    assert [e.bonus for e in found if e.bonus is not None] == [Decimal(3)]
-    assert [e.extension for e in found if e.extension is not None] == [timedelta(hours=36)]
-    assert [e.due.isoformat() for e in found if e.due is not None] == ["2026-11-22T23:59:00+01:00"]
-    assert [e.submitted.isoformat() for e in found if e.submitted is not None] == [
-        "2026-11-22T23:59:00+00:00"
-    ]
+    assert given("bonus") == [Decimal(3)]
+    assert given("extension") == [timedelta(hours=36)]
+    assert [*map(str, given("due"))] == ["2026-11-22 23:59:00+01:00"]
+    assert [*map(str, given("submitted"))] == ["2026-11-22 23:59:00+00:00"]
     assert {(e.reason, e.who, e.when) for e in found} == {("it was so", "J. Smith", "2026-11-21")}
 
 
@@ -99,14 +102,14 @@ def test_whom_an_entry_is_about(tmp_path: Path, rubric: Rubric) -> None:
 
 
 def test_a_number_is_a_name_as_it_is_written(tmp_path: Path, rubric: Rubric) -> None:
-    """What YAML 1.1 takes for octal, sexagesimal or parted numbers are numbers of students."""
+    """Octal, sexagesimal and parted numbers of YAML 1.1 are read as students' numbers."""
     for name in ("0012345", "012", "20260017", "2026_001", "12:30", "0x1F"):
         found = load(tmp_path, f"overrides:\n  - {{submission: {name}, bonus: 1, {WHY}}}\n", rubric)
         assert found.entries[0].submission == (name,)
 
 
 def test_a_name_may_be_composed_in_either_way(tmp_path: Path, rubric: Rubric) -> None:
-    """A name that was copied from a file manager of macOS is that of the submission."""
+    """A name copied from a file manager of macOS equals the submission's name."""
     found = load(
         tmp_path, f"overrides:\n  - {{submission: Mu\u0308ller, bonus: 1, {WHY}}}\n", rubric
     )
@@ -129,7 +132,7 @@ def test_a_file_without_entries(tmp_path: Path, rubric: Rubric, text: str) -> No
 
 
 def test_the_hash_is_that_of_the_file(tmp_path: Path, rubric: Rubric) -> None:
-    """Each text has its hash, by which the trail knows it."""
+    """Different texts have different hashes, which the trail records."""
     one, other = (load(tmp_path, entry(f"bonus: {n}, {WHY}"), rubric).sha256 for n in (1, 2))
     assert len(one) == 64
     assert one != other
@@ -201,7 +204,7 @@ MISTAKES = {
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_a_mistake_in_an_entry(tmp_path: Path, rubric: Rubric, name: str) -> None:
-    """What cannot be meant so is refused, and the message says what is expected."""
+    """An entry that cannot be right is refused, and the message names the expected form."""
     text, message = MISTAKES[name]
     found = mistakes(tmp_path, entry(f"{text}, {WHY}"), rubric)
     assert [line for line in found if line.startswith("overrides.yaml:2: ") and message in line]
@@ -211,7 +214,7 @@ def test_a_mistake_in_an_entry(tmp_path: Path, rubric: Rubric, name: str) -> Non
 def test_nothing_is_decided_without_reason_name_and_date(
     tmp_path: Path, rubric: Rubric, missing: str
 ) -> None:
-    """An entry that does not say why, by whom or when is a mistake, and so is one that says so with nothing."""
+    """An entry without reason, name or date is a mistake, and so is one with a blank."""
     parts = {"reason": "r", "who": "w", "when": "2026-11-21"}
     absent = ", ".join(f"{key}: {value}" for key, value in parts.items() if key != missing)
     assert [
@@ -227,7 +230,7 @@ def test_nothing_is_decided_without_reason_name_and_date(
 
 @pytest.mark.parametrize("name", ["[]", "[[a]]", "true", "{a: b}", "1.5"])
 def test_an_entry_needs_a_submission(tmp_path: Path, rubric: Rubric, name: str) -> None:
-    """Whom it is about is a name or a list of names."""
+    """The submission of an entry is a name or a list of names."""
     text = f"overrides:\n  - {{submission: {name}, bonus: 1, {WHY}}}\n"
     assert ["the name of a submission" in line for line in mistakes(tmp_path, text, rubric)] == [
         True
@@ -235,7 +238,7 @@ def test_an_entry_needs_a_submission(tmp_path: Path, rubric: Rubric, name: str) 
 
 
 def test_the_same_entry_twice_is_a_mistake(tmp_path: Path, rubric: Rubric) -> None:
-    """What was pasted twice would count twice."""
+    """An entry pasted twice is a mistake, because it would count twice."""
     line = f"  - {{submission: alice, check: publisher.rate, add: 1, {WHY}}}\n"
     assert mistakes(tmp_path, f"overrides:\n{line}{line}", rubric) == [
         "overrides.yaml:3: overrides.1: the same entry stands here twice"

@@ -42,7 +42,7 @@ def entries(text: str) -> list[Any]:
 
 @pytest.mark.parametrize("text", WRITTEN.values(), ids=WRITTEN)
 def test_an_entry_is_added_at_the_end_and_taken_out(text: str) -> None:
-    """All lines that were there are there still; without its entries the text says what it said."""
+    """Adding entries keeps all lines; taking the entries out again restores the meaning."""
     twice = with_entry(with_entry(text, ENTRY), {**ENTRY, "set": 5})
     assert entries(twice) == [*entries(text), {**ENTRY, "when": "2026-11-21"}, {**ENTRY, "set": 5}]
     kept = [line.replace("[] ", "").split() for line in text.splitlines()]
@@ -63,7 +63,7 @@ def test_the_comments_of_others_survive() -> None:
 
 
 def test_a_list_in_one_line_is_left_as_it_is() -> None:
-    """It is said how the file has to be written; nothing is guessed."""
+    """A list in one line is refused, with the form to write instead."""
     with pytest.raises(RubricError, match="no entry can be added"):
         with_entry("overrides: [{submission: a}]\n", ENTRY)
 

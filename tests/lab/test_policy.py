@@ -1,4 +1,4 @@
-"""How people write times and amounts, and what lateness costs."""
+"""Times and amounts in people's writing, and the cost of lateness."""
 
 from __future__ import annotations
 
@@ -51,14 +51,14 @@ def test_times_with_their_units(text: str, span: timedelta) -> None:
     "value", ["10", 10, "10 s", "two days", "", None, "-1 h", "1 h,", True, ["1 h"]]
 )
 def test_times_without_a_unit_are_mistakes(value: object) -> None:
-    """What could be minutes as well as days is refused."""
+    """A time that could be minutes as well as days is refused."""
     with pytest.raises(ValidationError, match="a time with its unit is expected"):
         policy(per_day="10 %", grace=value)
 
 
 @pytest.mark.parametrize("value", ["10", 10, "10 percent", "101 %", "-5 points", "", None])
 def test_amounts_without_a_unit_are_mistakes(value: object) -> None:
-    """What could be points as well as per cent is refused, and so is more than all."""
+    """An amount that could be points as well as per cent is refused, and so is more than all."""
     with pytest.raises(ValidationError):
         policy(per_day=value)
 
@@ -142,7 +142,7 @@ policies = st.builds(
 def test_a_deduction_never_takes_more_than_there_is(
     late: LatePolicy, points: Decimal, lateness: timedelta
 ) -> None:
-    """It lies between nothing and all, in tenths, and is nothing in time."""
+    """A deduction lies between nothing and all, in tenths, and is nothing in time."""
     taken = late.deduction(points, lateness)
     assert 0 <= taken <= points
     assert taken == taken.quantize(Decimal("0.1"))
@@ -161,7 +161,7 @@ def test_later_is_never_cheaper(
 def test_who_earned_more_keeps_more(
     late: LatePolicy, one: Decimal, other: Decimal, lateness: timedelta
 ) -> None:
-    """Of two that are equally late, the better one stays the better one, to a tenth of rounding."""
+    """The better of two equally late submissions stays the better one, to a tenth of rounding."""
     low, high = sorted((one, other))
     kept = [points - late.deduction(points, lateness) for points in (low, high)]
     assert kept[0] <= kept[1] + Decimal("0.1")

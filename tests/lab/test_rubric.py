@@ -75,7 +75,7 @@ def line_of(text: str, part: str) -> int:
 
 
 def test_a_good_rubric_loads(tmp_path: Path) -> None:
-    """What it says comes back as typed values."""
+    """A good rubric comes back as typed values."""
     rubric = load(tmp_path, GOOD)
     assert rubric.lab.points == Decimal(5)
     assert rubric.artifacts["talk"].find == ("talk.py", "**/talk.py")
@@ -185,7 +185,7 @@ WRONG: list[tuple[str, str, str, str]] = [
 def test_each_mistake_is_reported_with_its_line(
     tmp_path: Path, old: str, new: str, at: str, words: str
 ) -> None:
-    """One mistake gives one message, with file, line and what is wrong."""
+    """One mistake gives one message, with file, line and cause."""
     assert GOOD.count(old) >= 1
     text = GOOD.replace(old, new, 1)
     found = mistakes(tmp_path, text)
@@ -260,7 +260,7 @@ def test_a_merged_key_that_is_set_anew_stands_there_once(tmp_path: Path) -> None
     ],
 )
 def test_values_of_another_kind_never_break_it(tmp_path: Path, key: str, value: str) -> None:
-    """Whatever stands behind a key, the rubric either loads or says what is wrong."""
+    """A rubric either loads or is refused with a message, whatever stands behind a key."""
     text = re.sub(rf"^(\s*(?:- )?){key}:.*$", rf"\g<1>{key}: {value}", GOOD, flags=re.MULTILINE)
     try:
         load(tmp_path, text)
@@ -418,7 +418,7 @@ class Settings:
     enabled: bool = True
 """
 
-#: What is mistyped, what it becomes, and what the message says; the mistake lies on the line of the new text.
+#: Text, misspelling, and message; the mistake lies on the line of the new text.
 MISTYPED: list[tuple[str, str, str]] = [
     (
         "start: {student: talk}",
@@ -634,7 +634,7 @@ MISTYPED: list[tuple[str, str, str]] = [
         "'lazer' stands here alone; did you mean 'laser', as elsewhere?",
     ),
 ]
-#: What the lab has of its own.
+#: The lab's own check.
 MINE = """\
 from dataclasses import dataclass
 
@@ -667,7 +667,7 @@ def lab_folder_of(folder: Path) -> Path:
 
 
 def test_the_lab_without_a_mistake_loads(tmp_path: Path) -> None:
-    """The rubric in which the following test makes its mistakes has none."""
+    """The rubric loads before the following test makes mistakes in it."""
     (lab_folder_of(tmp_path) / "lab.yaml").write_text(LAB, encoding="utf-8")
     assert len(list(load_rubric(tmp_path / "lab.yaml", rubric_kinds()).checks())) == 11
 
@@ -678,7 +678,7 @@ def test_the_lab_without_a_mistake_loads(tmp_path: Path) -> None:
 def test_what_is_mistyped_is_reported_before_anything_runs(
     tmp_path: Path, old: str, new: str, words: str
 ) -> None:
-    """A reference to nothing, a wrong type or unit: file and line, what is wrong, and what may be meant."""
+    """A missing reference, a wrong type or a wrong unit is reported with its line and remedy."""
     assert LAB.count(old) >= 1
     text = LAB.replace(old, new, 1)
     (lab_folder_of(tmp_path) / "lab.yaml").write_text(text, encoding="utf-8")
@@ -690,8 +690,8 @@ def test_what_is_mistyped_is_reported_before_anything_runs(
     assert len(caught.value.mistakes) <= 4
 
 
-#: A line of the lab that travels with the grader, what in it is mistyped, and what it becomes: names that may be given
-#: there for the first time, and that stand elsewhere too.
+#: A line of the lab that travels with the grader, the misspelt part, and the misspelling: names that
+#: may be given there for the first time, and that stand elsewhere too.
 MISSPELT = [
     ("- wait_for: {publisher: /joint_commands,", "joint_commands", "joint_comands"),
     ("- call: {service: /robot/enable,", "enable", "enabel"),
@@ -785,7 +785,10 @@ def test_many_mistypings_are_reported_at_once(tmp_path: Path) -> None:
     ],
 )
 def test_what_cannot_be_known_is_let_be(tmp_path: Path, old: str, new: str) -> None:
-    """So it is with messages that are not installed here, a process of a launch file, and topics of ROS itself."""
+    """Names that cannot be known beforehand are accepted.
+
+    Examples: messages not installed here, a process of a launch file, and topics of ROS itself.
+    """
     (lab_folder_of(tmp_path) / "lab.yaml").write_text(LAB.replace(old, new, 1), encoding="utf-8")
     load_rubric(tmp_path / "lab.yaml", rubric_kinds())
 
@@ -818,7 +821,7 @@ def test_fields_are_known_where_ros_is_not_installed(
 
 
 def test_the_shipped_rubric_is_valid() -> None:
-    """It loads, and has the lab's table of points."""
+    """The shipped rubric loads, and has the lab's table of points."""
     rubric = read_rubric(None)
     table = {criterion.title: criterion.points for criterion in rubric.criteria}
     assert table == {
@@ -904,7 +907,7 @@ def test_a_rubric_may_say_what_lateness_costs(tmp_path: Path) -> None:
 
 
 def test_an_editor_takes_a_policy_as_it_is_written() -> None:
-    """The JSON Schema knows times and amounts by their text, not by what they are read into."""
+    """The JSON Schema knows times and amounts by their text, not by their parsed values."""
     validator = jsonschema.Draft202012Validator(json_schema(rubric_kinds()))
     policy = yaml.safe_load(
         POLICY.replace("2026-11-20T23:59:00+01:00", "'2026-11-20T23:59:00+01:00'")

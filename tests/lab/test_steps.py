@@ -73,7 +73,7 @@ def test_settings_are_given_under_the_key_of_the_rubric() -> None:
 
 
 def test_a_step_tells_what_it_waits_for_in_the_graph() -> None:
-    """It is the first key that names something there, and nothing for a line of output."""
+    """A step waits for the first key that names something in the graph; for output it has none."""
     assert WaitForStep(publisher="/chatter").awaited == ("publisher", "/chatter")
     assert WaitForStep(output_of="talker", text="ready").awaited == ("", "")
 
@@ -98,5 +98,5 @@ def test_kinds_are_the_keys_of_rubrics() -> None:
     ],
 )
 def test_notes_of_results(result: StepResult, note: str) -> None:
-    """The report says in a few words what a step found."""
+    """The report's note on a step's result is short."""
     assert result.note() == note

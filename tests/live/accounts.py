@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 @contextmanager
 def account() -> Iterator[tuple[int, int]]:
-    """Give user and group id of an account that exists only for this; without root, those of the caller."""
+    """Give the user and group id of a temporary account, or the caller's own ids without root."""
     if os.geteuid() != 0:
         yield os.getuid(), os.getgid()
         return
@@ -43,7 +43,7 @@ def account() -> Iterator[tuple[int, int]]:
 
 @contextmanager
 def account_with_sudo() -> Iterator[tuple[int, int]]:
-    """Give an account that sudo asks for no password, as those of CI systems."""
+    """Give an account that may use sudo without a password, like accounts of CI systems."""
     with account() as (user, group):
         rules = Path(f"/etc/sudoers.d/grade-tests-{os.getpid()}")
         rules.write_text(f"#{user} ALL=(ALL) NOPASSWD: ALL\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The attack corpus in `fixtures/attacks/`: what each attack is, how it is laid out, and what may come of it."""
+"""The attack corpus in `fixtures/attacks/`: attacks, their layout, and their permitted effects."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ CORPUS = ROOT / "fixtures" / "attacks"
 SOLUTION = "reference/solution"
 #: Prefix of the names under which files that an attack replaces lie beside its own.
 HONEST = "honest_"
-#: What an attack prints when it got something that it must not have.
+#: Prefix of an attack's output after it got something forbidden.
 ESCAPED = "ESCAPED "
 
 
 @dataclass(frozen=True)
 class Expectation:
-    """What a robust grader says of an attack; see `fixtures/attacks/README.md`."""
+    """Verdict of a robust grader on an attack; see `fixtures/attacks/README.md`."""
 
     all: str | None = None
     checks: dict[str, str] = field(default_factory=dict)
@@ -49,7 +49,7 @@ class Attack:
     Attributes
     ----------
     files_of : tuple of str
-        Folders whose files lie below the attack's own.
+        Folders with files to lay below the attack's own.
     twin : str
         The honest submission that it must not outscore: a fixture, or the solution.
     archive : str or None
@@ -57,7 +57,7 @@ class Attack:
     named : str or None
         Name of the folder, where it is not the attack's own.
     gaps : dict
-        Isolation level -> first word of an escape that is known there -> why.
+        Isolation level -> first word of a known escape -> reason.
     """
 
     name: str
@@ -139,7 +139,7 @@ def read_corpus() -> tuple[Attack, ...]:
 
 
 def lay_out(attack: Attack, parent: Path) -> Path:
-    """Make what is handed in, below a folder of its own; returns its path."""
+    """Make the submission of an attack, in a folder of its own; returns its path."""
     folder = parent / attack.name / (attack.named or attack.name)
     own = {path.name for path in (attack.folder / "submission").glob("*")}
     for base in attack.files_of:
@@ -155,7 +155,7 @@ def lay_out(attack: Attack, parent: Path) -> Path:
     archive = folder.parent / f"{attack.name}{attack.archive}" if attack.archive else None
     make = attack.folder / "make.py"
     if make.is_file():
-        # In a process of its own, since what it makes may need another working folder.
+        # In a process of its own, because `make.py` may need another working folder.
         arguments = [str(path) for path in (folder, archive) if path is not None]
         subprocess.run([sys.executable, "-I", str(make), *arguments], check=True, timeout=120)
     return archive or folder

@@ -1,4 +1,4 @@
-"""What live tests share."""
+"""Fixtures shared by the live tests."""
 
 from __future__ import annotations
 

@@ -165,14 +165,14 @@ def until(condition: Callable[[], Any], timeout_s: float = 20.0) -> Any:
 
 
 def own_temporary_folder(folder: Path) -> Path:
-    """Make a temporary folder in which only one grading leaves its traces."""
+    """Make a temporary folder for the traces of a single grading."""
     mine = folder / "tmp"
     mine.mkdir()
     return mine
 
 
 def remains(temporary: Path) -> list[str]:
-    """Return what a grading left in its temporary folder."""
+    """Return the names that a grading left in its temporary folder."""
     return [path.name for path in temporary.iterdir()]
 
 
@@ -198,7 +198,7 @@ def command_of(pid: int) -> str:
 
 
 def name_of(pid: int) -> str:
-    """Return what a process calls itself, empty if it is gone."""
+    """Return a process's own name, empty if it is gone."""
     try:
         return Path(f"/proc/{pid}/comm").read_text(encoding="utf-8").strip()
     except OSError:
@@ -232,19 +232,19 @@ def below(pid: int) -> list[int]:
 
 
 def students() -> list[int]:
-    """Return the processes below this one that run a student's program, those of its sandbox among them."""
+    """Return the processes below this one that run a student's program, including its sandbox's."""
     return [pid for pid in below(os.getpid()) if "/ws/install" in command_of(pid)]
 
 
 def interrupt_students() -> None:
     """Send Ctrl-C to all students' programs, and to their sandboxes, which end them."""
     for pid in students():
-        with suppress(ProcessLookupError):  # It has just ended.
+        with suppress(ProcessLookupError):  # The process has just ended.
             os.kill(pid, signal.SIGINT)
 
 
 def look_on(duration_s: float) -> None:
-    """Wait for a time in which nobody is delayed: what is timed after a halt of the machine is the halt.
+    """Wait for a time without delays: a timing right after a halt of the machine shows the halt.
 
     A machine that never gives so much time is not waited for.
     """
@@ -260,9 +260,10 @@ def look_on(duration_s: float) -> None:
 
 @dataclass
 class Watch:
-    """Notes the networks of all sandboxes that a process has, so that one can tell what stays behind in them.
+    """Notes the networks of all sandboxes of a process, to find the processes left in them.
 
-    It holds them open: the system gives the name of one that is gone to the next, which may be another test's.
+    The object holds the networks open: the system gives the name of a vanished one to the next,
+    which may be another test's.
     """
 
     pid: int = field(default_factory=os.getpid)
@@ -278,7 +279,7 @@ class Watch:
         for pid in below(self.pid):
             if network_of(pid) in ("", network_of(os.getpid()), *self.networks):
                 continue
-            with suppress(OSError):  # It has just ended.
+            with suppress(OSError):  # The process has just ended.
                 held = os.open(f"/proc/{pid}/ns/net", os.O_RDONLY)
                 name = str(Path(f"/proc/self/fd/{held}").readlink())
                 self.networks[name] = held
@@ -290,7 +291,7 @@ class Watch:
         ]
 
     def until_all_ended(self) -> None:
-        """Wait until nothing lives in the sandboxes any more; fails with what still does after a while."""
+        """Wait until nothing lives in the sandboxes any more; fails with the rest after a while."""
         with suppress(AssertionError):
             until(lambda: not self.left())
         assert self.left() == []

@@ -1,4 +1,4 @@
-"""Runs a command in given surroundings, and tells what it left behind.
+"""Runs a command in given surroundings, and reports the things left behind.
 
 A program of its own: `python -I surroundings.py SURROUNDINGS COMMAND...`, where SURROUNDINGS is the `Surroundings` as
 JSON. It starts the command as another user or without the means to make namespaces, becomes the parent of whatever
@@ -25,10 +25,10 @@ from typing import IO
 
 SET_CHILD_SUBREAPER, SET_SECCOMP, SECCOMP_MODE_FILTER = 36, 22, 2
 CLONE_NEWNS, MS_BIND, MS_REC, MS_PRIVATE = 0x20000, 0x1000, 0x4000, 0x40000
-#: How long what ends with the command may take to be gone.
+#: Longest time between the end of a command and the end of its processes.
 ENDS_WITHIN_S = 20.0
 
-#: What Docker leaves to root in a container.
+#: Capabilities of root in a container of Docker.
 CONTAINER_CAPABILITIES = (
     "chown", "dac_override", "fsetid", "fowner", "mknod", "net_raw", "setgid", "setuid", "setfcap", "setpcap",
     "net_bind_service", "sys_chroot", "kill", "audit_write",
@@ -51,11 +51,11 @@ class Surroundings:
     place : str
         Folder that only this command uses.
     user, group : int or None
-        Ids to run as; None for those of the caller.
+        Ids to run as; None for the caller's.
     readable : list of str
         Folders that every user must be able to reach, though one above them may be closed to others.
     container : bool
-        Whether to deny what a plain container denies: namespaces, mounts, and most capabilities.
+        Deny namespaces, mounts and most capabilities, like a plain container.
     limit_s : float
         Time after which the command counts as hung and is killed.
     """
@@ -71,7 +71,7 @@ class Surroundings:
 
 @dataclass
 class Remains:
-    """How a command ended, and what was there then that had not been before.
+    """End of a command, and new things on the machine after it.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Remains:
 
 
 def run(surroundings: Surroundings, command: list[str]) -> Remains:
-    """Run the command to its end, and look for what it left."""
+    """Run the command to its end, and look for the things it left."""
     libc = ctypes.CDLL(None, use_errno=True)
     libc.prctl(SET_CHILD_SUBREAPER, 1, 0, 0, 0)
     if os.geteuid() == 0:
@@ -167,7 +167,7 @@ def _do(answer: int) -> None:
 
 
 def _closed_folders(readable: list[str]) -> dict[Path, list[Path]]:
-    """Return folders that others may not enter -> what below them must be reached."""
+    """Return folders that others may not enter -> paths below that must be reachable."""
     found: dict[Path, list[Path]] = {}
     for root in map(Path, readable):
         for parent in reversed(root.parents):
@@ -188,7 +188,7 @@ def _open_to_all(libc: ctypes.CDLL, folder: Path, roots: list[Path]) -> None:
 
 
 def _container_filter() -> bytes:
-    """Return a seccomp program that denies what makes namespaces and mounts."""
+    """Return a seccomp program that denies namespaces and mounts."""
     load, equal, any_bit, answer = 0x20, 0x15, 0x45, 0x06
     allow, error = 0x7FFF0000, 0x00050000
 

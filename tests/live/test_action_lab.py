@@ -1,4 +1,4 @@
-"""The lab with an action, live: the solution, and servers whose mistakes show only while they run."""
+"""The lab with an action, live: the solution, and servers whose mistakes show late."""
 
 from __future__ import annotations
 
@@ -20,7 +20,10 @@ pytestmark = pytest.mark.live
 
 @pytest.mark.parametrize("name", ["solution", "blocked", "late_cancel"])
 def test_a_server_earns_live_what_its_recording_does(name: str, tmp_path: Path) -> None:
-    """Right, wrong and in between; what the machine delays may be open, but is never lost."""
+    """A right, a wrong and a partly right server earn live the same as in their recordings.
+
+    Points that the machine's delays put in doubt may be open, but are never lost.
+    """
     result = judged(record(name, tmp_path))
     assert not result.problems
     lost = {check: Decimal(points) for check, points in DEFECTS[name].lost}

@@ -1,7 +1,7 @@
 """Every attack of the corpus is graded live, as root, as an ordinary user and in a plain container.
 
 Whatever an attack does, the grader ends by itself, report and result are well-formed, the attack earns no more
-than its honest twin, a submission graded beside it gets what it deserves, and nothing is left behind.
+than its honest twin, a submission graded beside it gets its proper verdict, and nothing is left behind.
 """
 
 from __future__ import annotations
@@ -54,14 +54,14 @@ CHOSEN = os.environ.get("ATTACKS", "")
 MOST_IN_BATCH = 6
 #: Each runs as many sessions side by side as the machine takes.
 BATCHES_AT_A_TIME = 2
-#: What one submission may take at most, retries included; a grader that takes longer hangs.
+#: Limit for one submission, retries included; a grader that takes longer hangs.
 LONGEST_S = 300.0
 #: A container has a network and process ids of its own, which the sandboxes within share.
 OWN_SPACES = ["unshare", "--net", "--pid", "--mount", "--fork", "--kill-child", "--mount-proc"]
 #: Folders that every user of a machine may write to.
 SHARED_FOLDERS = (Path("/tmp"), Path("/dev/shm"), Path("/var/tmp"))
 REFUSED = 3
-#: What spreadsheets compute; a number with a sign is a number.
+#: Cells that spreadsheets compute; a number with a sign is a number.
 FORMULA = re.compile(r"[\t\r]|[=@+-](?![\d.]+$)")
 
 
@@ -124,7 +124,7 @@ BATCHES = batches()
 
 @dataclass(frozen=True)
 class Graded:
-    """What became of a batch.
+    """Outcome of a batch.
 
     Attributes
     ----------
@@ -162,7 +162,7 @@ def result_names(batch: Batch, source: dict[str, Path], results: Path) -> dict[s
 
 
 def short_rubric() -> str:
-    """Return the lab's rubric with a shorter window: what is attacked here is not the publisher's rate."""
+    """Return the lab's rubric with a shorter window: no attack here aims at the rate."""
     text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
     window = "observe: {duration_s: 6, extend_s: 4, first_message_on: /joint_commands}"
     assert text.count(window) == 1
@@ -170,7 +170,7 @@ def short_rubric() -> str:
 
 
 def run_batch(batch: Batch, folder: Path) -> Graded:
-    """Grade a batch's attacks and an honest submission by one command, and look at what is left."""
+    """Grade a batch's attacks and an honest submission by one command, and look for leftovers."""
     source = {attack.name: lay_out(attack, folder / "handed") for attack in batch.attacks}
     honest = folder / "handed" / HONEST
     shutil.copytree(ROOT / SOLUTION, honest, ignore=shutil.ignore_patterns("__pycache__"))
@@ -193,7 +193,7 @@ def run_batch(batch: Batch, folder: Path) -> Graded:
     remains, user = run_in(
         batch.environment, folder, [str(GRADE), *arguments], LONGEST_S * len(paths)
     )
-    # Some of what was handed in is too deep for Python to remove.
+    # Some submissions are too deep for Python to remove.
     subprocess.run(["rm", "-rf", str(folder / "handed")], check=False)
     names = result_names(batch, source, folder / "results")
     return Graded(
@@ -207,7 +207,7 @@ def run_batch(batch: Batch, folder: Path) -> Graded:
 def run_in(
     environment: Environment, folder: Path, command: list[str], limit_s: float
 ) -> tuple[Remains, int]:
-    """Run a command in an environment; returns what it left, and the user that it ran as."""
+    """Run a command in an environment; returns its remains, and the user that it ran as."""
     settings = {
         "HOME": str(folder / "home"),
         "TMPDIR": str(folder / "tmp"),
@@ -256,12 +256,12 @@ def caller_account() -> Iterator[tuple[int, int]]:
 
 
 def entries_of_shared_folders() -> set[Path]:
-    """Return what lies in the folders that everyone may write to."""
+    """Return the entries of folders where everyone may write."""
     return {path for folder in SHARED_FOLDERS if folder.is_dir() for path in folder.iterdir()}
 
 
 def is_litter(path: Path, user: int) -> bool:
-    """Whether a new file in a shared folder comes from a grading, and not from other tests that run meanwhile."""
+    """Say if a new file in a shared folder comes from a grading, and not from another test."""
     try:
         owner = path.lstat().st_uid
     except OSError:
@@ -275,7 +275,7 @@ def is_litter(path: Path, user: int) -> bool:
 
 @pytest.fixture
 def graded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Graded:
-    """Give what became of a batch; the first test that asks, in whatever worker, has it graded."""
+    """Give the outcome of a batch; the first test in need of it, in any worker, has it graded."""
     batch: Batch = request.param
     if (batch.environment is Environment.ROOT) and os.geteuid() != 0:
         pytest.skip("grading as root needs root")
@@ -310,7 +310,7 @@ def graded(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 def faults_of_page(path: Path) -> list[str]:
-    """Say in what a page is not well-formed, or holds what a student put there."""
+    """Return faults of a page: badly formed parts, and elements from a student."""
     text = path.read_text(encoding="utf-8")
     try:
         page = Page(text)
@@ -337,7 +337,7 @@ def faults_of_page(path: Path) -> list[str]:
 
 
 def faults_of_table(path: Path) -> list[str]:
-    """Say where a spreadsheet would compute what a student wrote."""
+    """Return cells that would make a spreadsheet compute a student's text."""
     with path.open(encoding="utf-8-sig", newline="") as file:
         cells = [cell for row in csv.reader(file) for cell in row]
     return [
@@ -357,14 +357,14 @@ def scripts_of(page: Page) -> list[dict[str, str]]:
 
 
 def is_control(character: str) -> bool:
-    """Whether a character steers what shows it."""
+    """Say if a character steers its display."""
     return character not in "\n\t" and (
         unicodedata.category(character) in ("Cc", "Cs") or character in "\u202e\u2066"
     )
 
 
 def faults_of_result(result: dict[str, Any], most: float) -> list[str]:
-    """Say in what a result breaks its contract, or gives more points than the honest twin's."""
+    """Return breaches of a result's contract, and points beyond the honest twin's."""
     faults = [
         error.message[:300] for error in jsonschema.Draft202012Validator(SCHEMA).iter_errors(result)
     ]
@@ -381,7 +381,10 @@ def faults_of_result(result: dict[str, Any], most: float) -> list[str]:
 
 
 def outcomes(result: dict[str, Any], sessions: tuple[str, ...]) -> dict[str, str]:
-    """Return the outcome of each check of the sessions; what a busy machine leaves undecided counts as passed."""
+    """Return the outcome of each check of the sessions.
+
+    Checks that a busy machine leaves undecided count as passed.
+    """
     rubric = rubrics.read_rubric(None)
     chosen = {c.id for c in rubric.checks() if c.session in sessions}
     checks = [check for criterion in result["criteria"] for check in criterion["checks"]]
@@ -393,12 +396,12 @@ def outcomes(result: dict[str, Any], sessions: tuple[str, ...]) -> dict[str, str
 
 
 def is_excused(check: dict[str, Any]) -> bool:
-    """Whether a check is undecided for nothing but what the machine did."""
+    """Say if a check is undecided because of the machine alone."""
     return check["outcome"] == "inconclusive" and str(check["reason"]).startswith(MACHINE)
 
 
 def faults_of_verdict(attack: Attack, result: dict[str, Any]) -> list[str]:
-    """Say where the verdict is not what it should be."""
+    """Return differences between the verdict and the expected one."""
     expect, found = attack.expect, outcomes(result, attack.sessions)
     wanted = dict(expect.checks)
     if expect.all == "passed":
@@ -448,7 +451,7 @@ def printed(folder: Path) -> list[str]:
 
 
 def faults_of_recording(attack: Attack, folder: Path, result: dict[str, Any]) -> list[str]:
-    """Say what got out of the sandbox or into the recording that should not."""
+    """Return things that escaped the sandbox or entered the recording against the rules."""
     expect, lines = attack.expect, printed(folder)
     levels = {session["isolation"] for session in result["provenance"]["sessions"].values()}
     known = {word for level in levels for word in attack.gaps.get(level, {})}
@@ -483,7 +486,7 @@ def graded_cases() -> list[Any]:
 
 @pytest.mark.parametrize(("graded", "attack"), graded_cases(), indirect=["graded"])
 def test_an_attack_gains_nothing_and_breaks_nothing(graded: Graded, attack: Attack) -> None:
-    """It gets the verdict that its attack.yaml states, at most its twin's points, and a report like any other's."""
+    """An attack gets its attack.yaml's verdict, at most its twin's points, and a proper report."""
     expect, folder = attack.expect, graded.results[attack.name]
     if expect.nothing_at is not None:
         assert not Path(expect.nothing_at).exists()
@@ -523,7 +526,7 @@ def test_attacks_leave_the_machine_and_their_neighbour_as_they_were(
     results = graded.results[HONEST].parent
     assert faults_of_page(results / "index.html") + faults_of_table(results / "grades.csv") == []
     result = graded.result_of(HONEST)
-    # What a busy machine leaves undecided costs nothing.
+    # Points left undecided by a busy machine are not lost.
     checks = [c for criterion in result["criteria"] for c in criterion["checks"]]
     lost = [
         f"{c['id']}: {c['reason']}" for c in checks if c["earned"] + c["undecided"] < c["possible"]

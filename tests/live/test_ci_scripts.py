@@ -19,10 +19,10 @@ from tests.report.runner_commands import bracket_command, colon_command
 
 ROOT = Path(__file__).resolve().parents[2]
 GRADE = Path(sys.executable).with_name("grade")
-#: What the student's service says; it is printed, and stands in the proof of lost points.
+#: Message of the student's service; printed, and shown in the proof of lost points.
 EVIL = "::error file=x::pwned ##[error]pwned <b>`@pwned|"
 LIMIT_S = 180
-#: What is judged where only this session is run.
+#: Checks that are judged if only this session is run.
 CHECKS = [check for check in read_rubric(None).checks() if check.session in (None, "service")]
 POSSIBLE = sum(check.points for check in CHECKS)
 
@@ -80,13 +80,13 @@ GITHUB_SCRIPT: list[str | Path] = ["bash", ROOT / "ci/github/grade.sh"]
 
 
 def variables_of_github(summary: Path, outputs: Path, results: Path) -> dict[str, str | Path]:
-    """Return what the action sets, but for the submission and the least score."""
+    """Return the action's variables, except the submission and the least score."""
     told = {"GITHUB_STEP_SUMMARY": summary, "GITHUB_OUTPUT": outputs, "RESULTS": results}
     return {"RUBRIC": "", "SESSIONS": "service", "REQUIRE_ISOLATION": "reduced", **told}
 
 
 def leave_results_of_another_lab(results: Path) -> None:
-    """Leave what an earlier step of the same job does that graded another lab."""
+    """Leave the files of an earlier step of the same job that graded another lab."""
     score = {"final": 1, "possible": 2, "undecided": 0}
     (results / "aaa").mkdir(parents=True)
     (results / "aaa/result.json").write_text(json.dumps({"score": score}), encoding="utf-8")
@@ -94,7 +94,7 @@ def leave_results_of_another_lab(results: Path) -> None:
 
 @by_root
 def test_github_has_no_score_of_another_lab(checkout: Path, tmp_path: Path) -> None:
-    """Where a step can grade nothing, its outputs are not those of the step before it."""
+    """A step that can grade nothing does not repeat the outputs of the previous step."""
     summary, outputs, results = tmp_path / "summary.md", tmp_path / "outputs", tmp_path / "results"
     leave_results_of_another_lab(results)
     variables = variables_of_github(summary, outputs, results)

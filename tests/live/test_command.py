@@ -21,7 +21,7 @@ def test_the_sample_is_graded(alice: Graded) -> None:
     assert "Traceback" not in alice.errors
     result = json.loads((alice.folder / "result.json").read_text(encoding="utf-8"))
     assert result["score"]["possible"] == 100
-    # What a busy machine leaves undecided costs nothing.
+    # Points left undecided by a busy machine are not lost.
     assert result["score"]["earned"] < 90
     assert result["score"]["earned"] + result["score"]["undecided"] > 80, result["problems"]
     assert f"{result['score']['earned']:g}" in alice.output
@@ -105,7 +105,7 @@ def test_regrading_gives_the_same_bytes(alice: Graded, tmp_path: Path) -> None:
 
 
 def test_one_session_can_be_chosen(tmp_path: Path) -> None:
-    """`--sessions`, `-o` and `--fail-under` do what they say; what was not asked for is not judged."""
+    """`--sessions` restricts grading to one session; `-o` and `--fail-under` work with it."""
     arguments = ("--sessions", "publisher", "-o", tmp_path / "out", "--fail-under", "99")
     run = grade(ALICE, *arguments, cwd=tmp_path)
     assert run.returncode == 1, run.stderr

@@ -19,7 +19,7 @@ APPENDED = "at the end of "
 
 
 def is_shown(output: str, shown: str) -> bool:
-    """Whether an output is what a page shows, where `…` stands for anything, and blanks for blanks."""
+    """Say if an output matches the page; `…` there stands for anything, and blanks for blanks."""
     pattern = ".*?".join(map(re.escape, " ".join(shown.split()).split("…")))
     return re.fullmatch(pattern, " ".join(output.split())) is not None
 
@@ -31,7 +31,7 @@ def test_what_is_not_shown_is_noticed() -> None:
 
 
 def run(block: Block, folder: Path) -> str:
-    """Run a block as a reader would, and give what it prints. Only `grade` may find something wrong."""
+    """Run a block like a reader, and give its output. Only `grade` may find something wrong."""
     there = {
         **os.environ,
         "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",

@@ -20,12 +20,13 @@ from tests.machine import MACHINE, Others, alone
 from tests.thorough import part
 
 ROOT = Path(__file__).parents[2]
-#: How often a fixture is graded at most; each grading repeats what is undecided by itself.
+#: Most gradings of a fixture; each grading repeats undecided sessions by itself.
 MOST_GRADINGS = 3
-#: What is left undecided is no fault of the grader's where others took so much of the machine.
+#: Share of the machine taken by others above which undecided checks are no fault of the grader's.
 BUSY = 0.1
 EVERY = sorted(path.parent for path in (ROOT / "fixtures").glob("*/expected.yaml"))
-#: Those that a teacher judged too; their recordings are judged in every run, by tests/judging/test_teacher.py.
+#: Fixtures judged by a teacher too; tests/judging/test_teacher.py judges their recordings in every
+#: run.
 RECORDED = [
     path for path in EVERY if (ROOT / f"tests/teacher_recordings/{path.name}.tar.xz").is_file()
 ]
@@ -57,7 +58,8 @@ def test_fixture_gets_its_verdict(folder: Path, tmp_path: Path, rubric: Rubric) 
     with ExitStack() as to_the_end:
 
         def on_progress(progress: Progress) -> None:
-            # Several tests at a time can be more than the machine takes: what is undecided then is repeated alone.
+            # Several tests at a time can be too much for the machine: undecided sessions are then
+            # repeated alone.
             if progress.text != "starting":
                 return
             if begun.count(progress.session) == 1 and len(set(begun)) == len(begun):

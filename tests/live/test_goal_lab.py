@@ -1,4 +1,4 @@
-"""A lab of another kind, graded live: a robot that a controller drives to a goal, and what each defect costs."""
+"""Another kind of lab, graded live: a robot driven to a goal, and the cost of each defect."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.live
 
 ROOT = Path(__file__).parents[2]
 LAB = ROOT / "tests/labs/goal"
-#: What may be undecided beside other work is graded again, so often at most.
+#: Most gradings of a submission that other work on the machine leaves undecided.
 MOST_GRADINGS = 3
 #: A defect of the solution's text -> points that each check has then, where these are not all.
 DEFECTS = {

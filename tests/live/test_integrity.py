@@ -208,7 +208,8 @@ def test_other_nodes_in_the_network_are_a_problem(
             monkeypatch.setenv(name, value)
     rclpy.init(context=context, domain_id=domain_id)
     stranger = rclpy.create_node("stranger", context=context)
-    # It looks until it knows, and not half a second: how soon it hears of others is not what is shown.
+    # The director looks until it finds the stranger, not for half a second: its speed is not tested
+    # here.
     program = f"""
 from pathlib import Path
 from grader.live.ros_node import director

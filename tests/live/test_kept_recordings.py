@@ -94,7 +94,7 @@ def test_what_breaks_after_the_sessions_leaves_the_recordings(
 
 
 def test_a_class_goes_on_from_recordings_that_were_not_judged(tmp_path: Path) -> None:
-    """The same command judges what it recorded before, and records nothing a second time."""
+    """The same command judges earlier recordings without a verdict, and records nothing twice."""
     small = make_class(tmp_path, {"ann": TALKER, "bob": TALKER})
     with_figure(small.rubric, UNFIT)
     status, output, _ = small.grade()

@@ -25,7 +25,10 @@ pytestmark = pytest.mark.live
 def test_the_examples_of_reference_nodes_do_what_is_asked_of_one(
     name: str, names: str, published: list[str], tmp_path: Path
 ) -> None:
-    """It says who it is and that it is ready, publishes under the student's name, and says at SIGINT what it was."""
+    """An example of a reference node prints its name and that it is ready.
+
+    It publishes under the student's name, and at SIGINT prints its publications.
+    """
     (block,) = (block for block in blocks(ROOT / "docs/lab-code.md") if block.title == name)
     (tmp_path / name).write_text(block.text, encoding="utf-8")
     command = [sys.executable, str(tmp_path / name), f'{{"seed": 1, "names": {names}}}']

@@ -1,4 +1,4 @@
-"""Labs of other kinds than Lab 09-01: their solution has all points, and each fixture loses what it should."""
+"""Labs of other kinds than Lab 09-01: all points for the solution, expected losses for fixtures."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from tests.thorough import part
 pytestmark = pytest.mark.live
 
 LABS = sorted(path.parent for path in (Path(__file__).parents[1] / "labs").glob("*/fixtures"))
-#: Those that were written from the documentation, complete in their folders, each with its solution and fixtures; all
-#: would take eight minutes, so that each commit has a part of them, as its name has it.
+#: Labs written from the documentation, complete in their folders, each with its solution and
+#: fixtures; all would take eight minutes, so that each commit has a part of them, depending on its
+#: hash.
 WRITTEN = sorted(path.parent for path in (ROOT / "labs").glob("*/rubric.yaml"))
 SUBMISSIONS = [
     (lab, name)
@@ -26,14 +27,14 @@ SUBMISSIONS = [
     for name in ("solution", *sorted(p.name for p in lab.glob("fixtures/*")))
 ]
 CHOSEN = part(SUBMISSIONS, 25, os.environ.get("FIXTURES", "") == "all")
-#: So often one is graded at most, each time with the repetitions of a grading.
+#: Most gradings of one submission, each with the repetitions of a grading.
 MOST_GRADINGS = 2
 #: Types that the wheels of ROS lack, and which are built.
 BUILT = "tf2_msgs/"
 
 
 def skip_unless_built(lab: Path) -> None:
-    """Skip a lab whose interfaces cannot be built here."""
+    """Skip a lab with interfaces that cannot be built here."""
     built = (lab / "interfaces").is_dir() or BUILT in (lab / "rubric.yaml").read_text(
         encoding="utf-8"
     )
@@ -53,7 +54,10 @@ def test_a_lab_is_complete_in_its_folder(lab: Path, tmp_path: Path) -> None:
     ("lab", "name"), CHOSEN, ids=[f"{lab.name} {name}" for lab, name in CHOSEN]
 )
 def test_a_written_lab_gets_its_verdicts(lab: Path, name: str, tmp_path: Path) -> None:
-    """The solution has all points, a fixture loses what it should; what other work left undecided is graded again."""
+    """A solution has all points, and a fixture loses the expected ones.
+
+    A submission that other work on the machine left undecided is graded again.
+    """
     skip_unless_built(lab)
     for _ in range(MOST_GRADINGS):
         run = grade("selftest", "--rubric", lab / "rubric.yaml", "--jobs", "1", name, cwd=tmp_path)
@@ -64,7 +68,7 @@ def test_a_written_lab_gets_its_verdicts(lab: Path, name: str, tmp_path: Path) -
 
 @pytest.mark.parametrize("lab", LABS, ids=lambda path: path.name)
 def test_a_lab_gets_its_verdicts(lab: Path, tmp_path: Path) -> None:
-    """As `grade selftest` compares them, which repeats what the machine left undecided."""
+    """`grade selftest` confirms a lab's verdicts, with repetitions of undecided sessions."""
     skip_unless_built(lab)
     run = grade("selftest", "--rubric", lab / "rubric.yaml", "--jobs", "2", cwd=tmp_path)
     assert run.returncode == 0, run.stdout + run.stderr

@@ -31,16 +31,16 @@ pytestmark = pytest.mark.live
 
 ROOT = Path(__file__).parents[2]
 CRITERION = "launch"
-#: An argument by which the processes that a case leaves behind would be known, and no other test's.
+#: An argument that marks the processes left behind by a case of this test, and of no other.
 MARK = f"{10**6 + os.getpid()}.{secrets.randbelow(10**6):06}"
 #: Ends within this time, whatever the launch file does: some go on for a million seconds. One evaluation may take 10 s,
-#: the rest are the sessions, of which a busy machine may need three.
+#: the rest are the sessions; a busy machine may need three of them.
 BOUND_S = 300.0
 
 
 @dataclass(frozen=True)
 class Misdeed:
-    """What a launch file does while it is read, and what is to be said of it."""
+    """Misbehaviour of a launch file while it is read, and the expected finding."""
 
     name: str
     code: str
@@ -117,7 +117,7 @@ TRIED = part(MISDEEDS, 3, os.environ.get("ATTACKS") == "all")
 
 
 def submission_of(misdeed: Misdeed, folder: Path) -> Path:
-    """Lay out the solution with a launch file that misbehaves before it describes what it should."""
+    """Lay out the solution with a launch file that misbehaves before its proper description."""
     submission = folder / misdeed.name
     shutil.copytree(
         ROOT / "reference/solution", submission, ignore=shutil.ignore_patterns("__pycache__")
@@ -135,7 +135,7 @@ def state_of(folder: Path) -> dict[str, str]:
 
 
 def processes_with(words: str) -> set[str]:
-    """Process ids of this machine whose command line holds some words."""
+    """Process ids of this machine with some words in their command lines."""
     found = set()
     for path in Path("/proc").glob("[0-9]*/cmdline"):
         with suppress(OSError):
@@ -191,7 +191,7 @@ def test_a_launch_file_that_misbehaves_is_contained(misdeed: Misdeed, tmp_path: 
         assert judged.hint
         assert result.score.undecided == 0, said
     else:
-        # What a busy machine leaves undecided costs nothing.
+        # Points left undecided by a busy machine are not lost.
         assert {c.outcome for c in checks_of(result).values()} <= {
             Outcome.PASSED,
             Outcome.INCONCLUSIVE,

@@ -33,7 +33,7 @@ def run(limit: str, value: int, *arguments: str | Path) -> subprocess.CompletedP
 
 @pytest.mark.parametrize(("limit", "value"), LOW.items())
 def test_a_low_limit(limit: str, value: int, tmp_path: Path) -> None:
-    """Both `grade doctor` and a grading do what they do without it, confined as well."""
+    """`grade doctor` and a grading work under a low limit as without it, confined as well."""
     level = probe_isolation(Path(sys.executable)).level.value
     examined = run(limit, value, "doctor")
     assert f"confinement: {level}" in examined.stdout
@@ -47,7 +47,7 @@ def test_a_low_limit(limit: str, value: int, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("limit", "value"), TOO_LOW.items())
 def test_a_limit_that_is_too_low(limit: str, value: int, tmp_path: Path) -> None:
-    """It is named as the cause, with its value and a remedy, and nothing else is."""
+    """A limit that is too low is named as the only cause, with its value and a remedy."""
     examined = run(limit, value, "doctor")
     assert examined.returncode == 1
     graded = run(limit, value, ROOT / "submissions/alice", "-o", tmp_path / "results")

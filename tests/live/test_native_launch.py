@@ -55,7 +55,10 @@ def plans(record: dict[str, Any]) -> list[dict[str, Any]]:
     "submission", ["reference/solution", "fixtures/launch_wrong_executable/submission"]
 )
 def test_the_real_launch_gives_the_same_plan_and_outcome(submission: str, tmp_path: Path) -> None:
-    """Processes, parameters, problems and points are those of the stand-in, with a mistake in the file too."""
+    """The real launch gives the stand-in's processes, parameters, problems and points.
+
+    This goes for a launch file with a mistake too.
+    """
     (ours, our_record), (theirs, their_record) = (
         grade(ROOT / submission, tmp_path / launch, launch) for launch in ("standin", "native")
     )

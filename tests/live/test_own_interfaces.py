@@ -65,7 +65,7 @@ except KeyboardInterrupt:
     pass
 """
 
-#: What runs where it is read: it must not be.
+#: A file that leaves a mark wherever it is executed; it must not be.
 CMAKE = """
 execute_process(COMMAND touch {marker})
 file(WRITE {marker} "x")
@@ -138,7 +138,7 @@ def write(folder: Path, files: dict[str, str]) -> None:
 
 
 def grade(folder: Path, **other: str) -> tuple[Result, Path]:
-    """Grade the submission, in which some files may be other ones; returns the result and the recording's folder."""
+    """Grade the submission with some files replaced; returns result and folder of the recording."""
     write(folder / "lab", {"rubric.yaml": yaml.safe_dump(RUBRIC, sort_keys=False)})
     write(
         folder / "lab/interfaces/lab_msgs",
@@ -162,7 +162,7 @@ def grade(folder: Path, **other: str) -> tuple[Result, Path]:
 
 
 def outcomes(result: Result) -> dict[str, Outcome]:
-    """Return what became of each check."""
+    """Return the outcome of each check."""
     return {found.id: found.outcome for found in result.checks}
 
 
@@ -214,7 +214,10 @@ def test_without_a_compiler_it_is_not_assessable(
 def test_a_students_own_mistake_costs_its_points(
     definition: str, outcome: Outcome, word: str, tmp_path: Path
 ) -> None:
-    """What colcon would refuse is the student's fault; what the grader alone refuses is for a person to decide."""
+    """A definition that colcon would refuse costs points.
+
+    A person decides about one that the grader alone refuses.
+    """
     result, _ = grade(tmp_path, **{"team_msgs/msg/Pair.msg": definition})
     assert outcomes(result)["pair"] is outcome
     said = (*result.advisories, *(replace(found, hint="").reason for found in result.checks))
@@ -231,7 +234,10 @@ def test_a_students_own_mistake_costs_its_points(
 def test_an_action_type_of_the_students_own_ends_no_process_of_the_graders(
     kind: str, outcome: Outcome, word: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A goal whose field is of another type than the lab's is sent if it fits, else the reason is told."""
+    """A goal for a field of another type than the lab's is sent if it fits, else refused.
+
+    The refusal has its reason, and no process of the grader's ends.
+    """
     lab_type = "test_msgs/action/Fibonacci"
     goal = {"action": "/count", "type": lab_type, "goal": {"order": 3}, "timeout_s": 3}
     steps = [

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.live
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings" / "solution"
 
-# Subscribes, plays, and tells when each message was published and what it was.
+# Subscribes, plays, and reports the time and the content of each message.
 LISTENER = """
 import json, os, subprocess, sys, threading, time
 import rclpy
@@ -96,7 +96,10 @@ def test_all_is_published_again_at_its_pace(tmp_path: Path) -> None:
 
 
 def test_a_part_is_played_faster_with_a_clock_of_its_own(tmp_path: Path) -> None:
-    """What came before is left out; where no clock was recorded, it is the recording's time, and goes on evenly."""
+    """A part is played faster, without earlier messages, on a clock that goes on evenly.
+
+    If no clock was recorded, the clock shows the recording's time.
+    """
     answer = played(
         tmp_path, 62, "publisher", "--from", "3", "--rate", "2", "--topics", "/joint_commands"
     )
@@ -106,7 +109,7 @@ def test_a_part_is_played_faster_with_a_clock_of_its_own(tmp_path: Path) -> None
         data for data, t_ns in zip(stream.data, stream.received_ns, strict=True) if t_ns >= start_ns
     ]
     heard = bytes_of(answer["heard"]["/joint_commands"])
-    # What is published before a subscription is known reaches it as little as it did then.
+    # Messages before a subscription is known reach it as little as at the time of the recording.
     assert len(later) // 2 < len(heard) <= len(later)
     assert heard == later[-len(heard) :]
     clock = answer["heard"]["/clock"]
@@ -122,7 +125,7 @@ def test_a_part_is_played_faster_with_a_clock_of_its_own(tmp_path: Path) -> None
     assert slope == pytest.approx(2, rel=0.05)
 
 
-# Takes all transports away: who obeys it reaches nobody.
+# Takes all transports away: a program with this setting reaches nobody.
 MUTE = """<?xml version="1.0" encoding="UTF-8" ?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles"><profiles>
 <transport_descriptors><transport_descriptor><transport_id>none</transport_id><type>UDPv4</type>

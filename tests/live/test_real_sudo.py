@@ -55,7 +55,7 @@ class Job:
         return place
 
     def run_github(self, submission: str) -> Remains:
-        """Run what action.yml runs after the installation."""
+        """Run the commands of action.yml after the installation."""
         (self.folder / "temp").mkdir()
         variables: dict[str, str | Path] = {
             "GRADE": GRADE,
@@ -105,7 +105,7 @@ def test_github(name: str, kind: str, job: Job) -> None:
 
 
 def test_github_with_an_empty_submission(job: Job) -> None:
-    """It has no score, and the job fails with the status and the words for that."""
+    """An empty submission has no score, and the job fails with the right status and message."""
     job.submission("review", "empty")
     remains = job.run_github("review")
     assert remains.exit_status == 3, remains.output + remains.errors

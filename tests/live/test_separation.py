@@ -34,7 +34,7 @@ def grade(*arguments: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]
 
 
 def lay_out(folder: Path, *, readme: bool = True) -> Path:
-    """Lay out the solution's texts, with or without what a part of the points is for."""
+    """Lay out the solution's texts, with or without the file for a part of the points."""
     folder.mkdir(parents=True)
     for path in SOLUTION.glob("*.*"):
         if readme or path.name != "README.md":
@@ -79,7 +79,7 @@ def test_a_repository_is_graded_in_its_own_folder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("link", ["results", "results/alice", "results/alice/recordings"])
 def test_nothing_is_written_through_a_link_of_a_submission(link: str, tmp_path: Path) -> None:
-    """The command ends with 2 and names the link; what it leads to stays as it was."""
+    """The command ends with 2 and names the link; the target of the link stays as it was."""
     repository, outside = lay_out(tmp_path / "alice"), tmp_path / "outside"
     (outside / "alice").mkdir(parents=True)
     (outside / "overrides.yaml").write_text(OVERRIDES, encoding="utf-8")

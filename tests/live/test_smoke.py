@@ -1,4 +1,4 @@
-"""One live grading whose score is known: the reference solution of Lab 09-01."""
+"""One live grading with a known score: the reference solution of Lab 09-01."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ STEPS: list[dict[str, Any]] = [
 
 
 def lay_traps(folder: Path, mark: Path) -> None:
-    """Lay out modules, packages and programs that each leave a mark, beside what a student handed in."""
+    """Lay out modules, packages and programs that each leave a mark, beside a student's files."""
     trap = TRAP.format(mark=str(mark))
     for name in MODULES.split():
         (folder / f"{name}.py").write_text(trap, encoding="utf-8")
@@ -65,7 +65,7 @@ def trapped(tmp_path: Path) -> Iterator[Path]:
 
 
 def run(trapped: Path, *words: str, native: bool = False) -> str:
-    """Run the command in the working folder with entries of PATH that lead there; returns what it prints."""
+    """Run the command in the working folder, with PATH leading there; returns its output."""
     variables = {"PATH": f":.:{trapped}:{os.environ['PATH']}", "HOME": str(trapped.parent)}
     if native:
         prefix = f"{ORIGINAL / 'prefix'}:{trapped}"
@@ -96,7 +96,7 @@ def test_one_submission(trapped: Path, launch: str) -> None:
 
 
 def test_a_class(trapped: Path) -> None:
-    """Neither do the process that grades many and its forks, the class page, and what is found alike."""
+    """A class run, its forks, the class page and the search for copies do not look there either."""
     run(trapped, ".", "../solution", "-o", "../out", "--lab", "../rubric.yaml", "--launch", "auto")
     assert (trapped.parent / "out/grades.csv").is_file()
     run(trapped, "report", "../out")

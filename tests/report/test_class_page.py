@@ -74,24 +74,33 @@ def rows_of(page: Page) -> list[dict[str, str]]:
 # -- the page as a file ------------------------------------------------------------------------
 
 
+def source_of(part: str) -> str:
+    """Return the source expression that allows a style or script by its hash."""
+    digest = hashlib.sha256(part.encode()).digest()
+    return f"'sha256-{base64.b64encode(digest).decode()}'"
+
+
+def policy_of(page: Page) -> str:
+    """Return the page's content security policy."""
+    (policy,) = (
+        attributes["content"]
+        for _, attributes in page.elements
+        if attributes.get("http-equiv") == "Content-Security-Policy"
+    )
+    return policy
+
+
 def test_the_page_needs_nothing_else(summary: ClassSummary) -> None:
     """Its policy allows its own style and script by their hashes; nothing is loaded, nothing is styled in place."""
     page = Page(render(summary))
-    hashes = [
-        base64.b64encode(hashlib.sha256(part.encode()).digest()).decode() for part in page.scripts
-    ]
-    policy = next(
-        a["content"] for t, a in page.elements if a.get("http-equiv") == "Content-Security-Policy"
-    )
-    style, script = (f"'sha256-{digest}'" for digest in hashes)
-    assert policy == (
+    style, script = map(source_of, page.scripts)
+    assert policy_of(page) == (
         f"default-src 'none'; style-src {style}; script-src {script}; base-uri 'none'; form-action 'none'"
     )
     assert page.tags().isdisjoint({"link", "img", "iframe", "object", "base"})
     assert not page.values("style")
-    assert not [
-        name for _, attributes in page.elements for name in attributes if name.startswith("on")
-    ]
+    for _, attributes in page.elements:
+        assert not [name for name in attributes if name.startswith("on")]
     assert not re.search(r"url\(|@import|https?:", "".join(page.scripts))
     outside = [href for href in page.values("href") if not href.startswith("#")]
     assert {

@@ -512,21 +512,31 @@ def hostile(tmp_path: Path) -> list[Figure]:
 
 def test_each_form_is_a_described_image_within_its_frame(hostile: list[Figure]) -> None:
     """Both forms parse, are labelled by title and description, and no mark lies beyond them or is no number."""
-    for figure, width in ((f, w) for f in hostile for w in ((HALF,) if f.half else (WIDE, NARROW))):
-        form = str(figure.svg("fig-1", width))
-        root = ET.fromstring(form)
-        assert root.get("role") == "img"
-        assert [child.get("id") for child in root[:2]] == (
-            root.get("aria-labelledby") or ""
-        ).split()
-        assert [child.tag for child in root[:2]] == ["title", "desc"]
-        assert (root[0].text, root[1].text) == ("Title", figure.caption)
-        assert "nan" not in form
-        assert "inf" not in form
-        size = map(float, re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', form)[0])
-        for axis, limit in zip("xy", size, strict=True):
-            numbers = re.findall(rf'(?<![a-z]){axis}[12]?="(-?[\d.]+)"', form)
-            assert all(-1 <= float(n) <= limit + 1 for n in numbers)
+    for figure in hostile:
+        for width in (HALF,) if figure.half else (WIDE, NARROW):
+            form = str(figure.svg("fig-1", width))
+            require_described(ET.fromstring(form), figure.caption)
+            require_within_frame(form)
+
+
+def require_described(root: ET.Element, caption: str) -> None:
+    """Fail unless an image is labelled by its title and its description."""
+    title, description = root[:2]
+    assert root.get("role") == "img"
+    assert (title.tag, description.tag) == ("title", "desc")
+    assert (title.text, description.text) == ("Title", caption)
+    labels_of_root = (root.get("aria-labelledby") or "").split()
+    assert labels_of_root == [title.get("id"), description.get("id")]
+
+
+def require_within_frame(form: str) -> None:
+    """Fail unless each mark's place is a number within the frame."""
+    assert "nan" not in form
+    assert "inf" not in form
+    size = map(float, re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', form)[0])
+    for axis, limit in zip("xy", size, strict=True):
+        numbers = re.findall(rf'(?<![a-z]){axis}[12]?="(-?[\d.]+)"', form)
+        assert all(-1 <= float(n) <= limit + 1 for n in numbers)
 
 
 def test_names_of_students_stay_text(hostile: list[Figure]) -> None:

@@ -18,7 +18,7 @@ SETTINGS: dict[str, Any] = {"step": "link", "names": {"fast": "/fast"}, "artifac
 
 
 def crossing(loss: float, sent: int, received: list[list[int]], late: int = 0) -> Crossing:
-    """Return a crossing in which some of four late joiners got the last message."""
+    """Return a crossing with the last message at some of four late joiners."""
     return Crossing(loss, sent, received, [[sent]] * late + [[]] * (4 - late))
 
 
@@ -48,16 +48,20 @@ def content(figure: Figure) -> LinkTable:
     return figure.content
 
 
+def numbers_of(figure: Figure, style: str, attribute: str) -> list[float]:
+    """Return an attribute of all marks in a style."""
+    return [float(mark.get(attribute) or 0) for mark in marks(figure, style)]
+
+
 def test_what_arrived_and_how_late_is_drawn(tmp_path: Path) -> None:
     """The figure has a bar as long as the share, a mark for each message, the median, and the reached late joiners."""
     figure = figure_of(tmp_path, two_profiles())
-    tracks, bars = (
-        [float(mark.get("width") or 0) for mark in marks(figure, style)]
-        for style in ("track", "bar")
+    shares = zip(
+        numbers_of(figure, "bar", "width"), numbers_of(figure, "track", "width"), strict=True
     )
-    assert [round(bar / track, 2) for bar, track in zip(bars, tracks, strict=True)] == [0.75, 1.0]
+    assert [round(bar / track, 2) for bar, track in shares] == [0.75, 1.0]
     assert [(mark.get("d") or "").count("v10") for mark in marks(figure, "ticks")] == [3, 4]
-    early, late = (float(mark.get("x1") or 0) for mark in marks(figure, "median"))
+    early, late = numbers_of(figure, "median", "x1")
     assert early < late
     assert (len(marks(figure, "call-accepted")), len(marks(figure, "missed"))) == (3, 5)
     assert {"75 %", "100 %", "30 % lost", "fast", "/safe"} <= set(labels(figure))
@@ -65,8 +69,7 @@ def test_what_arrived_and_how_late_is_drawn(tmp_path: Path) -> None:
         "fast 75 %, half of it within 11 ms; /safe 100 %, half of it within 75 ms" in figure.caption
     )
     assert "All of it arrived in order." in figure.caption
-    for width in (WIDE, NARROW):
-        assert "nan" not in str(figure.svg("f", width))
+    assert "nan" not in f"{figure.svg('f', WIDE)} {figure.svg('f', NARROW)}"
 
 
 def test_a_busy_machine_is_named(tmp_path: Path) -> None:
@@ -102,7 +105,7 @@ def test_the_programs_own_line_stands_beside(tmp_path: Path) -> None:
 
 
 def test_incompatible_sides_are_shown_as_that(tmp_path: Path) -> None:
-    """No message arrives, and the table names the policy in which the sides differ."""
+    """No message arrives, and the table names the policy with different values on the two sides."""
     result = two_profiles()
     result.topics[0].requested = LATCHED
     result.topics[0].crossings = [crossing(0.3, 4, [])]

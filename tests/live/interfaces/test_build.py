@@ -63,7 +63,7 @@ print(json.dumps([back.readings[0].value, list(back.readings[1].scale), back.rea
 
 @pytest.fixture(scope="module")
 def isolation() -> Isolation:
-    """Give what this machine has."""
+    """Give the isolation available on this machine."""
     return probe_isolation(OWN_INTERPRETER)
 
 
@@ -84,7 +84,7 @@ def built(folder: Path, isolation: Isolation, *packages: InterfacePackage) -> tu
 
 
 def run(program: str, found: Built) -> str:
-    """Run a program that finds what was built, as students' do."""
+    """Run a program with the built packages on its path, like a student's program."""
     environment = with_prefixes(
         ros_environment(Path(sys.prefix)), [str(prefix) for prefix in found.prefixes.values()]
     )
@@ -144,7 +144,7 @@ def test_messages_services_and_actions_are_built_once(tmp_path: Path, isolation:
 
 
 def test_two_gradings_build_the_same_once(tmp_path: Path, isolation: Isolation) -> None:
-    """The second waits, and takes what the first has built."""
+    """The second grading waits, and takes the packages that the first one has built."""
     package = InterfacePackage("both_msgs", {"msg/Both.msg": "int8 x\n"})
     with ThreadPoolExecutor(2) as threads:
         several = list(
@@ -159,13 +159,13 @@ def test_two_gradings_build_the_same_once(tmp_path: Path, isolation: Isolation) 
 def test_a_change_of_what_a_package_uses_builds_it_anew(
     tmp_path: Path, isolation: Isolation
 ) -> None:
-    """Its own code holds that of what it uses."""
+    """A package is built anew after a change of one it uses, because its code contains both."""
     other = InterfacePackage("lab_msgs", {"msg/Reading.msg": "float64 value 4.5\n"})
     found, _ = built(tmp_path / "1", isolation, STUDENTS, other)
     assert run("from team_msgs.msg import Pair; print(Pair().readings[0].value)", found) == "4.5\n"
 
 
-#: Each closes the C comment, the text or the line in which rosidl would put it.
+#: Each closes the C comment, the text or the line into which rosidl would put it.
 _CODE = "__attribute__((constructor)) void hostile_code(void) { __builtin_trap(); }"
 HARMLESS = [
     f"int8 x # */ {_CODE} /*\n",
@@ -177,7 +177,7 @@ HARMLESS = [
 
 
 def test_comments_do_not_reach_the_compiler(tmp_path: Path, isolation: Isolation) -> None:
-    """Nothing of them is in what is generated; that would be executed by the grader's own recorder."""
+    """Generated code contains no comments; the grader's own recorder would execute it."""
     harm = InterfacePackage(
         "harm_msgs", {f"msg/Harm{n}.msg": text for n, text in enumerate(HARMLESS)}
     )
@@ -216,7 +216,7 @@ INVALID = {
 def test_what_the_grader_does_not_build_is_nobodys_fault(
     text: str, word: str, tmp_path: Path, isolation: Isolation
 ) -> None:
-    """It is missing, with the reason, and a person decides."""
+    """A package refused by the grader alone is missing, with the reason, and a person decides."""
     found, _ = built(
         tmp_path / "1", isolation, InterfacePackage("harm_msgs", {"msg/Harm.msg": text})
     )
@@ -228,7 +228,7 @@ def test_what_the_grader_does_not_build_is_nobodys_fault(
 def test_what_colcon_would_refuse_is_a_mistake(
     text: str, word: str, tmp_path: Path, isolation: Isolation
 ) -> None:
-    """So is what uses it."""
+    """A package that colcon would refuse is a mistake, and so is each package that uses it."""
     harm = InterfacePackage("harm_msgs", {"msg/Harm.msg": text})
     user = InterfacePackage("user_msgs", {"msg/Use.msg": "harm_msgs/Harm x\n"})
     found, _ = built(tmp_path / "1", isolation, harm, user)
@@ -258,7 +258,10 @@ def test_what_is_installed_counts(name: str, tmp_path: Path, isolation: Isolatio
 
 
 def test_a_mistake_of_the_labs_is_not_a_students(tmp_path: Path, isolation: Isolation) -> None:
-    """Nor is what it keeps from being built; both are missing, and said so."""
+    """A mistake in the lab's package blames no student for it or for packages that depend on it.
+
+    Both packages are missing, and the record names them.
+    """
     wrong = InterfacePackage("lab_msgs", {"msg/Reading.msg": "float64 Value\n"})
     record = SubmissionRecord("s", absent_modules=[])
     needed = Needed([wrong], [], [STUDENTS])
@@ -295,7 +298,7 @@ def test_definitions_that_take_for_ever_are_given_up(tmp_path: Path, isolation: 
 def test_without_a_compiler_it_is_missing(
     tmp_path: Path, isolation: Isolation, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Which is nobody's fault; but what the cache has is there."""
+    """Without a compiler a new package is missing and blames nobody; cached packages are used."""
     built(tmp_path / "1", isolation, LABS)
     monkeypatch.setenv("PATH", str(tmp_path))
     found, _ = built(
@@ -306,7 +309,7 @@ def test_without_a_compiler_it_is_missing(
 
 
 def test_links_that_a_build_leaves_are_not_followed(tmp_path: Path) -> None:
-    """What comes out of the sandbox is taken as files alone."""
+    """A link among the outputs of a build is not followed: only plain files leave the sandbox."""
     from grader.live.interfaces import build
 
     made = tmp_path / "made"

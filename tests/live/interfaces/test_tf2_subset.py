@@ -1,4 +1,4 @@
-"""The part of tf2_ros for Python that the grader brings: composition, interpolation, and what it says of the rest."""
+"""The grader's own part of tf2_ros for Python: composition, interpolation, and errors."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def test_transforms_are_composed_and_interpolated(tf2_ros: Any) -> None:
 def test_what_is_not_known_raises_what_the_real_one_raises(
     tf2_ros: Any, target: str, source: str, at_s: int, error: str
 ) -> None:
-    """All of which are TransformExceptions."""
+    """Unknown transforms raise the same errors as the original, all of them TransformExceptions."""
     buffer = driving(tf2_ros)
     buffer.set_transform(stamped("sea", "island", 0.0, 0.0, 11.0), "test")
     with pytest.raises(getattr(tf2_ros, error)) as raised:
@@ -101,7 +101,10 @@ def test_what_is_not_known_raises_what_the_real_one_raises(
 
 
 def test_a_frame_that_had_another_parent_is_not_connected_then(tf2_ros: Any) -> None:
-    """A node that catches what the real one raises goes on."""
+    """A frame with another parent at that time is not connected, as in the original.
+
+    A node that catches the error goes on.
+    """
     buffer = tf2_ros.Buffer()
     buffer.set_transform_static(stamped("hand", "finger", 0.0, 0.0, 0.0), "test")
     for at_s, parent in enumerate(["shelf", "shelf", "finger"]):

@@ -1,4 +1,4 @@
-"""Forks as programs: what they keep of the process that they come from, how they end, and what they say."""
+"""Forks as programs: their inheritance, their end, and their reports."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from tests.live.small_lab import until
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half runs on Linux alone")
 
-#: Forks MAIN, gives it INPUT, and prints what it said and how it ended.
+#: Forks MAIN, gives it INPUT, and prints its output and its exit status.
 PROGRAM = """
 import asyncio, os, resource, signal, sys
 from grader.live.process.forked import Program, run_script, start_forked
@@ -46,7 +46,7 @@ def forked(main: str, limit: int | None = None) -> tuple[int, str, str]:
 
 
 def test_a_fork_has_its_own_environment_and_pipes() -> None:
-    """It reads its input, has no arguments but its name, and sees only the environment that it was given."""
+    """A fork has its own input and environment, and no arguments but its name."""
     status, said, _ = forked(
         "def main(): print(sys.argv, dict(os.environ), sys.stdin.read().strip(), os.getcwd())"
     )
@@ -54,7 +54,7 @@ def test_a_fork_has_its_own_environment_and_pipes() -> None:
 
 
 def test_a_fork_keeps_no_descriptor_and_no_signal_of_the_other_process() -> None:
-    """Open files are closed, and Ctrl-C is what it is to any Python program, although the other ignores it."""
+    """A fork closes inherited files, and does not ignore Ctrl-C although its parent does."""
     main = """def main():
     descriptors = set(map(int, os.listdir("/proc/self/fd")))
     print(opened in descriptors, len(descriptors) <= 4, signal.getsignal(signal.SIGINT) is signal.default_int_handler)
@@ -63,12 +63,12 @@ def test_a_fork_keeps_no_descriptor_and_no_signal_of_the_other_process() -> None
 
 
 def test_a_fork_has_a_session_of_its_own() -> None:
-    """Its weight, and its signals, are not those of the session that it comes from."""
+    """A fork leads a session of its own, with a scheduling weight and signals of its own."""
     assert forked("def main(): print(os.getsid(0) == os.getpid())")[1] == "True\n"
 
 
 def test_a_fork_goes_by_its_name() -> None:
-    """Who lists the processes sees what it is."""
+    """A fork shows its own name in a list of processes."""
     assert forked('def main(): print(open("/proc/self/comm").read().strip())')[1] == "a fork\n"
 
 
@@ -92,14 +92,14 @@ def test_a_fork_ends_as_a_program_does(body: str, status: int, error: str) -> No
 
 
 def test_a_script_runs_as_a_program(tmp_path: Path) -> None:
-    """It is the main module, under its own path and with its arguments."""
+    """A script is the main module of its fork, under its own path and with its arguments."""
     (tmp_path / "it.py").write_text("import sys\nprint(__name__, sys.argv)\n", encoding="utf-8")
     file = str(tmp_path / "it.py")
     assert forked(f"def main(): run_script({file!r}, '-')")[1] == f"__main__ [{file!r}, '-']\n"
 
 
 def test_a_fork_may_not_map_more_than_it_is_allowed() -> None:
-    """What it takes beyond that is refused."""
+    """A fork that maps more memory than its limit is refused."""
     status, _, errors = forked("def main(): bytearray(2**30)", limit=2**29)
     assert status == 1
     assert "MemoryError" in errors

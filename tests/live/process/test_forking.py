@@ -1,4 +1,4 @@
-"""A server that forks others: what ends it, and that nothing keeps it or who asked it waiting."""
+"""A server that forks others: causes of its end, and freedom from waits for it and its clients."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def program_of(request):
 with socket.socket(fileno=int(sys.argv[1])) as link:
     serve(link, program_of)
 """
-#: Fills its standard output to the last byte, which whoever reads is late to read.
+#: Fills its standard output to the last byte, for a reader that comes late.
 FILLS = """
 os.set_blocking(1, False)
 for size in (4096, 1):
@@ -47,7 +47,7 @@ for size in (4096, 1):
 
 @dataclass
 class Server:
-    """A server, and the socket by which it is asked."""
+    """A server, and the socket for requests to it."""
 
     process: subprocess.Popen[bytes]
     link: socket.socket
@@ -62,7 +62,7 @@ class Server:
 
     @property
     def children(self) -> list[str]:
-        """Process ids of what it has started and not waited for."""
+        """Process ids of programs that the server has started and not yet waited for."""
         return (
             Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
         )
@@ -90,7 +90,7 @@ def server(before: str = "pass") -> Iterator[Server]:
 
 
 def read_to_end(pipe: int) -> bytes:
-    """Return what comes through a pipe until it is closed; fails where that does not come soon."""
+    """Return everything from a pipe until it is closed; fails unless that happens soon."""
     found = b""
     while select.select([pipe], [], [], 10)[0]:
         if not (block := os.read(pipe, 2**16)):
@@ -101,7 +101,7 @@ def read_to_end(pipe: int) -> bytes:
 
 
 def test_a_full_pipe_is_closed_when_its_program_has_ended() -> None:
-    """Who reads late gets all that was written, and then the end: the server keeps nothing of it open."""
+    """A late reader gets a program's output and then the end: the server keeps nothing open."""
     with server() as it:
         pipe = it.ask(FILLS)
         select.select([pipe], [], [])
@@ -122,7 +122,7 @@ def test_what_else_it_has_started_may_end() -> None:
 
 
 def test_it_waits_at_its_end_for_its_programs_alone() -> None:
-    """What else it has started goes on meanwhile, and is its own to end."""
+    """The server waits at its end for requested programs alone; its other children go on."""
     with server("subprocess.Popen(['sleep', '600'])") as it:
         pipe = it.ask("time.sleep(600)")
         assert it.end() == 0
@@ -130,7 +130,7 @@ def test_it_waits_at_its_end_for_its_programs_alone() -> None:
 
 
 def test_programs_that_have_just_begun_end_with_it() -> None:
-    """They may not lead a process group yet when it is to end."""
+    """Programs that have only just begun, perhaps without a process group, end with the server."""
     for _ in range(5):
         with server() as it:
             pipes = [it.ask("time.sleep(600)") for _ in range(5)]

@@ -1,4 +1,4 @@
-"""The watch over what students' processes take, with real files and processes."""
+"""The watch over resources of students' processes, with real files and processes."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half r
 
 
 def watched(area: Path, *, sized: bool = False) -> tuple[ProcessRun, list[str]]:
-    """Look once at a process that sleeps; returns what became of it, and the problems that were told."""
+    """Look once at a sleeping process; returns its record and the reported problems."""
     record, problems = ProcessRun("it", "student", []), list[str]()
 
     async def look() -> None:
@@ -67,7 +67,7 @@ def test_folders_that_nobody_can_count_are_too_many(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="nothing is closed to root")
 def test_folders_that_are_closed_to_us_are_too_many(tmp_path: Path) -> None:
-    """What is in them could be anything."""
+    """A closed folder counts as too many files, because it could hold anything."""
     (tmp_path / "closed").mkdir(mode=0)
     record, _ = watched(tmp_path)
     (tmp_path / "closed").chmod(0o700)
@@ -103,7 +103,10 @@ STRAYS = "for i in $(seq 20); do (sleep 60 &); done; echo left; sleep 60"
 def test_processes_that_got_away_count_and_end(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """Where programs share process ids with others, those of their user that are below none of them are theirs too."""
+    """Stray processes of a program's user count as its own and end with it.
+
+    This goes for programs that share process ids with others.
+    """
     monkeypatch.setattr(guard, "PROCESSES", 20)
     user, record = 64290, ProcessRun("it", "student", [])
 
@@ -129,7 +132,7 @@ def test_processes_that_got_away_count_and_end(
 
 
 def lives(pid: int) -> bool:
-    """Whether a process is there, and not one that has ended and that its parent has not taken note of yet."""
+    """Say if a process lives; a zombie does not."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] not in "ZX"
     except OSError:

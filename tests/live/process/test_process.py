@@ -1,4 +1,4 @@
-"""Processes with real programs: what is kept of their output, and who belongs to whom."""
+"""Processes with real programs: their kept output, and their descendants."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def test_lines_are_kept_up_to_a_number() -> None:
 
 
 def test_long_output_is_kept_up_to_a_size() -> None:
-    """Of eight megabytes one is kept, whole lines of it."""
+    """One megabyte of eight is kept, in whole lines."""
     record = run("import os; [os.write(1, (b'x' * 1023 + b'\\n') * 64) for _ in range(128)]")
     assert (
         MAX_OUTPUT_BYTES - 2048
@@ -69,7 +69,7 @@ def test_long_output_is_kept_up_to_a_size() -> None:
 
 
 def test_processes_of_a_session_share_their_room() -> None:
-    """What one has filled is not there for the next."""
+    """The processes of a session share one room for output: the second gets the rest."""
     room = OutputRoom(bytes=100, lines=5)
     assert len(run("print('a\\n' * 2, end='')", room).output) == 2
     second = run("print('b\\n' * 10, end='')", room)
@@ -77,7 +77,10 @@ def test_processes_of_a_session_share_their_room() -> None:
 
 
 def test_a_child_of_any_thread_is_found() -> None:
-    """It belongs to the process although not its first thread has started it, and although its own first has ended."""
+    """A child belongs to its process whichever thread started it.
+
+    It is found even after the child's own first thread has ended.
+    """
     with subprocess.Popen(
         [sys.executable, "-c", _HIDDEN], stdout=subprocess.PIPE, text=True
     ) as process:
@@ -174,7 +177,7 @@ os.wait()
 
 
 def test_a_program_is_found_however_its_sandbox_tells_of_it() -> None:
-    """What is read before all is written is not lost, so that the program can be interrupted."""
+    """A process id that arrives in pieces is put together, and the program can be interrupted."""
     record = ProcessRun("it", "student", [])
     told, tells = os.pipe()
     os.set_blocking(told, False)
@@ -210,7 +213,7 @@ time.sleep(60)
 
 
 def test_what_children_used_that_came_and_went_counts() -> None:
-    """The CPU time of a program holds that of children that have ended between two looks."""
+    """CPU time of a program includes children that started and ended between two looks."""
 
     async def used_ns() -> int:
         run = ProcessRun("it", "student", [])

@@ -1,4 +1,4 @@
-"""Deadlines that leave out the time in which nobody looked."""
+"""Deadlines that leave out the time during which nobody looked."""
 
 from __future__ import annotations
 
@@ -6,19 +6,22 @@ from grader.live.ros_node.deadline import Deadline
 
 
 def looks(timeout_s: float, *times_s: float) -> list[bool]:
-    """Look at some times, the first of which is the beginning; returns whether the time was over."""
+    """Start at the first time and look at each other one; returns if the time was over there."""
     clock = iter(times_s)
     deadline = Deadline(timeout_s, lambda: next(clock))
     return [deadline.passed() for _ in times_s[1:]]
 
 
 def test_a_deadline_passes_when_its_time_is_over() -> None:
-    """Who looks often enough sees it pass in time."""
+    """A deadline passes on time for a caller that looks often enough."""
     assert looks(0.3, 0.0, 0.1, 0.2, 0.31) == [False, False, True]
 
 
 def test_the_time_in_which_nobody_looked_does_not_count() -> None:
-    """Who stalled for longer than the whole time may look again, as what was waited for may be there."""
+    """A caller that stalled for longer than the whole time may look again.
+
+    The awaited thing may have come meanwhile.
+    """
     assert looks(3.0, 0.0, 0.1, 5.1, 5.2, *(5.2 + 0.2 * n for n in range(1, 15))) == [
         False
     ] * 16 + [True]

@@ -24,7 +24,7 @@ from tests.live.small_lab import FLOATS, SET_BOOL, TEXT, record_one, texts  # no
 
 pytestmark = pytest.mark.live
 
-#: A node whose class body is filled in; ends as it should on Ctrl-C.
+#: A node with a placeholder for its class body; ends properly on Ctrl-C.
 NODE = """
 import json, time
 import rclpy
@@ -56,7 +56,7 @@ rclpy.try_shutdown()
 
 
 def node(body: str, name: str = "student") -> str:
-    """Return the source of a node; `body` is what its constructor does, and further methods."""
+    """Return the source of a node; `body` is the rest of its constructor, and further methods."""
     return NODE.replace("NAME", name).replace("BODY", body.strip("\n"))
 
 
@@ -91,7 +91,7 @@ def test_misspelt_names_are_found_and_used(tmp_path: Path) -> None:
             {"wait_for": {"publisher": "/joint_commands", "type": FLOATS, "timeout_s": 20}},
             {"wait_for": {"service": "/robot/enable", "type": SET_BOOL, "timeout_s": 20}},
             {"observe": {"duration_s": 0.3, "first_message_on": "/joint_commands"}},
-            # What was found once is what is meant later, not the next that is like it.
+            # The service found first is called later, not the next one with a similar name.
             {"wait_for": {"service": "/robot/enable", "type": SET_BOOL, "timeout_s": 20}},
             {"call": {"service": "/robot/enable", "type": SET_BOOL, "request": {"data": True}}},
             {"get_parameters": {"node": "/joint_command_publisher", "names": ["use_sim_time"]}},
@@ -276,7 +276,7 @@ MISSPELT_PARAMETER = """
 
 
 def test_a_misspelt_parameter_is_set_as_meant(tmp_path: Path) -> None:
-    """That it is not declared under its name is one mistake; what it does is seen under the one that it has."""
+    """A misspelt parameter costs one mistake; its effect is seen under the declared name."""
     recorded = record_one(
         tmp_path,
         node(MISSPELT_PARAMETER),
@@ -307,7 +307,10 @@ UNGUARDED = """
 
 
 def test_what_a_node_takes_that_it_should_refuse_is_set_back(tmp_path: Path) -> None:
-    """A number is set in the type that it has, what was taken is restored, and an ordinary node has no states."""
+    """A value that a node should have refused is set back after it was accepted.
+
+    A number is set in the parameter's own type, and an ordinary node has no states.
+    """
     recorded = record_one(
         tmp_path,
         node(UNGUARDED),
@@ -364,7 +367,7 @@ SUBSCRIPTIONS = """
 
 
 def test_a_publication_reaches_every_kind_of_subscription(tmp_path: Path) -> None:
-    """What the grader publishes is compatible with volatile, transient-local and best-effort requests."""
+    """The grader's publications match volatile, transient-local and best-effort requests."""
     recorded = record_one(
         tmp_path,
         node(SUBSCRIPTIONS),
@@ -434,7 +437,7 @@ def test_snapshots_hold_qos_gid_and_type_hash(tmp_path: Path) -> None:
 
 
 def test_a_wait_ends_when_the_student_has(tmp_path: Path) -> None:
-    """What a dead process could bring is not waited for."""
+    """A wait ends with the student's process, because a dead process brings nothing."""
     source = node("        self.create_timer(1.0, lambda: 1 / 0)")
     wait = {"wait_for": {"publisher": "/joint_commands", "type": FLOATS, "timeout_s": 120}}
     recorded = record_one(
@@ -466,7 +469,10 @@ LATE = """
 
 
 def test_what_is_missing_is_waited_for_briefly_until_something_changes(tmp_path: Path) -> None:
-    """A session in which a service is missing took 66 s; but what is started, or comes up, may bring it yet."""
+    """A missing service is waited for briefly, until a start or a new node may bring it.
+
+    Without this rule a session with a missing service took 66 s.
+    """
     wait = {"wait_for": {"service": "/late", "type": SET_BOOL, "timeout_s": 4}}
     call = {"call": {"service": "/late", "type": SET_BOOL, "timeout_s": 4}}
     go = {
@@ -505,7 +511,10 @@ def test_what_is_missing_is_waited_for_briefly_until_something_changes(tmp_path:
 
 
 def test_services_of_nodes_with_one_name_are_all_seen(tmp_path: Path) -> None:
-    """The middleware tells those of one of them alone, which one by chance."""
+    """The services of all nodes with one name are seen.
+
+    The middleware lists the services of one of them alone, picked by chance.
+    """
     source = node(
         "        self.create_service(SetBool, '/first', lambda request, response: response)"
     )

@@ -1,4 +1,4 @@
-"""Goals that the director sends in a real sandbox: what is kept of honest servers, and of hostile ones."""
+"""Goals from the director in a real sandbox: the records of honest and of hostile servers."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from tests.live.small_lab import FREE, Lab, record_one  # noqa: E402
 pytestmark = pytest.mark.live
 
 KIND = "test_msgs/action/Fibonacci"
-#: A server whose execute callback is filled in; ends as it should on Ctrl-C.
+#: A server with a placeholder for its execute callback; ends properly on Ctrl-C.
 SERVER = """
 import time
 import rclpy
@@ -57,7 +57,7 @@ WAIT = {"wait_for": {"action": "/fibonacci", "type": KIND, "timeout_s": 20}}
 
 
 def server(body: str, kind: str = "Fibonacci") -> str:
-    """Return the source of a server; the body is that of its execute callback."""
+    """Return the source of a server; the body is its execute callback's."""
     return SERVER.replace("TYPE", kind).replace(
         "BODY", "\n".join(" " * 8 + line for line in body.strip().split("\n"))
     )
@@ -125,7 +125,7 @@ def test_goals_are_kept_with_all_that_comes_of_them(tmp_path: Path) -> None:
 
 
 def test_feedback_and_status_are_in_the_bag(tmp_path: Path) -> None:
-    """Another reader decodes them: they are topics whose types the action implies."""
+    """Feedback and status are topics implied by the action, and another reader decodes them."""
     recorded = record_one(tmp_path, server(HONEST), [WAIT, goal()])
     (step,) = sent(recorded)
     with AnyReader([tmp_path / "results" / "recordings" / "only"]) as reader:
@@ -152,7 +152,7 @@ return Fibonacci.Result()
 
 
 def test_feedback_in_one_burst_before_the_end_is_not_lost(tmp_path: Path) -> None:
-    """What rclpy's own client drops, since its result has come, counts here."""
+    """Feedback in one burst counts, although rclpy's own client drops it after the result."""
     (step,) = sent(record_one(tmp_path, server(BURST), [WAIT, goal()]))
     assert step.result["goals"][0]["feedback_count"] == 300
 
@@ -174,7 +174,10 @@ HOSTILE = {
 
 @pytest.mark.parametrize("name", HOSTILE)
 def test_whatever_a_server_sends_is_kept_within_bounds(tmp_path: Path, name: str) -> None:
-    """The session goes on, in time, and its record stays small; what came before is there."""
+    """The session goes on in time, with a small record, whatever a server sends.
+
+    Everything from before the hostile message is in the record.
+    """
     source = server(HOSTILE[name]).replace("/fibonaci'", "/fibonacci'")
     recorded = record_one(tmp_path, source, [WAIT, goal(timeout_s=4.0)], timeout_s=40.0)
     (step,) = sent(recorded)
@@ -188,7 +191,7 @@ def test_whatever_a_server_sends_is_kept_within_bounds(tmp_path: Path, name: str
         assert (one["status"], one["result"]) == ("succeeded", None)
 
 
-#: A reference node that serves an action; what it is asked and what it answers, it publishes too.
+#: A reference node that serves an action, and publishes each request and each answer.
 REFERENCE = """
 import sys
 from dataclasses import dataclass
@@ -248,7 +251,7 @@ except KeyboardInterrupt:
 
 
 def test_a_students_client_has_a_reference_server(tmp_path: Path) -> None:
-    """It is found under a near miss too, and all that passes between them is recorded."""
+    """A student's client finds the reference server, even under a near miss, and is recorded."""
     plain = {
         "lab": {"id": "T", "title": "A test", "points": 0},
         "artifacts": {"node": {"file": "node.py"}},

@@ -57,7 +57,7 @@ def node(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
 def test_of_a_graph_that_grows_without_end_some_snapshots_and_the_last_are_handed_on(
     node: Node,
 ) -> None:
-    """What is kept of the graph has a bound, and how it is at the end is known."""
+    """A graph that grows without end is kept within a bound, and its last state is always known."""
     told: list[GraphSnapshot] = []
     watch = _ShortWatch(node, told.append, set())
     with subprocess.Popen([sys.executable, "-c", GROWS], stdin=subprocess.PIPE, text=True) as other:
@@ -87,6 +87,9 @@ def topics_in(graph: GraphSnapshot) -> int:
     "name", ["unittest/__main__/X", "unittest/srv/X", "std_srvs/srv/None", "../srv/X", "x"]
 )
 def test_a_type_that_no_package_defines_is_not_imported(name: str) -> None:
-    """Who announces a service of such a type has no module of its name executed, which could end this process."""
+    """A type of no installed package is not imported: a node that announces it runs no code here.
+
+    The imported code could end this process.
+    """
     with pytest.raises(ImportError, match="no installed package defines"):
         interface_named(name)

@@ -15,7 +15,7 @@ from grader.live.ros_node.plain import LONGEST_TEXT, MOST_ELEMENTS, Room, plain
 
 
 class Message:
-    """Stands for a message of rclpy, which says what its fields are."""
+    """Stands for a message of rclpy, with the method that names its fields."""
 
     def __init__(self, **fields: object) -> None:
         self.__dict__ |= fields
@@ -55,7 +55,7 @@ def endless() -> Iterator[int]:
     ],
 )
 def test_what_is_too_large_is_cut(value: object) -> None:
-    """No text, no array and no message as a whole is larger than what is of use."""
+    """Texts, arrays and whole messages are cut to a useful size."""
     assert len(json.dumps(plain(value))) < 500_000
     assert len(plain("x" * 10**8)) == LONGEST_TEXT
     assert len(plain([0] * 10**6)) == MOST_ELEMENTS

@@ -32,8 +32,9 @@ RATES_HZ = {"/rate_1": 1, "/rate_10": 10, "/rate_100": 100, "/rate_1000": 1000}
 BURST_HZ, BURST_COUNT = 5000, 7500
 LATE_COUNT = 350
 
-# Publishes by absolute deadlines once each publisher is matched, and logs when each call began and ended. It holds all
-# messages until the recorder has them: what a smaller queue of its own loses on a busy machine, it loses itself.
+# Publishes by absolute deadlines once each publisher is matched, and logs begin and end of each
+# call. It holds all messages until the recorder has them: with a smaller queue it would itself lose
+# messages on a busy machine.
 PUBLISHERS = """
 import heapq, json, sys, time
 import rclpy
@@ -192,7 +193,7 @@ def alone(command: list[str]) -> list[str]:
 
 
 def record(folder: Path, domain_id: int, **setting: Any) -> dict[str, Any]:
-    """Run a session in processes of its own; returns what it printed."""
+    """Run a session in separate processes; returns its output."""
     environment = {
         **os.environ,
         "ROS_DOMAIN_ID": str(domain_id),
@@ -296,9 +297,10 @@ def test_nothing_is_lost(recorded: Recorded, topic: str) -> None:
 
 
 def test_received_time_is_the_middlewares(recorded: Recorded) -> None:
-    """The received time tells when a message came in, not when the recorder took it, which it did not for two seconds.
+    """The received time is a message's arrival, even during the recorder's two idle seconds.
 
-    Some messages have a later one all the same: what follows a lost message is received when that was sent again.
+    Some messages have a later one all the same: each message after a lost one counts as received
+    once the lost one was sent again.
     """
     begun_ns, ended_ns = recorded.printed["held_ns"]
     meanwhile = 0
@@ -319,7 +321,7 @@ def test_two_types_on_one_topic(recorded: Recorded) -> None:
 def test_a_weaker_publisher_that_joins_is_recorded_too(tmp_path: Path) -> None:
     """When a best-effort publisher joins, the reliable one's messages are neither lost nor doubled.
 
-    A flood beside them would fill the socket, and what a best-effort subscription then misses is not sent again.
+    A flood beside them would fill the socket, and nothing is sent again to a best-effort subscription.
     """
     firm = {"topic": "/late", "kind": "text", "rate_hz": 70, "count": LATE_COUNT}
     weak = {
@@ -339,7 +341,7 @@ def test_a_weaker_publisher_that_joins_is_recorded_too(tmp_path: Path) -> None:
     for line in Bag.open(tmp_path / "bag").stream("/late").field("data"):
         node, number = line.split()
         numbers[node].append(int(number))
-    # Of two subscriptions that receive it, the reliable one may be later.
+    # The reliable of two receiving subscriptions may be later.
     assert sorted(numbers["firm"]) == list(range(LATE_COUNT))
     assert len(numbers["weak"]) == len(set(numbers["weak"])) > 0
 
@@ -420,7 +422,10 @@ def test_a_killed_recorder_leaves_its_evidence(tmp_path: Path) -> None:
 
 
 def test_limits_and_unknown_types_are_reported(tmp_path: Path) -> None:
-    """A flood is cut without cost to other topics, and what cannot be recorded is told; neither is the recorder's."""
+    """A flood is cut at no cost to other topics, and unrecordable topics are reported.
+
+    Neither is the recorder's fault.
+    """
     flood = {"topic": "/flood", "kind": "floats", "rate_hz": 500, "count": 500, "values": 1000}
     calm = {"topic": "/calm", "kind": "floats", "rate_hz": 100, "count": 100, "values": 0}
     printed = record(

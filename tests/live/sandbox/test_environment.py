@@ -14,7 +14,10 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the live half r
 
 
 def test_what_a_program_left_at_home_does_not_run_in_the_next(tmp_path: Path) -> None:
-    """An interpreter outside of any virtual environment reads what lies in its user's home; a student's does not."""
+    """A student's interpreter reads no files of its user's home.
+
+    An interpreter outside of any virtual environment does.
+    """
     python = Path(
         sys.base_prefix, "bin", f"python{sys.version_info.major}.{sys.version_info.minor}"
     )

@@ -1,4 +1,4 @@
-"""What the confinement denies, permits and limits, at each level that this machine can have."""
+"""Denials, permissions and limits of the confinement, at each level available on this machine."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ pytestmark = pytest.mark.live
 PYTHON = Path(sys.executable)
 LEVELS = [Level.FULL, Level.NO_CGROUP, Level.REDUCED]
 
-#: Prints a JSON object: what was tried -> "done" or the error's name.
+#: Prints a JSON object: attempt -> "done" or the error's name.
 TRIES = """
 import ctypes, fcntl, json, multiprocessing, os, resource, socket, subprocess, sys, threading
 
@@ -205,7 +205,7 @@ def test_what_a_student_may_and_may_not_do(level: Level, tmp_path: Path) -> None
     assert recorded.record.isolation["level"] == level.value
 
 
-#: Prints what each of its open files is.
+#: Prints the target of each of its open files.
 OPEN_FILES = """
 import json, os
 print(json.dumps([os.readlink(f"/proc/self/fd/{name}") for name in os.listdir("/proc/self/fd") if int(name) < 100
@@ -224,7 +224,7 @@ def test_nothing_of_the_graders_is_left_open(level: Level, tmp_path: Path) -> No
 
 
 BOMBS = {
-    # Each of the six stays below what one process may have.
+    # Each of the six stays below the limit of one process.
     "memory": """
 import os, time
 for _ in range(6):
@@ -314,7 +314,7 @@ time.sleep(60)
 def test_memory_is_found_where_one_does_not_look_at_once(
     place: str, level: Level, tmp_path: Path
 ) -> None:
-    """It counts whichever thread or child has taken it, and also where the kernel keeps it."""
+    """Memory counts in whichever thread or child took it, and inside the kernel too."""
     run = process_of(run_at(level, tmp_path, HIDDEN[place]))
     assert run.limit == "memory", (
         run.limit,
@@ -336,7 +336,7 @@ def test_what_takes_too_much_is_stopped_and_named(limit: str, level: Level, tmp_
         run.exit_status,
         [line.text for line in run.output][-3:],
     )
-    # Whoever has killed a child of it for want of memory, the program as a whole is ended.
+    # The program ends as a whole, no matter which process killed its child for lack of memory.
     assert limit != "memory" or ended_by_limit(run), (run.ended_by, run.exit_status)
     assert recorded.record.complete
     assert recorded.record.problems == []

@@ -46,7 +46,7 @@ def sockets() -> Iterator[tuple[socket.socket, socket.socket]]:
 
 
 def arrives(ours: socket.socket, sender: socket.socket, packet: bytes) -> bool:
-    """Whether a packet reaches the grader's socket."""
+    """Say if a packet reaches the grader's socket."""
     sender.sendto(packet, ours.getsockname())
     try:
         return ours.recv(65536) == packet
@@ -82,7 +82,7 @@ def test_what_a_gap_may_span(
 def test_a_name_of_the_graders_comes_from_the_grader_only(
     sockets: tuple[socket.socket, socket.socket], packet: bytes
 ) -> None:
-    """Whether a packet bears it or a part of one does; the grader's own sockets use it freely."""
+    """Only the grader's own sockets send packets with the grader's name or a part of it."""
     ours, theirs = sockets
     assert not arrives(ours, theirs, packet)
     assert arrives(ours, ours, packet)

@@ -1,4 +1,4 @@
-"""Whether a file starts its node by itself, told without running it."""
+"""The decision if a file starts its node by itself, made without running the file."""
 
 from __future__ import annotations
 
@@ -63,12 +63,12 @@ def test_entry_points_say_which_function_is_meant() -> None:
     "text", ["x = 1\n", "def main(:\n", "\0", MAIN + "x = " + "-" * 5000 + "1\n"]
 )
 def test_text_without_such_a_function_is_run_as_it_is(text: str) -> None:
-    """That also goes for text that is no Python, which breaks nothing."""
+    """Text without such a function, or that is no Python at all, is run as it is."""
     assert function_to_call(text) is None
 
 
 def test_functions_that_call_each_other_are_followed_once() -> None:
-    """Of thousands of functions, each of which calls the one before, each is looked at once."""
+    """Each of thousands of functions in a chain of calls is looked at once."""
     chain = "".join(f"def f{n}():\n    f{n - 1}()\n" for n in range(1, 2000))
     text = "def main():\n    pass\ndef f0():\n    main()\n" + chain
     assert function_to_call(text + "f1999()\n") is None

@@ -1,4 +1,4 @@
-"""The process that starts sandboxes: what it says when it cannot, and that the CPU time of its forks is counted."""
+"""The process that starts sandboxes: its errors, and the CPU time of its forks."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FORM = Form.NONE
 
 
 async def said_by(forks: ForkServer, plan: Path, errors: Path) -> tuple[int, bytes]:
-    """Start a sandbox, and return its process id and what it says until its end."""
+    """Start a sandbox, and return its process id and its messages until its end."""
     said = await forks.start_sandbox(FORM, plan, errors)
     return await sandbox_pid(said), await said.read()
 
@@ -56,7 +56,7 @@ def test_a_plan_that_cannot_be_read_ends_its_sandbox_only(tmp_path: Path) -> Non
 
 
 def test_a_server_that_was_killed_is_reported(tmp_path: Path) -> None:
-    """Who asks it for a sandbox gets an error, and does not wait."""
+    """A request to a killed server fails at once with an error."""
     with ForkServer(["no/such/type"]) as forks:
         asyncio.run(said_by(forks, tmp_path / "none.json", tmp_path / "errors"))  # it is up
         server = process_id_of_server()
@@ -98,7 +98,10 @@ with ForkServer() as forks:
 
 
 def test_why_no_sandbox_can_be_made_is_reported(tmp_path: Path) -> None:
-    """The reason is the system's, here that shared memory cannot be mounted; who asks again is told again."""
+    """The system's reason for a missing sandbox is reported, to each caller anew.
+
+    Here, shared memory cannot be mounted.
+    """
     form = "root" if os.geteuid() == 0 else "user"
     command = [sys.executable, "-c", WITHOUT_SHARED_MEMORY, form, str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
@@ -110,7 +113,10 @@ def test_why_no_sandbox_can_be_made_is_reported(tmp_path: Path) -> None:
 
 
 def test_sandboxes_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path: Path) -> None:
-    """A class limits what judging a submission may map; a student's node has the same room there as by itself."""
+    """A student's node has the same memory in a class as by itself.
+
+    The limit on memory for judging a submission does not reach it.
+    """
     before = resource.getrlimit(resource.RLIMIT_AS)
     limit_memory(MOST_MEMORY_BYTES)
     try:
@@ -124,7 +130,7 @@ def test_sandboxes_do_not_inherit_the_limit_of_the_process_that_grades(tmp_path:
 
 
 def test_cpu_time_in_sandboxes_counts_as_the_graders(tmp_path: Path) -> None:
-    """What processes in a sandbox have used is in the sum of this process's children, so that no cost is hidden."""
+    """CPU time of processes in a sandbox counts among this process's children, not as free."""
     busy = "import time\nend = time.process_time() + 1.0\nwhile time.process_time() < end: pass\n"
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},

@@ -53,9 +53,9 @@ _COMPUTES = "import time\nwhile time.process_time() < float({s}):\n    pass"
 def test_waits_for_a_core_are_not_a_launch_files_time(
     cpu_s: float, most: float, outcome: str
 ) -> None:
-    """What computes for less than it may has all the time that others keep it from the core; what does not, has not.
+    """A launch file has its whole CPU time, even if other processes keep it from the core.
 
-    Where they keep it from the core for too long, nobody can tell.
+    More CPU time than allowed fails; after too long a wait for a core the outcome is open.
     """
     core = str(min(os.sched_getaffinity(0)))
 

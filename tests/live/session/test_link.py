@@ -1,4 +1,4 @@
-"""The link that loses and delays: what profiles do on it, that a student's are the ones, and that nothing stays."""
+"""The link that loses and delays: effects on profiles, the student's own profiles, and cleanup."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from tests.live.test_attacks import Environment, run_in  # noqa: E402
 
 pytestmark = pytest.mark.live
 
-#: Three topics, of which the last has sides that are incompatible, and one to which nothing subscribes.
+#: Three topics, the last with incompatible sides, and one without a subscription.
 TOOL = """
 import rclpy
 from rclpy.node import Node
@@ -71,7 +71,7 @@ def _confined() -> None:
 
 
 def linked(record: SessionRecord) -> tuple[LinkResult, dict[str, LinkedTopic]]:
-    """Return what a session's link found, and its topics by name."""
+    """Return a session's findings about the link, and its topics by name."""
     (step,) = (step for step in record.steps if step.kind == "link")
     result = from_plain(LinkResult, step.result)
     assert (step.outcome, result.problem) == ("done", "")
@@ -79,7 +79,7 @@ def linked(record: SessionRecord) -> tuple[LinkResult, dict[str, LinkedTopic]]:
 
 
 def require_what_profiles_promise(record: SessionRecord) -> None:
-    """Fail unless each profile did on the link what it is for."""
+    """Fail unless each profile had its intended effect on the link."""
     result, topics = linked(record)
     (lossy,), (kept,), (split,) = (topics[name].crossings for name in ("/lossy", "/kept", "/split"))
     # 10 % of 150 with five times its standard deviation; a queue this deep loses nothing to a busy machine.
@@ -154,8 +154,8 @@ def test_the_profiles_are_the_students(tmp_path: Path) -> None:
     assert all("link" not in name for graph in record.graph for name in graph.nodes)
 
 
-#: Profiles whose times would each keep a core of the grader's busy, if its endpoints had them too; and a matching pair
-#: and another one for a deadline alone.
+#: Profiles with times that would each keep a core of the grader's busy, if its endpoints had them
+#: too; and a matching pair and another one for a deadline alone.
 HASTY = """
 import rclpy
 from rclpy.duration import Duration
@@ -198,7 +198,7 @@ def test_no_time_of_a_profile_sets_the_pace_of_the_link(tmp_path: Path) -> None:
 
 
 def test_sides_that_never_match_alone_are_carried_too(tmp_path: Path) -> None:
-    """What is sent is counted, and nothing arrives."""
+    """A link with sides that never match counts sent messages, and nothing arrives."""
     step = {"link": {**STEPS[-1]["link"], "topics": ["/split"], "duration_s": 0.2}, "label": "link"}
     (split,) = linked(record_one(tmp_path, TOOL, [*STEPS[:-1], step]).record)[1].values()
     crossing = split.crossings[0]

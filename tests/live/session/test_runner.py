@@ -166,7 +166,7 @@ def test_sandboxes_do_not_hear_each_other(tmp_path: Path) -> None:
         if "until talker ends" in progress.text:
             observed.add(progress.session)
             if len(observed) == 2:
-                time.sleep(0.5)  # in which the sandboxes go on
+                time.sleep(0.5)  # the sandboxes go on meanwhile
                 interrupt_students()
 
     recorded = make_lab(tmp_path, {"talker": TALKER}, {"one": steps, "other": steps}).record(
@@ -330,7 +330,7 @@ threading.Thread(target=compute, daemon=True).start()
 def test_what_is_measured_goes_before_others_unless_it_wants_all_of_a_core(
     tmp_path: Path, more: str
 ) -> None:
-    """A node at work has more of a core while a window is open that waits for calm; who takes much does not."""
+    """A measured node gets more of a core in a window that waits for calm, unless it takes much."""
     steps: list[dict[str, Any]] = [
         {"start": {"student": "talker"}},
         {"wait_for": {"publisher": "/chatter", "timeout_s": 30}},
@@ -360,7 +360,7 @@ def test_what_is_measured_goes_before_others_unless_it_wants_all_of_a_core(
 
 
 def test_a_session_beyond_its_time_is_ended(tmp_path: Path) -> None:
-    """What keeps its session waiting until its time is over is ended for that, and the rest is recorded in order."""
+    """A node that keeps its session waiting past the limit is ended, and the rest is recorded."""
     recorded = record_one(
         tmp_path,
         TALKER,
@@ -548,7 +548,7 @@ def test_a_grader_killed_at_any_moment_leaves_nothing_that_counts(tmp_path: Path
     assert whole["earned"] == 1
     for moment in range(moments):
         grade_and_kill(lab, caller, whole_s * (moment + random.random()) / moments)
-        # What is there is of this run or of one before it, and whole.
+        # A result is whole, and belongs to this run or an earlier one.
         if result.exists():
             assert json.loads(result.read_text(encoding="utf-8"))["score"] == whole
     subprocess.run(command(lab), env=caller, capture_output=True, timeout=90, check=True)

@@ -1,4 +1,4 @@
-"""Staging: what `colcon build` would leave of a submission, and that its wrappers run the right file."""
+"""Staging: the same files as after `colcon build`, and wrappers that run the right file."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def staged(folder: Path, files: dict[str, str | bytes], **artifacts: str) -> Wor
 
 
 def run(path: Path, *arguments: str) -> str:
-    """Run a wrapper; returns what it printed."""
+    """Run a wrapper; returns its output."""
     ended = subprocess.run([path, *arguments], capture_output=True, text=True, check=False, cwd="/")
     assert ended.returncode == 0, ended.stderr
     return ended.stdout.strip()
@@ -78,7 +78,7 @@ def test_a_bare_file_runs_as_the_main_program(tmp_path: Path, content: str) -> N
 
 
 def test_bare_files_are_executables_of_the_labs_package(tmp_path: Path) -> None:
-    """They run under the rubric's name with or without `.py`, and the index knows the package."""
+    """Bare files run under the rubric's name with or without `.py`, in an indexed package."""
     workspace = staged(
         tmp_path, {"joint_publisher.py": SAYS.format("hello")}, publisher="joint_publisher.py"
     )
@@ -147,7 +147,7 @@ def test_a_package_is_installed_with_its_entry_points(tmp_path: Path) -> None:
     "inner", ["tools/__init__.py", "python/tools/__init__.py", "../other/tools/__init__.py"]
 )
 def test_a_program_finds_the_modules_of_all_packages(tmp_path: Path, inner: str) -> None:
-    """A script that CMake installs imports what its workspace's packages have, as where that is sourced."""
+    """A script installed by CMake imports modules of all packages, as in a sourced workspace."""
     files: dict[str, str | bytes] = {
         "ws/arm/package.xml": MANIFEST.replace("ament_python", "ament_cmake"),
         "ws/arm/CMakeLists.txt": "install(PROGRAMS scripts/talk.py DESTINATION lib/${PROJECT_NAME})",
@@ -172,7 +172,7 @@ def test_a_workspace_can_be_moved(tmp_path: Path) -> None:
 
 
 def test_only_listed_files_are_copied_and_no_links(tmp_path: Path) -> None:
-    """What the submission's record leaves out is not staged, nor is a link that took a file's place."""
+    """Only files of the submission's record are staged, and no link in place of a listed file."""
     files: dict[str, str | bytes] = {"joint_publisher.py": SAYS.format("hello"), "data.txt": "x"}
     record_folder = tmp_path / "a"
     workspace = staged(record_folder, files, publisher="joint_publisher.py")
@@ -263,7 +263,7 @@ def test_bare_files_are_also_known_by_their_own_names(tmp_path: Path) -> None:
 
 
 def test_another_program_among_bare_files_is_an_executable_too(tmp_path: Path) -> None:
-    """A launch file may start what the lab does not ask for by its name, such as one process that holds all nodes."""
+    """A launch file may start an unlisted bare file, such as one process that holds all nodes."""
     files: dict[str, str | bytes] = {
         "joint_publisher.py": SAYS.format("one"),
         "arm.py": SAYS.format("all"),

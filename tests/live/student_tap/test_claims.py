@@ -1,4 +1,4 @@
-"""Notes of the tap, taken out of what any code in a student's process may have written."""
+"""Notes of the tap, found among other output of a student's process."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_a_note_is_read_with_its_place_in_the_submission() -> None:
 
 @pytest.mark.parametrize("value", [True, -1, 1.5, "text", None])
 def test_a_parameters_default_is_kept(value: object) -> None:
-    """What a parameter is declared with is a plain value."""
+    """The default of a declared parameter is kept as a plain value."""
     (claim,) = claims_in(json.dumps({**NOTE, "kind": "parameter", "value": value}), "it", "")
     assert claim.value == value
 
@@ -75,5 +75,5 @@ def test_long_texts_are_cut() -> None:
 
 
 def test_notes_without_end_are_cut_off() -> None:
-    """Of a hundred thousand notes some are kept."""
+    """Only some of a hundred thousand notes are kept."""
     assert len(claims_in(f"{json.dumps(NOTE)}\n" * 100_000, "it", "")) <= 2000

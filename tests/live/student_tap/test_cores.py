@@ -1,4 +1,4 @@
-"""What a student's program sees of the cores that it may use."""
+"""The number of cores visible to a student's program."""
 
 from __future__ import annotations
 

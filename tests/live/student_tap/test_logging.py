@@ -1,4 +1,4 @@
-"""What a student's node logs: said of the same lines as ever, in less of a core's time."""
+"""Logging of a student's node: the same lines as ever, in less time of a core."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a student's node need not import at its start."""
+"""Modules that a student's node need not import at its start."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ print(itself.__module__, rosidl_generator_py.__all__)
 
 
 def test_the_parser_of_interfaces_is_imported_by_who_needs_it_only(tmp_path: Path) -> None:
-    """A node starts without it, and who generates code finds it as ever."""
+    """A node starts without the parser of interfaces, and a generator of code finds it as ever."""
     absent = tmp_path / "absent.json"
     said = subprocess.run(
         [sys.executable, "-c", _NODE, str(absent)],
@@ -99,7 +99,10 @@ def run_with_tap(folder: Path, code: str) -> list[str]:
 
 
 def test_numpy_is_imported_for_messages_that_need_it(tmp_path: Path) -> None:
-    """All services have such a message in their type; who asks for an endpoint of one gets it before any callback."""
+    """Numpy is imported before any callback, once a node makes an endpoint whose type needs numpy.
+
+    All services have such a message in their type.
+    """
     assert run_with_tap(tmp_path, _LATE) == ["[False, False, True, 18.0, 'numpy', [1, 2]]"]
 
 

@@ -1,4 +1,4 @@
-"""How other systems read what is exported for them, written from their published rules; each says where these stand."""
+"""Imports of other systems, written from their published rules; each docstring names its source."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def moodle_worksheet(
     """Read a grading worksheet: user's number -> grade and comment.
 
     `assignfeedback_offline_grade_importer` and `process_import_grades` in `mod/assign/feedback/offline`: three columns
-    are needed under their English names; what stands behind `Participant ` is the number; unknown ones are passed over,
+    are needed under their English names; the text after `Participant ` is the number; unknown ones are passed over,
     and so are grades that are empty, below 0 or above the most; a column of comments that is the first is none.
     """
     head, *rows = table(content)
@@ -71,10 +71,11 @@ def moodle_grade_book(
 ) -> dict[str, Decimal | None]:
     """Read a table into the grade book, students by one column: user's number -> grade.
 
-    `gradeimport_csv_load_data` in `grade/import/csv`: a student who is not found, or is not the only one, ends the
-    import; `-` and nothing are no grade; another cell that is no number ends the import, and so does a grade above the
-    maximum. Until 4.1 an empty key cell is skipped, which leaves the student of the line before; since then it is
-    looked up like any other. `MOODLE_SAID` in the tests has what the PHP itself said.
+    `gradeimport_csv_load_data` in `grade/import/csv`: a key without a student, or with several,
+    ends the import; `-` and nothing are no grade; another cell that is no number ends the import,
+    and so does a grade above the maximum. Until 4.1 an empty key cell is skipped, which leaves the
+    student of the line before; since then it is looked up like any other. `MOODLE_SAID` in the
+    tests has the PHP's own answers.
     """
     head, *rows = table(content)
     read: dict[str, Decimal | None] = {}
@@ -185,10 +186,10 @@ def _canvas_user(row: Mapping[str, str], users: Sequence[User]) -> str:
 def blackboard(
     content: bytes, users: Iterable[User], columns: Mapping[str, str]
 ) -> dict[str, dict[str, str]]:
-    """Read a grade center's file: column's number, or the heading of a new one -> user's login -> what stands there.
+    """Read a grade center's file: column's number, or a new heading -> user's login -> cell.
 
     Blackboard Help, "Work offline with grade data", and `Upload Gradebook`: a header row, every cell of a file with
-    commas in quotes; the upload fails where a user name is missing, others than those of the course are not processed;
+    commas in quotes; the upload fails where a user name is missing, users from outside of the course are not processed;
     the number behind `|` is an existing column's. Feedback has columns of its own, with its format.
     """
     head, *rows = table(content)
@@ -250,8 +251,8 @@ def moodle_feedback(content: bytes, users: Iterable[User]) -> dict[str, dict[str
     """Read feedback files: user's number -> the files' names -> their contents.
 
     `is_valid_filename_for_import` in `mod/assign/feedback/file/importziplib.php`: hidden files are ignored; the first
-    part of the path that has a known number in second place, and a plugin in third and fourth, says whose it is; what
-    follows is the file's name.
+    part of the path that has a known number in second place, and a plugin in third and fourth, names the student; the
+    rest is the file's name.
     """
     known = {int(user.number) for user in users}
     read: dict[str, dict[str, bytes]] = {}
@@ -276,7 +277,7 @@ def moodle_feedback(content: bytes, users: Iterable[User]) -> dict[str, dict[str
 def canvas_feedback(
     content: bytes, attachments: Mapping[str, tuple[str, str]], groups: Sequence[str] = ()
 ) -> dict[str, tuple[str, bytes]]:
-    """Read marked submissions: user's number -> the name under which the student sees the file, and what is in it.
+    """Read marked submissions: user's number -> file name shown to the student, and file content.
 
     `infer_comment_context_from_filename` in `app/models/abstract_assignment.rb`: a group's name before it is cut off,
     `LATE` does not count; the first two parts of digits, or the two behind `anon`, are user and attachment; that has to

@@ -1,4 +1,4 @@
-"""Classes whose results go back: made-up results beside what intake keeps of real names in downloads."""
+"""Classes with results to return: made-up results beside the intake of real names in downloads."""
 
 from __future__ import annotations
 
@@ -69,6 +69,6 @@ def results_of(
 def given_back(
     tmp_path: Path, sources: Iterable[SubmissionSource], column: str = "", sender: str = ""
 ) -> ReturnedClass:
-    """Give a class whose submissions have the points 60.4, 60.8, 61.2 and so on."""
+    """Give a class of submissions with the points 60.4, 60.8, 61.2 and so on."""
     results = results_of(tmp_path, sources)
     return ReturnedClass(entries_in(results), results, column, sender)

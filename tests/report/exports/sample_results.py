@@ -19,7 +19,7 @@ from grader.result import Result, read_result, to_json
 from tests.report.untrusted_texts import MEGABYTE, hostile
 
 ROOT = Path(__file__).resolve().parents[3]
-#: What Classroom 50's runner sets.
+#: Variables set by Classroom 50's runner.
 VARIABLES = {
     "CLASSROOM": "robotics",
     "ASSIGNMENT": "lab",
@@ -27,13 +27,14 @@ VARIABLES = {
     "COMMIT_URL": "https://git.example/o/r/commit/1",
     "RELEASE_URL": "https://git.example/o/r/releases/tag/1",
 }
-#: Keys whose values name a check or a criterion, and those whose values are not text that a student can have written.
+#: Keys with a check or a criterion as their value, and keys with values that no student can have
+#: written.
 _IDS = ("id", "what")
 _FIXED = ("schema", "outcome", "kind", "rubric_sha256", "isolation")
 
 
 def check(name: str, outcome: str, earned: float, possible: float, **more: Any) -> dict[str, Any]:
-    """Give a check of `result.json`; what is neither decided nor earned is undecided."""
+    """Give a check of `result.json`; points neither decided nor earned are undecided."""
     undecided = possible - earned if outcome in ("inconclusive", "error") else 0
     plain = {
         "id": name,
@@ -107,7 +108,7 @@ def exported(name: str, plain: Mapping[str, Any], **options: Any) -> str:
 
 
 def every_outcome() -> dict[str, Any]:
-    """Give a result in which every outcome occurs; it earned 7.5 of 20, and 5 are undecided."""
+    """Give a result with every outcome; it earned 7.5 of 20, and 5 are undecided."""
     return result(
         criterion(
             "a", check("a.passed", "passed", 4, 4), check("a.partial", "partial", 2.5, 5, hint="")
@@ -136,7 +137,7 @@ def _judged(name: str) -> dict[str, Any]:
 
 
 def with_texts(plain: Any, text_of: Callable[[str, str], str], key: str = "") -> Any:
-    """Replace every text, by its key and what it was."""
+    """Replace every text, by its key and its old value."""
     if isinstance(plain, str):
         return plain if key in _FIXED else text_of(key, plain)
     if isinstance(plain, Mapping):
@@ -185,7 +186,7 @@ def adjusted_and_tampered() -> dict[str, Any]:
 
 @st.composite
 def hostile_results(draw: st.DrawFn) -> dict[str, Any]:
-    """Give results in which every text is hostile; ids differ, as they do in every rubric."""
+    """Give results with hostile texts only; ids differ, as they do in every rubric."""
     texts = draw(st.lists(hostile, min_size=1, max_size=6))
     count = iter(range(10_000))
 
@@ -198,7 +199,7 @@ def hostile_results(draw: st.DrawFn) -> dict[str, Any]:
 
 
 def megabyte_result() -> dict[str, Any]:
-    """Give a result in which every text is longer than any sink should take, and remarks are many."""
+    """Give a result with many remarks, and with texts longer than any sink should take."""
     plain = adjusted_and_tampered()
     plain["advisories"] = plain["advisories"] * 500
     plain["problems"] = plain["problems"] * 500

@@ -1,4 +1,4 @@
-"""Classroom 50's result.json: what its runner checks, and whole scores that add up."""
+"""Classroom 50's result.json: requirements of its runner, and whole scores that add up."""
 
 from __future__ import annotations
 
@@ -26,8 +26,25 @@ from tests.report.rendered_markdown import MADE_ACTIVE, Page
 
 
 def is_score(value: Any) -> bool:
-    """Whether a value is a whole number from 0 on; a truth value is none."""
+    """Say if a value is a whole number from 0 on; a truth value is none."""
     return isinstance(value, int) and not isinstance(value, bool) and value >= 0
+
+
+def require_origin(data: dict[str, Any]) -> None:
+    """Fail unless a result names its schema, its assignment, and the submission's commit."""
+    assert data["schema"] == "classroom50/result/v1"
+    assert (data["classroom"], data["assignment"]) == ("robotics", "lab")
+    assert data["submission"].startswith("submit/")
+    for key in ("commit", "release", "review", "datetime"):
+        assert isinstance(data[key], str)
+        assert data[key]
+
+
+def require_scores(part: dict[str, Any]) -> None:
+    """Fail unless the score of a result or a test is a whole number up to its maximum."""
+    assert is_score(part["score"])
+    assert is_score(part["max-score"])
+    assert part["score"] <= part["max-score"]
 
 
 def valid(plain: dict[str, Any]) -> dict[str, Any]:
@@ -35,25 +52,15 @@ def valid(plain: dict[str, Any]) -> dict[str, Any]:
     text = exported("classroom50", plain, environment=VARIABLES)
     data: dict[str, Any] = json.loads(text)
     assert len(text) < 10 * 1024 * 1024
-    assert data["schema"] == "classroom50/result/v1"
-    assert (data["classroom"], data["assignment"]) == ("robotics", "lab")
-    assert data["submission"].startswith("submit/")
-    assert all(
-        isinstance(data[key], str) and data[key]
-        for key in ("commit", "release", "review", "datetime")
-    )
-    assert is_score(data["score"])
-    assert is_score(data["max-score"])
-    assert data["score"] <= data["max-score"]
+    require_origin(data)
+    require_scores(data)
     for test in data["tests"]:
         assert isinstance(test["test-name"], str)
         assert test["test-name"]
         assert isinstance(test["passed"], bool)
-        assert is_score(test["score"])
-        assert is_score(test["max-score"])
-        assert test["score"] <= test["max-score"]
-    assert sum(test["score"] for test in data["tests"]) == data["score"]
-    assert sum(test["max-score"] for test in data["tests"]) == data["max-score"]
+        require_scores(test)
+    for key in ("score", "max-score"):
+        assert sum(test[key] for test in data["tests"]) == data[key]
     return data
 
 
@@ -112,7 +119,7 @@ _POINTS = st.integers(0, 400).map(lambda n: Decimal(n) / 20)
 
 @given(st.lists(_POINTS, max_size=40))
 def test_whole_scores_add_up(exact: list[Decimal]) -> None:
-    """They add up to the rounded total, and each is less than a point from its own."""
+    """Whole scores add up to the rounded total, and each is less than a point off."""
     whole = whole_scores(exact)
     assert sum(whole) == int(sum(exact, Decimal(0)).quantize(Decimal(1), ROUND_HALF_UP))
     assert all(abs(value - each) < 1 for value, each in zip(whole, exact, strict=True))

@@ -59,7 +59,10 @@ def test_moodle_gives_each_report_to_its_student(
 
 
 def test_canvas_shows_a_file_of_the_kind_that_was_handed_in(tmp_path: Path, rubric: Rubric) -> None:
-    """It keeps the name of the student's file: a zip holds the page, a program's text is a report as text."""
+    """The returned file keeps the name of the student's file.
+
+    A zip holds the page; a program is returned as a report in plain text.
+    """
     submission_time = {
         "890": ("67", "lab.zip"),
         "891": ("68", "joint_publisher-2.py"),
@@ -121,7 +124,10 @@ def test_who_came_another_way_is_named(tmp_path: Path, rubric: Rubric) -> None:
 def test_nothing_is_written_outside_of_where_it_is_unpacked(
     path: str, tmp_path: Path, rubric: Rubric
 ) -> None:
-    """A path in recordings from elsewhere may be anything; what leads out of the archive is not written."""
+    """A path that leads out of the archive is not written.
+
+    Paths in recordings from elsewhere can be anything.
+    """
     given = given_back(tmp_path, taken_in(tmp_path, rubric, ["ann_67_1_lab.zip"]))
     (entry,) = given.entries
     hostile = dataclasses.replace(entry, identity=Identity(system="Canvas", handback=(path,)))

@@ -1,4 +1,4 @@
-"""The job summary: what GitHub's parser makes of it, in the order of worth, within GitHub's size."""
+"""The job summary: its parsed form in GitHub, the order by worth, and GitHub's limit on size."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from tests.report.exports.sample_results import (
 )
 from tests.report.rendered_markdown import MADE_ACTIVE, Page
 
-#: What the summary itself is made of.
+#: Elements of the summary itself.
 _OWN = {"h1", "h2", "h3", "p", "ul", "li", "strong", "code", "blockquote", "details", "summary"}
 _OWN |= {"table", "thead", "tbody", "tr", "th", "td"}
 
 
 def test_each_lost_point_has_its_reason_and_proof() -> None:
-    """The costliest comes first, with what was expected, measured, where, and what to do."""
+    """The costliest loss comes first, with expectation, measurement, place and remedy."""
     page = Page(exported("github-summary", every_outcome()))
     assert "Lab 1: One: 7.5 of 20 points" in page.text
     parts = page.text.split("What cost points")[1]
@@ -42,7 +42,7 @@ def test_each_lost_point_has_its_reason_and_proof() -> None:
 
 
 def test_what_was_not_reached_comes_after_its_cause() -> None:
-    """It costs points too, but is not the mistake itself."""
+    """A check that was not reached costs points too, but is not the mistake itself."""
     text = Page(exported("github-summary", every_outcome())).text
     assert (
         "b.missed (−2 points): Reason of b.missed."
@@ -51,7 +51,7 @@ def test_what_was_not_reached_comes_after_its_cause() -> None:
 
 
 def test_undecided_points_are_said_on_top_and_not_counted_as_lost() -> None:
-    """They are the grader's matter, and the reader sees it at once."""
+    """Undecided points stand on top, because they are the grader's matter and not lost."""
     text = Page(exported("github-summary", every_outcome())).text
     assert "5 points are undecided, and not earned before they are" in text.split("Criterion")[0]
     assert "b.open (3 points): The machine was busy." in text.split("Undecided, not earned")[1]
@@ -59,7 +59,7 @@ def test_undecided_points_are_said_on_top_and_not_counted_as_lost() -> None:
 
 
 def test_adjustments_and_violations_are_reported() -> None:
-    """What people decided is listed with its reason, and what was tampered with with its evidence."""
+    """A person's adjustment is listed with its reason, and tampering with its evidence."""
     text = Page(exported("github-summary", adjusted_and_tampered())).text
     assert "11 of 20 points" in text
     assert (

@@ -103,6 +103,6 @@ def test_a_real_result_is_valid() -> None:
 @settings(suppress_health_check=[HealthCheck.too_slow])
 @given(hostile_results())
 def test_hostile_texts_keep_it_valid(plain: dict[str, Any]) -> None:
-    """Paths stay within the repository, and no text holds what PostgreSQL cannot store."""
+    """Paths stay within the repository, and texts have only characters that PostgreSQL stores."""
     for finding in findings_of(plain):
         assert "\0" not in finding["description"] + finding["location"]["path"]

@@ -1,9 +1,10 @@
-"""Tables for grade books: from the download that is graded to what each system reads, all get their own points."""
+"""Tables for grade books, from a download to the import: every student gets the right points."""
 
 from __future__ import annotations
 
 import csv
 import io
+import itertools
 from collections.abc import Iterable
 from decimal import Decimal
 from pathlib import Path
@@ -31,7 +32,7 @@ USERS = (
     User("13", "Çelik, Cem", "00000000000000000014", "007", "cem+lab@uni.example"),
 )
 POINTS = {"11": Decimal("60.4"), "12": Decimal("60.8"), "13": Decimal("61.2")}
-#: What the university's own list says of them.
+#: The university's own list of the students.
 CLASS_LIST = """name;student_id;login;email
 Müller, Änne;0012;am12;aenne@uni.example
 "O'Brien, Bob";0013;bo,13;bob@uni.example
@@ -59,7 +60,7 @@ DOWNLOADS = {
         "13-900 - Cem Çelik - Mar 1, 2026 1230 PM/lab.zip",
     ],
 }
-#: In the order of their names, in which results are made: whose each is.
+#: Owners of the results, which are made in the order of names.
 ORDER = {
     "Canvas": ("13", "11", "12"),
     "Blackboard": ("13", "11", "12"),
@@ -104,7 +105,10 @@ FACTS = {"ID number": "student_id", "Username": "login", "Email address": "email
 def test_moodles_grade_book_finds_all_of_any_download(
     system: str, heading: str, tmp_path: Path, rubric: Rubric
 ) -> None:
-    """By what a class list adds, zeros, commas and all, whatever system the submissions came from."""
+    """Moodle's grade book finds all students by a class list's facts, such as zeros and commas.
+
+    This holds for submissions from any system.
+    """
     given = graded(system, tmp_path, rubric, CLASS_LIST if system != "Canvas" else canvas_export())
     returned = CLASS_EXPORTS["moodle"].render(given)
     assert importers.moodle_grade_book(returned.content, USERS, heading, FACTS[heading]) == POINTS
@@ -154,7 +158,10 @@ KNOWN = st.sets(st.sampled_from(["student_id", "login", "email"]))
 def test_any_key_column_of_any_table_gives_each_student_their_own_points(
     known: list[set[str]], skips: bool
 ) -> None:
-    """Whatever is known of some students only, both ways in which Moodle takes empty cells give the same."""
+    """Each student has the right points if facts are known of some students only.
+
+    Both treatments of empty cells by Moodle give the same.
+    """
     users = [
         User(f"{n}", f"S{n}", f"{n:04}", f"login{n}", f"s{n}@uni.example")
         for n in range(len(known))
@@ -191,7 +198,7 @@ def students_by_any_key(table: Returned, users: list[User], skips: bool) -> list
 
 
 def test_an_incomplete_column_is_left_out_and_said(tmp_path: Path, rubric: Rubric) -> None:
-    """The note says of whom it is missing, which columns can be mapped, and that Identifier must not be."""
+    """The note names students without the fact, and the columns to map; Identifier is not one."""
     listed = "name;student_id;email\nMüller, Änne;0012;aenne@uni.example\n"
     listed += "O'Brien, Bob;;bob@uni.example\nÇelik, Cem;0014;cem+lab@uni.example\n"
     returned = CLASS_EXPORTS["moodle"].render(graded("Moodle", tmp_path, rubric, listed))
@@ -205,7 +212,7 @@ def test_an_incomplete_column_is_left_out_and_said(tmp_path: Path, rubric: Rubri
 
 
 def test_points_above_the_maximum_are_said_with_what_moodle_does() -> None:
-    """Moodle imports nothing of such a table, so whose points they are is named."""
+    """The owners of points above the maximum are named; Moodle imports nothing of such a table."""
     plain = result_of(LAB, [1, 1])
     plain["adjustments"] = [
         {"kind": "bonus", "what": "x", "points": 3, "reason": "", "who": "", "when": ""}
@@ -270,7 +277,7 @@ def test_a_number_of_another_system_is_no_participant_of_moodle(
 
 
 def canvas_export(users: Iterable[User] = USERS) -> str:
-    """Give what Canvas' gradebook exports, with its line of possible points and one who has not handed in."""
+    """Give an export of Canvas' gradebook, with a line of possible points and an extra student."""
     lines = [
         "Student,ID,SIS User ID,SIS Login ID,Section,Lab 9 (4711)",
         "    Points Possible,,,,,100",
@@ -286,7 +293,10 @@ def canvas_export(users: Iterable[User] = USERS) -> str:
 def test_canvas_gradebook(
     class_list: str, column: str, number: str, tmp_path: Path, rubric: Rubric
 ) -> None:
-    """An existing column is filled by its heading, else a new one is made; the download alone says who is who."""
+    """An existing column is filled by its heading, else a new one is made.
+
+    The download alone suffices to find each student.
+    """
     given = graded("Canvas", tmp_path, rubric, class_list, column)
     returned = CLASS_EXPORTS["canvas"].render(given)
     scores = importers.canvas(returned.content, USERS, {"4711": "Lab 9", "4712": "Lab 10"})
@@ -357,7 +367,7 @@ MOODLE_EXPORT = (
 def test_what_a_grade_book_exports_is_a_class_list(
     system: str, exported: str, encoding: str, tmp_path: Path, rubric: Rubric
 ) -> None:
-    """Its ids, without what it writes before them, go into any other grade book."""
+    """Ids of an exported grade book, without its prefixes, go into any other grade book."""
     (tmp_path / "list").mkdir()
     listed = tmp_path / "list/class.csv"
     listed.write_text(exported, encoding=encoding)
@@ -391,7 +401,10 @@ def test_numbers_of_two_systems_are_not_taken_for_each_other(
 
 
 def test_all_of_a_team_get_what_one_of_them_handed_in(tmp_path: Path, rubric: Rubric) -> None:
-    """By the student who handed in, or by the team's name; of two who handed in, each keeps their own."""
+    """A team's members all get the points of its submission, found by student or team name.
+
+    Of two members with submissions of their own, each keeps the own points.
+    """
     listed = """name,student_id,team
 Ann,0001,Red
 Bob,0002,Red
@@ -419,7 +432,10 @@ Gus,0007,Green
 def test_a_team_is_not_given_the_number_of_one_of_its_members(
     tmp_path: Path, rubric: Rubric
 ) -> None:
-    """Canvas names a group's file after the group and one of it, whom nothing tells; each is found by their own ids."""
+    """Students are found by their own ids, not by the one in the name of a group's file.
+
+    Canvas names such a file after the group and one member, and does not say which.
+    """
     listed = "name,student_id,team\nMüller Änne,0012,Red\nO'Brien Bob,0013,Red\nÇelik Cem,00000000000000000014,Blue\n"
     sources = taken_in(tmp_path, rubric, ["red_12_890_lab.zip", "blue_13_891_lab.zip"], listed)
     returned = CLASS_EXPORTS["canvas"].render(given_back(tmp_path, reversed(sources)))
@@ -430,7 +446,7 @@ def test_a_team_is_not_given_the_number_of_one_of_its_members(
 def test_a_list_that_is_given_later_says_who_is_of_a_team_now(
     tmp_path: Path, rubric: Rubric
 ) -> None:
-    """Who has left it since has no share any more."""
+    """A member that left the team before the later list has no share any more."""
     names = ["submissions/ann/joint_publisher.py", "submissions/zoe/joint_publisher.py"]
     sources = taken_in(
         tmp_path, rubric, names, "name,student_id,team\nann,1,Red\nbob,2,Red\ncem,3,Red\n"
@@ -445,7 +461,7 @@ def test_a_list_that_is_given_later_says_who_is_of_a_team_now(
 def test_all_who_handed_in_together_on_gradescope_have_a_line(
     tmp_path: Path, rubric: Rubric
 ) -> None:
-    """Its file says who they are, with the ids that the university gave them."""
+    """Each member of a submission on Gradescope has a line, with the university's id."""
     folder = tmp_path / "download"
     for n in (1, 2):
         (folder / f"submission_{n}").mkdir(parents=True)
@@ -472,23 +488,9 @@ def one(person: Person, name: str = "ann") -> ClassEntry:
 TEXT = st.text(st.sampled_from("=+-@＝\t\r\n\"' ,;|#0a(9)[]<&\u202e\ufeffü"), max_size=12)
 
 
-@given(
-    st.lists(TEXT, min_size=7, max_size=7),
-    st.sampled_from(["moodle", "canvas", "blackboard", "brightspace"]),
-)
-def test_no_cell_is_a_formula_and_no_id_another(texts: list[str], form: str) -> None:
-    """Whatever a name or id is, the file can be read; by an id that is written, nobody else is found."""
-    who = Person(*texts)
-    returned = CLASS_EXPORTS[form].render(ReturnedClass([one(who)], Path()))
-    rows = list(csv.reader(io.StringIO(returned.content.decode(), newline="")))
-    assert not [
-        cell
-        for row in rows
-        for cell in row
-        if cell.startswith(("=", "+", "-", "@", "＝", "\t", "\r"))
-    ]
-    mark = "#" if form == "brightspace" else ""
-    exact = {
+def ids_of(who: Person, mark: str) -> dict[str, str]:
+    """Return the ids of a student, by the headings of all systems; Brightspace marks some of them."""
+    return {
         "Identifier": f"Participant {who.moodle}",
         "ID": who.canvas,
         "ID number": who.student_id,
@@ -498,6 +500,20 @@ def test_no_cell_is_a_formula_and_no_id_another(texts: list[str], form: str) -> 
         "SIS Login ID": who.login,
         "Email address": who.email,
     }
+
+
+@given(
+    st.lists(TEXT, min_size=7, max_size=7),
+    st.sampled_from(["moodle", "canvas", "blackboard", "brightspace"]),
+)
+def test_no_cell_is_a_formula_and_no_id_another(texts: list[str], form: str) -> None:
+    """Whatever a name or id is, the file can be read; by an id that is written, nobody else is found."""
+    who = Person(*texts)
+    returned = CLASS_EXPORTS[form].render(ReturnedClass([one(who)], Path()))
+    rows = list(csv.reader(io.StringIO(returned.content.decode(), newline="")))
+    for cell in itertools.chain(*rows):
+        assert not cell.startswith(("=", "+", "-", "@", "＝", "\t", "\r"))
+    exact = ids_of(who, mark="#" if form == "brightspace" else "")
     for row in rows[1:] if form != "canvas" else rows[2:]:
         keys = {
             heading: cell
@@ -538,7 +554,7 @@ def test_two_submissions_of_one_student_are_both_left_out() -> None:
 
 
 def test_the_comment_says_what_is_open_and_reads_as_no_markup() -> None:
-    """What is undecided is said, adjustments are, and the signs that some systems read as markup are others."""
+    """Undecided points and adjustments are listed, without signs of any system's markup."""
     plain = result_of(LAB, [None, 0.5])
     plain["criteria"][1]["checks"][0]["title"] = "<b>|error| & 3 ms"
     plain["adjustments"] = [

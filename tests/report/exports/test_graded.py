@@ -1,4 +1,4 @@
-"""What the exports read of `result.json`: all that they need, nothing that is not one, and what people decided."""
+"""The exports' view of `result.json`: complete data, sound places, and people's decisions."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from tests.report.exports.sample_results import (
 
 
 def test_points_are_read_as_they_are_written() -> None:
-    """Sums stay exact, and what is undecided is not lost."""
+    """Sums are exact, and undecided points are not lost."""
     graded = graded_of(read(every_outcome()))
     assert [graded.score.earned, graded.score.possible, graded.still_undecided, graded.final] == [
         Decimal(n) for n in ("7.5", "20", "5", "7.5")
@@ -53,7 +53,10 @@ def test_what_a_person_decided_is_neither_lost_nor_open() -> None:
 
 @pytest.mark.parametrize(("kind", "lost"), [("excused", 0), ("points", 3)])
 def test_a_criterion_that_a_person_decided_is_not_open(kind: str, lost: int) -> None:
-    """If all of it is excused, none of its checks loses points; else what each got is not known."""
+    """In an excused criterion no check loses points.
+
+    After another decision, the points of its single checks are unknown.
+    """
     plain = result(criterion("a", check("a.f", "failed", 0, 3), check("a.o", "inconclusive", 0, 2)))
     plain["adjustments"] = [{"kind": kind, "what": "a", "points": 5}]
     graded = graded_of(read(plain))
@@ -109,7 +112,7 @@ def test_what_is_no_result_is_refused(broken: dict[str, Any]) -> None:
 def test_a_file_is_in_the_repository_or_not_named(
     file: str, line: int, prefix: str, expected: Location | None
 ) -> None:
-    """Paths are those of the repository, never lead out of it, and can be shown as they are."""
+    """Paths are the repository's, never lead out of it, and can be shown as they are."""
     plain = result(
         criterion("a", check("a.f", "failed", 0, 3, where=[{"file": file, "line": line}]))
     )

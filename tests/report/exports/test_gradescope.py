@@ -19,8 +19,9 @@ from tests.report.exports.sample_results import (
 
 _FORMAT = {"enum": ["text", "simple_format", "html", "md", "ansi"]}
 _VISIBILITY = {"enum": ["hidden", "after_due_date", "after_published", "visible"]}
-#: "Autograder Specifications", output format: every key, and what it may be. A score is required on top, or on each
-#: test; a file without is no result: "The autograder failed to execute correctly".
+#: "Autograder Specifications", output format: every key, and its permitted values. A score is
+#: required on top, or on each test; a file without is no result: "The autograder failed to execute
+#: correctly".
 SCHEMA = {
     "type": "object",
     "additionalProperties": False,
@@ -68,7 +69,8 @@ def valid(plain: dict[str, Any]) -> dict[str, Any]:
     """Export, and return the data if they are valid."""
     data: dict[str, Any] = json.loads(exported("gradescope", plain))
     jsonschema.validate(data, SCHEMA)
-    # Where one test is not visible, Gradescope hides the total; and what is not plain text it would render.
+    # If one test is hidden, Gradescope hides the total; and any format but plain text would be
+    # rendered.
     assert {test["visibility"] for test in data["tests"]} | {data["visibility"]} == {"visible"}
     assert {test["output_format"] for test in data["tests"]} == {"text"}
     assert {data["output_format"], data["test_output_format"], data["test_name_format"]} == {"text"}
@@ -106,7 +108,7 @@ def test_what_is_undecided_is_said_and_neither_passed_nor_failed() -> None:
 
 
 def test_adjustments_are_in_the_total_and_reported() -> None:
-    """The total is what counts in the end, and the reader sees how it came about."""
+    """The total is final, and its adjustments are explained to the reader."""
     data = valid(adjusted_and_tampered())
     assert data["score"] == 11
     assert (
@@ -118,7 +120,7 @@ def test_adjustments_are_in_the_total_and_reported() -> None:
 
 
 def test_the_scores_of_real_results_add_up() -> None:
-    """Of a recording in which all is decided, the tests' points are the total, exactly."""
+    """The tests' points add up exactly to the total, for a recording without undecided points."""
     for name in ("solution", "wrong_topic", "signed_mean_statistics"):
         data = json.loads(exported("gradescope", of_recording(name)), parse_float=Decimal)
         decided = [test for test in data["tests"] if "score" in test]

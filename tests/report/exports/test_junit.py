@@ -1,4 +1,4 @@
-"""JUnit XML: what the schema of Jenkins' xUnit plugin and GitLab's parser require, and the right verdicts."""
+"""JUnit XML: requirements of Jenkins' xUnit schema and GitLab's parser, and the right verdicts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from tests.report.exports.sample_results import (
 )
 from tests.report.untrusted_texts import hostile
 
-#: Of junit-10.xsd: element -> (attributes that must be there, those that may be, elements within).
+#: From junit-10.xsd: element -> (required attributes, optional ones, elements within).
 _SCHEMA: dict[str, tuple[set[str], set[str], set[str]]] = {
     "testsuites": (set(), {"name", "time", "tests", "failures", "errors"}, {"testsuite"}),
     "testsuite": (
@@ -52,38 +52,52 @@ _TIME = re.compile(r"[0-9]{1,3}(,?[0-9]{3})*(\.[0-9]{0,3})?")
 
 
 def assert_valid(text: str) -> ElementTree.Element:
-    """Assert what the consumers require, and return the document's root."""
+    """Assert the consumers' requirements, and return the document's root."""
     root = ElementTree.fromstring(text.encode("utf-8"))
     assert root.tag == "testsuites"
     for element in root.iter():
-        needed, allowed, within = _SCHEMA[element.tag]
-        assert needed <= set(element.attrib) <= needed | allowed
-        assert {child.tag for child in element} <= within
-        assert _TIME.fullmatch(element.get("time", "0"))
-        # GitLab's parser converts the contents of an element by its `type`, and refuses some.
-        assert "type" not in element.attrib
+        assert_in_schema(element)
+    names = []
     for suite in root:
-        cases = suite.findall("testcase")
-        assert suite.get("tests") == str(len(cases))
-        assert suite.get("failures") == str(len(suite.findall("testcase/failure")))
-        assert suite.get("skipped") == str(len(suite.findall("testcase/skipped")))
-        assert suite.get("errors") == "0"
-        assert all(case.get("name") and case.get("classname") for case in cases)
-        # An element without contents becomes a mapping in GitLab, not a text.
-        assert all((told.text or "").strip() for case in cases for told in case)
+        assert_counts(suite)
+        for case in suite:
+            assert_case(case)
+            names.append((suite.get("name"), case.get("classname"), case.get("name")))
     # GitLab knows a case by these three, Jenkins by the last two.
-    names = [
-        (suite.get("name"), case.get("classname"), case.get("name"))
-        for suite in root
-        for case in suite
-    ]
     assert len(set(names)) == len(names)
     assert len({name[1:] for name in names}) == len(names)
     return root
 
 
+def assert_in_schema(element: ElementTree.Element) -> None:
+    """Assert that an element has the attributes and children of the schema."""
+    needed, allowed, within = _SCHEMA[element.tag]
+    assert needed <= set(element.attrib) <= needed | allowed
+    assert {child.tag for child in element} <= within
+    assert _TIME.fullmatch(element.get("time", "0"))
+    # GitLab's parser converts the contents of an element by its `type`, and refuses some.
+    assert "type" not in element.attrib
+
+
+def assert_counts(suite: ElementTree.Element) -> None:
+    """Assert that a suite counts its cases and their verdicts rightly."""
+    assert suite.get("tests") == str(len(suite.findall("testcase")))
+    assert suite.get("failures") == str(len(suite.findall("testcase/failure")))
+    assert suite.get("skipped") == str(len(suite.findall("testcase/skipped")))
+    assert suite.get("errors") == "0"
+
+
+def assert_case(case: ElementTree.Element) -> None:
+    """Assert that a case has its names, and a text in each verdict."""
+    assert case.get("name")
+    assert case.get("classname")
+    for told in case:
+        # An element without contents becomes a mapping in GitLab, not a text.
+        assert (told.text or "").strip()
+
+
 def test_checks_are_cases_and_criteria_suites() -> None:
-    """Lost points are failures with their proof, what is undecided is skipped, the rest passes."""
+    """Lost points are failures with their proof, undecided ones are skipped, all others pass."""
     root = assert_valid(exported("junit", every_outcome()))
     assert [suite.get("name") for suite in root] == ["Criterion a", "Criterion b"]
     verdicts = {case.get("name"): [told.tag for told in case] for case in root.iter("testcase")}
@@ -109,7 +123,7 @@ def test_checks_are_cases_and_criteria_suites() -> None:
 
 
 def test_the_graders_faults_are_never_failures() -> None:
-    """A result of which nothing could be decided has no failure and no error."""
+    """A result without any decided check has no failure and no error."""
     checks = [check(f"a.{n}", outcome, 0, 3) for n, outcome in enumerate(("inconclusive", "error"))]
     root = assert_valid(exported("junit", result(criterion("a", *checks))))
     assert (root.get("failures"), root.get("errors")) == ("0", "0")
@@ -158,7 +172,7 @@ def test_a_real_result_is_valid() -> None:
 @settings(suppress_health_check=[HealthCheck.too_slow])
 @given(hostile_results())
 def test_hostile_texts_are_only_text(plain: dict[str, object]) -> None:
-    """The document is valid, has the same elements, and nothing in which a system looks for references to files."""
+    """The document is valid, has the same elements, and holds no reference to a file."""
     root = assert_valid(exported("junit", plain))
     harmless = assert_valid(exported("junit", adjusted_and_tampered()))
     assert [element.tag for element in root.iter()] == [element.tag for element in harmless.iter()]
@@ -170,7 +184,7 @@ def test_hostile_texts_are_only_text(plain: dict[str, object]) -> None:
 @example("<!DOCTYPE x [<!ENTITY e SYSTEM 'file:///etc/passwd'>]>&e;")
 @example("a\nb\tc  d\r\ne\rf")
 def test_a_parser_gives_a_text_back(text: str) -> None:
-    """What a student wrote comes back as it is shown, in the contents of an element and in an attribute."""
+    """A student's text comes back as shown, from an element's contents and from an attribute."""
     root = assert_valid(
         exported("junit", result(criterion("a", check("a.f", "failed", 0, 3, reason=f"x {text}"))))
     )

@@ -62,7 +62,10 @@ def text_of(message: EmailMessage) -> str:
 
 
 def test_each_gets_a_mail_with_the_report(tmp_path: Path) -> None:
-    """Umlauts and commas in names arrive, the text says what was earned and what to fix first, the page is whole."""
+    """Each student gets a mail with points, first remedy and whole page, for any name.
+
+    Umlauts and commas in names arrive.
+    """
     entries = [
         entry(
             tmp_path,
@@ -85,22 +88,29 @@ def test_each_gets_a_mail_with_the_report(tmp_path: Path) -> None:
         "bob@uni.example",
         "cem@uni.example",
     ]
-    ann = messages[0]
-    assert ann["To"].addresses[0].display_name == "Müller, Änne"
-    assert (ann["From"], ann["Subject"], ann["X-Unsent"]) == (
-        "Lab <lab@uni.example>",
-        "Your report: Lab 1: Nodes",
-        "1",
-    )
-    assert "80 of 100 points." in text_of(ann)
-    assert "From the README nothing ran." in text_of(ann)
+    require_mail_to_ann(messages[0])
     assert {report_in(message) for message in messages} == {REPORT}
     assert (returned.count, returned.left_out) == (3, {})
     files = read_files(CLASS_EXPORTS["eml"].render(given).content)
     assert [*files] == ["ann.eml", "bob-1.eml", "bob-2.eml"]
-    assert [(m["To"], text_of(m), report_in(m)) for m in files.values()] == [
-        (m["To"], text_of(m), report_in(m)) for m in messages
-    ]
+    assert [*map(parts_of, files.values())] == [*map(parts_of, messages)]
+
+
+def require_mail_to_ann(message: EmailMessage) -> None:
+    """Fail unless the mail has its addresses, its subject, the points, and the first remedy."""
+    assert message["To"].addresses[0].display_name == "Müller, Änne"
+    assert (message["From"], message["Subject"], message["X-Unsent"]) == (
+        "Lab <lab@uni.example>",
+        "Your report: Lab 1: Nodes",
+        "1",
+    )
+    assert "80 of 100 points." in text_of(message)
+    assert "From the README nothing ran." in text_of(message)
+
+
+def parts_of(message: EmailMessage) -> tuple[str, str, str]:
+    """Return recipient, text and report of a mail."""
+    return message["To"], text_of(message), report_in(message)
 
 
 @pytest.mark.parametrize("form", ["mail", "eml"])
@@ -146,7 +156,7 @@ def test_who_has_no_address_is_named(address: str, tmp_path: Path) -> None:
 
 
 def test_without_a_report_there_is_no_mail(tmp_path: Path) -> None:
-    """A submission whose page was not written is named, and one that was not graded is not there."""
+    """A submission without a page is named, and one without a grading is left out."""
     bare = dataclasses.replace(
         entry(tmp_path, "ann", Person("Ann", email="a@b.example")), report=""
     )

@@ -1,4 +1,4 @@
-"""Exports as files: nothing is written through what a submission laid out, and gradings that run are followed."""
+"""Exports as files: links of a submission are not followed, and running gradings are."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def written(path: Path, exports: LiveExports, after: Callable[[], None] = lambda
 
 @pytest.fixture
 def results(tmp_path: Path) -> Path:
-    """Give the results folder of a grading of which no session has been recorded yet."""
+    """Give the results folder of a grading without a recorded session."""
     folder = tmp_path / "ann"
     recorded = [path.name for path in SOLUTION.iterdir() if path.is_dir()]
     shutil.copytree(SOLUTION, folder / RECORDINGS, ignore=shutil.ignore_patterns(*recorded))
@@ -120,7 +120,7 @@ def test_files_are_reported(tmp_path: Path) -> None:
 def test_a_running_grading_is_followed(
     results: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """When a session begins what is known is written, when it ends again, and in the end the result."""
+    """An export is written at the begin and the end of each session, and with the result."""
     # The working folder may be a submission: none of its files may be taken for a module of the grader's.
     (tmp_path / "json.py").write_text("raise SystemExit('taken for a module')", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
