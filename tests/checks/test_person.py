@@ -1,4 +1,4 @@
-"""What the rubric leaves to a person: written as `by: person`, open until somebody grades it, by levels."""
+"""Parts that the rubric leaves to a person: `by: person`, undecided until graded, by levels."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def rubric_with(folder: Path, criterion: dict[str, object]) -> Rubric:
 
 @pytest.mark.parametrize("whole", [True, False], ids=["a criterion", "a check"])
 def test_its_points_are_open_until_somebody_grades_it(tmp_path: Path, whole: bool) -> None:
-    """Undecided and not lost; the levels are what can be chosen; `set` decides."""
+    """The points are undecided and not lost; the levels are the choices, and `set` decides."""
     inner = {**CRITERION, "id": "design.why", "read": ["publisher"]}
     rubric = rubric_with(
         tmp_path,
@@ -91,7 +91,7 @@ def test_its_points_are_open_until_somebody_grades_it(tmp_path: Path, whole: boo
     ],
 )
 def test_mistakes_are_reported(tmp_path: Path, change: dict[str, object], words: str) -> None:
-    """Who grades it, levels, and misspelt keys."""
+    """Mistakes in `by`, in the levels and in keys are reported."""
     with pytest.raises(RubricError) as caught:
         rubric_with(tmp_path, {**CRITERION, **change})
     assert any(words in mistake for mistake in caught.value.mistakes)
