@@ -1,4 +1,4 @@
-"""Findings become points: they add up, what is undecided is never lost, and rounding is to tenths."""
+"""From findings to points: the sum, undecided points never lost, and rounding to tenths."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def test_halves_of_a_tenth_round_up(points: str, credit: str, earned: str) -> No
 
 
 def test_criteria_without_a_judged_check_are_left_out() -> None:
-    """Where only some sessions ran, only what they decide counts."""
+    """If only some sessions ran, only their checks count."""
     whole = rubric([[Decimal(2), Decimal(3)], [Decimal(5)]])
     criteria = score_criteria(whole.criteria, {"0.1": Finding(Outcome.PASSED, Decimal(1))}, {})
     assert [criterion.id for criterion in criteria] == ["0"]
@@ -135,7 +135,7 @@ def test_credit_is_a_share(share: float) -> None:
 
 @given(st.floats(0, 1), st.floats(0.01, 0.5), st.floats(0.01, 0.5))
 def test_a_ramp_falls_between_its_limits(value: float, full: float, width: float) -> None:
-    """It is 1 up to the first limit and 0 from the second."""
+    """The ramp is 1 up to the first limit and 0 from the second."""
     share = ramp(value, full, full + width)
     assert 0 <= share <= 1
     assert value > full or share == 1
