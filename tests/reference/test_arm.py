@@ -74,7 +74,7 @@ def posture(student: Listener, topic: str) -> Any:
 
 
 def near(student: Listener, targets: list[float]) -> bool:
-    """Tell whether the arm's latest positions are the targets, but for what its servos give way to its weight."""
+    """Return whether the arm's latest positions are the targets, within the sag by its weight."""
     return positions(student) == pytest.approx(targets, abs=5e-3)
 
 
