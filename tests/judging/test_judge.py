@@ -212,6 +212,34 @@ def test_a_check_that_breaks_costs_nothing(
     assert "ZeroDivisionError: inside" in reasons[0].reason
 
 
+def break_recording(folder: Path, how: str) -> None:
+    """Break the recording of a session in one of the ways tested below."""
+    record = read_session(folder)
+    if how == "without its folder":
+        shutil.rmtree(folder)
+    elif how == "cut off":
+        write_session(folder, dataclasses.replace(record, complete=False))
+    elif how == "with a problem":
+        problems = ["a reference node died"]
+        write_session(folder, dataclasses.replace(record, problems=problems))
+    else:
+        break_bag(next(folder.glob("*.mcap")), how)
+
+
+def break_bag(bag: Path, how: str) -> None:
+    """Remove a bag, cut it in half, or change eight bytes in its middle."""
+    if how == "without its bag":
+        bag.unlink()
+        return
+    data = bag.read_bytes()
+    middle = len(data) // 2
+    rest = b""
+    if how == "a damaged bag":
+        wrong = bytes(byte ^ 0xFF for byte in data[middle : middle + 8])
+        rest = wrong + data[middle + 8 :]
+    bag.write_bytes(data[:middle] + rest)
+
+
 @pytest.mark.parametrize(
     ("how", "session"),
     [
@@ -235,25 +263,7 @@ def test_a_broken_recording_costs_nothing(
     copy: Path, rubric: Rubric, session: str, how: str
 ) -> None:
     """A session that was cut off, disturbed or lost leaves its points undecided, and only those."""
-    record = read_session(copy / session)
-    if how == "without its folder":
-        shutil.rmtree(copy / session)
-    elif how == "without its bag":
-        next((copy / session).glob("*.mcap")).unlink()
-    elif how.endswith("bag"):
-        path = next((copy / session).glob("*.mcap"))
-        data = path.read_bytes()
-        middle = len(data) // 2
-        rest = b""
-        if how == "a damaged bag":
-            wrong = bytes(byte ^ 0xFF for byte in data[middle : middle + 8])
-            rest = wrong + data[middle + 8 :]
-        path.write_bytes(data[:middle] + rest)
-    else:
-        change = (
-            {"complete": False} if how == "cut off" else {"problems": ["a reference node died"]}
-        )
-        write_session(copy / session, dataclasses.replace(record, **change))
+    break_recording(copy / session, how)
     recordings = open_recordings(copy, rubric)
     result = judge(recordings, rubric)
     own = [spec for spec in rubric.checks() if spec.session == session]

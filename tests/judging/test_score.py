@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from decimal import Decimal
+from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -65,26 +68,30 @@ def test_what_is_undecided_is_neither_earned_nor_lost(points: Decimal, finding: 
         assert result.undecided == 0
 
 
+def sum_of(figure: str, parts: Iterable[object]) -> Decimal:
+    """Return the sum of a figure over checks or criteria."""
+    return sum(map(attrgetter(figure), parts), Decimal(0))
+
+
 @given(
     st.lists(st.lists(st.tuples(POINTS, FINDINGS), min_size=1, max_size=6), min_size=1, max_size=6)
 )
 def test_points_add_up(table: list[list[tuple[Decimal, Finding]]]) -> None:
     """Checks add up to criteria and criteria to the score, to the last tenth."""
-    whole = rubric([[points for points, _ in row] for row in table])
-    findings = {
-        f"{n}.{m}": finding for n, row in enumerate(table) for m, (_, finding) in enumerate(row)
-    }
+    rows: list[list[Decimal]] = []
+    findings: dict[str, Finding] = {}
+    for n, row in enumerate(table):
+        rows.append([points for points, _ in row])
+        for m, (_, finding) in enumerate(row):
+            findings[f"{n}.{m}"] = finding
+    whole = rubric(rows)
     criteria = score_criteria(whole.criteria, findings, {})
     score = total(criteria)
-    checks = [check for criterion in criteria for check in criterion.checks]
+    checks = list(chain.from_iterable(criterion.checks for criterion in criteria))
     assert len(checks) == len(findings)
-    assert score.possible == whole.lab.points == sum(check.possible for check in checks)
-    assert (
-        score.earned
-        == sum(criterion.earned for criterion in criteria)
-        == sum(check.earned for check in checks)
-    )
-    assert score.undecided == sum(check.undecided for check in checks)
+    assert score.possible == whole.lab.points == sum_of("possible", checks)
+    assert score.earned == sum_of("earned", criteria) == sum_of("earned", checks)
+    assert score.undecided == sum_of("undecided", checks)
     assert score.earned + score.undecided <= score.possible
 
 
