@@ -60,7 +60,7 @@ def simulate(
     running: list[Piece] = []
     now_s = idle = admitted_s = 0.0
     while waiting or open_pieces:
-        while waiting and len(under_way) < most:
+        for _ in range(min(len(waiting), most - len(under_way))):
             under_way.append(waiting.pop())
             _next(under_way[-1], open_pieces, ready)
         has_room = now_s - admitted_s > ROOM_S and idle > ROOM_SHARE

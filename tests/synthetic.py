@@ -1,4 +1,4 @@
-"""Recordings made by hand, for tests of what judges them: no ROS is needed, and every number is known.
+"""Recordings made by hand, for tests of judging: without ROS, and with known numbers.
 
 They are written to disk and read back as real ones are.
 """
@@ -180,9 +180,9 @@ class Session:
         times_s: Iterable[float],
         lag_s: float = 0.0,
     ) -> Session:
-        """Record messages of any type of ROS by their fields, received so long after they were published.
+        """Record messages of any ROS type by their fields, received a time after their publication.
 
-        What is not given is 0, empty or false; numbers of an array are a list.
+        Fields left out are 0, empty or false; numbers of an array are a list.
         """
         store = get_typestore(Stores.ROS2_JAZZY)
         definition = MessageDefinition("ros2msg", store.generate_msgdef(kind, ros_version=2)[0])
@@ -281,7 +281,7 @@ class Session:
         return self.step("observe", label, opened_ns=at(start_s), closed_ns=at(end_s))
 
     def claim(self, kind: str, name: str, line: int = 7, qos: Qos | None = None) -> Session:
-        """Add what the tap noted of a call."""
+        """Add the tap's note about a call."""
         self.record.claims.append(Claim("it", kind, name, file="it.py", line=line, qos=qos))
         return self
 

@@ -119,7 +119,7 @@ def test_a_defect_of_the_grader_is_no_low_score(
 
 
 def test_a_reader_that_leaves_changes_no_result(tmp_path: Path) -> None:
-    """With `grade ... | head` the results are written, and the status is that of the grading."""
+    """With `grade ... | head` the results are written, and the exit status is the grading's."""
     results = results_of("wrong_topic", tmp_path)
     command = [sys.executable, "-m", "grader.cli", "regrade", str(results)]
     reader, writer = os.pipe()

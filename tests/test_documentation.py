@@ -1,4 +1,4 @@
-"""What the documentation says is true: its commands, options, files, and examples of a rubric and of Python."""
+"""Truth of the documentation: commands, options, files, and examples of a rubric and of Python."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ OTHERS = {
     "--strict",
 }
 OTHERS |= {"--scheduler-file", "--plain", "--network"}
-#: Folders of the repository; what is set as code and lies in one has to be there.
+#: Folders of the repository; a path into one of them, set as code, must exist.
 FOLDERS = (
     "confine",
     "grader",
@@ -69,7 +69,7 @@ def options(*command: str) -> set[str]:
 
 
 def wrong_options(line: str) -> set[str]:
-    """Give what a command line with `grade` asks for that there is not."""
+    """Return the options of a command line with `grade` that do not exist."""
     words = shlex.split(line, comments=True)[1:]
     command = words[:1] if words[:1] and words[0] in COMMANDS else ["grade"]
     # A command may have commands of its own, which argparse lists.
@@ -177,7 +177,7 @@ def test_names_of_the_code_that_developers_are_shown_are_there() -> None:
 
 @named
 def test_examples_in_python_and_yaml_can_be_read(page: Path) -> None:
-    """They are valid as they stand."""
+    """The examples are valid as printed."""
     for block in blocks(page, "python"):
         ast.parse(block.text)
     for block in blocks(page, "yaml"):
@@ -232,7 +232,7 @@ def test_the_examples_of_a_labs_code_can_be_named_by_a_rubric(tmp_path: Path) ->
 
 
 def test_the_example_of_an_oracle_gives_what_it_says() -> None:
-    """It is called as a check calls it."""
+    """The example is called as a check calls it."""
     (block,) = (
         block
         for block in blocks(ROOT / "docs/lab-code.md", "python")

@@ -10,10 +10,10 @@ import pytest
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
-#: Not the engine: a lab to be changed, and that by which `grade doctor` examines a machine.
+#: Outside the engine: the template of a lab, and the lab that `grade doctor` uses.
 LABS_OF_ITS_OWN = (ROOT / "grader/lab/template", ROOT / "grader/doctor/lab")
 RUBRICS = [ROOT / "rubric.yaml", *sorted(ROOT.glob("labs/*/rubric.yaml"))]
-#: What ROS itself names.
+#: Names that belong to ROS.
 OF_ROS = {"/tf", "/tf_static", "/clock", "/rosout"}
 #: Where a lab gives its names: keys of steps, checks and figures.
 _NAMING = {
@@ -49,7 +49,7 @@ def names_in(part: Any, key: str = "") -> set[str]:
 
 
 def names_of(rubric: Path) -> set[str]:
-    """Give the names of a lab: its id, and what its rubric, its nodes and its oracles name."""
+    """Return the names of a lab: its id, and the names in its rubric, nodes and oracles."""
     plain = yaml.safe_load(rubric.read_text(encoding="utf-8"))
     names = names_in({key: plain[key] for key in ("sessions", "criteria", "artifacts")}) | names_in(
         plain.get("bonus")
@@ -79,7 +79,7 @@ def test_no_line_of_the_engine_names_a_lab(rubric: Path) -> None:
 
 
 def test_a_name_would_be_found() -> None:
-    """Frames, joints, topics, nodes and files of both labs are among what is looked for."""
+    """Frames, joints, topics, nodes and files of both labs are among the searched names."""
     first, second = (names_of(rubric) for rubric in RUBRICS[:2])
     assert {
         "09-01",

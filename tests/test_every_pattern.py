@@ -30,7 +30,7 @@ FUNCTIONS = {
 CHARACTERS = 3000
 #: Less is no wait, and too little to be compared: a pattern takes it for every fourth pair of characters.
 SOON_S = 0.0025
-#: How many times longer four times the text may take: 4 where it is linear, 16 where it is the square.
+#: Limit of the ratio of times for a fourfold text: 4 for linear time, 16 for quadratic.
 MOST_TIMES = 9.0
 #: In each, a part of them is tried.
 PROCESSES = 12
@@ -48,7 +48,10 @@ class Use:
 
 
 class _Names(dict[str, Any]):
-    """Names as far as they can be known without running anything; what is not known may be any word."""
+    """Names as far as they can be known without running anything.
+
+    An unknown name may be any word.
+    """
 
     def __init__(self, module: Mapping[str, Any]) -> None:
         super().__init__()
@@ -80,7 +83,7 @@ def uses() -> Iterator[Use]:
             for node in _passed(call, tree):
                 with suppress(
                     AttributeError, TypeError
-                ):  # It comes from elsewhere: from a file, or out of an object.
+                ):  # The pattern comes from elsewhere: from a file, or out of an object.
                     flags = int(_value(given[0], names)) if given else 0
                     yield Use(place, _value(node, names), flags, _how(call, tree, everything))
 
@@ -97,7 +100,7 @@ def _around(call: ast.Call, tree: ast.Module) -> list[ast.FunctionDef]:
 
 
 def _passed(call: ast.Call, tree: ast.Module) -> list[ast.expr]:
-    """Return what stands for a call's pattern; for a function's parameter, what the function is called with."""
+    """Return the pattern of a call; for a parameter of the function, the arguments of its calls."""
     pattern = call.args[0]
     for node in _around(call, tree):
         names = [argument.arg for argument in node.args.args]
@@ -124,7 +127,7 @@ def _value(node: ast.expr, names: _Names) -> Any:
 
 
 def _constants(tree: ast.Module) -> Mapping[str, Any]:
-    """Return what a module imports, and its constants as far as they need nothing else of it."""
+    """Return a module's imports, and its constants as far as they depend on nothing else in it."""
     module: dict[str, Any] = {}
     for node in tree.body:
         if isinstance(node, (ast.Import, ast.ImportFrom, ast.Assign, ast.AnnAssign)):
@@ -134,7 +137,7 @@ def _constants(tree: ast.Module) -> Mapping[str, Any]:
 
 
 def _names_at(call: ast.Call, tree: ast.Module, module: Mapping[str, Any]) -> _Names:
-    """Return what is known at a call: the module's constants, and what its function assigns before it."""
+    """Return the known names at a call: module constants, and earlier ones of its function."""
     names = _Names(module)
     for node in _around(call, tree):
         for inner in ast.walk(node):
@@ -147,7 +150,7 @@ def _names_at(call: ast.Call, tree: ast.Module, module: Mapping[str, Any]) -> _N
 
 
 def _how(call: ast.Call, tree: ast.Module, everything: str) -> frozenset[str]:
-    """Return the functions by which a pattern is used; all that look anywhere, where this cannot be told."""
+    """Return the functions that use a pattern; both matching functions if this cannot be told."""
     if (function := _function(call)) != "compile":
         return frozenset({function})
     named = [
@@ -161,7 +164,7 @@ def _how(call: ast.Call, tree: ast.Module, everything: str) -> frozenset[str]:
 
 
 def slowness(use: Use) -> str:
-    """Say for which text a pattern takes too long; nothing if there is none."""
+    """Return a description of a text that makes a pattern too slow; empty if there is none."""
     compiled = re.compile(use.pattern, use.flags)
     for begin, again, end in hard_texts(use.pattern, use.flags):
         text, quarter = (
@@ -181,7 +184,7 @@ def slowness(use: Use) -> str:
 
 
 def slow_ones(uses: Sequence[Use]) -> list[str]:
-    """Say which patterns take too long for which text."""
+    """Return a description of each slow pattern and its text."""
     return [_describe(use, told) for use in uses if (told := slowness(use))]
 
 
@@ -201,7 +204,7 @@ def _took_s(compiled: re.Pattern[str], how: str, text: str) -> float:
 
 
 def test_no_pattern_takes_longer_than_its_text_is_long() -> None:
-    """What a text of 3,000 characters that is hardest for a pattern takes is no more than that of a few quarters."""
+    """The hardest text of 3,000 characters takes no longer than a few texts of 750."""
     found = list({(use.pattern, use.flags, use.how): use for use in uses()}.values())
     assert len(found) > 150
     slow, parts = [], [found[n::PROCESSES] for n in range(PROCESSES)]
@@ -217,7 +220,7 @@ def test_no_pattern_takes_longer_than_its_text_is_long() -> None:
 
 
 def test_slow_patterns_are_noticed() -> None:
-    """What is known to grow too fast is found to do so: by the square, and without end."""
+    """Patterns known to be slow are found: quadratic ones and exponential ones."""
     for pattern, how in (
         (r"\s+$", "search"),
         (r"(\w*)*\d", "match"),

@@ -30,7 +30,8 @@ pytestmark = pytest.mark.slow
 NAMES = ("best_effort", "reliable")
 PARTS = words.Terms.of(("publisher", "subscriber"), 3)
 PYTHON = "<package><name>p</name><export><build_type>ament_python</build_type></export></package>"
-#: Limit far above the time of any of these, noise included, and far below that of a quadratic reader.
+#: Limit far above the time of any of these texts, noise included, and far below a quadratic
+#: reader's.
 MOST_S = 10.0
 
 

@@ -92,10 +92,10 @@ def test_packages_of_any_text(place: str, text: str, rubric: Rubric, tmp_path: P
 
 @pytest.mark.parametrize("text", CHOSEN)
 def test_judging_any_text(text: str, solution: Recordings, rubric: Rubric) -> None:
-    """No check breaks on a source or README of any text, and what is not read off them is judged as before.
+    """No check breaks on a source or README of any text, and other judgements do not change.
 
-    The checks of the other sessions read no text where all went well, and their arithmetic takes most of the time. A
-    README, a source and a launch file are all that is read in a way of its own.
+    The checks of the other sessions read no text if all went well, and their arithmetic takes most
+    of the time. Only a README, a source and a launch file have readers of their own.
     """
     submission = solution.submission
     texts = {

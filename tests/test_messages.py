@@ -1,4 +1,4 @@
-"""What people read, and what the code's names are made of: no word of our own stands where the field has one."""
+"""Messages to people, and names in the code, use the terms of the field instead of our own."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ NOT_SAID = {
     r"(?<!there )\bis no (number|result|type|time|valid)\b|\bno launch plan\b": "is not a",
     r"\bparcels?\b|\btrials?\b|\bcautions?\b": "bundle, selftest run, warning",
 }
-#: Parts of names that stand for a concept which has a word of the field's; some are a name in what is recorded.
+#: Parts of names for concepts with an established term; some name a key in recordings.
 NOT_NAMED = {
     "handed": "source",
     "told": "reported",
@@ -63,7 +63,7 @@ def messages() -> list[Any]:
 
 
 def test_messages_of_every_kind_are_listed(messages: list[Any]) -> None:
-    """Those of modules, tables, the rubric, pages and their scripts: one of each is there."""
+    """Messages of modules, tables, the rubric, pages and their scripts: one of each is listed."""
     kinds = {Path(message.path).suffix for message in messages}
     assert kinds >= {".py", ".yaml", ".j2", ".js"}
     texts = {message.text for message in messages}
@@ -74,12 +74,12 @@ def test_messages_of_every_kind_are_listed(messages: list[Any]) -> None:
 
 @pytest.mark.parametrize("words", NOT_SAID, ids=list(NOT_SAID.values()))
 def test_no_message_has_a_word_of_our_own(words: str, messages: list[Any]) -> None:
-    """Where the field has a word, it is used: the id of the case is what to write instead."""
+    """The established term is used; the id of the case gives it."""
     found = re.compile(words, re.IGNORECASE)
     assert not [str(message) for message in messages if found.search(message.text)]
 
 
-#: What a line defines: a function or class, a variable or field, a parameter.
+#: Names defined in a line: functions and classes, variables and fields, parameters.
 _DEFINED = re.compile(
     r"^ *(?:async )?(?:def|class) (\w+)|^ *(?:self\.)?(\w+)(?:: [^=\n]+)? = |[(,] *(\w+): ",
     re.MULTILINE,
@@ -87,7 +87,7 @@ _DEFINED = re.compile(
 
 
 def test_no_name_has_a_word_of_our_own() -> None:
-    """What is defined in the grader is called as the glossary has it."""
+    """Names defined in the grader use the terms of the glossary."""
     wrong = []
     for path in modules():
         names = {

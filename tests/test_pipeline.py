@@ -121,7 +121,7 @@ def test_another_rubric_changes_the_points(results: Path) -> None:
 
 
 def test_a_broken_rubric_leaves_the_old_result(results: Path) -> None:
-    """What cannot be judged leaves what was written before as it is."""
+    """A rubric that cannot be read leaves all earlier files unchanged."""
     regraded(results)
     before = written(results)
     broken = results.parent / "broken.yaml"
@@ -166,7 +166,7 @@ def options(sessions: list[str] | None) -> pipeline.Options:
 
 
 def test_sessions_without_their_file_do_not_run(rubric: Rubric) -> None:
-    """Only what was handed in is started."""
+    """Only sessions of submitted files are started."""
     assert pipeline.chosen_sessions(rubric, options(None), submission("publisher", "qos")) == [
         "publisher",
         "qos",
@@ -226,7 +226,10 @@ def test_a_recording_that_leaves_more_undecided_does_not_take_the_place_of_anoth
 def test_a_session_is_recorded_again_until_its_checks_are_decided(
     results: Path, rubric: Rubric
 ) -> None:
-    """The first retry that decides them counts; what it replaced is gone, and no session is recorded once more."""
+    """The first retry that decides the checks counts.
+
+    The replaced recording is gone, and nothing is recorded again.
+    """
     recordings, sound = results / result_folder.RECORDINGS, results / "sound"
     shutil.copytree(recordings / "publisher", sound)
     write_session(
@@ -248,7 +251,10 @@ def test_a_session_is_recorded_again_until_its_checks_are_decided(
 
 
 def test_the_result_of_the_submission_before_is_found(tmp_path: Path) -> None:
-    """It is the newest of another submission; the same one graded again keeps what it was compared with."""
+    """The newest result of another submission is found.
+
+    A regraded one keeps its earlier comparison.
+    """
 
     def keep(path: Path, of: str) -> str:
         path.parent.mkdir(parents=True, exist_ok=True)

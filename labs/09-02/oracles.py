@@ -11,7 +11,7 @@ LINKS = {
     "upper_arm_link": ("turret_link", (0.05, 0.0, 0.15), "shoulder_joint", (0.0, 1.0, 0.0)),
     "forearm_link": ("upper_arm_link", (0.0, 0.0, 0.40), "elbow_joint", (0.0, 1.0, 0.0)),
 }
-#: Of the camera in forearm_link: where it lies in m; roll, pitch and yaw in degrees.
+#: The camera in forearm_link: position in m; roll, pitch and yaw in degrees.
 CAMERA_XYZ, CAMERA_RPY_DEG = (0.08, 0.02, 0.25), (10.0, 40.0, -25.0)
 #: Joint -> middle and amplitude of its swing in rad, and its period in ns.
 SWINGS = {
@@ -20,7 +20,7 @@ SWINGS = {
     "elbow_joint": (0.9, 0.5, 4_000_000_000),
 }
 GRIPPER = "gripper_joint"
-#: The order in which the joints stand in a message.
+#: The order of the joints in a message.
 IN_MESSAGES = ("elbow_joint", GRIPPER, "shoulder_joint", "turret_joint")
 
 
@@ -70,7 +70,7 @@ def product(p, q):
 
 
 def within(outer, inner):
-    """Give the pose of what has the pose `inner` in a frame that has the pose `outer`."""
+    """Return the pose of an inner frame, given within `outer`, in the parent frame of `outer`."""
     (at, turn), (x, y, z) = outer, inner[0]
     moved = product(product(turn, (x, y, z, 0.0)), (-turn[0], -turn[1], -turn[2], turn[3]))[:3]
     return tuple(a + b for a, b in zip(at, moved, strict=True)), product(turn, inner[1])
@@ -110,10 +110,10 @@ def camera_in_base(angles):
 
 
 def link(streams, parameters, seed):
-    """Where a link is in its parent at the stamps of its transforms.
+    """Return a link's poses in its parent at the stamps of its transforms.
 
-    With `late_s` what is sent where the stamp is that of the sending; with `by_order` what is sent where joints are
-    taken by their place in the message.
+    With `late_s`, the poses of a node that stamps with the time of sending; with `by_order`, of one
+    that takes joints by their place in the message.
     """
     late_ns = round(parameters.get("late_s", 0.0) * 1e9)
     rows = []

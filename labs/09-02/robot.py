@@ -16,17 +16,18 @@ from tf2_msgs.msg import TFMessage
 
 from grader.reference_node import reference_node, run, sleep_until
 
-#: It acts so often: joint states at each second of these ticks, a target at each fourth, between two joint states.
+#: Rates: joint states at every second of these ticks, a target at every fourth, between two joint
+#: states.
 TICKS_HZ, JOINTS_EVERY, TARGET_EVERY = 100, 2, 4
 #: Targets come once the frames of their times have been heard.
 FIRST_TARGET = 60
-#: How old what was measured is when it arrives.
+#: Age of a measurement at its arrival.
 JOINTS_LATE_NS, TARGET_LATE_NS = 40_000_000, 100_000_000
 
 
 @dataclass(frozen=True)
 class Settings:
-    """What it publishes."""
+    """Messages that the node publishes."""
 
     joints: bool = False
     frames: bool = False
@@ -75,6 +76,34 @@ def target_pose(oracles, seed, time_ns):
     return message
 
 
+class Publishers:
+    """Publishers of the messages that the settings ask for; None for all others."""
+
+    def __init__(self, reference, configuration, settings):
+        def opened(kind, name, qos=10):
+            return reference.open_publisher(kind, configuration.name(name), qos)
+
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.joints = opened(JointState, "/joint_states") if settings.joints else None
+        self.moving = opened(TFMessage, "/tf") if settings.frames else None
+        self.fixed = opened(TFMessage, "/tf_static", latched) if settings.frames else None
+        self.target = opened(PoseStamped, "/target") if settings.target else None
+
+
+def publish_tick(publishers, oracles, seed, tick):
+    """Publish the messages due at a tick."""
+    now_ns = time.time_ns()
+    measured_ns = now_ns - JOINTS_LATE_NS
+    joints_due = tick % JOINTS_EVERY == 0
+    target_due = tick > FIRST_TARGET and tick % TARGET_EVERY == 1
+    if publishers.joints and joints_due:
+        publishers.joints.publish(joint_state(oracles, seed, measured_ns))
+    if publishers.moving and joints_due:
+        publishers.moving.publish(links(oracles, seed, measured_ns))
+    if publishers.target and target_due:
+        publishers.target.publish(target_pose(oracles, seed, now_ns - TARGET_LATE_NS))
+
+
 def play(configuration, settings, stop):
     """Publish until a stop is requested."""
     # `python -I` leaves the script's own folder off the path.
@@ -83,34 +112,19 @@ def play(configuration, settings, stop):
 
     seed = configuration.seed
     with reference_node("robot") as reference:
-
-        def opened(kind, name, qos=10):
-            return reference.open_publisher(kind, configuration.name(name), qos)
-
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        joints = opened(JointState, "/joint_states") if settings.joints else None
-        moving = opened(TFMessage, "/tf") if settings.frames else None
-        fixed = opened(TFMessage, "/tf_static", latched) if settings.frames else None
-        target = opened(PoseStamped, "/target") if settings.target else None
+        publishers = Publishers(reference, configuration, settings)
         print("ready", flush=True)
 
         def heard(publisher):
             return publisher.subscription_count > configuration.subscriptions.get(publisher.topic, 0)
 
         reference.wait_until_recorded(stop, 5, heard)
-        if fixed:
+        if publishers.fixed:
             mount = filled(TransformStamped(), "forearm_link", "camera_link", time.time_ns(), oracles.camera())
-            fixed.publish(TFMessage(transforms=[mount]))
+            publishers.fixed.publish(TFMessage(transforms=[mount]))
         start_ns, tick = time.monotonic_ns(), 0
         while not stop:
-            now_ns = time.time_ns()
-            measured_ns = now_ns - JOINTS_LATE_NS
-            if joints and tick % JOINTS_EVERY == 0:
-                joints.publish(joint_state(oracles, seed, measured_ns))
-            if moving and tick % JOINTS_EVERY == 0:
-                moving.publish(links(oracles, seed, measured_ns))
-            if target and tick > FIRST_TARGET and tick % TARGET_EVERY == 1:
-                target.publish(target_pose(oracles, seed, now_ns - TARGET_LATE_NS))
+            publish_tick(publishers, oracles, seed, tick)
             tick += 1
             sleep_until(start_ns + round(tick / TICKS_HZ * 1e9), stop)
 

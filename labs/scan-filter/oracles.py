@@ -1,4 +1,4 @@
-"""What is right, computed from the scans."""
+"""Right answers, computed from the scans."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Ratios and spreads of what was measured."""
+"""Ratios and spreads of measurements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long classes take by the scheduler's rules."""
+"""Durations of class runs under the scheduler's rules."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def test_with_one_slot_one_thing_follows_another() -> None:
 
 
 def test_cores_that_are_all_in_use_bound_a_class() -> None:
-    """What computes all the time is done no faster by more slots, and twice as fast by twice the cores."""
+    """More slots do not speed up programs that always compute; twice the cores halve the time."""
     busy = [Piece("busy", 4.0, 4.0)]
     one, more, twice = (simulate(20, busy, *given) for given in ((2, 2, 1), (8, 8, 1), (8, 8, 2)))
     assert one == pytest.approx(more, rel=0.05)

@@ -47,7 +47,7 @@ def test_a_check_decided_in_two_ways_is_named() -> None:
 
 
 def test_collected_gradings_are_read_back(tmp_path: Path) -> None:
-    """What was written by one run is taken up by the next; no file is no gradings."""
+    """A run continues from the gradings of an earlier run; a missing file holds none."""
     file = tmp_path / "collected.jsonl"
     assert read(file) == []
     file.write_text(
@@ -81,7 +81,7 @@ def test_a_results_folder_is_read(tmp_path: Path) -> None:
     )
 
 
-# A process whose child tells when it did not run for 4 ms.
+# A process with a child that reports each pause longer than 4 ms.
 _CHILD = """
 import subprocess, sys
 late = '''
@@ -98,7 +98,7 @@ print(subprocess.run([sys.executable, '-c', late], capture_output=True, text=Tru
 
 
 def test_a_host_takes_time_from_what_was_started_and_gives_it_back() -> None:
-    """What a child has started stands still for a notable share of the time, and goes on afterwards."""
+    """Processes started by a child pause for a notable share of the time, and resume afterwards."""
     with LOADS["stolen"]():
         said = subprocess.run(
             [sys.executable, "-c", _CHILD], capture_output=True, text=True, check=True, timeout=60

@@ -23,7 +23,7 @@ def test_each_changes_one_file_of_the_solution(tmp_path: Path) -> None:
 
 
 def test_only_what_is_asked_for_is_written(tmp_path: Path) -> None:
-    """What an earlier call wrote is gone."""
+    """The submissions of an earlier call are removed."""
     write(tmp_path / "class")
     write(tmp_path / "class", ["jitter_2_ms"])
     assert [p.name for p in (tmp_path / "class").iterdir()] == ["jitter_2_ms"]

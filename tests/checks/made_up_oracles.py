@@ -1,4 +1,4 @@
-"""Oracles for tests of what compares with them."""
+"""Oracles for tests of checks that compare with oracles."""
 
 from __future__ import annotations
 

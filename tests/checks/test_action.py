@@ -77,7 +77,7 @@ def offering(folder: Path, name: str = NAME, kind: str = KIND, node: str = "/stu
 
 
 def finding(folder: Path, part: str, wanted: dict[str, Any], *goals: dict[str, Any]) -> Finding:
-    """Judge one part by what came of the goals of one step; another goal was accepted, and another rejected."""
+    """Judge one part by the goals of one step, after an accepted and a rejected goal."""
     session = sent(sent(offering(folder), "yes", GOOD), "no", REJECTED)
     return judged(
         "action_server", {**ABOUT, part: {"step": "it", **wanted}}, sent(session, "it", *goals)
@@ -134,7 +134,7 @@ def test_a_server_that_was_asked_for_and_never_seen_is_undecided(tmp_path: Path)
 
 
 def test_a_fault_of_the_server_itself_points_at_its_line(tmp_path: Path) -> None:
-    """What is lost by what the callbacks do is shown by the goal."""
+    """A loss caused by the callbacks points at the goal, and a loss of the server at its line."""
     session = sent(
         sent(offering(tmp_path).claim("action", NAME), "it", GOOD), "no", REJECTED
     ).recorded()
@@ -150,7 +150,7 @@ def test_a_fault_of_the_server_itself_points_at_its_line(tmp_path: Path) -> None
 
 
 def test_goals_are_accepted_and_rejected(tmp_path: Path) -> None:
-    """The right answers earn all, and what was measured says how soon they came."""
+    """Right answers earn full credit, and the measurement gives the time to the answer."""
     assert (
         finding(tmp_path / "1", "accepted", {}, GOOD).measured
         == "goal order=5 accepted after 3.0 ms"
@@ -233,7 +233,7 @@ def test_a_goal_that_is_answered_is_judged_whatever_became_of_earlier_ones(tmp_p
 
 
 def test_goals_to_another_action_prove_nothing(tmp_path: Path) -> None:
-    """That one answers is not this one's doing; that it does not is not its fault."""
+    """An answer of another server earns nothing here, and its silence costs nothing."""
     other = sent(sent(offering(tmp_path), "other", GOOD), "silent", SILENT)
     for step in other.record.steps:
         step.parameters["action"] = "/other"
@@ -290,7 +290,7 @@ def test_feedback_is_judged_by_number_rate_and_order(
 
 
 def test_a_number_that_falls_once_does_not_rise(tmp_path: Path) -> None:
-    """One message that goes back is enough, and what is not a number does not rise."""
+    """A single decrease is enough, and a value that is not a number does not rise."""
     unknown = [{"t_ns": at(1.0 + n), "values": {"share": math.nan}} for n in range(4)]
     assert (
         finding(
@@ -345,7 +345,7 @@ def test_results_are_compared_value_by_value(
 
 
 def test_an_empty_result_is_told_so(tmp_path: Path) -> None:
-    """Nothing but zeros in what was to be filled in."""
+    """A result of zeros or empty fields gets the hint to fill in the fields."""
     empty = {**GOOD, "result": {"sequence": []}}
     assert (
         "Fill in the fields"
@@ -379,7 +379,7 @@ def test_a_result_that_never_came_is_not_an_end_that_never_came(tmp_path: Path) 
 def test_who_forgets_to_succeed_is_told_so(
     tmp_path: Path, printed: str, words: str, hint: str
 ) -> None:
-    """What rclpy prints says which mistake it is."""
+    """The output of rclpy tells the mistake."""
     session = (
         Session(tmp_path)
         .process(lines=[printed])
@@ -429,7 +429,10 @@ def test_who_forgets_to_succeed_is_told_so(
 def test_cancelling_is_judged_by_answer_time_and_status(
     tmp_path: Path, goal: dict[str, Any], credit: str, words: str
 ) -> None:
-    """In time and as canceled it earns all; each of the two alone a part; known mistakes are told by what was seen."""
+    """A timely cancellation with status CANCELED earns full credit.
+
+    Each half alone earns a part, and known mistakes are named from the recording.
+    """
     found = finding(tmp_path, "cancelled", {}, goal)
     assert found.credit == Decimal(credit)
     assert words in found.reason
@@ -497,7 +500,7 @@ def test_preempting_is_judged_by_both_goals(
 
 
 def test_who_never_succeeds_is_not_charged_for_the_newer_goal(tmp_path: Path) -> None:
-    """That costs where the status of a goal is asked for."""
+    """A wrong status costs points only in the part that asks for the status."""
     session = sent(
         offering(tmp_path), "it", {**GOOD, "status": "aborted"}, {**NEWER, "status": "aborted"}
     )
@@ -541,7 +544,10 @@ def test_what_the_machine_may_have_delayed_is_undecided(
 def test_a_goal_that_the_grader_asked_to_end_too_late_is_undecided(
     tmp_path: Path, part: str
 ) -> None:
-    """It was under way when that was due, and the machine delayed who was to ask; without a delay it costs."""
+    """A late cancellation or newer goal is undecided if the machine delayed the grader.
+
+    Without such a delay the goal costs points.
+    """
     for delays, outcome in (((), Outcome.FAILED), (((1.05, 0.45),), Outcome.INCONCLUSIVE)):
         session = sent(offering(tmp_path / outcome.value), "it", GOOD).disturbed("it", *delays)
         session.record.steps[-1].parameters |= {"cancel_after_s": 0.2, "newer_after_s": 0.2}
@@ -552,7 +558,7 @@ def test_a_goal_that_the_grader_asked_to_end_too_late_is_undecided(
 def test_an_action_that_came_after_it_was_given_up_is_seen_again(
     tmp_path: Path, kind: str, sent_goals: dict[str, Any]
 ) -> None:
-    """It was late, which may be the machine's doing; a goal that was sent came to a server that was there."""
+    """A late server may be the machine's doing, unless a goal was already sent to it."""
     session = Session(tmp_path / "late")
     session.step(kind, "it", "timeout", parameters={"action": NAME}, **sent_goals)
     session.record.graph.append(
@@ -577,7 +583,7 @@ def test_parts_count_by_their_weights(tmp_path: Path) -> None:
 
 
 def test_a_check_without_a_part_is_refused() -> None:
-    """It could never fail."""
+    """A check without a part could never fail."""
     with pytest.raises(ValidationError, match="at least one of offered, accepted"):
         ActionServer.model_validate(ABOUT)
 

@@ -14,7 +14,10 @@ from tests.labs.fibonacci.record import judged
 
 @pytest.mark.parametrize("name", DEFECTS)
 def test_each_mistake_costs_what_it_is_worth_and_has_a_name(name: str, tmp_path: Path) -> None:
-    """What is lost, by which checks, and the words that name the mistake; nothing is undecided."""
+    """Each mistake loses the expected points in the expected checks, with its name in the texts.
+
+    Nothing is undecided.
+    """
     with tarfile.open(FOLDER / "recordings" / f"{name}.tar.xz") as archive:
         archive.extractall(tmp_path)
     result = judged(tmp_path)

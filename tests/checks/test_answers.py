@@ -89,7 +89,7 @@ def test_a_field_that_is_not_there_is_like_no_pattern(tmp_path: Path) -> None:
 
 
 def test_something_is_asked_of_each_answer() -> None:
-    """What is asked nothing could never be right."""
+    """Each answer has values or patterns; without them every answer would be wrong."""
     with pytest.raises(ValidationError, match="each needs values or patterns"):
         CallValue.model_validate({**VALUE, "each": [*EACH, {"step": "other"}]})
 
@@ -146,7 +146,7 @@ ORACLE: dict[str, Any] = {
 def test_an_oracle_computes_the_answer_from_the_request(
     tmp_path: Path, factor: float, credit: str
 ) -> None:
-    """And names a mistake by what it gives with other parameters."""
+    """An oracle computes the right answer, and by other parameters the answer of a mistake."""
     session = calls(tmp_path, near=answer(factor, names=()), far=answer(2 * factor, names=()))
     finding = judged("call_value", ORACLE, session)
     assert finding.credit == Decimal(credit)

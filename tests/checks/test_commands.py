@@ -71,7 +71,7 @@ def test_names_are_those_that_the_student_uses(rubric: Rubric) -> None:
 
 
 def test_every_kind_of_the_lab_can_be_written(rubric: Rubric) -> None:
-    """No template names what its check does not have; one of what is written has no command."""
+    """Templates name only parameters of their checks. Every kind but one has a command."""
     for spec in rubric.checks():
         failed = Finding(Outcome.FAILED, Decimal(0))
         whole = dataclasses.replace(

@@ -1,4 +1,4 @@
-"""Checks of what is written: README, docstrings, comments and discussion."""
+"""Checks of written text: README, docstrings, comments and discussion."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def static(check: str, parameters: dict[str, Any], record: SubmissionRecord) -> 
 
 
 def of(text: str) -> SubmissionRecord:
-    """Give a submission whose only source is this."""
+    """Return a submission with this text as its only source."""
     return submission({"it.py": text})
 
 
@@ -115,7 +115,10 @@ def test_a_file_that_holds_several_parts_counts_once() -> None:
 
 
 def test_each_part_of_a_readme_counts() -> None:
-    """Without a word on running it half is lost, without a part half of the rest; what was found is listed."""
+    """A README without a run command loses half, and without a part half of the rest.
+
+    The found passages are listed.
+    """
     without_commands = FILLED.replace("Run with:\n\n```\npython3 talk.py\n```\n\n", "")
     assert static("readme", README, submission({"README.md": without_commands})).credit == Decimal(
         "0.5"
@@ -175,7 +178,10 @@ LONG = "        a = 1\n        b = 2\n        c = 3\n        d = 4\n        retu
 
 @pytest.mark.parametrize(("explained", "credit"), [(0, 0.0), (1, 0.333), (2, 0.667), (4, 1.0)])
 def test_code_is_credited_by_its_share(explained: int, credit: float) -> None:
-    """Of a file (half) and three functions (half), half explained earn all, and what is not is named and shown."""
+    """A file (half) and three functions (half): half explained earns everything.
+
+    Unexplained units are named and shown.
+    """
     words = iter(["the rate", "the phase", "the limits", "the order"][:explained])
     text = "class Node:\n" + "".join(
         f"    def f{n}(self):\n        # because of {said}\n{LONG}"
@@ -192,7 +198,7 @@ def test_code_is_credited_by_its_share(explained: int, credit: float) -> None:
 
 
 def test_what_counted_and_what_did_not_is_listed() -> None:
-    """Each unit has what explains it; comments that explain nothing are listed by what they are."""
+    """Each unit has its explanation; comments without an explanation are listed by kind."""
     text = f'"""Sends commands."""\nclass Node:\n    def f(self):\n        # self.x = 1\n{LONG}\n    def g(self):\n'
     text += f"        # all limits are in rad\n{LONG}"
     assert static("code_explained", CODE, of(text)).counted == (
@@ -210,7 +216,7 @@ def test_without_sources_there_is_nothing_to_document() -> None:
 
 
 def test_a_file_with_a_syntax_error_is_no_crash() -> None:
-    """What cannot be parsed is judged by what can be read of it, and a note says so."""
+    """A file that cannot be parsed is judged by its readable part, with a note."""
     assert static("code_explained", CODE, of("def broken(:\n    pass\n")).outcome is Outcome.FAILED
     finding = static(
         "code_explained",
@@ -240,7 +246,7 @@ def test_concepts_that_are_weighed_pass() -> None:
     finding = static("concepts_explained", {**CONCEPTS, "artifacts": ["it"]}, of(source))
     assert finding.outcome is Outcome.PASSED
     assert finding.where[0].file == "it.py"
-    # What weighs them is quoted, as a reader sees it.
+    # The deciding text is quoted as a reader sees it.
     assert finding.counted[-1].startswith("it.py, line 1: “")
     assert finding.counted[-1].endswith("”")
 
@@ -255,7 +261,7 @@ def test_one_concept_is_too_little() -> None:
 
 
 def test_a_missing_concept_is_named() -> None:
-    """What nobody wrote about is told."""
+    """A concept that nobody wrote about is named."""
     text = "\n".join(DISCUSSED.splitlines()[:3])
     finding = static("concepts_explained", CONCEPTS, submission({"README.md": text}))
     assert finding.outcome is Outcome.PARTIAL
@@ -285,7 +291,7 @@ def test_passages_about_something_else_do_not_count() -> None:
 
 
 def test_of_a_hundred_documents_the_first_are_read() -> None:
-    """More than anybody would read is left unread: what only the last one says does not count."""
+    """Text beyond a reader's patience is left unread: the last document alone does not count."""
     padding = "Nothing to see here. " * 5000
     said = f"{FILLED}\n"
     first = {"README.md": said, **{f"d{n}/README.md": padding for n in range(100)}}
@@ -326,12 +332,12 @@ def by_the_lab(check: str, texts: dict[str, str]) -> Finding:
 
 
 def notes_on(text: str) -> tuple[str, ...]:
-    """Return the notes on what a README says of QoS, by the lab's own rubric."""
+    """Return the notes about the QoS text of a README, by the lab's own rubric."""
     return by_the_lab("qos.explains", {"README.md": text}).notes
 
 
 def test_words_without_sentences_are_for_a_person_to_read() -> None:
-    """What only strings the words of the matter together keeps its points, and a note points at it."""
+    """A mere list of technical words keeps its points, and a note points at the list."""
     salad = (ROOT / "fixtures/qos_word_salad/submission/README.md").read_text(encoding="utf-8")
     assert notes_on(salad) == (
         "For a person to read: README.md, line 8, seems to be words, not sentences.",

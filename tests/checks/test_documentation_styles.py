@@ -1,4 +1,4 @@
-"""Ways in which students document Lab 09-01, by its own rubric: what a fair teacher would give for each."""
+"""Students' ways to document Lab 09-01, and the points that a fair teacher would give for each."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ def points(check: str, files: dict[str, str]) -> float:
     ],
 )
 def test_a_readme_that_helps_a_reader_gets_all(text: str) -> None:
-    """It tells how to run the work and lets a reader find each part, in whatever form and language."""
+    """The README tells how to run the work and describes each part, in any form and language."""
     assert points("documentation.readme", {"README.md": text}) == 4
 
 
@@ -115,7 +115,7 @@ HEADINGS = "# Lab\n\n## How to run\n\n{0}\n\n" + "".join(
     ],
 )
 def test_a_hollow_readme_gets_what_it_says(text: str, most: float) -> None:
-    """Templates, blind text and pasted code earn nothing; half of what is asked for earns half."""
+    """Templates, filler and pasted code earn nothing; half of the required content earns half."""
     assert points("documentation.readme", {"README.md": text}) == most
 
 

@@ -1,4 +1,4 @@
-"""Numbers and texts in fields: right, wrong and borderline; and what the machine is blamed for."""
+"""Numbers and texts in fields: right, wrong and borderline values, and delays of the machine."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CALLED = {"topic": "/state", "field": "data", "pattern": r"^(?P<state>[A-Z]+),(?
 
 
 def driven(folder: Path, speeds: Sequence[float], rate_hz: float = 10.0) -> Session:
-    """Make a session in which a node commands speeds."""
+    """Make a session with a node that commands speeds."""
     times = [1.0 + n / rate_hz for n in range(len(speeds))]
     return (
         Session(folder).process().typed(TOPIC, TWIST, [{"linear": {"x": v}} for v in speeds], times)
@@ -110,7 +110,10 @@ def test_a_number_that_changes_too_fast_is_shown(tmp_path: Path) -> None:
 
 
 def test_a_fast_change_is_in_doubt_where_the_machine_was_late(tmp_path: Path) -> None:
-    """What was sent late for the machine may have been computed in time; another moment is the student's."""
+    """A message that the machine delayed may have been computed in time.
+
+    A delay at another moment excuses nothing.
+    """
     speeds = [0.0, 0.1, 0.2, 0.5, 0.5]
     late = driven(tmp_path / "late", speeds).disturbed("it", (1.25, 0.04))
     assert (
@@ -162,7 +165,7 @@ def test_more_right_messages_never_earn_less(one: float, other: float) -> None:
 
 
 def said(folder: Path, *texts: str) -> Session:
-    """Make a session in which a node publishes texts."""
+    """Make a session with a node that publishes texts."""
     return Session(folder).process().texts("/state", texts, evenly(1, len(texts) - 1))
 
 
@@ -184,7 +187,7 @@ def test_texts_of_the_form_pass(tmp_path: Path) -> None:
     ],
 )
 def test_the_first_text_of_another_form_is_shown(tmp_path: Path, text: str, words: str) -> None:
-    """What does not match, is out of range, or no number, costs its share."""
+    """A text that does not match, or a number out of range, costs its share."""
     finding = judged(
         "field_matches",
         {**CALLED, "numbers": {"x": {"low": 0, "high": 2}}},
@@ -236,7 +239,7 @@ def test_texts_of_another_type_do_not_match(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("limit", [0.1, 0.7])
 def test_a_limit_as_a_float32_is_that_limit(tmp_path: Path, limit: float) -> None:
-    """Who holds a speed to 0.1 publishes 0.10000000149."""
+    """A speed limited to 0.1 arrives as 0.10000000149."""
     session = Session(tmp_path).typed("/v", "std_msgs/msg/Float32", [{"data": limit}], [1.0])
     assert (
         judged(

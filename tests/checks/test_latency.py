@@ -1,4 +1,4 @@
-"""Times from messages to their answers, and what the machine added to them."""
+"""Times from messages to their answers, and the delays that the machine added."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ def stamped(time_s: float) -> dict[str, Any]:
 
 
 def answered(folder: Path, lag_s: Callable[[int], float | None], kind: str = STAMPED) -> Session:
-    """Make a session in which a node answers 200 messages at 20 Hz, each after a time or not."""
+    """Make a session with a node that answers 200 messages at 20 Hz, each after a time or never."""
     times = [1.0 + n / 20 for n in range(COUNT)]
     lags = [lag_s(n) for n in range(COUNT)]
     sent = sorted(
@@ -115,7 +115,7 @@ def test_a_delay_of_one_message_decides_nothing(
 
 
 def test_messages_that_the_machine_kept_away_are_in_doubt(tmp_path: Path) -> None:
-    """Without room in a queue, a delay of two seconds loses what came in it."""
+    """Without room in a queue, a delay of two seconds loses all messages that arrive in it."""
     session = answered(tmp_path, lambda n: None if 40 <= n < 80 else 0.005).disturbed(
         "it", (3.0, 2.0)
     )
@@ -143,7 +143,7 @@ def test_the_next_message_is_the_answer(tmp_path: Path) -> None:
 
 
 def test_without_answers_it_fails_and_without_inputs_nothing_can_be_said(tmp_path: Path) -> None:
-    """Silence is the node's; what was never asked is not."""
+    """A missing answer is the node's fault; a missing question is not."""
     assert latency(tmp_path / "silent", lambda n: None).outcome is Outcome.FAILED
     alone = Session(tmp_path / "alone").process().typed("/out", STAMPED, [stamped(1.0)], [1.0])
     assert judged("message_latency", BY_STAMP, alone).outcome is Outcome.NOT_REACHED

@@ -1,4 +1,4 @@
-"""Checks of a launch file: by the plan made of it, and by what was seen when it ran."""
+"""Checks of a launch file: by its plan, and by the recorded run."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def test_an_error_fails_with_its_line(tmp_path: Path) -> None:
 
 
 def test_what_we_cannot_evaluate_is_undecided(tmp_path: Path) -> None:
-    """A file that needs what the grader lacks costs nothing, and no other run would decide it."""
+    """A launch file that needs a missing module costs nothing, and no retry would decide it."""
     problem = {"kind": "module", "message": "needs xacro", "module": "xacro"}
     session = planned(Session(tmp_path), outcome="not_assessable", problem=problem)
     finding = judged("launch_loads", LOADS, session)
@@ -136,7 +136,7 @@ def test_what_we_cannot_evaluate_is_undecided(tmp_path: Path) -> None:
 
 
 def test_a_file_in_newer_syntax_is_undecided(tmp_path: Path) -> None:
-    """What an older Python cannot read is for a person to decide; a mistake is none of this."""
+    """Syntax newer than the grader's Python is left to a person; a syntax mistake is not."""
     problem = {
         "kind": "syntax_error",
         "message": "syntax error: invalid syntax",
@@ -166,7 +166,10 @@ REPAIRED = {
 def test_a_repaired_mistake_loses_the_loading_and_leaves_a_share_of_the_rest(
     tmp_path: Path,
 ) -> None:
-    """What was repaired on a copy is said, with its line, and the rest is judged for a share of its points."""
+    """The reason names the repair, and `where` its line.
+
+    The rest counts for a share of its points.
+    """
     finding = judged(
         "launch_loads",
         {**LOADS, "repaired_rest": 0.6},
@@ -184,7 +187,10 @@ def test_a_repaired_mistake_loses_the_loading_and_leaves_a_share_of_the_rest(
 def test_a_file_that_its_package_does_not_install_costs_a_part(
     tmp_path: Path, shared: dict[str, str] | None, credit: str
 ) -> None:
-    """It is found by its path, and not by the package's name; where that is not sure, nothing is lost."""
+    """The launch file is found by its path instead of the package's name.
+
+    If the installation is not known for sure, nothing is lost.
+    """
     record = submission({"arm/it.py": ""}, it="arm/it.py")
     record.packages = [PackageFact("arm", "arm", "ament_python", shared=shared)]
     finding = judged(
@@ -195,7 +201,10 @@ def test_a_file_that_its_package_does_not_install_costs_a_part(
 
 
 def test_what_is_declared_until_a_file_stops_counts(tmp_path: Path) -> None:
-    """A mistake that nobody repairs leaves what was seen; one by which nothing was seen leaves nothing."""
+    """An unrepaired mistake leaves a share for arguments seen before it.
+
+    Without any, none is left.
+    """
     problem = {"kind": "invalid_choice", "message": "no choice"}
     seen = planned(
         Session(tmp_path, "a"), problem=problem, arguments=[{"name": "rate", "default": "100.0"}]
@@ -270,7 +279,7 @@ def test_each_argument_is_a_part(
 
 
 def test_an_argument_that_was_assumed_is_not_charged_again(tmp_path: Path) -> None:
-    """That an argument is used and not declared keeps the file from loading, which is charged there."""
+    """An undeclared argument keeps the file from loading, and costs points there only."""
     worked_around = [
         {
             "kind": "undefined_configuration",
@@ -323,7 +332,7 @@ def test_a_node_under_another_name_costs_half_its_part(tmp_path: Path) -> None:
 
 
 def test_a_node_at_fault_by_itself_is_not_charged_again(tmp_path: Path) -> None:
-    """What its own criterion charged is noted here, and costs nothing more."""
+    """A fault charged by the node's own criterion is noted here and costs nothing more."""
     session = planned(Session(tmp_path), processes=BOTH).node("/talker")
     finding = nodes(session, listen_receives=FAILED)
     assert finding.outcome is Outcome.PASSED
@@ -380,7 +389,10 @@ MISSING.append("ModuleNotFoundError: No module named 'matplotlib'")
 def test_a_node_that_lacks_a_library_here_is_for_a_person(
     tmp_path: Path, source: str, up: list[str], outcome: Outcome
 ) -> None:
-    """A node that needs what is not installed earns nothing before a person has decided; one that says so, nothing."""
+    """A node that needs a missing library is undecided until a person has decided.
+
+    A node that only claims so earns nothing.
+    """
     session = planned(
         Session(tmp_path), processes=[entry("talk", "talker"), entry("listen", "listener")]
     )
@@ -399,7 +411,7 @@ def test_a_node_that_lacks_a_library_here_is_for_a_person(
 def test_a_launch_file_lacks_only_what_it_imports(
     tmp_path: Path, source: str, outcome: Outcome
 ) -> None:
-    """That a module is missing is believed of a launch file whose source imports it at that line."""
+    """A missing module is believed if the launch file imports that module at that line."""
     problem = {
         "kind": "missing_module",
         "message": "m",
@@ -594,7 +606,7 @@ def test_a_parameter_file_for_the_name_in_the_code_counts(tmp_path: Path) -> Non
 def together(
     folder: Path, rate_hz: float = 100, follows: bool = True, answers: bool = True
 ) -> Session:
-    """Make a session in which all ran."""
+    """Make a session with all nodes running."""
     times = evenly(rate_hz, 3.0)
     command = np.sin(np.array(times))
     session = Session(folder).window(0.9, 4.1)
@@ -634,7 +646,10 @@ def test_each_of_three_parts_counts(
 
 @pytest.mark.parametrize(("gain", "credit"), [(1.0, 1), (0.6, 1), (0.3, 0)])
 def test_any_field_may_follow_another(tmp_path: Path, gain: float, credit: int) -> None:
-    """A robot's speed follows what it is told, in another type; parts that a rubric leaves out do not count."""
+    """A robot's speed follows its command in a message of another type.
+
+    Parts that the rubric leaves out do not count.
+    """
     times = evenly(50, 3.0)
     speeds = [{"linear": {"x": 0.5 * math.sin(t), "y": 0.2}} for t in times]
     moved = [
@@ -784,7 +799,7 @@ def test_an_arm_that_had_no_core_may_not_have_followed_for_that(
 
 
 def test_a_rate_by_a_clock_that_was_set_is_compared_with_none(tmp_path: Path) -> None:
-    """What the publisher has alone is not known where it was timed by such a clock."""
+    """The publisher's rate alone is unknown if the clock was set meanwhile."""
     times = evenly(100, 3.0)
     for name, step_s, outcome in (("set", 0.5, Outcome.PASSED), ("even", 0.0, Outcome.PARTIAL)):
         other = (
@@ -837,7 +852,7 @@ def test_the_same_end_as_alone_is_charged_once(
 
 
 def test_nodes_that_did_not_stay_are_shown_so(tmp_path: Path) -> None:
-    """What was measured is not what was expected: a node that ended is told apart from one that stayed."""
+    """The measurement shows a node that ended apart from a node that stayed."""
     session = planned(Session(tmp_path), processes=BOTH).node("/talker").node("/listener")
     finding = nodes(session.process("talk-1", CRASHED, artifact=None, exited_ns=at(1.6), **FELL))
     assert finding.expected == "/talker, /listener"
@@ -845,7 +860,7 @@ def test_nodes_that_did_not_stay_are_shown_so(tmp_path: Path) -> None:
 
 
 def test_a_parameter_that_is_not_wired_is_measured_otherwise_than_expected(tmp_path: Path) -> None:
-    """What loses points never shows the same under Expected and Measured."""
+    """A finding that loses points never shows the same text under Expected and Measured."""
     finding = parameter(tmp_path, 100.0, 100.0)
     assert finding.outcome is Outcome.PARTIAL
     assert finding.measured != finding.expected
@@ -860,7 +875,7 @@ TOGETHER_IN = {
 
 
 def in_one_process(folder: Path, ends: bool = False) -> Session:
-    """Make a session in which a process that has no name in the launch file holds both nodes."""
+    """Make a session with both nodes in one process without a name in the launch file."""
     session = (
         planned(together(folder), processes=[entry("arm", None)]).node("/talker").node("/listener")
     )
@@ -873,7 +888,7 @@ def in_one_process(folder: Path, ends: bool = False) -> Session:
 
 
 def test_parameters_of_a_process_reach_all_its_nodes(tmp_path: Path) -> None:
-    """What the launch file gives a process without a name is what each of its nodes gets."""
+    """Parameters of a process without a name apply to each of its nodes."""
     session = Session(tmp_path).node("/talker")
     for label, rate in (("plan", 100.0), ("other", 50.0)):
         planned(
@@ -885,7 +900,7 @@ def test_parameters_of_a_process_reach_all_its_nodes(tmp_path: Path) -> None:
 
 
 def test_the_fault_of_one_node_is_the_end_of_others_in_its_process(tmp_path: Path) -> None:
-    """It is charged where the one is, and nowhere else."""
+    """The fault costs points at its own node, and nowhere else."""
     session = in_one_process(tmp_path, ends=True)
     finding = nodes(session, listen_receives=FAILED)
     assert (finding.outcome, len(finding.notes)) == (Outcome.PASSED, 2)

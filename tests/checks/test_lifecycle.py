@@ -1,4 +1,4 @@
-"""Lifecycle nodes: the states that they reach, and what they publish in which; right, wrong and at the edge."""
+"""Lifecycle nodes: reached states and publications in each state; right, wrong and at the edge."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def test_each_time_in_a_state_is_judged_by_its_own_delays(tmp_path: Path) -> Non
 
 
 def test_another_lifecycle_node_does_not_count(tmp_path: Path) -> None:
-    """Its states are not those of the node that is judged."""
+    """The states of another lifecycle node are ignored."""
     session = asked(
         whole(tmp_path, *ACTIVE), "configure", "unconfigured", "inactive", node="/other"
     )
@@ -131,7 +131,7 @@ def test_another_lifecycle_node_does_not_count(tmp_path: Path) -> None:
 
 
 def test_a_callback_that_raises_is_named(tmp_path: Path) -> None:
-    """The event of error processing says so, and what follows is not charged again."""
+    """An error-processing event names the cause, and later transitions are not charged again."""
     session = Session(tmp_path).process("it")
     asked(session, "configure", "unconfigured", "unconfigured", success=False)
     asked(session, "activate", "unconfigured", "unconfigured", success=False)
@@ -161,7 +161,7 @@ def test_a_callback_that_fails_costs_its_transition(tmp_path: Path) -> None:
 def test_a_transition_can_be_expected_to_be_refused(
     tmp_path: Path, success: bool, after: str, outcome: str
 ) -> None:
-    """What is not possible in a state leaves it, and reports no success."""
+    """An impossible transition leaves the state unchanged and reports no success."""
     session = asked(
         Session(tmp_path).process("it"), "activate", "unconfigured", after, success=success
     )

@@ -1,4 +1,4 @@
-"""A motion to a target: in time, to stay, not beyond; and what the machine is blamed for."""
+"""A motion to a target: in time, without leaving, without overshoot; and delays of the machine."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ GOAL = {
 
 
 def moved(folder: Path, x: Callable[[float], float], until_s: float = 13.0) -> Session:
-    """Make a session in which a robot is at x(t) after t seconds of its window, which begins at 1 s."""
+    """Make a session with a robot at x(t), t seconds after its window begins at 1 s."""
     times = [1.0 + n / 20 for n in range(round((until_s - 1) * 20) + 1)]
     rows = [{"pose": {"pose": {"position": {"x": x(t - 1.0)}}}} for t in times]
     return Session(folder).process().typed("/odom", ODOMETRY, rows, times).window(1.0, until_s)
@@ -81,7 +81,7 @@ def test_who_only_passes_by_has_not_come_to_stay(tmp_path: Path) -> None:
 
 
 def test_what_the_recording_ends_with_was_not_seen_to_stay(tmp_path: Path) -> None:
-    """Who comes in the last moment shows no stay."""
+    """An arrival in the last moment of the recording shows no stay."""
     finding = reached(tmp_path, lambda t: min(2.0, 2.0 * t / 12), hold_s=1.0)
     assert finding.credit < Decimal("0.5")
 
@@ -109,7 +109,7 @@ def test_it_counts_from_the_step_that_is_named(tmp_path: Path) -> None:
 
 
 def test_a_step_that_was_not_reached_is_charged_where_it_is(tmp_path: Path) -> None:
-    """Then nothing can be said of what follows it."""
+    """A step that was not reached leaves everything after it untested."""
     session = moved(tmp_path, lambda t: 0.0)
     assert judged("reaches", {**GOAL, "after": "goal"}, session).outcome is Outcome.NOT_REACHED
 
@@ -149,7 +149,7 @@ def test_a_field_follows_another_topic(tmp_path: Path) -> None:
 
 
 def test_an_oracle_gives_the_target(tmp_path: Path) -> None:
-    """It gets the streams by role."""
+    """The oracle receives the streams by role."""
     target = {
         "oracle": "tests/checks/made_up_oracles.py:last",
         "streams": {"input": {"topic": "/odom", "field": "pose.pose.position"}},

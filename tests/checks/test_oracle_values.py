@@ -1,4 +1,4 @@
-"""Published values against an oracle: matched by stamp, order and time; known mistakes; what the machine lost."""
+"""Published values against an oracle: by stamp, order and time; known mistakes; lost messages."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def stamped(x: float, time_s: float) -> dict[str, Any]:
 
 
 def answered(folder: Path, answer: Callable[[int], float | None], lag_s: float = 0.002) -> Session:
-    """Make a session in which a node answers 100 inputs at 20 Hz, the n-th with a number or not."""
+    """Make a session with a node that answers 100 inputs at 20 Hz, each with a number or not."""
     times = [1.0 + n / 20 for n in range(COUNT)]
     answers = [(answer(n), t) for n, t in enumerate(times)]
     sent = [(x, t) for x, t in answers if x is not None]
@@ -92,7 +92,7 @@ def test_what_is_relative_grows_with_the_value(tmp_path: Path) -> None:
 
 
 def test_missing_and_superfluous_messages_count(tmp_path: Path) -> None:
-    """What is not answered is missing, and a second answer is one too many."""
+    """An unanswered input counts as missing, and a second answer as superfluous."""
     finding = by_stamp(tmp_path / "missing", lambda n: 2.0 * n if n % 10 or not n else None)
     assert (finding.measured, finding.credit) == (
         "91 of 100 messages right, 9 missing",
@@ -182,7 +182,7 @@ def test_at_its_time_a_value_may_be_a_little_old(
 
 
 def test_a_value_that_the_machine_made_old_is_in_doubt(tmp_path: Path) -> None:
-    """What is sent after a delay was right before it."""
+    """A message sent after a machine delay was right before the delay."""
     times = [1.5 + n / 7.3 for n in range(30)]
     values = [math.sin(t - 1.0 - (0.2 if 10 <= n < 13 else 0.0)) for n, t in enumerate(times)]
     session = plain(tmp_path, values, times)
@@ -200,13 +200,13 @@ def test_another_number_of_elements_fails(tmp_path: Path) -> None:
 
 
 def test_without_inputs_nothing_can_be_said(tmp_path: Path) -> None:
-    """That they are missing is charged elsewhere."""
+    """Missing inputs are charged elsewhere."""
     session = Session(tmp_path).process().typed("/out", STAMPED, [stamped(1.0, 1.0)], [1.0])
     assert judged("topic_equals_oracle", BY_STAMP, session).outcome is Outcome.NOT_REACHED
 
 
 def test_messages_of_another_length_are_wrong(tmp_path: Path) -> None:
-    """They cannot be compared, and are not passed over."""
+    """Messages of another length cannot be compared, and are not ignored."""
     kind = "std_msgs/msg/Float64MultiArray"
     session = Session(tmp_path).process(interrupted_ns=at(6.2))
     times = [1.0 + n / 20 for n in range(COUNT)]
@@ -219,7 +219,7 @@ def test_messages_of_another_length_are_wrong(tmp_path: Path) -> None:
 
 
 def test_between_sparse_times_of_an_oracle_lies_a_line_or_nothing(tmp_path: Path) -> None:
-    """At 1 Hz a value between is interpolated; by the nearest, only what is near a time is compared."""
+    """At 1 Hz a value in between is interpolated; `nearest` compares only values near a time."""
     times = [1.0, 2.0, 3.0]
     session = Session(tmp_path).process().typed("/in", FLOAT, [{}] * 3, times)
     halfway = math.sin(1.0) / 2
@@ -249,7 +249,7 @@ def test_in_order_a_second_publisher_is_superfluous(tmp_path: Path) -> None:
 
 
 def test_in_order_a_window_may_begin_in_the_middle(tmp_path: Path) -> None:
-    """The order is that of all messages, of which some count."""
+    """Messages outside the window keep their place in the order, and are not judged."""
     session = plain(
         tmp_path, [2.0 * n for n in range(COUNT)], [1.001 + n / 20 for n in range(COUNT)]
     ).window(4.0, 5.5)
@@ -259,7 +259,7 @@ def test_in_order_a_window_may_begin_in_the_middle(tmp_path: Path) -> None:
 
 
 def test_in_order_what_the_machine_kept_away_does_not_shift_what_follows(tmp_path: Path) -> None:
-    """Five inputs are lost in a delay; the answers after it are those of the inputs that came, and are right."""
+    """Five inputs are lost in a delay; the answers to the other inputs still match."""
     heard = [n for n in range(COUNT) if not 40 <= n < 45]
     times, values = [1.001 + n / 20 for n in heard], [2.0 * n for n in heard]
     session = plain(tmp_path / "delayed", values, times).disturbed("it", (2.99, 0.25))
@@ -310,7 +310,7 @@ def test_who_ends_by_itself_leaves_the_rest_unanswered(
 
 
 def scanned(folder: Path, second: float) -> Finding:
-    """Judge a node that doubles a laser's ranges, of which the second is infinite."""
+    """Judge a node that doubles a laser's ranges; the second range is infinite."""
     scan, times = "sensor_msgs/msg/LaserScan", [1.0 + n / 20 for n in range(20)]
     session = Session(folder).process(interrupted_ns=at(2.1))
     session.typed("/in", scan, [{"ranges": [1.0, math.inf, float(n)]} for n in range(20)], times)

@@ -1,4 +1,4 @@
-"""Checks of a lab's own: what they are given, what their mistakes cost (nothing), and that recordings carry them."""
+"""A lab's own checks: arguments, mistakes at no cost to students, and copies in recordings."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def lab(folder: Path, body: str = RISES, rubric: str = RUBRIC) -> Path:
 
 
 def session(folder: Path, rows: list[list[float]] | None = None) -> Session:
-    """Record ten messages, all of whose numbers rise, and a line of output."""
+    """Record ten messages with rising numbers, and a line of output."""
     rows = [[float(n)] for n in range(10)] if rows is None else rows
     made = Session(folder).endpoint("publisher", TOPIC).process("it", ["hello"])
     return made.messages(TOPIC, rows, evenly(10, 0.9)[: len(rows)]).window(0.5, 5.0)
@@ -203,7 +203,10 @@ def rises(context: Context, p: Parameters) -> Finding:
 
 
 def test_one_that_waits_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It computes nothing, so that its time counts; also where it catches all that there is once."""
+    """A waiting check uses no CPU, and is ended by its time.
+
+    Catching every exception once does not help it.
+    """
     monkeypatch.setattr(own, "_MOST_S", 0.1)
     body = """\
 def rises(context: Context, p: Parameters) -> Finding:
@@ -220,7 +223,10 @@ def rises(context: Context, p: Parameters) -> Finding:
 
 
 def test_nothing_is_kept_waiting_where_a_check_could_not_be_ended(tmp_path: Path) -> None:
-    """What judging needs is prepared in a thread, which no signal ends: it is not called there."""
+    """Judging is prepared in a thread, where no signal can end a check.
+
+    No check is called there.
+    """
     text = RUBRIC.replace("        session: experiment\n", "").replace(
         "topic: /commands, window: window, ", ""
     )
@@ -243,7 +249,7 @@ def rises(submission: Submission, p: Least) -> Finding:
 
 
 def test_another_version_is_refused(tmp_path: Path) -> None:
-    """A file says for which version it is written; without, it is taken for this one."""
+    """A file without a version is taken for the current version."""
     found = judged(lab(tmp_path, RISES + "\nAPI_VERSION = 2\n"), session(tmp_path))
     assert found.outcome is Outcome.ERROR
     assert "written for version 2 of grader.own_checks, and this is version 1" in found.reason
@@ -261,7 +267,7 @@ def test_a_clock_that_was_set_leaves_it_open(tmp_path: Path) -> None:
 
 
 def test_a_check_of_files_needs_no_session(tmp_path: Path) -> None:
-    """It takes the submission; one that takes the context must name its session."""
+    """A check of the submission needs no session; a check of the context must name its session."""
     body = """\
 from grader.own_checks import Submission
 
@@ -278,7 +284,8 @@ def rises(submission: Submission) -> Finding:
     assert "say which by the key session" in caught.value.mistakes[0]
 
 
-#: What is mistyped, what it becomes, and what the message says; the mistake lies on the line of the new text.
+#: A right text, its mistyped replacement, and words of the message; the message names the
+#: replacement's line.
 MISTYPED = [
     (
         "checks/mine.py:rises",
@@ -325,7 +332,7 @@ MISTYPED = [
 def test_what_is_mistyped_is_reported_without_running_it(
     tmp_path: Path, old: str, new: str, words: str
 ) -> None:
-    """Its name, its parameters' names and values, and what they refer to: by the annotations of its file alone."""
+    """Mistakes in its name, parameters and references are found by the annotations of its file."""
     mark = tmp_path / "executed"
     more = f"\nimport pathlib\npathlib.Path({str(mark)!r}).touch()\ndef no_arguments():\n    pass\n"
     more += "\ndef untyped(context: Context, p: dict) -> Finding:\n    pass\n"
@@ -340,7 +347,7 @@ def test_what_is_mistyped_is_reported_without_running_it(
 
 
 def test_values_that_only_its_class_refuses_are_an_error(tmp_path: Path) -> None:
-    """What annotations do not say is found when it is executed, as `grade lab check` does before any run."""
+    """A value that only the class refuses is found at execution, as in `grade lab check`."""
     body = RISES.replace(
         "def rises",
         "def __post_init__(p):\n    raise ValueError('odd')\nParameters.__post_init__ = __post_init__\ndef rises",
@@ -350,7 +357,10 @@ def test_values_that_only_its_class_refuses_are_an_error(tmp_path: Path) -> None
 
 
 def test_types_of_its_parameters_are_given_under_their_names() -> None:
-    """But for that of a file beside the rubric: which is not kept with recordings, so that they could not be judged."""
+    """All types but `FileBeside` are given.
+
+    Recordings do not keep a file beside the rubric, and could not be judged again.
+    """
     named = {
         name for name in vars(references) if hasattr(own_checks, name) and not name.startswith("_")
     }
@@ -384,7 +394,7 @@ def test_its_recording_is_judged_again_without_the_lab(
 
 
 def test_what_it_says_is_of_a_length_that_can_be_shown(tmp_path: Path) -> None:
-    """It may quote what a student's program wrote."""
+    """The texts of a check may quote a student's program, and are cut to 1,000 characters."""
     body = 'def rises(context: Context) -> Finding:\n    return failed("x" * 10**6, "y" * 10**6, "z" * 10**6)\n'
     text = RUBRIC.replace("        with: {topic: /commands, window: window, least: 5}\n", "")
     found = judged(lab(tmp_path, body, text), session(tmp_path))
@@ -452,7 +462,7 @@ def test_what_is_missing_here_leaves_it_open(
 
 
 def test_what_it_passes_is_passed_though_something_is_missing(tmp_path: Path) -> None:
-    """What was shown before the program ended counts."""
+    """Everything shown before the program ended counts."""
     record = submission({"it.py": "\nimport matplotlib\n"})
     record.absent_modules = ["matplotlib"]
     made = ended_at(tmp_path, "matplotlib").endpoint("publisher", TOPIC)
@@ -493,7 +503,7 @@ def limited(context: Context, p: Limited) -> Finding:
 
 
 def limited(folder: Path, **given: object) -> Path:
-    """Write a lab whose check has limits for its parameters and states a command."""
+    """Write a lab with a check that limits its parameters and states a command."""
     values = json.dumps({"topic": TOPIC, "least": 16, **given})
     text = RUBRIC.replace("{topic: /commands, window: window, least: 5}", values)
     return lab(folder, LIMITED, text.replace("mine.py:rises", "mine.py:limited"))
@@ -546,7 +556,7 @@ def test_the_schema_of_a_lab_describes_its_own_checks(
 
 
 def test_a_rubric_of_earlier_names_a_check_that_was_built_in(tmp_path: Path) -> None:
-    """It finds the check in the lab that ships with the grader, and judges the same."""
+    """An old rubric finds the former built-in check in the shipped lab, with the same judgement."""
     former = yaml.safe_load(
         (lab_folder() / "reference/former_checks.yaml").read_text(encoding="utf-8")
     )

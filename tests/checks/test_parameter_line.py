@@ -39,7 +39,7 @@ nodes = [
 def test_a_parameter_is_found_or_what_is_nearest(
     node_line: int | None, parameter: str, line: int | None
 ) -> None:
-    """Its own line, or that of the node."""
+    """A parameter is located at its own line, or at the line of its node."""
     assert parameter_line(TEXT, node_line, parameter) == line
 
 

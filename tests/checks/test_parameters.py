@@ -59,7 +59,7 @@ def test_a_rate_follows_its_parameter(
 
 
 def test_what_ignores_a_parameter_after_a_restart_too_is_named(tmp_path: Path) -> None:
-    """It was declared only."""
+    """A parameter without an effect even after a restart was only declared."""
     finding = judged(
         "parameter_effect", {**RATE, **RESTARTED}, rates(windows(tmp_path), 10.0, 10.0, 10.0)
     )
@@ -103,7 +103,10 @@ def test_a_rate_that_the_machine_lowered_is_undecided(tmp_path: Path) -> None:
 def test_a_rate_to_compare_with_that_the_machine_lowered_leaves_it_undecided(
     tmp_path: Path, hz: tuple[float, float, float], more: dict[str, Any], delay: tuple[float, float]
 ) -> None:
-    """That before, or after a restart, may have been another; without a delay it costs."""
+    """A delay may have lowered the rate before the change or after the restart.
+
+    Without a delay the finding costs points.
+    """
     calm = rates(windows(tmp_path / "calm"), *hz)
     assert judged("parameter_effect", {**RATE, **more}, calm).outcome is Outcome.FAILED
     busy = rates(windows(tmp_path / "busy"), *hz).disturbed("it", delay)
@@ -246,7 +249,7 @@ def test_a_refusal_of_what_is_not_declared_proves_nothing(tmp_path: Path) -> Non
 
 
 def test_other_words_of_a_reason_are_noted(tmp_path: Path) -> None:
-    """They cost nothing."""
+    """A reason in other words costs nothing."""
     finding = judged(
         "parameter_rejected", {**REJECTED, "reason": "positive"}, refusing(tmp_path, WHY, HELD)
     )

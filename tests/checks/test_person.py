@@ -1,4 +1,4 @@
-"""What the rubric leaves to a person: written as `by: person`, open until somebody grades it, by levels."""
+"""Parts that the rubric leaves to a person: `by: person`, undecided until graded, by levels."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from grader.judging.rubrics import rubric_kinds
 from grader.lab.kept_lab import lab_folder
 from grader.lab.overrides import parse_overrides
 from grader.lab.rubric import Rubric, load_rubric
+from grader.result import Result
 
 SOLUTION = Path(__file__).resolve().parents[1] / "recordings/solution"
 LEVELS = [
@@ -45,7 +46,7 @@ def rubric_with(folder: Path, criterion: dict[str, object]) -> Rubric:
 
 @pytest.mark.parametrize("whole", [True, False], ids=["a criterion", "a check"])
 def test_its_points_are_open_until_somebody_grades_it(tmp_path: Path, whole: bool) -> None:
-    """Undecided and not lost; the levels are what can be chosen; `set` decides."""
+    """The points are undecided and not lost; the levels are the choices, and `set` decides."""
     inner = {**CRITERION, "id": "design.why", "read": ["publisher"]}
     rubric = rubric_with(
         tmp_path,
@@ -58,28 +59,31 @@ def test_its_points_are_open_until_somebody_grades_it(tmp_path: Path, whole: boo
         ("Not", 0.0),
     ]
     result = judge(open_recordings(SOLUTION, rubric), rubric)
-    (check,) = result.open_checks
-    assert (check.id, check.undecided, check.lost) == (spec.id, Decimal(5), Decimal(0))
-    assert [place.file for place in check.where] == ([] if whole else ["joint_publisher.py"])
-    (item,) = queue_of({"a": result}, rubric)
-    assert (item.kind, item.part.id, item.points, item.is_decided) == (
-        Kind.TO_GRADE,
-        spec.id,
-        Decimal(5),
-        False,
-    )
+    read = [] if whole else ["joint_publisher.py"]
+    require_open(result, rubric, spec.id, read)
     facts = "reason: r, comment: as agreed, who: w, when: 2026-11-21"
     entry = f"overrides: [{{submission: a, check: {spec.id}, set: 3, {facts}}}]"
     decided = adjust(result, parse_overrides(tmp_path / "overrides.yaml", entry, rubric).entries)
+    require_decided(decided, rubric)
+
+
+def require_open(result: Result, rubric: Rubric, name: str, read: list[str]) -> None:
+    """Require that the five points of a check wait in the queue, with the files to read."""
+    (check,) = result.open_checks
+    assert (check.id, check.undecided, check.lost) == (name, Decimal(5), Decimal(0))
+    assert [place.file for place in check.where] == read
+    (item,) = queue_of({"a": result}, rubric)
+    queued = (item.kind, item.part.id, item.points, item.is_decided)
+    assert queued == (Kind.TO_GRADE, name, Decimal(5), False)
+
+
+def require_decided(decided: Result, rubric: Rubric) -> None:
+    """Require that three points were given, and that the report shows the comment once."""
     assert (decided.final, decided.still_undecided) == (Decimal(103), Decimal(0))
     assert decided.final_of(decided.criteria[-1]) == Decimal(3)
     assert [each.is_decided for each in queue_of({"a": decided}, rubric)] == [True]
-    assert (
-        report_page(decided, open_recordings(SOLUTION, rubric), rubric).count(
-            '<p class="comment">as agreed</p>'
-        )
-        == 1
-    )
+    page = report_page(decided, open_recordings(SOLUTION, rubric), rubric)
+    assert page.count('<p class="comment">as agreed</p>') == 1
 
 
 @pytest.mark.parametrize(
@@ -91,7 +95,7 @@ def test_its_points_are_open_until_somebody_grades_it(tmp_path: Path, whole: boo
     ],
 )
 def test_mistakes_are_reported(tmp_path: Path, change: dict[str, object], words: str) -> None:
-    """Who grades it, levels, and misspelt keys."""
+    """Mistakes in `by`, in the levels and in keys are reported."""
     with pytest.raises(RubricError) as caught:
         rubric_with(tmp_path, {**CRITERION, **change})
     assert any(words in mistake for mistake in caught.value.mistakes)

@@ -22,7 +22,7 @@ STOPS = "always(implies(near < 0.5, eventually[0, 1](v <= 0.05)))"
 
 
 def drive(folder: Path, near: Callable[[float], float], v: Callable[[float], float]) -> Session:
-    """Make a session of ten seconds in which a robot comes near something and drives at a speed."""
+    """Make a session of ten seconds with a robot near an obstacle, driving at a speed."""
     times = [1.0 + n / 10 for n in range(101)]
     scans = [{"ranges": [math.inf, near(t - 1.0)]} for t in times]
     twists = [{"linear": {"x": v(t - 1.0)}} for t in times]
@@ -40,7 +40,7 @@ def braked(folder: Path, after_s: float, to: float = 0.0, **more: Any) -> Findin
 
 
 def test_a_property_that_holds_passes(tmp_path: Path) -> None:
-    """It stops 0.5 s after it comes near."""
+    """The robot stops 0.5 s after it comes near."""
     finding = braked(tmp_path, 0.5)
     assert finding.outcome is Outcome.PASSED
     assert finding.measured.startswith("holds by 0.05")
@@ -126,7 +126,7 @@ def test_a_mistake_in_a_property_is_told_when_the_rubric_loads(tmp_path: Path) -
 def test_a_signal_outside_the_window_shows_nothing(
     tmp_path: Path, window: tuple[float, float]
 ) -> None:
-    """What a node published before it ended, or after the window, is not how it behaved in it."""
+    """Messages before the end of the node or after the window say nothing about the window."""
     session = (
         Session(tmp_path)
         .process()

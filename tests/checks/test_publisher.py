@@ -1,4 +1,4 @@
-"""Checks of a node that publishes: credit at the limits, and what the machine is blamed for."""
+"""Checks of a publishing node: credit at the limits, and delays of the machine."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ JITTER = {
 
 
 def published(folder: Path, times_s: list[float], rows: list[list[float]] | None = None) -> Session:
-    """Make a session whose node publishes messages at these times, within a window of all of them."""
+    """Make a session with a node that publishes messages at these times, all within the window."""
     session = Session(folder).endpoint("publisher", TOPIC).process("it")
     session.messages(TOPIC, rows or [[0.0] * 7] * len(times_s), times_s)
     return session.window(times_s[0] - 0.001, times_s[-1] + 0.001)
@@ -91,7 +91,10 @@ def test_each_wrong_name_costs_its_part(
 def test_a_type_announced_with_another_definition_costs_a_part(
     tmp_path: Path, announced: str, outcome: Outcome
 ) -> None:
-    """What a program announces is its own: that is charged where the type is, and said; all else is judged."""
+    """The definition announced by a program costs points where the type is checked.
+
+    Everything else is judged.
+    """
     times = evenly(10, 1.0)
     session = Session(tmp_path).endpoint("publisher", TOPIC).process("it")
     session.messages(TOPIC, [[0.0] * 7] * len(times), times, type_hash="RIHS01_" + "cd" * 32)
@@ -133,7 +136,7 @@ def test_a_silent_publisher_fails_and_its_exception_is_reported(tmp_path: Path) 
 
 
 def missing(tmp_path: Path, session: str, module: str) -> Session:
-    """Give a session in which a program ended at an import in its second line."""
+    """Return a session with a program that ended at an import in its second line."""
     lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 2, in <module>']
     lines.append(f"ModuleNotFoundError: No module named '{module}'")
     return Session(tmp_path, session).process("it", lines, interrupted_ns=None)
@@ -153,7 +156,10 @@ def missing(tmp_path: Path, session: str, module: str) -> Session:
 def test_a_library_that_is_missing_here_is_for_a_person_to_decide(
     tmp_path: Path, source: str, module: str, outcome: Outcome
 ) -> None:
-    """A node that ended at the import of what the grader lacks is undecided; one that only says so has failed."""
+    """A node that ended at the import of a missing library is undecided.
+
+    A node that only claims so has failed.
+    """
     record = submission({"it.py": source})
     record.absent_modules = ["matplotlib"]
     finding = judged("topic_published", PUBLISHED, missing(tmp_path, "a", module), record)
@@ -257,7 +263,7 @@ def test_bursts_have_the_rate_of_all_their_messages(tmp_path: Path, shift_s: flo
 
 
 def test_of_a_window_without_messages_those_outside_are_not_told(tmp_path: Path) -> None:
-    """What came before or after it is nothing of which its rate could be measured."""
+    """Messages before or after the window give no rate."""
     session = (
         Session(tmp_path)
         .process("it")
@@ -335,7 +341,7 @@ def test_what_the_machine_disturbs_is_judged_by_what_it_did_not(
 
 
 def test_what_is_uneven_between_disturbances_is_uneven(tmp_path: Path) -> None:
-    """That the machine stalled excuses nothing that happened when it did not."""
+    """A stall of the machine excuses nothing at other times."""
     session = published(tmp_path, uneven(0.4, 0.0095)).disturbed(
         "it", *((1.03 + n, 0.1) for n in range(6))
     )
@@ -415,7 +421,10 @@ def test_what_ended_a_program_within_the_window_is_shown(tmp_path: Path) -> None
 
 
 def uneven(share: float, by_s: float, rate_hz: float = 100) -> list[float]:
-    """Give times at a rate of which a share is late, each lengthening one interval and shortening the next."""
+    """Return times at a rate, with a share of late ones.
+
+    Each late time lengthens one interval and shortens the next.
+    """
     times = np.array(evenly(rate_hz, 6.0))
     every = round(2 / share)
     times[1:-1:every] += by_s
@@ -432,7 +441,7 @@ def test_credit_for_evenness_falls_between_the_limits(
 
 
 def test_a_few_late_messages_cost_nothing(tmp_path: Path) -> None:
-    """What is late in clearly less than 5 % of the intervals is not seen."""
+    """Late messages in clearly less than 5 % of the intervals are not noticed."""
     assert (
         judged("topic_jitter", JITTER, published(tmp_path, uneven(0.01, 0.009))).outcome
         is Outcome.PASSED
@@ -440,7 +449,7 @@ def test_a_few_late_messages_cost_nothing(tmp_path: Path) -> None:
 
 
 def test_evenness_at_the_edge_of_what_a_sample_can_tell_is_undecided(tmp_path: Path) -> None:
-    """Of some hundred intervals 4 % late may as well be 5 % of all: the next recording could say otherwise."""
+    """In some hundred intervals, 4 % late may as well be 5 %. Another recording could differ."""
     finding = judged("topic_jitter", JITTER, published(tmp_path, uneven(0.04, 0.009)))
     assert finding.outcome is Outcome.INCONCLUSIVE
     assert "spans more than one" in finding.reason
@@ -466,7 +475,7 @@ def test_nothing_is_timed_by_a_clock_that_was_set(tmp_path: Path) -> None:
 
 
 def test_unevenness_of_the_machine_is_undecided(tmp_path: Path) -> None:
-    """Delays that the machine caused are left out, and what they may explain costs nothing."""
+    """Delays by the machine are left out, and possible effects of them cost nothing."""
     session = published(tmp_path, uneven(0.2, 0.008)).delayed("it", 2.0, 8.0)
     assert judged("topic_jitter", JITTER, session).outcome is Outcome.INCONCLUSIVE
 
@@ -556,7 +565,7 @@ def test_a_second_publisher_does_not_lend_its_type(tmp_path: Path) -> None:
 
 
 def forged(folder: Path, arrivals_s: list[float]) -> Session:
-    """Make a session whose messages are stamped every 10 ms and arrive at other times."""
+    """Make a session with messages stamped every 10 ms that arrive at other times."""
     session = Session(folder).endpoint("publisher", TOPIC).process("it")
     for number, arrival_s in enumerate(arrivals_s, 1):
         stamp_s = 1.0 + number / 100
@@ -596,7 +605,7 @@ def test_messages_that_the_recorder_lost_at_the_end_are_no_silence(tmp_path: Pat
 def test_what_a_node_makes_up_for_in_the_window_may_be_the_machines(
     tmp_path: Path, delay_s: float, outcome: Outcome
 ) -> None:
-    """A node that keeps to a schedule of its own sends at once what it could not send before the window opened."""
+    """A node with its own schedule sends at once all messages that were due before the window."""
     times = [1.0 + 0.0001 * n for n in range(30)] + evenly(100, 5.99, 1.01)
     session = published(tmp_path, times).delayed("it", delay_s, 1.0)
     session.record.processes[0].usage.append(Usage(at(8.0), 0, round(delay_s * 1e9)))
@@ -620,7 +629,7 @@ def test_what_a_node_makes_up_for_in_the_window_may_be_the_machines(
 def test_a_number_reads_on_its_own_side_of_a_limit(
     value: float, limits: tuple[float, ...], places: int, text: str
 ) -> None:
-    """So many decimal places are shown that number and verdict agree; what is equal is shown as short as any."""
+    """A number gets enough decimal places to agree with the verdict, and no more than needed."""
     assert apart(value, *limits, places=places) == text
 
 

@@ -29,7 +29,7 @@ CLAIM = replace(RELIABLE, history="keep_last", depth=10)
 
 
 def reported(folder: Path, line: str, latency_s: float = 0.001, listens: bool = True) -> Finding:
-    """Judge what is printed of a thousand messages."""
+    """Judge a printed line about a thousand messages."""
     session = Session(folder).endpoint("publisher", TOPIC).process("it", [line])
     if listens:
         session.endpoint("subscription", TOPIC)
@@ -117,7 +117,10 @@ def test_seconds_that_are_called_milliseconds_are_named(
 
 
 def test_what_was_never_sent_is_not_charged_in_the_report(tmp_path: Path) -> None:
-    """A topic without traffic costs points for the traffic; a report of what never came is invented."""
+    """A topic without traffic costs points for the traffic.
+
+    A report of messages never sent is invented.
+    """
     wanted = {
         **REPORTED,
         "rows": [{"name": "fast", "topic": TOPIC}, {"name": "slow", "topic": "/slow"}],
@@ -175,7 +178,8 @@ def test_a_count_may_lack_what_a_short_queue_did_not_hold(
     session.claim("subscription", TOPIC, qos=asked)
     times = evenly(100, 9.99)
     session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
-    # In each delay six messages come, of which a queue of one holds one; or one comes, and pushes out one before it.
+    # In each delay six messages come for a queue of one; or one comes and pushes out the one
+    # before.
     session.process("it", [row(count)]).disturbed(
         "it", *((float(start_s), delay_s) for start_s in range(1, 11))
     )
@@ -252,7 +256,7 @@ def test_a_pattern_without_its_groups_is_a_mistake_of_the_rubric(tmp_path: Path)
 
 
 def test_a_line_in_the_form_asked_for_counts_before_others(tmp_path: Path) -> None:
-    """What else begins with a row's name, behind it or before it, is no result."""
+    """Other lines that begin with a row's name are no results, before or after it."""
     for n, lines in enumerate(([row(), "fast | 1 | x"], ["fast | 1 | x", row()])):
         session = (
             Session(tmp_path, f"s{n}").endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
@@ -283,7 +287,7 @@ def test_a_pattern_that_does_not_compile_is_a_mistake_of_the_rubric(
 def test_latencies_are_not_compared_with_stamps_of_ones_own(
     tmp_path: Path, latency_s: float
 ) -> None:
-    """Who stamps messages as he likes does not get the latency that he prints confirmed."""
+    """A program with arbitrary stamps gets no confirmation of its printed latency."""
     finding = reported(
         tmp_path, row(mean_ms=1e3 * latency_s, max_ms=1e3 * latency_s + 1), latency_s=latency_s
     )
@@ -317,7 +321,10 @@ def test_a_latency_is_judged_to_the_places_that_are_printed(
     ],
 )
 def test_numbers_that_nothing_measured_are_for_a_person(kept: str, words: str | None) -> None:
-    """Of a random generator's numbers no count is that of the messages; measured ones, or none, are no case."""
+    """None of a random generator's counts equals the number of messages.
+
+    Measured counts, or none, raise no suspicion.
+    """
     rubric = read_rubric(None)
     result = judge(
         open_recordings(Path(__file__).resolve().parents[1] / "recordings" / kept, rubric), rubric

@@ -105,7 +105,10 @@ def test_no_service_fails(tmp_path: Path) -> None:
 def test_a_service_that_nobody_could_call_is_not_offered(
     tmp_path: Path, ends_s: float, outcome: Outcome
 ) -> None:
-    """What was in the graph for a moment, of a node that ended before the first call, is no service."""
+    """A service was not offered if its node ended before the first call.
+
+    A moment in the graph does not count.
+    """
     session = (
         Session(tmp_path)
         .service(NAME)
@@ -194,7 +197,7 @@ def test_another_default_is_not_charged_with_the_answer(
 
 
 def test_another_answer_later_is_charged_once(tmp_path: Path) -> None:
-    """A node that refuses what changes nothing loses for enabling, and not for disabling as well."""
+    """A node that refuses repeated requests loses for enabling, and not for disabling as well."""
     session = called(
         called(Session(tmp_path), "enable", call(answer(True))), "many", call(answer(False))
     )
@@ -318,7 +321,7 @@ QUIET: dict[str, Any] = {
     "check", ["call_answered", "topic_published", "topics_subscribed", "service_offered"]
 )
 def test_a_node_that_ended_without_an_error_is_told_to_spin(tmp_path: Path, check: str) -> None:
-    """That it had ended is said in each check of the node alike."""
+    """Each check of the node says that the node had ended."""
     parameters: dict[str, dict[str, Any]] = {
         "call_answered": ANSWERED,
         "service_offered": OFFERED,

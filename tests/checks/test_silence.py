@@ -14,7 +14,7 @@ FLOAT = "std_msgs/msg/Float64"
 
 
 def spoken(folder: Path, *times_s: float) -> Session:
-    """Make a session in which a node publishes at some times; a step was from 1 to 2 s, a goal came at 3 s."""
+    """Make a session with publications at some times, a step from 1 to 2 s and a goal at 3 s."""
     session = Session(folder).process().step("publish", "go")
     session.typed("/goal", FLOAT, [{"data": n} for n in range(5)], [3.0 + n for n in range(5)])
     return session.typed("/out", FLOAT, [{}] * len(times_s), times_s) if times_s else session
@@ -48,7 +48,7 @@ def test_who_waits_passes_and_who_does_not_is_shown(tmp_path: Path, kind: str) -
 
 
 def test_silence_for_ever_proves_nothing_unless_it_may(tmp_path: Path) -> None:
-    """It has to begin, soon enough."""
+    """Publishing must begin, soon enough."""
     assert (
         judged("silent_until", UNTIL["step"], spoken(tmp_path / "never")).outcome is Outcome.FAILED
     )
@@ -67,7 +67,7 @@ def test_the_machine_may_have_kept_it_silent(tmp_path: Path) -> None:
 
 
 def test_what_never_came_can_prove_nothing(tmp_path: Path) -> None:
-    """But who published all the same did not wait for it."""
+    """A node that published without waiting has failed all the same."""
     parameters = {"topic": "/out", "message_on": "/start"}
     assert (
         judged("silent_until", parameters, spoken(tmp_path / "silent")).outcome

@@ -87,7 +87,10 @@ def test_a_misspelt_topic_and_a_wrong_type_are_reported(tmp_path: Path) -> None:
 
 
 def test_a_topic_in_the_namespace_of_its_node_is_reported(tmp_path: Path) -> None:
-    """A relative name in a node with a namespace costs what any other name does, and the reason says why it is so."""
+    """A relative name in a namespace costs as much as any wrong name.
+
+    The reason names the namespace.
+    """
     session = subscribed(tmp_path, state=f"/arm{STATE}", node="/arm/student").called(
         f"{STATE}=/arm{STATE}"
     )
@@ -161,7 +164,10 @@ def test_what_ends_a_node_later_is_no_matter_of_the_step(tmp_path: Path) -> None
 def test_a_report_before_it_can_be_made_costs_a_part(
     tmp_path: Path, time_s: float, line: str, credit: str
 ) -> None:
-    """A node that makes up what it is compared with goes on, but reports too early; one that says why not does not."""
+    """A node that invents its reference value goes on, but reports too early.
+
+    A node that explains the wait does not.
+    """
     session = Session(tmp_path).step("publish", "early").step("start", "later")
     session.record.steps[-1].started_ns = at(2.0)
     session.process("it", [(time_s, line), (3.0, "RMS: 0.2000 rad")])
@@ -172,7 +178,7 @@ def test_a_report_before_it_can_be_made_costs_a_part(
 
 
 def test_a_step_that_was_not_reached_decides_nothing(tmp_path: Path) -> None:
-    """Without the step the recording does not show what the node would have done."""
+    """Without the step, the recording does not show the node's behaviour."""
     session = Session(tmp_path).process()
     assert (
         judged("survives", {"artifact": "it", "step": "early"}, session).outcome
@@ -197,7 +203,10 @@ def test_a_missing_subscriber_fails(tmp_path: Path) -> None:
 def test_a_node_that_got_nothing_has_not_survived_it(
     tmp_path: Path, matched: bool, topic_type: str, outcome: Outcome
 ) -> None:
-    """Where the discovery was late, nothing tells what the node would have done; another type is charged elsewhere."""
+    """After a late discovery nothing shows the node's behaviour.
+
+    Another type is charged elsewhere.
+    """
     session = Session(tmp_path).process().endpoint("subscription", STATE, topic_type=topic_type)
     session.step("publish", "early", matched=matched, parameters={"topic": STATE, "type": FLOATS})
     assert judged("survives", {"artifact": "it", "step": "early"}, session).outcome is outcome
@@ -223,7 +232,7 @@ def test_one_subscription_that_was_made_and_never_seen_is_undecided(
 
 
 def listening(folder: Path, *snapshots: tuple[float, tuple[str, ...]]) -> Session:
-    """Make a session in whose graph subscriptions of the same node come and go."""
+    """Make a session with subscriptions of one node that come and go in the graph."""
     session = Session(folder).process(
         "it", ["Traceback (most recent call last):", "TypeError: None"]
     )
@@ -258,7 +267,10 @@ def listening(folder: Path, *snapshots: tuple[float, tuple[str, ...]]) -> Sessio
 def test_a_program_outlives_its_node_only_with_it(
     tmp_path: Path, later: list[tuple[float, str]], survived: bool
 ) -> None:
-    """A program that goes on without its node, or starts it again, has not survived; what comes later is no matter."""
+    """A program that goes on without its node, or restarts it, has not survived.
+
+    Later events do not matter.
+    """
     session = listening(tmp_path, (0.5, ("a",)), *((time_s, tuple(gids)) for time_s, gids in later))
     session.record.steps[-1].started_ns = at(4.0)
     finding = judged("survives", {"artifact": "it", "step": "early", "until": "stimulus"}, session)

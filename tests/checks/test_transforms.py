@@ -61,7 +61,7 @@ def base(
 
 
 def laser(**other: Any) -> dict[str, Any]:
-    """Give the static frame, in its right place but for what is given."""
+    """Return the static frame in its right place, apart from the given fields."""
     return transform(
         **{
             "parent": "base",
@@ -150,7 +150,7 @@ def test_nothing_sent_fails(tmp_path: Path) -> None:
     ids=["right", "within", "other"],
 )
 def test_another_node_costs_a_part(tmp_path: Path, node: str, credit: str) -> None:
-    """Who sends the transforms is looked up in the graph; only another name costs."""
+    """The sender of the transforms is looked up in the graph; only another name costs."""
     finding = only("frames", session(tmp_path), node=node)
     assert (finding.credit, "from node" in finding.expected) == (Decimal(credit), True)
     assert finding.reason == ("" if credit == "1" else f"The node is named /student, not {node}.")
@@ -176,7 +176,7 @@ def test_another_node_costs_a_part(tmp_path: Path, node: str, credit: str) -> No
 def test_wrong_names_cost_their_frame(
     tmp_path: Path, names: dict[str, Any], credit: str, words: str
 ) -> None:
-    """Of two frames, one is half; a mistake with a name costs half of that."""
+    """One of two frames is worth half; a mistake in a name costs half of that."""
     finding = only("frames", session(tmp_path, [(t, base(t, **names)) for t in TIMES]))
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
@@ -287,7 +287,7 @@ def test_what_is_a_slip_in_the_name_of_a_frame(wanted: str, name: str, is_slip: 
 
 
 def test_a_name_that_is_sent_is_not_taken_for_another(tmp_path: Path) -> None:
-    """What is alike to a missing name and stands where it belongs is not what was meant."""
+    """A known frame with a similar name is not taken for the missing frame."""
     made = session(tmp_path, [(t, base(t, child="laser")) for t in TIMES], [])
     assert "No transform of the frame base" in only("frames", made).reason
 
@@ -341,7 +341,7 @@ def test_stamps_are_of_the_time_of_publication(
 
 
 def test_stamps_of_0_are_named(tmp_path: Path) -> None:
-    """Whoever forgets the stamp learns how to set it."""
+    """The hint explains how to set a forgotten stamp."""
     finding = only(
         "stamps", session(tmp_path, [(t, transform("odom", "base", 0.0)) for t in TIMES])
     )
@@ -350,7 +350,7 @@ def test_stamps_of_0_are_named(tmp_path: Path) -> None:
 
 
 def test_a_stamp_that_the_machine_made_old_is_undecided(tmp_path: Path) -> None:
-    """What the machine delayed between stamp and publication is no mistake; old by itself is one all the same."""
+    """A machine delay between stamp and publication is no mistake; an old stamp without one is."""
     late = {2.0: 0.4, 3.0: 0.4}
     sent = [(t, base(t, late_s=late.get(round(t, 2), 0.0))) for t in TIMES]
     assert only("stamps", session(tmp_path, sent)).outcome is Outcome.PARTIAL
@@ -417,7 +417,10 @@ def test_what_is_static_is_latched(
     credit: str,
     words: str,
 ) -> None:
-    """On its own topic, so that who comes later gets it, and nowhere else; what moves is not static."""
+    """A static frame is latched on its own topic for late listeners, and nowhere else.
+
+    A moving frame is not static.
+    """
     finding = only("static", session(tmp_path, moving, static, durability=durability))
     assert finding.credit == Decimal(credit)
     assert words in finding.reason
@@ -453,7 +456,10 @@ def test_a_rate_that_the_machine_lowered_is_undecided(tmp_path: Path) -> None:
 def test_a_broadcaster_that_lacks_a_library_here_is_for_a_person(
     tmp_path: Path, absent: list[str], outcome: Outcome
 ) -> None:
-    """A node that ended at the import of what the grader lacks shows no frame, and has not lost them."""
+    """A node that ended at the import of a missing library shows no frames.
+
+    The points stay open.
+    """
     lines = ["Traceback (most recent call last):", '  File "/ws/src/it.py", line 1, in <module>']
     lines.append("ModuleNotFoundError: No module named 'transforms3d'")
     made = (
@@ -519,7 +525,10 @@ SLIP = {"parameters": {"factor": 2.0}, "meaning": "a drive that is twice as fast
 def test_an_oracle_says_where_a_frame_is_at_each_time(
     tmp_path: Path, factor: float, credit: str
 ) -> None:
-    """Composed along the tree; what it gives with other parameters names a mistake."""
+    """Poses are composed along the tree.
+
+    The oracle's pose with other parameters names a mistake.
+    """
     sent = [
         (t, transform("odom", "base", t, (0.5 * t * factor, 0, 0), yawed(0.2 * t * factor)))
         for t in TIMES
@@ -530,7 +539,7 @@ def test_an_oracle_says_where_a_frame_is_at_each_time(
 
 
 def test_what_was_sent_before_anybody_listened_is_said(tmp_path: Path) -> None:
-    """Sequence numbers tell that messages on /tf were lost, of which a static frame may have been one."""
+    """Sequence numbers show lost messages on /tf; a static frame may have been among them."""
     made = session(tmp_path, [], [])
     made.typed("/tf", TF, [{"transforms": [base(t)]} for t in TIMES], TIMES)
     assert only("frames", made).reason == "No transform of the frame laser arrived."
@@ -549,7 +558,7 @@ def test_what_was_not_latched_lies_where_it_should_all_the_same(tmp_path: Path) 
 
 
 def test_at_given_times_a_pose_is_interpolated(tmp_path: Path) -> None:
-    """Between two stamps it lies between two poses; outside of what was sent, nowhere."""
+    """A pose between two stamps is interpolated; outside the sent stamps there is none."""
     pose = {
         "frame": "base",
         "within": "odom",
@@ -585,7 +594,7 @@ def test_poses_that_the_machine_delayed_are_undecided(tmp_path: Path) -> None:
 
 
 def test_frames_that_nothing_connects_are_said(tmp_path: Path) -> None:
-    """A pose between two trees is not tested, nor is one whose oracle rests on what the student never sent."""
+    """A pose between two trees is not tested, nor a pose with an oracle that lacks its messages."""
     finding = only("poses", session(tmp_path, [], [laser()]), poses=[ORACLE])
     assert "nothing connects them" in finding.reason
     streams = {"pose": {"topic": "/pose", "field": "pose.position"}}
@@ -622,7 +631,7 @@ def test_numbers_of_other_frames_do_not_count(tmp_path: Path) -> None:
 
 
 def test_a_long_way_between_frames_is_judged_soon(tmp_path: Path) -> None:
-    """What may have been sent in another order of numbers is not sought link by link in a flood of frames."""
+    """A flood of frames is not searched link by link for another order of the numbers."""
     names = ["base", *(f"link_{n}" for n in range(30)), "laser"]
     made = session(tmp_path, None, [transform(a, b, 0.9, (0, 0, 1)) for a, b in pairwise(names)])
     rolled: list[int] = []

@@ -1,4 +1,4 @@
-"""`python -m confine`: what is confined, and with which status it ends."""
+"""`python -m confine`: the confinement of a command and the exit status."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_it_cannot_fill_the_disk(level: Level) -> None:
 
 
 def test_a_command_that_takes_too_long_is_ended() -> None:
-    """Its status is that of timeout(1)."""
+    """The exit status equals timeout(1)'s, 124."""
     done = run("--timeout", "0.5", "--", "sleep", "50")
     assert done.returncode == 124
     assert "after 0.5 s" in done.stderr
@@ -143,7 +143,7 @@ def test_its_help_names_levels_and_statuses() -> None:
 
 
 def test_the_example_of_the_readme_runs(level: Level) -> None:
-    """It prints the user id of a confined program."""
+    """The README's example prints the user id of a confined program."""
     example = re.search(r"```python\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
     assert example is not None
     command = [sys.executable, "-c", example[1]]

@@ -106,7 +106,7 @@ def calm_s(watch: subprocess.Popen[str], since_ns: int) -> float:
 
 
 def seen(watch: subprocess.Popen[str]) -> dict[str, list[list[int]]]:
-    """End the watch and return what it saw."""
+    """End the watch and return the recorded delays."""
     *demoted, last = map(json.loads, watch.communicate()[0].splitlines())
     DEMOTED.extend(demoted)
     found: dict[str, list[list[int]]] = last
@@ -137,7 +137,10 @@ class Moment(NamedTuple):
 
 
 def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
-    """Two threads on one core wait for each other half of the time; only what others had is the machine's."""
+    """Two threads on one core wait for each other half of the time.
+
+    Only the time used by other processes counts as machine delay.
+    """
     with program(_WATCH) as watch, program(_TWO_THREADS) as it, program(_TWO_THREADS) as other:
         say(it, "")
         until(lambda: len(threads_of(it.pid)) == 2, 30)
@@ -163,7 +166,10 @@ def test_waits_for_others_are_seen_and_those_for_oneself_are_not() -> None:
 
 
 def test_no_thread_is_forgotten_for_not_being_read_each_time() -> None:
-    """Who did not run is not read; the sums are those of all threads, to the nanosecond."""
+    """Threads that did not run are not read.
+
+    The sums still cover all threads, to the nanosecond.
+    """
     with program(_MANY_THREADS) as it, program(_TWO_THREADS) as other:
         until(lambda: len(threads_of(it.pid)) == 13, 30)
         for process in (it, other):
@@ -196,16 +202,20 @@ def test_what_is_stopped_with_all_its_sandbox_is_seen() -> None:
         time.sleep(0.1)
         calm, asked_ns = calm_s(watch, start_ns), time.time_ns()
         delays = seen(watch)["it"]
-    # What its threads had waited before they were followed, as beside other work at its start, is one delay before.
+    # Waiting times from before the threads were followed (other work at the start) are one earlier
+    # delay.
     stopped = [each for each in delays if each[2] > 100_000_000 and each[0] + each[1] > start_ns]
     assert len(stopped) == 1
     assert stopped[0][0] <= start_ns + 10_000_000
     assert end_ns <= stopped[0][0] + stopped[0][1]
-    assert calm < (asked_ns - end_ns) / 1e9  # and nothing of the time in which it was stopped
+    assert calm < (asked_ns - end_ns) / 1e9  # without any of the stopped time
 
 
 def test_a_runaway_does_not_go_before_all_others() -> None:
-    """Where real-time scheduling is permitted, who computes without a pause loses it, is told once, and is not ended."""
+    """A process that computes without a pause loses real-time scheduling.
+
+    Where real-time scheduling is permitted, the loss is reported once and the process goes on.
+    """
     DEMOTED.clear()
     with program(_WATCH) as watch, program(_TWO_THREADS) as it:
         say(it, "")

@@ -25,7 +25,7 @@ _TELL = "import json, os, sys; print(json.dumps([os.getcwd(), sys.path, dict(os.
 def test_a_helper_knows_neither_the_folder_nor_the_variables(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its folder is `/`, its path that of its installation, and of the variables it has those of the list."""
+    """A helper has the folder `/`, the path of its installation, and the listed variables only."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "json.py").write_text("raise SystemExit('imported')\n", encoding="utf-8")
     for name in ("PYTHONPATH", "LD_LIBRARY_PATH", "ROS_DOMAIN_ID", "GIT_DIR", "HOME"):
@@ -44,7 +44,7 @@ def test_a_helper_knows_neither_the_folder_nor_the_variables(
 def test_entries_that_lead_to_the_working_folder_are_left_out(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Relative ones, empty ones, the folder itself by any name, and what lies below a submission."""
+    """Relative and empty entries, the folder by any name and folders of submissions are dropped."""
     handed_in, here = tmp_path / "handed", tmp_path / "here"
     for folder in (handed_in / "bin", here):
         folder.mkdir(parents=True)

@@ -114,7 +114,7 @@ def first_uid_in(namespaces: list[str]) -> int:
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root gives others user ids")
 def test_sandboxes_in_two_networks_have_different_user_ids() -> None:
-    """The kernel counts processes by user id; it counts those of a container's own users within the container."""
+    """The kernel counts processes by user id, separately for the user namespace of a container."""
     many, few = CONFINED_UIDS
     here, elsewhere = first_confined_uid(), first_uid_in(["--net"])
     assert first_confined_uid() == here

@@ -20,7 +20,7 @@ ROOT = Path(limits.__file__).parents[1]
 
 
 def below(name: int, hard: int, work: Callable[[], T]) -> T:
-    """Return what work returns in a process with a lowered hard limit."""
+    """Return the result of `work`, called in a process with a lowered hard limit."""
     read, write = os.pipe()
     pid = os.fork()
     if pid == 0:
@@ -49,7 +49,7 @@ def test_no_limit_is_above_the_hard_one(hard: int, wanted: int, had: int) -> Non
 
 
 def test_a_soft_limit_can_be_raised_again() -> None:
-    """It leaves the hard limit as it is, and `lift` undoes it."""
+    """A soft limit leaves the hard limit as it is, and `lift` undoes it."""
 
     def work() -> list[tuple[int, int]]:
         limits.set_soft_limit("nofile", 50)
@@ -85,7 +85,7 @@ def test_soft_limits_are_raised_but_for_memory() -> None:
     ],
 )
 def test_the_limit_behind_an_error(number: int, hard: int, problem: str, name: str | None) -> None:
-    """It is the one that the message is about, unless it is far above the usual value."""
+    """The limit named by the message is found, unless it is far above the usual value."""
     found = below(number, hard, partial(limits.limit_behind, problem))
     if name is None:
         assert found is None

@@ -1,4 +1,4 @@
-"""Samples of the machine: its clocks are read at once, and CPU time is counted for whoever took it."""
+"""Samples of the machine: clocks read together, and the CPU time of all processes."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from confine.machine import read_clocks, wait_for_calm
 
 
 def test_a_core_that_is_lost_between_two_clocks_is_no_clock_that_was_set() -> None:
-    """Of several readings that counts in which the least time passed."""
+    """The fastest of several readings counts."""
     steady = iter([0, 30_000_000, 30_000_000, 30_000_200])
     told = iter([1_000_000_000, 1_030_000_100])
     assert read_clocks(lambda: next(told), lambda: next(steady)) == (1_030_000_100, 1_000_000_000)
@@ -52,7 +52,7 @@ except ChildProcessError:
 
 
 def test_a_group_counts_processes_that_nobody_waits_for() -> None:
-    """Who ignores its children's ends is told of no CPU time of theirs, and the kernel counts it for the group."""
+    """The kernel counts CPU time for the group even when a parent ignores its children's ends."""
     parents = next((parents for parents in cgroup_parents() if parents.cpu is not None), None)
     if parents is None:
         pytest.skip("no control group that counts CPU time can be made here")

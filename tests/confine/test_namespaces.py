@@ -1,4 +1,4 @@
-"""The first process of a sandbox: what it shares with the others, and that it and they end together."""
+"""The first process of a sandbox: namespaces shared with others, and one end for both."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ print([name for _, name in socket.if_nameindex()])
 
 
 def test_mounts_of_a_sandbox_are_seen_nowhere_else(tmp_path: Path) -> None:
-    """What its first process mounts stays in the cell."""
+    """Mounts made by the first process stay in the cell."""
     mount = f'subprocess.run(["mount", "-t", "tmpfs", "none", {str(tmp_path)!r}], check=True)'
     run = in_cell(
         f"import subprocess; {mount}; print({str(tmp_path)!r} in Path('/proc/self/mounts').read_text())"

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.live
 
 _WAITING = [sys.executable, "-c", "import sys; sys.stdin.read()"]
 
-# Puts itself first, and tells its own nice value and that of a child.
+# A program that raises its own priority and prints its own nice value and a child's.
 _FIRST = """
 import os, subprocess, sys
 from confine.priority import put_self_first
@@ -27,7 +27,7 @@ print(os.getpriority(os.PRIO_PROCESS, 0), subprocess.check_output([sys.executabl
 
 
 def may_raise() -> bool:
-    """Whether this process may give itself a better nice value."""
+    """Return whether this process may give itself a better nice value."""
     tried = "import os; os.setpriority(os.PRIO_PROCESS, 0, -1)"
     return (
         subprocess.run([sys.executable, "-c", tried], capture_output=True, check=False).returncode
@@ -58,8 +58,8 @@ def test_what_stands_goes_before_what_starts() -> None:
 
 
 def test_children_of_a_session_do_not_inherit_its_priority() -> None:
-    """What a session's process starts begins as any other."""
-    # In a session of its own: with autogroups it weighs all of its session, which would be that of all tests.
+    """A child process of a session starts with the usual priority."""
+    # In a separate session, because autogroups weigh whole sessions, and all tests share theirs.
     said = subprocess.check_output(
         [sys.executable, "-c", _FIRST], text=True, start_new_session=True
     ).split()
@@ -87,7 +87,7 @@ print(told() == before)
 
 
 def test_grade_goes_first_only_while_it_runs() -> None:
-    """The weight of the session, which is that of a terminal, is given back."""
+    """The previous weight of the terminal's session is restored."""
     said = subprocess.check_output(
         [sys.executable, "-c", _FOR_A_WHILE], text=True, start_new_session=True
     ).split()

@@ -1,4 +1,4 @@
-"""Temporary folders: those of gradings that have ended are removed, and no others."""
+"""Removal of temporary folders of ended gradings, and of no others."""
 
 from __future__ import annotations
 
@@ -65,14 +65,14 @@ def test_a_number_that_was_given_again_is_another_process(temporary: Path) -> No
     "name", ["confine-", "confine-stage-x", "confine-1-2", "other-1-99999999-1-x"]
 )
 def test_folders_of_others_stay(temporary: Path, name: str) -> None:
-    """What is not called as our folders are is not touched."""
+    """Folders with names of another form stay untouched."""
     (temporary / name).mkdir()
     assert remove_stale() == []
     assert (temporary / name).is_dir()
 
 
 def test_another_namespace_stays(temporary: Path) -> None:
-    """Whether a process of another container lives cannot be told here, so its folder stays."""
+    """A folder of another container stays, because its process cannot be seen from here."""
     words = scratch_prefix().split("-")
     folder = temporary / "-".join([words[0], str(int(words[1]) + 1), "99999999", "1", "x"])
     folder.mkdir()
@@ -94,7 +94,10 @@ def test_links_are_not_followed(temporary: Path) -> None:
 
 @pytest.mark.skipif(not shutil.which("rm"), reason="coreutils remove what Python cannot")
 def test_folders_deeper_than_python_follows_are_removed(tmp_path: Path) -> None:
-    """Thousands of folders within each other go, also where one is closed to its owner; what links lead to stays."""
+    """Thousands of nested folders are removed, even if one is closed to its owner.
+
+    The targets of links stay.
+    """
     kept = tmp_path / "kept"
     kept.mkdir()
     folder = tmp_path / "scratch"

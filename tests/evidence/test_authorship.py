@@ -17,12 +17,12 @@ OWN_TIMES_S = [1.0, 2.0, 3.0]
 
 
 def told(rows: Sequence[Sequence[float]] = OWN, process: str = "arm") -> Published:
-    """Give what a process tells that it published."""
+    """Return a process's account of its own publications."""
     return Published(process, TOPIC, FLOATS, "".join(digest(floats(row)) for row in rows))
 
 
 def with_own(folder: Path) -> Session:
-    """Give a session in which the arm told and published three messages."""
+    """Return a session with three messages published and accounted for by the arm."""
     session = Session(folder).messages(TOPIC, OWN, OWN_TIMES_S)
     session.record.published.append(told())
     return session
@@ -53,7 +53,7 @@ def test_what_others_say_before_and_after_is_not_counted(tmp_path: Path) -> None
 
 
 def test_a_repeated_message_counts_once(tmp_path: Path) -> None:
-    """Who sends what the grader sent, under the same sequence number, comes later and is another."""
+    """A copy of the grader's message with the same sequence number arrives later. It is foreign."""
     found = apart(with_own(tmp_path).messages(TOPIC, [[0.1]], [1.5]))
     assert found.own.source_ns.tolist() == [at(t) for t in OWN_TIMES_S]
     assert found.others_ns.tolist() == [at(1.5002)]
@@ -74,7 +74,7 @@ def test_the_same_contents_under_another_number_are_anothers(tmp_path: Path) -> 
 
 
 def test_a_flood_of_another_type_does_not_take_the_topic(tmp_path: Path) -> None:
-    """The type is that which the grader published, not the most frequent one."""
+    """The type published by the grader counts, not the most frequent one."""
     session = with_own(tmp_path).texts(TOPIC, ["no"] * 20, [1.5] * 20)
     assert len(apart(session).others_ns) == 20
     recorded = session.recorded()
@@ -93,7 +93,7 @@ def test_two_publishers_of_the_grader_are_both_its_own(tmp_path: Path) -> None:
 
 
 def test_a_lost_message_makes_none_of_the_others_foreign(tmp_path: Path) -> None:
-    """What the recorder lost leaves a gap, and no more."""
+    """A message lost by the recorder leaves a gap, and no more."""
     session = Session(tmp_path).messages(TOPIC, [OWN[0], OWN[2]], [1.0, 3.0], sequence=[1, 3])
     session.record.published.append(told())
     found = apart(session)
@@ -109,7 +109,7 @@ def test_without_anything_reported_all_messages_are_seen(tmp_path: Path) -> None
 
 
 def test_where_the_student_is_expected_to_publish_nothing_is_left_out(tmp_path: Path) -> None:
-    """A topic for which the steps wait is the student's as well: all of its messages count."""
+    """A topic awaited by the steps is the student's as well: all of its messages count."""
     session = with_own(tmp_path).messages(TOPIC, [[9.0]], [1.5])
     session.step("wait_for", "there", parameters={"publisher": "/states"}).called(
         f"/states={TOPIC}"

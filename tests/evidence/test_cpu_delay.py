@@ -1,4 +1,4 @@
-"""What of a measurement the machine touched, by the times at which it delayed a process."""
+"""Undisturbed parts of a measurement, by the times at which the machine delayed a process."""
 
 from __future__ import annotations
 
@@ -53,12 +53,18 @@ def calm_of(times_s: np.ndarray, *delays: Delay, harmless_s: float = 0.001) -> C
 def test_a_queue_overflows_by_what_it_has_no_room_for(
     delays: list[Delay], room_s: float, busy: float, lost_s: float
 ) -> None:
-    """Only a delay for which a queue has no room loses messages; what is left of a core empties it."""
+    """Only a delay too long for a queue loses messages.
+
+    The remaining share of a core empties the queue.
+    """
     assert backlog(delays, SPAN, room_s, busy).lost_s == pytest.approx(lost_s, abs=0.03)
 
 
 def test_short_delays_make_nothing_late() -> None:
-    """A second in one piece makes what comes in ten seconds a tenth of a second late; in a hundred pieces, 1 ms."""
+    """A second in one piece makes ten seconds of messages 0.1 s late on average.
+
+    A second in a hundred pieces makes them 1 ms late.
+    """
     assert backlog([delay(1, 1.0)], SPAN, INFINITE, 0.1).late_s == pytest.approx(0.1)
     assert backlog(
         [delay(n / 10, 0.01) for n in range(100)], SPAN, float("inf"), 0.1
@@ -69,7 +75,10 @@ def test_short_delays_make_nothing_late() -> None:
 
 
 def test_what_follows_a_delay_is_not_calm_at_once() -> None:
-    """A delay of two intervals touches three, one in which what was missed may follow, and one that gets shorter."""
+    """A delay of two intervals touches five.
+
+    Three overlap with it; one may hold missed messages, and one gets shorter.
+    """
     times_s = np.arange(100) / 10
     assert len(calm_of(times_s).intervals_s) == 99
     calm = calm_of(times_s, delay(3.05, 0.2))
@@ -87,7 +96,10 @@ def test_harmless_delays_leave_intervals_calm_and_widen_the_rate() -> None:
 
 
 def test_the_rate_in_calm_intervals_holds_the_true_one() -> None:
-    """Of programs whose timer is stopped a quarter of the time at random, also of uneven ones that are not 100 Hz."""
+    """The true rate is found although the timer is stopped a quarter of the time, at random.
+
+    Uneven programs and rates other than 100 Hz are included.
+    """
     random = np.random.default_rng(1)
     for period_s, jitter_s in ((0.010, 0.0), (0.0102, 0.0003), (0.0125, 0.004)):
         stops = np.cumsum(random.uniform(0.0525, 0.0825, 90))
@@ -96,7 +108,7 @@ def test_the_rate_in_calm_intervals_holds_the_true_one() -> None:
         ticks = np.cumsum(np.maximum(0.001, random.normal(period_s, jitter_s, 620)))
         for start, length in zip(
             stops, lengths, strict=True
-        ):  # what falls into a stop comes at its end
+        ):  # ticks during a stop come at its end
             ticks = np.where((ticks > start) & (ticks < start + length), start + length, ticks)
         calm = calm_of(np.unique(ticks), *delays)
         least_hz, most_hz = calm.rate_hz()
@@ -106,7 +118,7 @@ def test_the_rate_in_calm_intervals_holds_the_true_one() -> None:
 
 
 def test_evenness_is_that_of_calm_intervals() -> None:
-    """What the machine made uneven does not count, what the program did itself does."""
+    """Unevenness caused by the machine does not count; the program's own does."""
     times_s = np.arange(600) / 100
     stopped = times_s.copy()
     stopped[100:103] += 0.02
@@ -118,7 +130,10 @@ def test_evenness_is_that_of_calm_intervals() -> None:
 
 
 def test_a_pause_of_the_programs_own_is_seen_although_the_machine_touched_it() -> None:
-    """Between delays every 0.07 s no pause of 0.1 s is ever calm; what they leave of it is the program's."""
+    """With delays every 0.07 s no pause of 0.1 s is ever calm.
+
+    The undelayed rest of a pause is the program's.
+    """
     times_s = np.concatenate([n + np.arange(90) / 100 for n in range(6)])
     delays = [delay(n * 0.07, 0.015) for n in range(86)]
     assert calm_of(np.arange(600) / 100, *delays).rate_hz()[0] > 99.0
@@ -133,7 +148,7 @@ def test_a_few_intervals_do_not_stand_for_all() -> None:
 
 
 def test_the_delays_of_many_spans_are_those_of_each(tmp_path: Path) -> None:
-    """Of the student's and the reference processes that one counts which was delayed most; a delay by its part."""
+    """The most delayed process of the student or reference counts, each delay by its part."""
     session = (
         Session(tmp_path)
         .process("one")

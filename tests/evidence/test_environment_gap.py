@@ -1,4 +1,4 @@
-"""What would run on a student's machine and does not where it is graded."""
+"""Programs that run on a student's machine and not on the grader's."""
 
 from __future__ import annotations
 
@@ -41,7 +41,10 @@ def test_a_library_that_is_missing_is_for_a_person_to_decide(
 
 
 def test_what_the_grader_found_is_not_missing() -> None:
-    """The grader's own look decides; what it did not look for, as in an older recording, the source decides."""
+    """The grader's own list decides.
+
+    For a module not on the list (older recordings), the source decides.
+    """
     record = submission({"it.py": "import matplotlib\n"})
     record.absent_modules = []
     assert environment_gap(missing("matplotlib"), record, "it.py") is None
@@ -52,7 +55,7 @@ def test_what_the_grader_found_is_not_missing() -> None:
 
 
 def test_a_file_that_the_program_does_not_import_excuses_nothing() -> None:
-    """An import that is missing counts in the program's file and in what that imports."""
+    """A missing import counts in the program's file and in its imported files."""
     decoy = submission({"it.py": "import rclpy\n", "helper.py": "import scipy\n"})
     used = submission({"it.py": "from .helper import wave\n", "helper.py": "import scipy\n"})
     found = Diagnosis(
@@ -90,7 +93,10 @@ def test_interfaces_of_a_package_of_the_submission_are_not_built() -> None:
 
 
 def test_interfaces_that_were_tried_are_missing_only_through_no_fault_of_theirs() -> None:
-    """What could not be built here is told with the reason; what has a mistake in it is not excused."""
+    """Interfaces that could not be built here are excused, with the reason.
+
+    Interfaces with a mistake are not.
+    """
     files = {
         "it.py": "from lab_interfaces.msg import Pose\n",
         "lab_interfaces/msg/Pose.msg": "int x\n",
@@ -98,7 +104,7 @@ def test_interfaces_that_were_tried_are_missing_only_through_no_fault_of_theirs(
     record = submission(files)
     record.packages.append(PackageFact("lab_interfaces", "lab_interfaces", "ament_cmake"))
     record.absent_modules, record.not_built = ["lab_interfaces"], {}
-    # Python takes a folder without modules for a package in which nothing is.
+    # Python takes a folder without modules for an empty package.
     no_name = Diagnosis("missing-name", "", "", "it.py", 1, "ImportError", subject="Pose")
     for found in (missing("lab_interfaces", "missing-sibling"), no_name):
         record.not_built = {}
@@ -108,7 +114,10 @@ def test_interfaces_that_were_tried_are_missing_only_through_no_fault_of_theirs(
 
 
 def test_a_part_that_lacks_of_a_package_is_missing_where_it_is_used() -> None:
-    """As of tf2_ros, of which the grader has a part; the source shows the use, and imports the package."""
+    """The grader has only a part of tf2_ros.
+
+    The source must import the package and use the missing part.
+    """
     record = submission({"it.py": "import tf2_ros\nb = tf2_ros.Buffer()\nb.transform(p, 'map')\n"})
     record.absent_modules = ["tf2_ros"]
     told = environment_gap(missing("tf2_ros.Buffer.transform", line=3), record, "it.py")

@@ -58,7 +58,7 @@ def recorded(folder: Path, kind: str, fields: dict[str, Any]) -> Recorded:
 def test_numbers_are_found_in_any_field(
     tmp_path: Path, kind: str, fields: dict[str, Any], path: str, numbers: list[float]
 ) -> None:
-    """A number, an array, and what is made of numbers are a row; an element is picked by its place."""
+    """A number, an array and fields made of numbers give a row; an index selects one element."""
     series = recorded(tmp_path, kind, fields).numeric("/it", path)
     assert series is not None
     assert series.values.tolist() == [numbers] * len(TIMES)
@@ -78,7 +78,7 @@ def test_numbers_are_found_in_any_field(
 def test_what_holds_no_numbers_gives_none(
     tmp_path: Path, kind: str, fields: dict[str, Any], path: str
 ) -> None:
-    """Neither texts, nor what is not there, nor more numbers than a vector has."""
+    """Texts, missing fields and vectors that are too long give no numbers."""
     assert recorded(tmp_path, kind, fields).numeric("/it", path) is None
 
 
@@ -93,7 +93,7 @@ def test_texts_and_stamps_stand_by_message(tmp_path: Path) -> None:
 
 
 def test_times_and_rows_keep_together_when_some_are_left_out(tmp_path: Path) -> None:
-    """What is left of a series has its own times and places."""
+    """The remaining rows of a series keep their times and places."""
     messages = [{"data": float(n)} for n in range(len(TIMES))]
     series = (
         Session(tmp_path)
@@ -144,7 +144,7 @@ def test_values_of_what_stands_in_a_result_are_found_by_paths(path: str, value: 
 def test_values_are_compared_within_a_tolerance(
     wanted: dict[str, Any], tolerance: float, equal: bool
 ) -> None:
-    """Numbers may differ, texts and lengths may not, and what is not asked for does not count."""
+    """Numbers may differ; texts and lengths may not; fields that nobody asked for do not count."""
     assert equal_within(RESULT, wanted, tolerance) is equal
     assert not equal_within({"x": float("nan")}, {"x": 1.0}, 1e9)
 
@@ -168,7 +168,7 @@ def test_an_element_that_is_true_or_false_is_a_number(tmp_path: Path) -> None:
 
 
 def test_an_element_that_is_not_there_is_not_another_field(tmp_path: Path) -> None:
-    """What stands in for a field of another type does not for the seventh joint of two."""
+    """The seventh joint of two gets no default value, unlike a field that only another type has."""
     assert (
         recorded(tmp_path, "sensor_msgs/msg/JointState", {"position": [1.0, 2.0]}).numeric(
             "/it", "position[6]"

@@ -1,4 +1,4 @@
-"""What correct programs meet once in a while too."""
+"""Accidents that also happen to correct programs now and then."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def interrupted(file: str, function: str, call: str) -> ProcessRun:
     ],
 )
 def test_ctrl_c_is_to_be_expected_while_a_node_spins(run: ProcessRun, is_flaky: bool) -> None:
-    """Spin ends when rclpy hears the signal; Python may raise the exception later, in what follows."""
+    """Spin ends when rclpy hears the signal; Python may raise the exception later, after spin."""
     assert bool(flaky_end(run)) == is_flaky
 
 
@@ -64,9 +64,9 @@ def test_an_interrupt_that_nobody_sent_is_the_programs_own() -> None:
 def test_what_was_missing_in_a_calm_time_is_not_waited_for_again(
     tmp_path: Path, delayed_s: float, between: dict[str, Any] | None, is_open: bool
 ) -> None:
-    """A delay does not explain that something is missing which nobody delayed at another time, before or after.
+    """A delay does not explain an object that was also missing in a calm time, earlier or later.
 
-    But what was started between the two may have it, or have ended it.
+    A program started between the two times may have created or ended the object.
     """
     session = Session(tmp_path).process("it").disturbed("it", (delayed_s, 0.9))
     session.step("wait_for", "first", "timeout", parameters={"service": "/enable"})
@@ -81,7 +81,7 @@ def test_what_was_missing_in_a_calm_time_is_not_waited_for_again(
 
 @pytest.mark.parametrize("kind", ["service", "node"])
 def test_what_a_delay_may_explain_is_waited_for_again(tmp_path: Path, kind: str) -> None:
-    """So does something else, or the same where the first wait for it was disturbed too."""
+    """Another object is waited for again, and so is one with two disturbed waits."""
     session = Session(tmp_path).process("it").disturbed("it", (1.05, 0.9), (5.0, 0.9))
     session.step("wait_for", "first", "timeout", parameters={kind: "/enable"})
     assert "Something did not appear" in str(inconclusive_reason(session.recorded(), ()))
@@ -94,7 +94,7 @@ def test_what_a_delay_may_explain_is_waited_for_again(tmp_path: Path, kind: str)
 
 
 def test_what_was_explained_before_a_start_stays_so(tmp_path: Path) -> None:
-    """A disturbed wait for what a calm one missed too leaves nothing open, whatever is started later."""
+    """A calm wait outweighs a disturbed one for the same object; later starts change nothing."""
     session = Session(tmp_path).process("it").disturbed("it", (5.0, 0.9))
     session.step("wait_for", "first", "timeout", parameters={"service": "/enable"})
     session.step("call", "second", "timeout", parameters={"service": "/enable"})
@@ -107,7 +107,10 @@ def test_what_was_explained_before_a_start_stays_so(tmp_path: Path) -> None:
 def test_what_has_not_come_in_a_calm_time_after_either_was_not_kept_by_a_delay(
     tmp_path: Path, came: bool
 ) -> None:
-    """Whatever that time was waited for; but what came then may have been delayed until then."""
+    """Any calm time counts, even one spent on another wait.
+
+    An object that came in that time may have been delayed until then.
+    """
     session = (
         Session(tmp_path).process("it").disturbed("it", (1.05, 0.9)).node("/it").claim("node", "it")
     )
@@ -123,7 +126,7 @@ def test_what_has_not_come_in_a_calm_time_after_either_was_not_kept_by_a_delay(
 def test_who_had_time_enough_was_not_kept_by_a_delay(
     tmp_path: Path, delay_s: float, is_open: bool
 ) -> None:
-    """Of 10 s with a delay in each half second, 3 s without one are ten starts of a node."""
+    """With a delay in each half second of 10 s, 3 s in all are enough for ten starts of a node."""
     parts = ((1.0 + n / 2, delay_s / 20) for n in range(20))
     session = (
         Session(tmp_path).process("it").disturbed("it", *parts).node("/it").claim("node", "it")

@@ -1,4 +1,4 @@
-"""What the recorder left out, laid at the door of whoever filled the recording."""
+"""Recording gaps, attributed to the writer that filled the recording."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ FILLED = "they fill as much space as is left for all other topics"
 
 
 def cut(topic: str, messages: int = 3, size_bytes: int = 24_000_150) -> RecordingGap:
-    """Give what is noted of a topic that was recorded up to a limit."""
+    """Return the note about a topic that was recorded up to a limit."""
     return RecordingGap(topic, FLOATS, at(2.0), messages, size_bytes, FILLED, limit=True)
 
 
 def session(folder: Path, *, own: int, theirs: int) -> Session:
-    """Give a session in which the arm and a student's node published so many numbers in one message each."""
+    """Return a session with one message from the arm and one from a student, of these lengths."""
     made = Session(folder).process("arm_driver").process("watcher")
     arm = ProcessRun("arm", "reference", [], started_ns=at(1.0))
     made.record.processes.append(arm)
@@ -44,14 +44,14 @@ def session(folder: Path, *, own: int, theirs: int) -> Session:
 def test_who_wrote_most_of_the_recording_has_filled_it(
     tmp_path: Path, own: int, theirs: int, students: bool, topic: str
 ) -> None:
-    """By the bytes of each writer in the whole, not by whose topic was cut: all share the room."""
+    """The bytes of each writer decide, not the cut topic's owner: all topics share the room."""
     made = session(tmp_path, own=own, theirs=theirs)
     made.record.unrecorded.append(cut(topic))
     assert len(gaps_by_student(made.recorded())) == (1 if students else 0)
 
 
 def test_a_students_messages_on_the_graders_topic_are_the_students(tmp_path: Path) -> None:
-    """What nobody of the grader's told is not the grader's, whatever topic it was published on."""
+    """Messages that the grader did not account for are the student's, on any topic."""
     made = session(tmp_path, own=100, theirs=1).messages(STATES, [[9.0] * 300], [1.2])
     made.record.unrecorded.append(cut(STATES))
     assert gaps_by_student(made.recorded()) == [cut(STATES)]
@@ -68,7 +68,7 @@ def test_where_a_reference_node_reported_nothing_nobody_is_blamed(tmp_path: Path
 def test_a_type_that_cannot_be_recorded_is_the_students_unless_the_grader_publishes_it(
     tmp_path: Path,
 ) -> None:
-    """What the grader's own nodes publish it must be able to record; no limit was hit, whoever wrote how much."""
+    """The grader must be able to record its own types. No limit was hit, whatever the sizes."""
     made = session(tmp_path, own=1000, theirs=1)
     kinds = ((STATES, FLOATS), (STATES, "a/msg/B"))
     strange = [
@@ -92,7 +92,10 @@ def test_a_topic_too_many_is_the_students(tmp_path: Path) -> None:
 
 
 def test_the_process_that_asked_for_the_publisher_hit_the_limit(tmp_path: Path) -> None:
-    """By the tap; and where it shows nobody, the one that was busiest. What another limit did stays."""
+    """The tap names the publisher's process; without a note, the busiest process counts.
+
+    A limit hit otherwise stays.
+    """
     made = session(tmp_path, own=1, theirs=1000)
     made.record.unrecorded.append(cut(COMMANDS))
     driver, watcher = made.record.processes[:2]
@@ -123,7 +126,7 @@ def test_the_process_that_asked_for_the_publisher_hit_the_limit(tmp_path: Path) 
     ],
 )
 def test_it_says_what_is_missing(left_out: RecordingGap, said: str) -> None:
-    """The number of messages, what they filled, and why no more are there."""
+    """The text gives the number of recorded messages, their size, and the reason for the gap."""
     assert describe_gap(left_out).startswith(said)
 
 

@@ -1,4 +1,4 @@
-"""Integrity: what of the grader's own was tampered with, and what was not."""
+"""Integrity: tampering with the grader's nodes and traffic, and honest sessions."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ def test_nothing_is_found_in_a_kept_recording(folder: Path) -> None:
 
 
 def test_an_honest_session_holds_nothing(tmp_path: Path) -> None:
-    """A student who publishes commands and hears states touches nothing."""
+    """A student's node that publishes commands and hears states is no violation."""
     assert taken(session(tmp_path)) == ()
 
 
@@ -139,7 +139,7 @@ def test_the_students_own_topics_and_services_are_its_own(tmp_path: Path) -> Non
 
 
 def test_nodes_that_come_back_touch_nothing(tmp_path: Path) -> None:
-    """The endpoints of a process that died stay in the graph beside those of its second start."""
+    """The endpoints of a dead process stay in the graph beside its second start's."""
     made = session(tmp_path)
     add(
         made,
@@ -162,7 +162,7 @@ def test_a_silent_publisher_touches_nothing(tmp_path: Path) -> None:
 
 
 def test_a_recording_that_was_reported_nothing_holds_nothing(tmp_path: Path) -> None:
-    """Without what comes through the pipes, as in older recordings, nobody can be told from the grader."""
+    """Without reports through the pipes, as in older recordings, no endpoint can be attributed."""
     for name, keep in (("none", []), ("no arm", [Trusted("director", PROBE)])):
         made = session(tmp_path / name).messages(STATES, [[9.0]], [2.5])
         made.record.trusted[:] = keep
@@ -174,7 +174,7 @@ def test_a_recording_that_was_reported_nothing_holds_nothing(tmp_path: Path) -> 
 
 
 def test_a_second_node_of_a_reference_nodes_name(tmp_path: Path) -> None:
-    """It is told by its gids, which are not the arm's, and both are shown."""
+    """The impostor is told by its gids, which differ from the arm's, and both are shown."""
     (tampering,) = taken(
         add(session(tmp_path), endpoint("/simulated_arm", STUDENT, "/parameter_events", number=9))
     )
@@ -189,7 +189,10 @@ def test_a_second_node_of_a_reference_nodes_name(tmp_path: Path) -> None:
 
 
 def test_the_name_of_a_reference_node_that_does_not_run_here(tmp_path: Path) -> None:
-    """Names of reference nodes are the grader's in every session: what has one is not judged as the student's."""
+    """Names of reference nodes belong to the grader in every session.
+
+    A node of such a name is not judged as the student's.
+    """
     (tampering,) = taken(
         add(session(tmp_path), endpoint("/plateau_stimulus", STUDENT, "/rosout", number=9))
     )
@@ -232,7 +235,7 @@ def test_a_client_that_only_reads_parameters_touches_nothing(tmp_path: Path) -> 
 
 
 def test_a_second_server_of_a_reference_nodes_service(tmp_path: Path) -> None:
-    """What that service answers can no longer be measured, for nobody knows who answered."""
+    """Answers of that service can no longer be measured, because the answering node is unknown."""
     made = session(tmp_path)
     for node in ("/simulated_arm", "/student"):
         made.record.graph[-1].services.append(
@@ -245,7 +248,7 @@ def test_a_second_server_of_a_reference_nodes_service(tmp_path: Path) -> None:
 
 
 def test_a_service_that_the_steps_expect_is_the_students(tmp_path: Path) -> None:
-    """A student is asked to offer it, whoever else does."""
+    """The lab asks the student to offer the service, even if the grader does as well."""
     made = session(tmp_path).step("call", "reset", parameters={"service": "/arm/reset"})
     for node in ("/simulated_arm", "/student"):
         made.record.graph[-1].services.append(
@@ -270,7 +273,7 @@ def rivals(made: Session, programs: Sequence[str], participants: Sequence[str]) 
 
 
 def test_two_servers_in_two_programs_of_the_student(tmp_path: Path) -> None:
-    """Who answered is not known; that is stated, and nothing fails for it."""
+    """The answering program is unknown; the report states it, and nothing fails."""
     made = rivals(session(tmp_path), ["service", "publisher"], ["0d" * 12, "0e" * 12])
     (tampering,) = taken(made)
     assert tampering.violation.kind is ViolationKind.SECOND_SERVER
@@ -296,7 +299,10 @@ def test_a_program_that_runs_twice_touches_nothing(tmp_path: Path) -> None:
 def test_a_process_of_the_graders_that_is_brought_down(
     tmp_path: Path, repeated: bool, certain: bool
 ) -> None:
-    """Once may be chance; where it happens again it is what the submission's programs sent, and nothing is measured."""
+    """The first time may be chance.
+
+    The second time the submission's programs are the cause, and nothing is measured.
+    """
     made = session(tmp_path, attempt=2, arm_status=-11)
     made.record.disturbed_before = repeated
     (tampering,) = taken(made)
@@ -360,7 +366,7 @@ def test_trouble_that_comes_again_is_named(
 def test_a_recording_that_is_cut_off_again_is_named(
     tmp_path: Path, attempt: int, found: int
 ) -> None:
-    """What is left of it does not even tell which programs ran."""
+    """The rest of a cut recording does not even tell the started programs."""
     made = session(tmp_path, attempt=attempt)
     made.record.complete, made.record.ended_ns = False, 0
     made.record.processes.clear()
@@ -413,7 +419,10 @@ def test_messages_that_never_reached_the_recorder(
 
 
 def test_messages_in_the_place_of_the_graders(tmp_path: Path) -> None:
-    """Others of the same numbers, for which the recorder took the grader's own to be repeats, are none of them."""
+    """Foreign messages took the grader's sequence numbers.
+
+    The recorder dropped the grader's own messages as repeats.
+    """
     made = published(session(tmp_path), 300, range(100))
     made.messages(
         "/plan", [[7.0]] * 200, [2 + n / 100 for n in range(200)], sequence=range(101, 301)
@@ -422,7 +431,7 @@ def test_messages_in_the_place_of_the_graders(tmp_path: Path) -> None:
 
 
 def test_a_few_messages_may_be_missing(tmp_path: Path) -> None:
-    """What a match that comes late, or the end of all, leaves out changes no verdict."""
+    """Messages lost to a late match or to the shutdown change no verdict."""
     assert taken(published(session(tmp_path), 300, range(4, 290))) == ()
 
 
@@ -454,7 +463,10 @@ def test_what_a_late_machine_loses_is_nobodys_doing(tmp_path: Path) -> None:
 
 
 def test_messages_on_a_reference_nodes_topic(tmp_path: Path) -> None:
-    """They are counted, their publisher is named, and what the arm sent can still be measured."""
+    """Foreign messages are counted, and their publisher is named.
+
+    The arm's messages remain usable.
+    """
     made = session(tmp_path).messages(STATES, [[9.0], [9.1]], [1.5, 2.5])
     add(made, endpoint("/joint_state_subscriber", STUDENT, STATES, number=9))
     (tampering,) = taken(made)
@@ -471,7 +483,7 @@ def test_messages_on_a_reference_nodes_topic(tmp_path: Path) -> None:
 
 
 def test_messages_without_a_publisher_are_not_certain(tmp_path: Path) -> None:
-    """Who sent them is not known."""
+    """The sender is not known."""
     (tampering,) = taken(session(tmp_path).messages(STATES, [[9.0]], [1.5]))
     assert not tampering.violation.certain
     assert "no publisher" in " ".join(tampering.violation.evidence)
@@ -504,7 +516,7 @@ def test_a_flood_that_leaves_none_of_the_reference_nodes_messages_invalidates_th
 
 
 def test_one_publisher_that_reported_nothing_invalidates_nothing(tmp_path: Path) -> None:
-    """Sequence numbers of the reference node alone do not repeat, whoever else could have published."""
+    """Sequence numbers of the reference node do not repeat, even beside another publisher."""
     made = session(tmp_path)
     made.record.published.clear()
     assert taken(add(made, endpoint("/joint_state_subscriber", STUDENT, STATES, number=9))) == ()
@@ -586,7 +598,7 @@ EVENT = (
 def test_events_of_changed_parameters_of_a_reference_node(
     tmp_path: Path, changed: int, found: list[ViolationKind]
 ) -> None:
-    """What it declares when it is made may be seen; none of its parameters ever changes."""
+    """Parameters declared at the start may be reported; none of a reference node's ever changes."""
     data = bytearray(struct.pack("<iI", 1, 0))
     data += struct.pack("<I", len("/simulated_arm") + 1) + b"/simulated_arm\0"
     data += bytes(-len(data) % 4) + struct.pack("<I", 0) + struct.pack("<I", changed)

@@ -102,7 +102,10 @@ def test_what_was_always_correct_is_not_newer(text: str) -> None:
 
 
 def test_another_parser_agrees(tmp_path: Path) -> None:
-    """Ruff's parser, which knows each version's syntax, accepts for 3.12 what is newer, and refuses what is broken."""
+    """Ruff's parser knows the syntax of each version.
+
+    For Python 3.12 it accepts the newer texts, and refuses the broken ones.
+    """
     for n, text in enumerate((*NEWER, *OLD, *BROKEN)):
         (tmp_path / f"t{n:03}.py").write_text(text, encoding="utf-8")
     command = [sys.executable, "-m", "ruff", "check", "--isolated", "--no-cache", "--select=E9"]

@@ -104,7 +104,10 @@ def endpoint(gid: str, node: str, topic: str = "/a") -> Endpoint:
 
 
 def test_an_endpoint_whose_node_was_unknown_belongs_to_its_participant(tmp_path: Path) -> None:
-    """What discovery completes later, or another endpoint of the process tells, is taken; the rest is left out."""
+    """The node is learned from later discovery or from another endpoint of the process.
+
+    An endpoint that stays unknown is left out.
+    """
     session = Session(tmp_path)
     session.record.graph = [
         GraphSnapshot(
@@ -187,7 +190,7 @@ def machine_delay_s_of(
 
 
 def test_time_that_the_host_took_counts_as_the_machines(tmp_path: Path) -> None:
-    """Half of the span in which a virtual machine's host took 4 s had 2 s of them."""
+    """Half of a span with 4 s taken by a virtual machine's host had 2 s of them."""
     process = run((0, 0, 0), (5, 1, 1), (10, 1, 1))
     assert machine_delay_s_of(tmp_path, process, Span(at(0), at(5)), stolen_s=4.0) == pytest.approx(
         3.0
@@ -195,7 +198,7 @@ def test_time_that_the_host_took_counts_as_the_machines(tmp_path: Path) -> None:
 
 
 def test_delay_between_two_samples_may_all_lie_in_a_part(tmp_path: Path) -> None:
-    """Of two samples only the sum between them is known: a span may have had all of it that it is long enough for."""
+    """Two samples give only the sum between them; a span may contain as much of it as fits."""
     process = run((0, 0, 0), (1, 0, 0.4), (2, 0, 0.4), (3, 0, 1.4))
     assert machine_delay_s_of(tmp_path, process, Span(at(0.5), at(2.0))) == pytest.approx(0.4)
     assert machine_delay_s_of(tmp_path, process, Span(at(0.9), at(2.2))) == pytest.approx(0.1 + 0.2)
@@ -218,7 +221,7 @@ def test_what_follows_the_last_sample_of_a_process_was_delayed_as_usual(tmp_path
 
 
 def test_a_machine_that_stalled_delayed_all_its_processes(tmp_path: Path) -> None:
-    """What is frozen with all others waits in no queue: that the grader's own samples come late tells of it."""
+    """Late samples of the grader reveal a frozen machine; frozen processes wait in no queue."""
     recorded = Session(tmp_path).recorded()
     process = run((0, 0, 0), (10, 1, 0.0))
     recorded.record.machine = [MachineSample(at(t), 0) for t in (0.5, 1.0, 1.5, 2.0, 4.0, 4.5, 5.0)]
@@ -266,7 +269,10 @@ def test_of_a_process_that_was_not_watched_samples_tell_what_may_have_waited_for
 def test_who_had_no_time_left_would_have_done_more(
     tmp_path: Path, cpu_s: float, lost_s: float
 ) -> None:
-    """Of a process that computes or waits all the time, the machine takes as much as it waited; of another, nothing."""
+    """A process that always computes or waits lost all its waiting time.
+
+    With idle time, nothing.
+    """
     session = Session(tmp_path).process("it").delayed("it", 0.0, 10.0, cpu_s)
     session.disturbed("it", *((n / 10, 0.03) for n in range(100)))
     recorded = session.recorded()
@@ -315,7 +321,7 @@ def test_children_that_share_a_programs_core_are_no_delay_by_the_machine(
     recorded.record.processes = [process]
     whole = Span(at(0), at(10))
     assert recorded.machine_delay_s(process, whole) == pytest.approx(delay_s, abs=0.03)
-    # What is noted adds up to that; in doubt, which is at the ends of some spans, to a little more.
+    # The noted delays add up to the same, or to a little more at the uncertain ends of spans.
     assert sum(d.delay_ns for d in recorded.delays(process)) / 1e9 == pytest.approx(
         delay_s, abs=0.15
     )
@@ -350,7 +356,10 @@ def test_a_wait_for_ones_own_is_not_the_machines(
     waited_s: float,
     delay_s: float,
 ) -> None:
-    """Of a delay counts at most the time for which others had the core, and of waits at once their share of it."""
+    """A delay counts up to the time that others used the core.
+
+    Simultaneous waits count by their share.
+    """
     recorded = Session(tmp_path).recorded()
     samples = [
         MachineSample(at(t), 0, idle_ns={"0": 0, "1": round(idle_share * t * 1e9)}) for t in (0, 10)
@@ -369,7 +378,7 @@ def test_a_wait_for_ones_own_is_not_the_machines(
 def test_processes_that_nobody_saw_or_waited_for_are_the_students(
     tmp_path: Path, together_s: float | None, delay_s: float
 ) -> None:
-    """What the kernel counts of all processes together, and none of them is known to have used, nobody else had."""
+    """CPU time counted by the kernel, and used by no known process, was the students'."""
     recorded = Session(tmp_path).recorded()
     used = [None if together_s is None else round(together_s * share * 1e9) for share in (0, 1)]
     samples = [

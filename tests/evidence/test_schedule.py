@@ -1,4 +1,4 @@
-"""The schedule of a publisher that a machine delays again and again: its rate, and what it leaves out by itself."""
+"""The schedule of a publisher under repeated machine delays: its rate, and its own omissions."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Program = Callable[[np.random.Generator, list[tuple[float, float]]], Floats]
 
 
 def timer(rate_hz: float, skipped: float = 0.0, late_s: float = 0.0002) -> Program:
-    """A timer that leaves out what it missed, as rcl's; some of its callbacks return without a message."""
+    """Return a timer that skips missed ticks, like rcl's; some callbacks send no message."""
 
     def run(chance: np.random.Generator, stopped: list[tuple[float, float]]) -> Floats:
         times, tick = [], 0
@@ -49,7 +49,7 @@ def timer(rate_hz: float, skipped: float = 0.0, late_s: float = 0.0002) -> Progr
 
 
 def makes_up(rate_hz: float) -> Program:
-    """A loop that sleeps until the next of its times, and sends at once what it is behind with."""
+    """Return a loop that sleeps until its next time, and sends all overdue messages at once."""
 
     def run(chance: np.random.Generator, stopped: list[tuple[float, float]]) -> Floats:
         times = [0.0]

@@ -1,4 +1,4 @@
-"""Signal temporal logic: what the operators mean, what is refused, and how large a property may be."""
+"""Signal temporal logic: meaning of the operators, refused texts, and the largest property."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ def test_equal_numbers_are_told_apart_by_the_comparison() -> None:
 
 
 def test_the_moment_that_decides_is_found() -> None:
-    """Of an `always` that is the worst step, through whatever is around it."""
+    """The worst step of an `always` is found through any formula around it."""
     x = np.array([0.0, 0.3, 0.9, 0.2])
     found = Property.parse("always(x < 0.5) and eventually(x > 0.1)", ["x"]).robustness(
         {"x": x}, 0.1
@@ -194,7 +194,7 @@ _AT_REST = 4
     st.recursive(_LEAVES, _grown, max_leaves=4), st.lists(st.floats(-2, 2), min_size=8, max_size=8)
 )
 def test_the_robustness_is_that_of_the_definition(text: str, drawn: list[float]) -> None:
-    """Whatever is nested, windows and rewriting give what the definition does."""
+    """Windows and rewriting give the robustness of the definition, for any nesting."""
     x, y = np.zeros(40), np.zeros(40)
     x[:_AT_REST], y[:_AT_REST] = drawn[:_AT_REST], drawn[_AT_REST:]
     right = defined(ast.parse(text, mode="eval").body, x, y, 0)

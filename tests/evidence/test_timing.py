@@ -65,7 +65,7 @@ def test_samples_of_one_moment_are_no_timing() -> None:
 
 
 def test_only_samples_inside_the_span_count() -> None:
-    """What lies outside of the window changes nothing."""
+    """Samples outside the window change nothing."""
     times = [n / 50 for n in range(100)] + [2 + n / 100 for n in range(101)]
     timing = measured(times, span=Span(at(2.0), at(3.0)))
     assert timing.rate_hz == pytest.approx(100)
@@ -176,7 +176,7 @@ def test_stamps_of_another_rate_than_the_arrival_are_not_believed() -> None:
 
 
 def test_a_recorder_without_a_core_contradicts_nothing() -> None:
-    """What the recorder's own delay explains is not held against the stamps."""
+    """An arrival delayed by the recorder itself does not contradict the stamps."""
     times = [1 + n / 100 for n in range(600)]
     late = [t + 0.02 * (n % 5 == 0) for n, t in enumerate(times)]
     assert arriving(times, late).contradicted_by_arrival(0.0)

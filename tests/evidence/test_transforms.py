@@ -35,7 +35,7 @@ numbers = st.floats(-10, 10, allow_subnormal=False)
 
 
 def is_rotation(pose: Floats) -> bool:
-    """Whether a quaternion is long enough to be divided by its length."""
+    """Return whether a quaternion is long enough to be divided by its length."""
     return bool(np.linalg.norm(pose[3:]) > 0.01)
 
 
@@ -67,7 +67,7 @@ def test_poses_compose_as_matrices_multiply(outer: Floats, inner: Floats) -> Non
 
 @given(poses, poses)
 def test_the_distance_of_poses_is_that_of_matrices(one: Floats, other: Floats) -> None:
-    """The angle between rotations is that of the matrix between them, whichever sign a quaternion has."""
+    """The angle between rotations follows from their matrices, for both signs of a quaternion."""
     distance_m, angle_deg = poses_apart(one, other * np.array([1, 1, 1, -1, -1, -1, -1]))
     between = matrix(one)[:3, :3].T @ matrix(other)[:3, :3]
     cosine = np.clip((np.trace(between) - 1) / 2, -1, 1)
@@ -87,7 +87,7 @@ def test_roll_pitch_and_yaw_turn_about_fixed_axes(rpy: list[float]) -> None:
 
 
 def edge(parent: str, child: str, *stamped: tuple[int, Floats], static: bool = False) -> Broadcast:
-    """Give what was broadcast of a frame, published when it is stamped."""
+    """Return the transforms broadcast for a frame, each published at its stamp."""
     stamps_ns = np.array([stamp_ns for stamp_ns, _ in stamped], dtype=np.int64)
     return Broadcast(
         parent, child, static, False, stamps_ns, stamps_ns, np.vstack([pose for _, pose in stamped])
@@ -98,7 +98,7 @@ def edge(parent: str, child: str, *stamped: tuple[int, Floats], static: bool = F
 def test_any_two_frames_of_a_tree_are_connected_by_what_lies_between(
     chain: list[Floats], one: int, other: int
 ) -> None:
-    """In a tree with two branches, a pose is that of the product of matrices up to the root and down again."""
+    """In a tree with two branches, a pose is the product of matrices up to the root and down."""
     parents, frames = ["root", "a", "root", "c"], ["a", "b", "c", "d"]
     tree = FrameTree(
         edge(parent, frame, (0, pose), static=True)
@@ -127,7 +127,10 @@ def test_between_two_stamps_a_frame_turns_evenly(first: Floats, last: Floats, sh
 
 
 def test_nothing_is_known_outside_of_what_was_sent_unless_it_is_static() -> None:
-    """There is no extrapolation; a static frame stays as it was sent last; what is sent twice counts once."""
+    """Nothing is extrapolated.
+
+    A static frame keeps its last transform, and a transform sent twice counts once.
+    """
     here, there = pose_of((1, 0, 0), (0, 0, 0)), pose_of((2, 0, 0), (0, 0, 0))
     times_ns = np.array([5, 10, 20, 25], dtype=np.int64)
     moving = edge("a", "b", (10, here), (10, here), (20, there)).at(times_ns)
@@ -222,7 +225,7 @@ float64 nanosec
 def test_a_type_that_is_defined_anew_breaks_nothing(
     tmp_path: Path, name: str, value: Any, sec: int, nanosec: float
 ) -> None:
-    """A student's workspace may have one of the same name: what does not fit is no transform."""
+    """A student's type of the same name with other fields is no transform."""
     definition = ANEW.format(line=SEPARATOR, name=name)
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(definition, TF_MESSAGE))

@@ -1,4 +1,4 @@
-"""What changes the points after the judgement: bounds, order, and that regrading changes nothing more."""
+"""Adjustments of points after the judgement: bounds, order, and stable regrading."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ JUDGED = result([("4", "6"), ("0", "5")], [("8.5", "9")])
 
 
 def points(*entries: Override, judged: Result = JUDGED) -> list[str]:
-    """Give what each adjustment adds or takes."""
+    """Return the points that each adjustment adds or takes."""
     return [str(a.points) for a in adjust(judged, entries).adjustments]
 
 
@@ -87,12 +87,12 @@ def test_without_decisions_the_points_are_as_judged() -> None:
     ],
 )
 def test_what_a_decision_changes(change: dict[str, object], difference: str) -> None:
-    """Points are set, added or taken within what a check or criterion has; only a bonus goes beyond."""
+    """Points are set, added or taken within a check or criterion; only a bonus goes beyond."""
     assert [Decimal(p) for p in points(entry(**change))] == [Decimal(difference)]
 
 
 def test_a_decision_says_who_made_it_and_why() -> None:
-    """Reason, name and date come along, and what it is about."""
+    """A decision keeps its subject, reason, name and date."""
     (made,) = adjust(JUDGED, [entry(check="a.0", excused=True)]).adjustments
     assert (made.kind, made.what) == (AdjustmentKind.EXCUSED, "a.0")
     assert (made.reason, made.who, made.when) == ("so", "J. Smith", "2026-11-21")
@@ -105,7 +105,7 @@ def test_a_criterion_comes_after_its_checks() -> None:
 
 
 def test_later_decisions_build_on_earlier_ones() -> None:
-    """Entries about the same check apply in their order, and each counts what it changes."""
+    """Entries about the same check apply in their order, and each counts its own change."""
     assert points(entry(check="a.0", set=1), entry(check="a.0", add=2)) == ["-3", "2"]
     assert points(entry(check="a.0", add=2), entry(check="a.0", set=1)) == ["2", "-5"]
 
@@ -360,7 +360,7 @@ def test_adjusting_again_changes_nothing(
 
 @given(results, decisions)
 def test_adjustments_add_up(judged: Result, entries: list[Override]) -> None:
-    """The final points are those earned and what each adjustment says."""
+    """The final points are the earned points plus the points of all adjustments."""
     adjusted = adjust(judged, entries)
     assert adjusted.final == judged.score.earned + sum(
         (a.points for a in adjusted.adjustments), Decimal(0)

@@ -52,7 +52,10 @@ def rubric(folder: Path, text: str = RUBRIC) -> Rubric:
 
 
 def judged(folder: Path, beyond: float | None, *, handed_in: bool = True) -> Result:
-    """Judge a right submission whose extension publishes a number; None where its session was not recorded."""
+    """Judge a right submission with an extension that publishes a number.
+
+    None leaves the extension's session unrecorded.
+    """
     sessions = {}
     for name, topic, value in (("experiment", "/x", 0.5), ("beyond", "/y", beyond)):
         if value is not None:
@@ -69,7 +72,7 @@ def judged(folder: Path, beyond: float | None, *, handed_in: bool = True) -> Res
 
 @pytest.mark.parametrize(("beyond", "earned"), [(1.0, 3), (5.0, 0)])
 def test_its_points_are_beside_the_sum(tmp_path: Path, beyond: float, earned: int) -> None:
-    """Earned or not, the total and what is possible stay as they are."""
+    """Earned or not, bonus points change neither the total nor the possible points."""
     result = judged(tmp_path, beyond)
     assert [*map(int, (result.score.earned, result.score.possible, result.final))] == [2, 2, 2]
     assert [criterion.id for criterion in result.criteria] == ["all"]
@@ -88,7 +91,7 @@ def test_what_was_not_handed_in_is_not_missed(tmp_path: Path) -> None:
 
 
 def test_what_the_machine_left_open_is_recorded_again(tmp_path: Path) -> None:
-    """It is undecided by itself; nothing of the lab is."""
+    """Only the bonus is undecided, and no check of the lab."""
     result = judged(tmp_path, None)
     assert result.score.undecided == 0
     assert [check.outcome for check in result.every_check] == [Outcome.PASSED, Outcome.INCONCLUSIVE]
@@ -96,7 +99,7 @@ def test_what_the_machine_left_open_is_recorded_again(tmp_path: Path) -> None:
 
 
 def test_a_file_of_another_name_is_found_by_what_it_holds(tmp_path: Path) -> None:
-    """And what is not there is no artifact of the submission."""
+    """A file of another name is found by its content, and a missing file is no artifact."""
     lab, folder = rubric(tmp_path), tmp_path / "handed"
     folder.mkdir()
     (folder / "it.py").write_text("LAB = 1\n")
@@ -111,7 +114,10 @@ def test_a_file_of_another_name_is_found_by_what_it_holds(tmp_path: Path) -> Non
 
 
 def test_each_extension_is_found_and_nothing_else_is_taken_for_one(tmp_path: Path) -> None:
-    """A fixture of Lab 09-01 has those whose sessions it names, whatever their files are called; most have none."""
+    """A fixture of Lab 09-01 has the extensions of its listed sessions, under any file name.
+
+    Most have none.
+    """
     lab = read_rubric(None)
     wrong, without = {}, 0
     for fixture in fixtures_in(ROOT / "fixtures"):
@@ -142,14 +148,14 @@ def test_each_extension_is_found_and_nothing_else_is_taken_for_one(tmp_path: Pat
     ],
 )
 def test_its_mistakes_are_told_by_line(tmp_path: Path, old: str, new: str, words: str) -> None:
-    """As those of the criteria are."""
+    """Mistakes are reported by line, like those in criteria."""
     with pytest.raises(RubricError) as error:
         rubric(tmp_path, RUBRIC.replace(old, new))
     assert any(words in mistake for mistake in error.value.mistakes)
 
 
 def test_nobody_sets_its_points(tmp_path: Path) -> None:
-    """A person who wants them to count gives a bonus."""
+    """Bonus checks cannot be set; a person gives a bonus instead."""
     lab, file = rubric(tmp_path), tmp_path / "overrides.yaml"
     entry = "overrides:\n- {submission: a, WHAT, reason: r, who: w, when: 2026-11-21}\n"
     file.write_text(entry.replace("WHAT", "check: larger, set: 3"))

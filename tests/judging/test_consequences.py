@@ -1,4 +1,4 @@
-"""What a mistake costs in all criteria together stays within its class: alone, launched, late or composed."""
+"""The price of a mistake over all criteria stays in its class, also launched, late or composed."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from grader.lab.rubric import Rubric
 from grader.result import Result
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings"
-#: The least and the most of a criterion's points that a mistake of each class costs. Of a name or type that is another,
-#: a fifth of the check is kept for what is there.
+#: The least and the most of a criterion's points that a mistake of each class costs. After a wrong name or type,
+#: a fifth of the check stays for the remaining parts.
 CLASSES = {
     "endangers": ("0.25", "0.4"),
     "does not work with the rest": ("0.16", "0.5"),
@@ -34,7 +34,8 @@ MISTAKES = {
     "qos_invented_numbers": ("qos", "is measurably off"),
     "signed_mean_statistics": ("subscriber", "is measurably off"),
 }
-#: Sessions of submissions that launch the three nodes in one process -> what the mistake in it costs alone, and where.
+#: Sessions of submissions that launch the three nodes in one process -> criterion and price of the
+#: mistake alone.
 COMPOSED = {
     "solution": ("", 0),
     "strict_six_joints": ("publisher", 5),
@@ -54,14 +55,17 @@ def rubric() -> Rubric:
 
 
 def lost_in_sessions(result: Result) -> Decimal:
-    """Give the points that are lost by what ran, over all criteria."""
+    """Return the points lost in sessions, over all criteria."""
     assert not any(check.undecided for check in result.checks if check.session)
     return sum((check.lost for check in result.checks if check.session), Decimal(0))
 
 
 @pytest.mark.parametrize("name", MISTAKES)
 def test_one_mistake_costs_what_its_consequence_does(name: str, rubric: Rubric) -> None:
-    """All that it loses is a share of its own criterion, within the class; lateness is no second price of it."""
+    """All lost points belong to the criterion of the mistake, within the class.
+
+    Lateness does not charge the mistake again.
+    """
     criterion, consequence = MISTAKES[name]
     points = next(each.points for each in rubric.criteria if each.id == criterion)
     result = judge(open_recordings(KEPT / name, rubric), rubric)
@@ -79,7 +83,7 @@ def test_one_mistake_costs_what_its_consequence_does(name: str, rubric: Rubric) 
 def test_a_mistake_costs_no_more_where_nodes_share_a_process(
     name: str, tmp_path: Path, rubric: Rubric
 ) -> None:
-    """Though the others end or wait with the node at fault, it costs what it does alone, in its own criterion."""
+    """A mistake costs as much as alone, in its own criterion, although other nodes end or wait."""
     with tarfile.open(KEPT.with_name("composed_recordings") / f"{name}.tar.xz") as archive:
         archive.extractall(tmp_path, filter="data")
     result = judge(open_recordings(tmp_path, rubric), rubric)

@@ -1,4 +1,4 @@
-"""A recording that was damaged after it was made: nobody loses a point for what cannot be read."""
+"""A recording damaged afterwards: nobody loses a point for unreadable messages."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_no_damage_costs_a_point(session: str, damage: str, place: float, length
 
 
 def test_a_chunk_that_fails_its_checksum_is_named() -> None:
-    """The report says that the bag is damaged, and how many messages of which topic cannot be read."""
+    """The report names the damage, and the number of unreadable messages of each topic."""
     with tempfile.TemporaryDirectory() as folder:
         data = bytearray(content_of("publisher"))
         data[len(data) // 3] ^= 1

@@ -57,7 +57,7 @@ def judged(
 def test_where_the_earlier_check_took_points_this_one_takes_none(
     tmp_path: Path, values: list[float]
 ) -> None:
-    """All of its points or a part; what is wrong is said all the same."""
+    """After a full or partial loss the later check takes no points, but reports its finding."""
     findings = judged(tmp_path, values)
     assert findings["scale"].outcome in (Outcome.FAILED, Outcome.PARTIAL)
     assert (findings["size"].outcome, findings["size"].credit) == (Outcome.PASSED, Decimal(1))
@@ -113,7 +113,7 @@ HEARS = {
 def test_reliable_of_a_best_effort_sensor_is_charged_where_it_is(
     tmp_path: Path, check: str, requested: Qos, reached: bool
 ) -> None:
-    """What needs the messages that never come is not tested, and names the cause, which costs once."""
+    """Checks of the missing messages are not tested, and name the cause, charged once."""
     (tmp_path / "scanner.py").write_text("", encoding="utf-8")
     text = SENSOR.replace("CHECK", check).replace("WITH", HEARS[check])
     (tmp_path / "lab.yaml").write_text(text, encoding="utf-8")

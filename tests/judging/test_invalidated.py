@@ -1,4 +1,4 @@
-"""Checks whose measurement was touched, in the recordings of the solution with a second clock put in."""
+"""Checks with a disturbed measurement, in recordings of the solution with a second clock added."""
 
 from __future__ import annotations
 
@@ -129,7 +129,10 @@ def unheard(folder: Path, *, again: bool) -> None:
 def test_what_rests_on_messages_that_were_not_recorded(
     recordings: Path, rubric: Rubric, again: bool, outcome: Outcome
 ) -> None:
-    """It is undecided where that is seen once, and fails where it is seen again; what else there is, is judged."""
+    """Unrecorded messages leave a check undecided the first time, and fail it the second time.
+
+    All else is judged.
+    """
     unheard(recordings, again=again)
     result, checks = judged(recordings, rubric)
     assert [(v.kind, v.certain) for v in result.violations] == [
@@ -147,7 +150,7 @@ def test_what_rests_on_messages_that_were_not_recorded(
 def test_a_recorder_that_is_brought_down_does_not_pay(
     recordings: Path, rubric: Rubric, again: bool, undecided: int
 ) -> None:
-    """A session whose recorder crashed is undecided, and not for ever."""
+    """A session with a crashed recorder is undecided, and not for ever."""
     record = read_session(recordings / "subscriber")
     director = next(run for run in record.processes if run.role == "grader")
     director.exit_status, problems = -6, ["the recorder died: "]
@@ -182,7 +185,10 @@ def cut_short(folder: Path, session: str, topic: str, messages: int) -> None:
 def test_what_needs_messages_that_a_flood_kept_out_fails_and_says_so(
     recordings: Path, rubric: Rubric
 ) -> None:
-    """What the endpoint alone shows is passed; the rest is neither passed by a part nor left undecided."""
+    """Checks of the endpoint alone pass.
+
+    All others fail in full, without a part or an open decision.
+    """
     cut_short(recordings, "publisher", "/joint_commands", 34)
     result, checks = judged(recordings, rubric)
     failed = {"publisher.rate", "publisher.steady", "publisher.values", "publisher.motion"}
@@ -236,7 +242,7 @@ def test_silence_of_a_flood_is_not_called_silence(recordings: Path, rubric: Rubr
 
 
 def test_a_recording_that_the_grader_filled_costs_nothing(recordings: Path, rubric: Rubric) -> None:
-    """What is not the student's doing leaves the session undecided, and it is recorded again."""
+    """A gap that the grader caused leaves the session undecided, to be recorded again."""
     cut_short(recordings, "launch", "/clock", 34)
     record = read_session(recordings / "launch")
     own_type = next(entry.type for entry in record.published if entry.topic == "/clock")

@@ -63,7 +63,7 @@ def checks_of(result: Result) -> dict[str, CheckResult]:
 
 
 def findings_of(folder: Path, rubric: Rubric) -> dict[str, Finding]:
-    """Give what all checks find in recordings."""
+    """Return the findings of all checks for recordings."""
     recordings = open_recordings(folder, rubric)
     return judge_checks(recordings, rubric, violations_of(recordings, rubric))
 
@@ -101,7 +101,7 @@ def test_a_kept_fixture_gets_its_verdict(name: str, rubric: Rubric) -> None:
 
 @pytest.mark.parametrize("name", FIXTURES)
 def test_each_lost_point_shows_its_proof(name: str) -> None:
-    """What loses points says what was expected, what was measured, why, and how to mend it."""
+    """Each lost point shows the expectation, the measurement, the reason and a remedy."""
     for check in checks_of(judged(name)).values():
         if check.outcome in (Outcome.FAILED, Outcome.PARTIAL):
             finding = check
@@ -212,6 +212,34 @@ def test_a_check_that_breaks_costs_nothing(
     assert "ZeroDivisionError: inside" in reasons[0].reason
 
 
+def break_recording(folder: Path, how: str) -> None:
+    """Break the recording of a session in one of the ways tested below."""
+    record = read_session(folder)
+    if how == "without its folder":
+        shutil.rmtree(folder)
+    elif how == "cut off":
+        write_session(folder, dataclasses.replace(record, complete=False))
+    elif how == "with a problem":
+        problems = ["a reference node died"]
+        write_session(folder, dataclasses.replace(record, problems=problems))
+    else:
+        break_bag(next(folder.glob("*.mcap")), how)
+
+
+def break_bag(bag: Path, how: str) -> None:
+    """Remove a bag, cut it in half, or change eight bytes in its middle."""
+    if how == "without its bag":
+        bag.unlink()
+        return
+    data = bag.read_bytes()
+    middle = len(data) // 2
+    rest = b""
+    if how == "a damaged bag":
+        wrong = bytes(byte ^ 0xFF for byte in data[middle : middle + 8])
+        rest = wrong + data[middle + 8 :]
+    bag.write_bytes(data[:middle] + rest)
+
+
 @pytest.mark.parametrize(
     ("how", "session"),
     [
@@ -235,25 +263,7 @@ def test_a_broken_recording_costs_nothing(
     copy: Path, rubric: Rubric, session: str, how: str
 ) -> None:
     """A session that was cut off, disturbed or lost leaves its points undecided, and only those."""
-    record = read_session(copy / session)
-    if how == "without its folder":
-        shutil.rmtree(copy / session)
-    elif how == "without its bag":
-        next((copy / session).glob("*.mcap")).unlink()
-    elif how.endswith("bag"):
-        path = next((copy / session).glob("*.mcap"))
-        data = path.read_bytes()
-        middle = len(data) // 2
-        rest = b""
-        if how == "a damaged bag":
-            wrong = bytes(byte ^ 0xFF for byte in data[middle : middle + 8])
-            rest = wrong + data[middle + 8 :]
-        path.write_bytes(data[:middle] + rest)
-    else:
-        change = (
-            {"complete": False} if how == "cut off" else {"problems": ["a reference node died"]}
-        )
-        write_session(copy / session, dataclasses.replace(record, **change))
+    break_recording(copy / session, how)
     recordings = open_recordings(copy, rubric)
     result = judge(recordings, rubric)
     own = [spec for spec in rubric.checks() if spec.session == session]
@@ -280,7 +290,10 @@ def unseen(record: SessionRecord) -> SessionRecord:
 def test_a_program_that_was_refused_a_thread_is_looked_at_twice_again(
     copy: Path, rubric: Rubric
 ) -> None:
-    """Others on the machine may have used up what the kernel allows; one that had too many itself is to blame."""
+    """Other programs may have used up the kernel's limit.
+
+    A program with too many processes of its own fails.
+    """
     record = killed(read_session(copy / "subscriber"))
     student = next(run for run in record.processes if run.role == "student")
     student.exit_status, student.output = (
@@ -296,7 +309,7 @@ def test_a_program_that_was_refused_a_thread_is_looked_at_twice_again(
 def test_what_a_program_can_bring_about_is_not_undecided_for_ever(
     copy: Path, rubric: Rubric
 ) -> None:
-    """A subscriber whose node is asked for and never seen has failed in the third recording, whichever is kept."""
+    """A subscriber without its node fails in the third recording, whichever recording is kept."""
     record = unseen(read_session(copy / "subscriber"))
     record.claims = read_session(copy / "subscriber").claims
     for attempt, attempts, decided in ((1, 0, False), (2, 2, False), (3, 0, True), (1, 3, True)):
@@ -324,7 +337,7 @@ def late(record: SessionRecord) -> SessionRecord:
 def test_what_may_be_flaky_costs_nothing_until_it_is_seen_again(
     copy: Path, rubric: Rubric, how: Callable[[SessionRecord], SessionRecord], session: str
 ) -> None:
-    """A program that something else killed, a node that nobody saw or that came late: undecided, then what it is."""
+    """A killed program or a missing or late node is undecided once, and judged the second time."""
     record = how(read_session(copy / session))
     for attempt in (1, 2):
         write_session(copy / session, dataclasses.replace(record, attempt=attempt))
@@ -337,7 +350,7 @@ def test_what_may_be_flaky_costs_nothing_until_it_is_seen_again(
 def test_a_node_that_a_limit_kept_from_the_graph_is_not_waited_for_again(
     copy: Path, rubric: Rubric
 ) -> None:
-    """It had as many processes as it may have, or took too much: that is no chance, and the reason says so."""
+    """A node that exceeded a limit was not missing by chance, and the reason names the limit."""
     record = unseen(read_session(copy / "subscriber"))
     next(run for run in record.processes if run.role == "student").limit = "processes"
     write_session(copy / "subscriber", record)
@@ -363,7 +376,7 @@ def test_what_hangs_on_an_undecided_check_is_undecided(
 
 
 def test_a_check_that_fails_lets_those_that_require_it_rest(rubric: Rubric) -> None:
-    """What needs a failed check is not reached, and names it."""
+    """A check that requires a failed check is not reached, and names the failed check."""
     findings = findings_of(KEPT / "missing_service_file", rubric)
     for spec in rubric.checks():
         if spec.id in findings and findings[spec.id].outcome is Outcome.NOT_REACHED:
@@ -375,7 +388,7 @@ def test_a_check_that_fails_lets_those_that_require_it_rest(rubric: Rubric) -> N
 def test_a_missing_artifact_is_the_students_even_without_a_recording(
     copy: Path, rubric: Rubric
 ) -> None:
-    """A session that was not run because its file is missing fails at its first check, and says what was left out."""
+    """A session without its file fails at its first check. The reason lists the left-out files."""
     shutil.rmtree(copy / "service")
     record = read_submission(copy)
     next(fact for fact in record.artifacts if fact.name == "service").path = None
@@ -515,7 +528,7 @@ def test_kept_recordings_tell_nothing_of_the_machine() -> None:
 
 
 def test_what_a_fault_costs_stands_in_the_rubric(tmp_path: Path) -> None:
-    """Another name of the topic costs what the check's parameter says."""
+    """The price of another topic name is the parameter of the check."""
     text = (ROOT / "rubric.yaml").read_text(encoding="utf-8")
     cost = "other_name_costs: 0.8"
     assert cost in text
@@ -574,7 +587,10 @@ criteria:
 def test_a_misspelt_topic_is_found_though_no_step_waited_for_it(
     tmp_path: Path, name: str, publishes: Outcome
 ) -> None:
-    """The name costs a part, and the rest is judged on it; what a reference node publishes is meant by none."""
+    """The name costs a part, and the rest is judged on the misspelt topic.
+
+    Topics of reference nodes are never candidates.
+    """
     (tmp_path / "robot.py").write_text("", encoding="utf-8")
     (tmp_path / "lab.yaml").write_text(NOT_AWAITED, encoding="utf-8")
     session = (
@@ -644,7 +660,7 @@ NOT_SENT_BY_ITS_NAME = (
 def test_a_misspelt_server_is_found_though_no_step_waited_for_it(
     tmp_path: Path, text: str, service: str, kind: str, label: str, key: str
 ) -> None:
-    """The name costs its part, once; what nobody could ask for by it is not tested, and says why."""
+    """The name costs its part, once. Requests to the right name are not tested, with the reason."""
     (tmp_path / "lab.yaml").write_text(text, encoding="utf-8")
     session = Session(tmp_path).process().service(service, kind=kind)
     session.service("/student/set_parameters", kind="rcl_interfaces/srv/SetParameters")

@@ -47,7 +47,7 @@ criteria:
 
 
 def session(folder: Path, values: list[float]) -> Session:
-    """Give a session in which a program publishes numbers on /x."""
+    """Return a session with a program that publishes numbers on /x."""
     kind = "std_msgs/msg/Float64"
     made = Session(folder).process().endpoint("publisher", "/x", topic_type=kind)
     made.typed("/x", kind, [{"data": v} for v in values], evenly(1, len(values) - 1))
@@ -83,7 +83,7 @@ def test_each_rule_has_a_name_and_a_sentence() -> None:
 
 
 def test_the_page_lists_the_rules_in_their_order() -> None:
-    """docs/judging.md says of each rule what its docstring says."""
+    """docs/judging.md describes each rule by its docstring."""
     page = (ROOT / "docs/judging.md").read_text(encoding="utf-8")
     rows = re.findall(r"^\| \d+ \| `(\w+)` \| (.+) \|$", page, re.MULTILINE)
     assert rows == [(rule.__name__, sentence_of(rule.__name__)) for rule in RULES]
@@ -102,7 +102,7 @@ def test_an_excused_check_names_the_rule(tmp_path: Path) -> None:
 
 
 def test_a_missing_file_decides_before_a_measurement(tmp_path: Path) -> None:
-    """What requires the check is not tested."""
+    """Checks that require the check of the file are not tested."""
     record = submission(it=None)
     findings = judged(tmp_path, session(tmp_path, [0.5, 0.6]), record)
     assert rules_of(findings) == ["missing_file", "required", "required"]

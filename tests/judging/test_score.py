@@ -1,8 +1,11 @@
-"""Findings become points: they add up, what is undecided is never lost, and rounding is to tenths."""
+"""From findings to points: the sum, undecided points never lost, and rounding to tenths."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from decimal import Decimal
+from itertools import chain
+from operator import attrgetter
 from pathlib import Path
 
 import pytest
@@ -65,26 +68,30 @@ def test_what_is_undecided_is_neither_earned_nor_lost(points: Decimal, finding: 
         assert result.undecided == 0
 
 
+def sum_of(figure: str, parts: Iterable[object]) -> Decimal:
+    """Return the sum of a figure over checks or criteria."""
+    return sum(map(attrgetter(figure), parts), Decimal(0))
+
+
 @given(
     st.lists(st.lists(st.tuples(POINTS, FINDINGS), min_size=1, max_size=6), min_size=1, max_size=6)
 )
 def test_points_add_up(table: list[list[tuple[Decimal, Finding]]]) -> None:
     """Checks add up to criteria and criteria to the score, to the last tenth."""
-    whole = rubric([[points for points, _ in row] for row in table])
-    findings = {
-        f"{n}.{m}": finding for n, row in enumerate(table) for m, (_, finding) in enumerate(row)
-    }
+    rows: list[list[Decimal]] = []
+    findings: dict[str, Finding] = {}
+    for n, row in enumerate(table):
+        rows.append([points for points, _ in row])
+        for m, (_, finding) in enumerate(row):
+            findings[f"{n}.{m}"] = finding
+    whole = rubric(rows)
     criteria = score_criteria(whole.criteria, findings, {})
     score = total(criteria)
-    checks = [check for criterion in criteria for check in criterion.checks]
+    checks = list(chain.from_iterable(criterion.checks for criterion in criteria))
     assert len(checks) == len(findings)
-    assert score.possible == whole.lab.points == sum(check.possible for check in checks)
-    assert (
-        score.earned
-        == sum(criterion.earned for criterion in criteria)
-        == sum(check.earned for check in checks)
-    )
-    assert score.undecided == sum(check.undecided for check in checks)
+    assert score.possible == whole.lab.points == sum_of("possible", checks)
+    assert score.earned == sum_of("earned", criteria) == sum_of("earned", checks)
+    assert score.undecided == sum_of("undecided", checks)
     assert score.earned + score.undecided <= score.possible
 
 
@@ -118,7 +125,7 @@ def test_halves_of_a_tenth_round_up(points: str, credit: str, earned: str) -> No
 
 
 def test_criteria_without_a_judged_check_are_left_out() -> None:
-    """Where only some sessions ran, only what they decide counts."""
+    """If only some sessions ran, only their checks count."""
     whole = rubric([[Decimal(2), Decimal(3)], [Decimal(5)]])
     criteria = score_criteria(whole.criteria, {"0.1": Finding(Outcome.PASSED, Decimal(1))}, {})
     assert [criterion.id for criterion in criteria] == ["0"]
@@ -135,7 +142,7 @@ def test_credit_is_a_share(share: float) -> None:
 
 @given(st.floats(0, 1), st.floats(0.01, 0.5), st.floats(0.01, 0.5))
 def test_a_ramp_falls_between_its_limits(value: float, full: float, width: float) -> None:
-    """It is 1 up to the first limit and 0 from the second."""
+    """The ramp is 1 up to the first limit and 0 from the second."""
     share = ramp(value, full, full + width)
     assert 0 <= share <= 1
     assert value > full or share == 1

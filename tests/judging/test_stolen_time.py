@@ -43,7 +43,10 @@ def test_a_timers_rate_is_known_although_a_sixth_of_its_messages_are_missing(
 
 
 def test_a_loop_with_a_sleep_is_judged_by_its_undisturbed_intervals(tmp_path: Path) -> None:
-    """It begins anew after each stop, so that it keeps to no schedule, which would have another rate."""
+    """A sleeping loop restarts after each delay, without a schedule.
+
+    A schedule would give another rate.
+    """
     rate = judged("drifting_sleep_loop", tmp_path)["publisher.rate"]
     shown_hz, _, _, error_hz, *_ = rate.measured.split()
     assert 86 < float(shown_hz) < 88

@@ -1,4 +1,4 @@
-"""Submissions that were written from the lab alone, with what a teacher would give for each criterion said before."""
+"""Submissions written from the lab alone, and a teacher's points for each criterion."""
 
 from __future__ import annotations
 
@@ -33,7 +33,10 @@ def rubric() -> Rubric:
 def test_each_criterion_earns_what_a_teacher_would_give(
     kept: Path, tmp_path: Path, rubric: Rubric
 ) -> None:
-    """Of what the kept sessions and the files decide; where it does not, or nobody was asked, the fixture says why."""
+    """The kept sessions and the files give the teacher's points.
+
+    The fixture gives the reason for any exception.
+    """
     with tarfile.open(kept) as archive:
         archive.extractall(tmp_path, filter="data")
     fixture = load_fixture(ROOT / "fixtures" / kept.name.removesuffix(".tar.xz"))

@@ -1,4 +1,4 @@
-"""Recordings that take too long to judge, or too much memory: there is a result, which says what was left out."""
+"""Recordings that take too much time or memory to judge: the result names the parts left out."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def rubric() -> Rubric:
 
 
 def with_messages(folder: Path, session: str, messages: list[bytes]) -> Path:
-    """Return a copy of the solution's recordings in which a student published other messages in one session."""
+    """Return a copy of the solution's recordings with other student messages in one session."""
     copy = Path(shutil.copytree(KEPT / "solution", folder / "recordings"))
     bag = Bag.open(copy / session)
     stream = bag.stream(COMMANDS)
@@ -70,7 +70,10 @@ def of_session(result: Result, session: str) -> list[CheckResult]:
 
 
 def test_a_flood_of_values_is_named_and_the_rest_is_judged(tmp_path: Path, rubric: Rubric) -> None:
-    """The student's own messages hold more values than are decoded: only what rests on their topic is lost."""
+    """The student's messages hold more values than are decoded.
+
+    Only checks of their topic are lost.
+    """
     per_message = 4 * 20_000 + 5
     count = MOST_VALUES // per_message + 10
     recordings = with_messages(tmp_path, "publisher", [with_dimensions(20_000)] * count)
@@ -88,7 +91,7 @@ def test_a_flood_of_values_is_named_and_the_rest_is_judged(tmp_path: Path, rubri
 def test_a_session_that_takes_too_much_is_left_out(
     tmp_path: Path, rubric: Rubric, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It is undecided and says so; every other session has the points that it has without."""
+    """The session is undecided, with the reason; every other session keeps its points."""
     zeros = struct.pack("<BBHIII", 0, 1, 0, 0, 0, 2**20) + bytes(4 + 8 * 2**20)
     recordings = with_messages(tmp_path, "publisher", [zeros] * 30)
     bound = Bound("judging", cpu_s=30.0, wall_s=100.0, memory_bytes=MOST_MIB * 2**20)

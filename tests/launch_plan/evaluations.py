@@ -52,13 +52,16 @@ for request in json.load(sys.stdin):
 
 
 def environment(prefix: Path) -> dict[str, str]:
-    """What an evaluation sees of the environment."""
+    """Return the environment variables of an evaluation."""
     kept = ("PATH", "HOME", "LD_LIBRARY_PATH", "_ROS_WHEELS_BOOTSTRAP_COMPLETE")
     return {**{n: os.environ[n] for n in kept if n in os.environ}, "AMENT_PREFIX_PATH": str(prefix)}
 
 
 def original_environment(prefix: Path) -> dict[str, str]:
-    """What an evaluation with the original sees; its own prefix holds the grammar of substitutions."""
+    """Return the environment variables of the original.
+
+    Its own prefix holds the grammar of substitutions.
+    """
     return {
         **environment(prefix),
         "AMENT_PREFIX_PATH": f"{prefix}:{ORIGINAL / 'prefix'}",

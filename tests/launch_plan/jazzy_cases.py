@@ -1,4 +1,4 @@
-"""More launch files with what ROS 2 Jazzy makes of them: what its later patch releases changed, and its corners."""
+"""More launch files and their plans by ROS 2 Jazzy: changes of patch releases, and corner cases."""
 
 # ruff: noqa: E501 - a table: a launch file in one line reads better than one cut in the middle
 
@@ -586,7 +586,7 @@ def yaml(name: str, text: str, /, **expect: object) -> Case:
 
 
 def bad(kind: str, line: int = 2, /, **expect: object) -> dict[str, object]:
-    """What is expected of a markup file with a mistake."""
+    """Return the expected plan of a markup file with a mistake."""
     return {"outcome": "error", "problem.kind": kind, "problem.line": line, **expect}
 
 
@@ -809,7 +809,7 @@ MARKUP = [
     ),
 ]
 
-#: What is said of a text that `launch` itself refuses with an error of its grammar.
+#: Texts that `launch` refuses with an error of its grammar, and words of our message.
 _REFUSED = {
     "two blanks": ("$(var  k)", "one blank too many"),
     "a blank before the end": ("$(var k )", "one blank too many"),
@@ -820,7 +820,7 @@ _REFUSED = {
     "a quote that is not closed": ("$(eval 'a)", "a quote is not closed"),
 }
 
-#: What it makes of others; `k` is `v`.
+#: Texts that `launch` accepts, and their values; `k` is `v`.
 _TAKEN = {
     "a dollar without a parenthesis": ("$HOME costs 5$ $$(var k)", "$HOME costs 5$ $v"),
     "a protected dollar": ("\\$(var k)", "$(var k)"),
@@ -1176,7 +1176,7 @@ READ_BY_NODES = [
     ),
 ]
 
-#: What is to be said of common slips: entities, kind, and a word of the message or the remedy.
+#: Expected messages for common slips: entities, kind, and a word of the message or the remedy.
 _SLIPS = {
     "text and a substitution added": (
         "talker(name='a' + Value('x'))",

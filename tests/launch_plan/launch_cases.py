@@ -1,7 +1,8 @@
-"""Launch files, each with parts of the plan that the documented semantics of ROS 2 Jazzy give it.
+"""Launch files, each with parts of its plan by the documented semantics of ROS 2 Jazzy.
 
-A case says what is expected by paths into the plan: `processes.0.name` is the name of the first process,
-`len processes` how many there are, `parameter 0 rate` the value of a parameter of the first process.
+A case names expected values by paths into the plan: `processes.0.name` is the name of the first
+process, `len processes` the number of processes, `parameter 0 rate` the value of a parameter of the
+first process.
 """
 
 # ruff: noqa: E501 - a table: a launch file in one line reads better than one cut in the middle
@@ -41,7 +42,7 @@ BODY_LINE = HEADER.count("\n") + 1
 
 @dataclass(frozen=True)
 class Case:
-    """A launch file and what is expected of its plan."""
+    """A launch file and expected parts of its plan."""
 
     name: str
     text: str
@@ -54,13 +55,13 @@ class Case:
 def body(
     name: str, entities: str, /, _arguments: Any = None, _files: Any = None, **expect: Any
 ) -> Case:
-    """A case whose launch file is the common header around some entities."""
+    """Return a case with some entities inside the common header of a launch file."""
     expect = {"outcome": "ok", **expect.pop("expect", {}), **expect}
     return Case(name, HEADER + entities + FOOTER, expect, _arguments or {}, _files or {})
 
 
 def fails(name: str, entities: str, kind: str, line: int | None = BODY_LINE, **expect: Any) -> Case:
-    """A case whose entities have a mistake, on their first line unless told otherwise."""
+    """Return a case with a mistake in its entities, on their first line unless told otherwise."""
     arguments, files = expect.pop("_arguments", {}), expect.pop("_files", {})
     wanted = {
         "outcome": "error",

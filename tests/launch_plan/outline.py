@@ -1,4 +1,4 @@
-"""What two evaluations of one launch file must agree on, whichever `launch` made them."""
+"""The common parts of two evaluations of a launch file, by any version of `launch`."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _KEYS = (
 
 
 def _plain(text: str) -> str:
-    """A text without what differs from run to run: names of files, and addresses and homes of objects."""
+    """Return a text without parts that differ between runs: file names, and object addresses."""
     return re.sub(r"\{parameters\}/\S+|/tmp/tmp\w+|<launch[\w.]+ object at 0x[0-9a-f]+>", "…", text)
 
 
@@ -41,7 +41,10 @@ def _process(plain: dict[str, Any], parameters: dict[str, Any], *, lines: bool) 
 
 
 def outline(plan: dict[str, Any], *, lines: bool) -> dict[str, Any]:
-    """Processes with what reaches them, arguments, includes, messages; lines of markup are the stand-in's alone."""
+    """Return processes with their inputs, arguments, includes and messages.
+
+    Only the stand-in gives lines of markup.
+    """
     read = Plan.from_plain(plan)
     processes = [
         _process(plain, process.effective_parameters("/node"), lines=lines)

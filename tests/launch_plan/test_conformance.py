@@ -34,7 +34,7 @@ def make_prefix(folder: Path) -> Path:
 
 
 def write(case: Case, folder: Path) -> Path:
-    """The case's launch file in a folder, with what belongs to it."""
+    """Write a case's launch file and its other files into a folder."""
     for name, text in {**case.files, case.filename: case.text}.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_text(text)
@@ -56,7 +56,7 @@ def plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 
 def evaluate(file: Path, prefix: Path, **arguments: str) -> tuple[dict[str, Any], str]:
-    """The plan of a file as the script itself gives it, and what the file printed."""
+    """Return the plan of a file as the script gives it, and the file's own output."""
     read, write_end = os.pipe()
     request = {"file": str(file), "arguments": arguments, "root": str(file.parent)}
     done = subprocess.run(
@@ -77,7 +77,7 @@ def evaluate(file: Path, prefix: Path, **arguments: str) -> tuple[dict[str, Any]
 
 
 def found(plan: Mapping[str, Any], path: str) -> Any:
-    """What stands at a path in a plan; `|` in a step is a full stop of the name itself."""
+    """Return the value at a path in a plan; `|` in a step is a full stop of the name itself."""
     if path.startswith("len "):
         return len(found(plan, path[4:]))
     if path.startswith("parameter "):
@@ -97,7 +97,7 @@ def found(plan: Mapping[str, Any], path: str) -> Any:
 
 
 def mismatch(plan: Mapping[str, Any], path: str, expected: Any) -> str:
-    """How a plan differs from what is expected at a path; empty if it does not."""
+    """Say how a plan differs from the expected value at a path; empty if it does not differ."""
     where, _, way = path.partition(" ") if path.endswith((" has", " ends")) else (path, "", "")
     try:
         value = found(plan, where)
@@ -152,7 +152,7 @@ def test_a_problem_says_what_where_and_how(case: Case, plans: dict[str, Any]) ->
 
 
 def test_the_script_writes_the_plan_apart_from_prints(tmp_path: Path) -> None:
-    """What the launch file prints goes to standard output, and the plan to its own descriptor."""
+    """The launch file's own output goes to standard output, and the plan to its own descriptor."""
     file = tmp_path / "x_launch.py"
     file.write_text(
         next(c.text for c in CASES if c.name == "what the file prints does not disturb")

@@ -1,4 +1,4 @@
-"""Launch files of any text: each is evaluated in bounded time, and gives a plan or says what is wrong with it."""
+"""Launch files of any text: each gives a plan or names its mistake, in bounded time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PIECES = {
     "¦<<: *a\n¦!!python/object:os.system ¦? ¦| \n¦---\n¦0xfffffffffffffffff\n¦2001-01-01\n¦~\n¦.inf\n¦}\n¦'¦\n"
     '¦- let: {name: a, value: ¦"',
 }
-#: How a launch file begins and ends.
+#: Beginning and end of a launch file.
 AROUND = {
     ".py": (f"{IMPORTS}def generate_launch_description():\n return LaunchDescription([\n", "])\n"),
     ".xml": ("<launch>", "</launch>"),
@@ -59,7 +59,7 @@ def launch_files(draw: st.DrawFn) -> tuple[str, str]:
 @settings(max_examples=2, deadline=None)
 @given(st.lists(launch_files(), min_size=examples(100), max_size=examples(100)))
 def test_any_text_is_a_launch_file_or_is_said_to_be_none(texts: list[tuple[str, str]]) -> None:
-    """Neither ends the evaluation, nor takes ten seconds of it; what comes of it is a plan."""
+    """No text ends the evaluation or takes ten seconds of it. Every result is a plan."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         prefix = make_package(folder / "prefix", "demo", "talker")

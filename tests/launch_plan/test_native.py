@@ -61,7 +61,7 @@ def evaluate(root: Path, file: str, prefix: Path, *, native: bool, **arguments: 
 
 
 def essence(plan: Plan) -> list[Any]:
-    """What both ways of evaluating must agree on."""
+    """Return the parts of a plan that both ways of evaluating must agree on."""
     nodes = [
         (p.id, p.kind, p.package, p.runs, p.called, p.full_name, p.when) for p in plan.processes
     ]
@@ -84,7 +84,7 @@ def test_both_ways_give_the_same_plan(arguments: dict[str, str], tmp_path: Path)
 
 @needs_the_original
 def test_parameters_are_read_off_the_command_line(tmp_path: Path) -> None:
-    """A parameter file of the submission is given by its path, and what it says is in the plan."""
+    """A parameter file of the submission is given by its path, and its values are in the plan."""
     prefix = make_prefix(tmp_path / "prefix")
     (tmp_path / "p.yaml").write_text("/**:\n  ros__parameters:\n    rate: 2.5\n")
     (tmp_path / "x_launch.py").write_text(
@@ -103,7 +103,7 @@ def test_parameters_are_read_off_the_command_line(tmp_path: Path) -> None:
 
 @needs_the_original
 def test_timers_and_handlers_are_played(tmp_path: Path) -> None:
-    """What waits for a time, or for a process, says so."""
+    """A process that waits for a time, or for another process, says so."""
     (tmp_path / "x_launch.py").write_text(
         "from launch import LaunchDescription\n"
         "from launch.actions import ExecuteProcess, RegisterEventHandler, TimerAction\n"

@@ -27,7 +27,7 @@ from tests.launch_plan.outline import outline  # noqa: E402
 
 pytestmark = [pytest.mark.slow, needs_the_original]
 
-#: Cases of what patch releases of Jazzy after 3.4.3 brought, so that the copy gives an error or another plan.
+#: Cases of later patch releases of Jazzy; the copy, of 3.4.3, gives an error or another plan.
 LATER_PATCHES = {
     "the folder is restored after an include",
     "an autostart is at the line of its node",
@@ -70,7 +70,7 @@ def both(
 
 
 def difference(ours: dict[str, Any], theirs: dict[str, Any], *, lines: bool) -> str:
-    """What two plans of one file do not agree on; empty if they have the same outcome and start the same."""
+    """Say how two plans of one file differ; empty if outcome and started processes are equal."""
     outcome, original = ours.get("outcome"), theirs.get("outcome")  # none where the evaluation died
     if outcome != original:
         return f"{outcome} ({ours.get('problem')}), originally {original} ({theirs.get('problem')})"
@@ -138,7 +138,7 @@ for top in ("launch", "launch_ros", "launch_xml", "launch_yaml"):
         )
 print(json.dumps(found))
 """
-# Those of them that an import statement does not find.
+# Prints the names that an import statement does not find.
 _UNKNOWN = """
 import json, sys
 unknown = []
@@ -150,7 +150,7 @@ for title, names in json.load(sys.stdin).items():
             unknown.append(f"{title}.{name}")
 print(json.dumps(unknown))
 """
-# Those of them that do nothing, although a module of the stand-in defines them.
+# Prints the names that do nothing, although a module of the stand-in defines them.
 _IDLE = """
 import json, sys
 found = {}

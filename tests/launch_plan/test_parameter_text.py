@@ -1,4 +1,4 @@
-"""What an evaluation takes a parameter's text for is what the real `rcl` takes it for."""
+"""An evaluation reads a parameter's text as the real `rcl` does."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Plans are values: read from plain data that nobody trusts, and asked for what would run."""
+"""Plans are values: read from untrusted plain data, and asked for their processes."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def test_a_minimal_plan_is_read() -> None:
 
 
 def test_a_plan_is_ready_for_json() -> None:
-    """What `to_plain` returns survives JSON and gives the same plan."""
+    """The plain data of `to_plain` survive JSON and give the same plan."""
     process = {
         "id": "a-1",
         "path": "/a",

@@ -22,7 +22,7 @@ REFERENCE = Path(__file__).resolve().parents[2] / "reference"
 
 @dataclass
 class Listener:
-    """A node of the test's own with what it received by topic: (source timestamp in ns, message)."""
+    """A node of the test and its received messages by topic: (source timestamp in ns, message)."""
 
     node: Any
     executor: Any
@@ -53,7 +53,10 @@ class Listener:
 
 @contextmanager
 def listener(domain_id: int) -> Iterator[Listener]:
-    """Give a listener in a context of its own, and in the namespace of the recorder, whom reference nodes wait for."""
+    """Yield a listener with its own context, in the recorder's namespace.
+
+    Reference nodes wait for the recorder.
+    """
     import rclpy
     from rclpy.context import Context
     from rclpy.executors import SingleThreadedExecutor
@@ -75,9 +78,9 @@ def listener(domain_id: int) -> Iterator[Listener]:
 def started(
     script: str, configuration: dict[str, Any], domain_id: int
 ) -> Iterator[subprocess.Popen[str]]:
-    """Start a reference node as the grader does, and give it once it is ready; no node outlives its test.
+    """Start a reference node as the grader does, yield it once it is ready, and stop it in the end.
 
-    Before it is ready it says by which gids it is known.
+    Before it is ready, the node prints its participant's gid.
     """
     argv = [sys.executable, "-I", str(REFERENCE / script), json.dumps(configuration)]
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain_id)}
@@ -100,9 +103,9 @@ def lines(process: subprocess.Popen[str]) -> IO[str]:
 
 
 def stop(process: subprocess.Popen[str], number: int = signal.SIGINT) -> tuple[int, str, str]:
-    """Stop a node and give exit status, the rest of standard output, and standard error.
+    """Stop a node and return exit status, the rest of standard output, and standard error.
 
-    What it tells of its publications is left out; see `stop_and_hear`.
+    Lines about publications are left out; see `stop_and_hear`.
     """
     status, rest, error = _stopped(process, number)
     kept = [line for line in rest.splitlines(keepends=True) if not line.startswith("published ")]
@@ -110,7 +113,7 @@ def stop(process: subprocess.Popen[str], number: int = signal.SIGINT) -> tuple[i
 
 
 def stop_and_hear(process: subprocess.Popen[str]) -> dict[str, str]:
-    """Stop a node and give what it tells of its publications: digests by topic and type."""
+    """Stop a node and return its report of publications: digests by topic and type."""
     told: dict[str, str] = {}
     for line in _stopped(process, signal.SIGINT)[1].splitlines():
         word, topic, topic_type, digests, last = line.split(" ")
@@ -136,9 +139,9 @@ def use_private_graph(set_variable: Callable[[str, str], None], folder: Path) ->
 
 @cache
 def own_domain() -> tuple[int, socket.socket]:
-    """Return a ROS domain that nobody else has in this network while this process lives, and what holds it.
+    """Return a ROS domain unused in this network, and the socket that reserves it for this process.
 
-    It is held as cells hold their numbers, which are their domains where they share a network.
+    Cells reserve their numbers by the same socket, and use them as domains in a shared network.
     """
     for number in range(100, 0, -1):
         held = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)

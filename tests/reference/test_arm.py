@@ -74,7 +74,7 @@ def posture(student: Listener, topic: str) -> Any:
 
 
 def near(student: Listener, targets: list[float]) -> bool:
-    """Tell whether the arm's latest positions are the targets, but for what its servos give way to its weight."""
+    """Return whether the arm's latest positions are the targets, within the sag by its weight."""
     return positions(student) == pytest.approx(targets, abs=5e-3)
 
 
@@ -119,6 +119,14 @@ def test_arm_follows_commands_and_keeps_its_rates(student: Listener, domain_id: 
         )
         status, rest, error = stop(arm)
     assert near(student, TARGETS)
+    require_postures(student)
+    require_exact_clock(student)
+    assert (status, error) == (0, "")
+    assert re.fullmatch(r"ignored [1-9]\d* malformed commands\n", rest)
+
+
+def require_postures(student: Listener) -> None:
+    """Require both drawn postures to match the model, at their rate."""
     assert posture(student, COMMANDED_TOPIC) == pytest.approx(
         np.array(ArmModel(0.01).posture(TARGETS)), abs=1e-6
     )
@@ -126,11 +134,13 @@ def test_arm_follows_commands_and_keeps_its_rates(student: Listener, domain_id: 
         posture(student, COMMANDED_TOPIC), abs=5e-3
     )
     assert rate_hz(student.received[MEASURED_TOPIC]) == pytest.approx(25, rel=0.1)
+
+
+def require_exact_clock(student: Listener) -> None:
+    """Require steps of exactly 5 ms on the clock."""
     ticks = [m.clock.sec * 10**9 + m.clock.nanosec for _, m in student.received["/clock"]]
     assert ticks[0] > 0
     assert {b - a for a, b in pairwise(ticks)} == {5_000_000}
-    assert (status, error) == (0, "")
-    assert re.fullmatch(r"ignored [1-9]\d* malformed commands\n", rest)
 
 
 def add_timed_node(student: Listener, topic: str, simulation_time: bool) -> None:

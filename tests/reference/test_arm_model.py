@@ -108,7 +108,7 @@ def parts() -> list[Placed]:
 
 
 def test_the_points_are_where_the_dimensions_put_them() -> None:
-    """With all joints at zero, and with the base turned, the drawn points are those of the dimensions in arm.xml."""
+    """The drawn points match arm.xml's dimensions, at zero angles and with a turned base."""
     known = {part.name: part.points[0] for part in parts() if part.name} | {"base": np.zeros(3)}
     arm = resting()
     assert arm.posture(STILL) == pytest.approx(np.array([known[name] for name in CHAIN]), abs=1e-9)
@@ -150,7 +150,10 @@ def test_a_small_turn_of_the_base_is_that_of_a_damped_spring() -> None:
 
 
 def test_a_swing_without_motors_keeps_its_energy() -> None:
-    """Limp, off the floor and without stops, the arm falls and swings; what it loses in height it has in speed."""
+    """A limp arm, off the floor and without stops, falls and swings.
+
+    Height turns into speed and back.
+    """
     arm = resting(offset_rad=0.5, seed=4)
     flags = mujoco.mjtDisableBit
     off = (flags.mjDSBL_ACTUATION, flags.mjDSBL_CONTACT, flags.mjDSBL_LIMIT)

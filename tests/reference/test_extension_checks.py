@@ -112,7 +112,7 @@ def test_a_motion_that_ends_early_earns_a_part(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rows", [[[1.0]], [[np.nan, np.nan]], [[np.inf, 0.0]], [[]]])
 def test_messages_of_anything_are_judged(tmp_path: Path, rows: list[list[float]]) -> None:
-    """What holds other numbers is off the line."""
+    """A message with another number of values, or none that is finite, is off the line."""
     session = Session(tmp_path).process().messages(COMMANDS, rows * 300, evenly(100, 2.99, SENT_S))
     assert (
         line(stepped(session, "send_goal", SENT_S, SENT_S + TAKES_S, goal=GOAL)).outcome
@@ -121,7 +121,7 @@ def test_messages_of_anything_are_judged(tmp_path: Path, rows: list[list[float]]
 
 
 def test_a_line_that_the_machine_delayed_is_undecided(tmp_path: Path) -> None:
-    """A node that counts its steps is behind by what it was kept from a core."""
+    """A node that counts its steps lags by the time without a core."""
     session = moved(tmp_path, 100.0, (1.2, 2.9)).disturbed("it", (SENT_S + 0.5, 0.4))
     assert line(session).outcome is Outcome.INCONCLUSIVE
     assert line(moved(tmp_path / "idle", 100.0, (1.2, 2.9))).outcome is not Outcome.INCONCLUSIVE
@@ -150,7 +150,7 @@ def test_the_rate_of_commands(tmp_path: Path, rate_hz: float, credit: float) -> 
 def test_progress_is_the_share_of_the_time(
     tmp_path: Path, scale: float, kept_s: float, outcome: Outcome
 ) -> None:
-    """It is compared with the time since the goal was accepted."""
+    """Progress is compared with the time since the goal was accepted."""
     told = [
         {"t_ns": at(SENT_S + n / 10), "values": {"progress": scale * n / 25}} for n in range(26)
     ]
@@ -217,7 +217,7 @@ def test_a_pause_of_the_machines_is_undecided(tmp_path: Path) -> None:
     ("outcome", "wanted"), [("done", Outcome.PASSED), ("timeout", Outcome.FAILED)]
 )
 def test_a_publisher_that_a_step_waited_for(tmp_path: Path, outcome: str, wanted: Outcome) -> None:
-    """It was there in time, or it was not."""
+    """The publisher was there in time, or it was not."""
     session = stepped(
         Session(tmp_path).process(), "wait_for", 1.0, 3.0, outcome, publisher=COMMANDS
     )

@@ -46,7 +46,7 @@ def recorded(events: Sequence[Event]) -> dict[str, Recorded]:
 
 
 class Subscriber:
-    """What the lab asks for: the latest command, and a history of at most so many errors."""
+    """A subscriber as required by the lab: the latest command, and a limited history of errors."""
 
     def __init__(self, history: int | None = 1000) -> None:
         self.command: Floats | None = None
@@ -103,7 +103,7 @@ def border_trouble(events: Sequence[Event], rng: np.random.Generator, most: int)
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("history", [1000, None, 300])
 def test_statistics_are_those_of_a_correct_subscriber(seed: int, history: int | None) -> None:
-    """The expected values equal those of a simulated subscriber, and the bounds enclose them narrowly."""
+    """The expected values equal a simulated subscriber's, and the bounds enclose them narrowly."""
     events = schedule(seed)
     expected = tracking_statistics(recorded(events), {"history": history}, seed)
     for name, measured in hear_all(events, history).statistics().items():
@@ -150,7 +150,7 @@ def test_statistics_of_mistakes_are_out_of_bounds(seed: int) -> None:
 
 
 def test_signed_statistics_recognise_a_forgotten_absolute_value() -> None:
-    """With `signed`, mean and maximum are those of the error itself; the RMS is the same."""
+    """With `signed`, mean and maximum are taken of the error itself; the RMS is the same."""
     events = schedule(9)
     errors = np.array(hear_all(events).errors)
     signed = tracking_statistics(recorded(events), {"signed": True}, 9)
@@ -196,7 +196,7 @@ def test_a_stimulus_that_did_not_run_is_no_verdict() -> None:
 def reported_by(
     events: Sequence[Event], report: Callable[[Floats, list[Floats]], float], *, first: bool
 ) -> list[float]:
-    """Give what a subscriber reports that forms its reports in a way of its own."""
+    """Return the reports of a subscriber with its own way of forming them."""
     command, errors, reports = None, [], []
     for event in events:
         values = np.array(event.values)
@@ -235,7 +235,10 @@ def test_known_mistakes_in_the_series_are_recognised(
     report: Callable[[Floats, list[Floats]], float],
     first: bool,
 ) -> None:
-    """The median on each plateau is that of a subscriber with the mistake, and not the right one on half of them."""
+    """The median on each plateau matches a subscriber with the mistake.
+
+    On half of the plateaus it differs from the right one.
+    """
     events = schedule(seed)
     reports = reported_by(events, report, first=first)
     right = tracking_plateaus(recorded(events), {}, seed)

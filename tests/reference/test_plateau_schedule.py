@@ -76,7 +76,7 @@ def test_command_and_state_change_on_every_joint(seed: int) -> None:
 
 @pytest.mark.parametrize("seed", SEEDS)
 def test_statistics_of_common_mistakes_stand_clear(seed: int) -> None:
-    """Per joint, right statistics differ by more than 5 % from those of each common mistake."""
+    """Per joint, the right statistics differ by more than 5 % from each common mistake's."""
     everything = subscriber_errors(schedule(seed))
     kept = everything[-1000:]
     mean, largest = np.abs(kept).mean(axis=0), np.abs(kept).max(axis=0)

@@ -34,7 +34,7 @@ def test_configuration_is_read_and_names_are_mapped() -> None:
 
 @pytest.mark.parametrize("text", ["", "[]", '{"sed": 1}', '{"seed": "1"}', '{"names": ["/a"]}'])
 def test_a_configuration_that_is_none_is_refused(text: str) -> None:
-    """What is not the documented JSON object is refused with a sentence."""
+    """Any text but the documented JSON object is refused with a sentence."""
     with pytest.raises(ConfigurationError):
         parse_configuration(text)
 

@@ -38,7 +38,7 @@ def tar_of(
 
 
 def zip_of_entries(count: int) -> bytes:
-    """Return a zip whose directory has so many entries, all of the same empty file."""
+    """Return a zip with a directory of this many entries, all for the same empty file."""
     local = struct.pack("<4s5H3I2H", b"PK\x03\x04", 20, 0, 0, 0, 0x21, 0, 0, 0, 1, 0) + b"a"
     entry = (
         struct.pack(

@@ -1,4 +1,4 @@
-"""Zip and tar as tools write them and as attackers do: what is read, and at what cost."""
+"""Zip and tar files by tools and by attackers: entries read, and resources used."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ PACKERS: dict[str, Callable[[bytes], bytes]] = {
 
 
 def contents(packed: bytes) -> dict[str, bytes | str]:
-    """Read an archive: the content of files, and of others what they are."""
+    """Read an archive: the content of files, and the kind of other entries."""
     found: dict[str, bytes | str] = {}
     for member in members_of_archive(io.BytesIO(packed)):
         if member.kind is Kind.FILE:
@@ -92,7 +92,7 @@ def test_long_names_in_a_tar(form: int) -> None:
 
 
 def test_several_pieces_packed_one_after_another() -> None:
-    """What was packed piece by piece, and filled up with zeros, is one archive."""
+    """A file packed piece by piece, and padded with zeros, is one archive."""
     whole = tar_of(FILES)
     for pack in (gzip.compress, bz2.compress, lzma.compress):
         packed = b"".join(pack(whole[at : at + 3000]) for at in range(0, len(whole), 3000)) + bytes(
@@ -107,7 +107,7 @@ def test_a_tar_that_lacks_its_last_blocks() -> None:
 
 
 def test_what_is_no_file_is_reported() -> None:
-    """Links, devices and pipes are named as what they are, in both kinds of archive."""
+    """Links, devices and pipes are named by their kind, in both kinds of archive."""
     kinds = {
         tarfile.SYMTYPE: Kind.LINK,
         tarfile.LNKTYPE: Kind.HARD_LINK,
@@ -141,7 +141,7 @@ def test_what_is_no_file_is_reported() -> None:
 
 
 def test_sparse_files_are_reported_and_what_follows_is_read() -> None:
-    """A file of which a tar holds pieces only is left alone, in both ways of writing it."""
+    """A sparse file in a tar is skipped, in both ways of writing it."""
     old = bytearray(tar_header("bag.mcap", 512))
     old[156:157] = tarfile.GNUTYPE_SPARSE
     old[482] = 1  # another block of the map follows
@@ -275,7 +275,7 @@ WHOLE = [
     st.lists(st.tuples(st.floats(0, 1), st.binary(min_size=1, max_size=8)), max_size=6),
 )
 def test_any_damage_is_reported(whole: bytes, changes: list[tuple[float, bytes]]) -> None:
-    """Whatever bytes are changed in an archive, reading it ends, and only with what its reader expects."""
+    """Reading an archive with any bytes changed ends, with no error but those expected."""
     packed = bytearray(whole)
     for place, change in changes:
         at = int(place * (len(packed) - 1))
@@ -289,14 +289,14 @@ def test_any_damage_is_reported(whole: bytes, changes: list[tuple[float, bytes]]
     st.binary(),
 )
 def test_any_bytes_are_reported(magic: bytes, rest: bytes) -> None:
-    """What only begins as an archive is read no further than it goes."""
+    """Data with only the first bytes of an archive end in an expected error."""
     read_all(magic + rest)
 
 
 # -- bombs ---------------------------------------------------------------------------------------------
 
 
-#: What a bomb may take until it is refused: half of what the kernel allows it.
+#: The most time until a bomb is refused: half of the kernel's limit.
 SOON_S = 10.0
 
 
@@ -338,7 +338,7 @@ def test_a_million_entries_in_a_zip_are_not_read(tmp_path: Path) -> None:
 
 
 def test_a_class_in_one_zip_is_listed(tmp_path: Path) -> None:
-    """What two hundred students hand in, and more, has room in the memory that reading may take."""
+    """A class of two hundred students and more fits the memory for reading."""
     (tmp_path / "class.zip").write_bytes(zip_of_entries(60_000))
     assert len(names_in(tmp_path / "class.zip") or []) == 60_000
 
@@ -351,12 +351,12 @@ def test_what_unpacks_at_once_is_given_up(tmp_path: Path) -> None:
     packed = bytearray(file.getvalue())
     directory = packed.index(b"PK\x01\x02")
     for at in (22, directory + 24):
-        packed[at : at + 4] = struct.pack("<I", MEBIBYTE // 2)  # what it claims
+        packed[at : at + 4] = struct.pack("<I", MEBIBYTE // 2)  # the claimed size
     assert refused_soon(bytes(packed), tmp_path)
 
 
 def test_a_header_that_claims_to_be_huge_is_refused(tmp_path: Path) -> None:
-    """An extended header is read into memory, of which there is little."""
+    """An extended header is read into memory, and memory is limited."""
     header = bytearray(tar_header("x", 500 * MEBIBYTE))
     header[156:157] = tarfile.XHDTYPE
     header[148:156] = b"%06o\0 " % (sum(header[:148]) + 8 * 0x20 + sum(header[156:]))
@@ -384,7 +384,7 @@ def test_overlapping_entries_do_not_multiply(tmp_path: Path) -> None:
 
 
 def test_a_size_below_zero_ends(tmp_path: Path) -> None:
-    """A tar whose file claims to end before it begins is damaged, not read for ever."""
+    """A tar with a file of negative size is damaged, and not read for ever."""
     header = bytearray(tar_header("x", 0))
     header[124:136] = b"\xff" * 10 + b"\xfc\x00"
     header[148:156] = b"%06o\0 " % (sum(header[:148]) + 8 * 0x20 + sum(header[156:]))

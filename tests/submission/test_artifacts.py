@@ -102,7 +102,10 @@ def test_a_file_is_taken_for_one_artifact_only(folder: Path, rubric: Rubric) -> 
 
 
 def test_nodes_in_one_file_are_found_by_their_entry_points(tmp_path: Path, rubric: Rubric) -> None:
-    """A package that runs several nodes out of one file has all of them; what has no entry point is missing."""
+    """A package that runs several nodes from one file has all of them.
+
+    A node without entry point is missing.
+    """
     points = "['joint_publisher = arm.nodes:a', 'joint_subscriber = arm.nodes:b']"
     files = {
         "package.xml": "<package><name>arm</name><export><build_type>ament_python</build_type></export></package>",
@@ -159,7 +162,7 @@ def test_binary_and_long_files_have_no_text(folder: Path, rubric: Rubric) -> Non
 
 
 def test_of_too_many_texts_the_small_ones_are_read(folder: Path, rubric: Rubric) -> None:
-    """What students write is small; tables and logs go first where all of it would be too much."""
+    """Students write small files. If all text is too much, tables and logs are dropped first."""
     (folder / "logs").mkdir()
     for number in range(20):
         (folder / f"logs/{number:02}.txt").write_text("x" * module.MAX_TEXT_BYTES)
@@ -198,7 +201,7 @@ def test_an_archive_is_read_as_its_folder(folder: Path, rubric: Rubric) -> None:
 
 
 def test_what_is_known_of_the_intake_is_recorded(folder: Path, rubric: Rubric) -> None:
-    """Name, time and what was left out go into the record."""
+    """Name, time and left-out files go into the record."""
     time = datetime(2026, 3, 2, 23, 41, tzinfo=timezone.utc)
     record = read_submission(
         Intake(
@@ -314,7 +317,10 @@ def test_what_a_grade_may_rest_on_must_be_readable(
 def test_nodes_that_are_composed_in_one_file_are_all_found_there(
     tmp_path: Path, rubric: Rubric
 ) -> None:
-    """A file that holds what gives several artifacts away stands for each; another that only names them does not."""
+    """A file with telltale calls of several artifacts stands for each.
+
+    A file that only names them does not.
+    """
     (tmp_path / "ann").mkdir()
     text = (
         "# joint_command_publisher: create_publisher; joint_state_subscriber: create_subscription\n"

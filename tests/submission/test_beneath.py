@@ -1,4 +1,4 @@
-"""What somebody else named is found beneath its folder, or not at all."""
+"""Paths named by somebody else are found beneath their folder, or not at all."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def test_no_way_of_opening_follows_a_link(top: Path, path: str, flags: int) -> N
     ["../outside/new", "a/../../outside/new", "out/new", "out", "/new", "a/file/new", "proc/x"],
 )
 def test_no_folder_is_made_elsewhere(top: Path, way: str) -> None:
-    """A way that leads out is refused, and what lies outside keeps its rights."""
+    """A path that leads out is refused, and folders outside keep their rights."""
     (top.parent / "outside").chmod(0o700)
     with pytest.raises(OSError):
         restore_way(top, PurePosixPath(way), 0o755)
@@ -114,7 +114,7 @@ def test_a_way_is_restored(top: Path) -> None:
 
 
 def test_a_tree_is_copied_as_it_is(top: Path, tmp_path_factory: pytest.TempPathFactory) -> None:
-    """Files with their rights, folders and links; neither pipes nor what links lead to."""
+    """Files with their rights, folders and links are copied; pipes and targets of links are not."""
     (top / "a/program").write_text("x")
     (top / "a/program").chmod(0o4711)
     target = tmp_path_factory.mktemp("copy")

@@ -121,7 +121,7 @@ CASES = {
 def test_a_folder_of_examples_or_copies_comes_last(
     tmp_path: Path, rubric: Rubric, beside: str
 ) -> None:
-    """Of two files that are equally good, the one in a folder of that name is not the work."""
+    """A file in a folder of examples or copies loses against an equally good file elsewhere."""
     files = {f"{beside}/talker.py": TALKER + "# 1\n", "work/talker.py": TALKER}
     fact = facts(tmp_path, rubric, files)["talker"]
     assert (fact.path, fact.is_open) == ("work/talker.py", False)
@@ -129,7 +129,7 @@ def test_a_folder_of_examples_or_copies_comes_last(
 
 
 def test_the_launch_file_is_the_one_of_the_labs_programs(tmp_path: Path, rubric: Rubric) -> None:
-    """Of two launch files of one name, the one that starts the lab's programs is graded, wherever it lies."""
+    """Between launch files of one name, the one that starts the lab's programs is graded."""
     starts = LAUNCH + "# talker, relay\n"
     files = {"demo/lab1_launch.py": LAUNCH + "# turtle\n", "launch/lab1_launch.py": starts}
     fact = facts(tmp_path, rubric, files | {"talker.py": TALKER, "relay.py": RELAY})["launch"]
@@ -151,14 +151,14 @@ def test_contents_package_and_completeness_decide(
 
 
 def test_all_files_of_a_version_are_taken_together(tmp_path: Path, rubric: Rubric) -> None:
-    """No program of one version runs beside those of another, unless the version does not have it."""
+    """No program of one version runs beside another version's, unless its own version lacks it."""
     old = {"old/talker.py": TALKER + "# 1\n", "old/relay.py": RELAY + "# 1\n"}
     found = facts(tmp_path, rubric, old | NEW)
     assert {fact.path for fact in found.values()} == set(NEW)
 
 
 def test_two_complete_versions_are_for_a_person(tmp_path: Path, rubric: Rubric) -> None:
-    """One of them is taken, the same for all its files, and what the README says of folders decides nothing."""
+    """One version is taken for all files, and the README's remarks about folders decide nothing."""
     other = {name.replace("new/", "b/"): f"{text}# 1\n" for name, text in NEW.items()}
     readme = {"README.md": "The final version is in `new/`.\n"}
     found = facts(tmp_path, rubric, other | NEW | readme)

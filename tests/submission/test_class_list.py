@@ -1,4 +1,4 @@
-"""Who in a class list handed in what, and when, by all forms in which systems write names and times."""
+"""Class lists: students, their submissions and times, in every system's form of names and times."""
 
 from __future__ import annotations
 
@@ -43,7 +43,10 @@ TIMES = {
 
 @pytest.mark.parametrize("language", TIMES)
 def test_times_of_worksheets(language: str) -> None:
-    """A time is read in the language of the person who downloaded it; what may mean two days is not known."""
+    """A time is read in the downloading person's language.
+
+    A text that may mean two days gives none.
+    """
     text, meant = TIMES[language]
     assert worksheet_time(text) == meant
 
@@ -122,7 +125,7 @@ def test_an_unknown_zone_is_a_mistake() -> None:
         Policy.model_validate({"timezone": "Europe/Berln"})
 
 
-#: Run under each zone of the machine: what is known of three downloads, and what lateness takes by that.
+#: Facts about three downloads and their late deductions; run under each time zone of the machine.
 PROGRAM = """
 import json, sys
 from pathlib import Path
@@ -255,7 +258,7 @@ def test_a_login_or_all_words_of_a_name_tell_the_student(name: str, index: int) 
     ],
 )
 def test_what_points_to_two_or_to_nobody_is_not_guessed(name: str, may_be: set[int]) -> None:
-    """A name that fits two students, or only a part of one, is nobody's; whom it may be is known."""
+    """A name that fits two students, or only part of one, matches nobody; candidates are listed."""
     (found,) = whose(CLASS, name)
     assert found.people == ()
     assert found.may_be == may_be

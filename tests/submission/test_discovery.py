@@ -1,4 +1,4 @@
-"""What a path on the command line stands for: one submission, a folder of them, or a download of a class."""
+"""Paths on the command line: one submission, a folder of submissions, or a download of a class."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def in_folders(tree: Mapping[str, Iterable[str]]) -> list[str]:
 
 
 def found_in(path: Path, rubric: Rubric, shape: Shape = Shape.AUTO) -> list[str]:
-    """Give the names of what is found in a path."""
+    """Return the names of the submissions in a path."""
     return [source.name for source in find_submissions([path], rubric, shape=shape).submissions]
 
 
@@ -207,7 +207,7 @@ def test_a_folder_of_submissions(tree: str, form: str, rubric: Rubric, tmp_path:
 
 @pytest.mark.parametrize("form", ["folder", ".zip", ".tar"])
 def test_each_gets_its_own_files(form: str, rubric: Rubric, tmp_path: Path) -> None:
-    """What is found can be extracted, and holds the files of that student alone."""
+    """Each submission can be extracted, and holds the files of one student alone."""
     folder = lay_out(tmp_path / "group", in_folders({"lab/alice": FIVE, "lab/bob/src/p": FIVE}))
     path = folder if form == "folder" else pack(folder, tmp_path / f"group{form}")
     alice, bob = find_submissions([path], rubric).submissions
@@ -337,7 +337,7 @@ def test_a_class_of_which_nobody_is_on_the_list_stops(rubric: Rubric, tmp_path: 
 
 
 def test_a_path_called_submissions_holds_submissions(rubric: Rubric, tmp_path: Path) -> None:
-    """Where only one has handed in so far, the folder's name tells what it is."""
+    """The folder's name tells a class, even if only one student has submitted yet."""
     for name in ("submissions", "lab-09-submissions", "Students (2)"):
         assert found_in(lay_out(tmp_path / name, in_folders({"alice": FIVE})), rubric) == ["alice"]
         assert found_in(lay_out(tmp_path / f"{name}/more", ["x.txt"]).parent, rubric) == [
@@ -378,7 +378,7 @@ def test_what_is_not_understood_is_reported(rubric: Rubric, tmp_path: Path) -> N
 
 
 def test_a_path_that_is_not_there_stands_for_itself(rubric: Rubric, tmp_path: Path) -> None:
-    """It is refused when it is graded, and keeps the others from nothing."""
+    """A missing path is refused at its grading, and does not stop the others."""
     lay_out(tmp_path / "alice", FIVE)
     os.mkfifo(tmp_path / "pipe")
     found = find_submissions([tmp_path / "alice", tmp_path / "bob", tmp_path / "pipe"], rubric)
@@ -408,7 +408,7 @@ def by_name(found: Discovery) -> dict[str, SubmissionSource]:
 @pytest.mark.parametrize("form", ["folder", "zip"])
 @pytest.mark.parametrize("folders", [True, False])
 def test_moodles_download(form: str, folders: bool, rubric: Rubric, tmp_path: Path) -> None:
-    """Each student is one submission, also two of one name; what was typed in belongs to it."""
+    """Each student is one submission, even two of one name; typed text belongs to it."""
     slash = "/" if folders else ""
     names = [
         f"Ann Müller_11_assignsubmission_file_{slash}lab.zip",
@@ -541,7 +541,7 @@ def test_brightspaces_download(form: str, rubric: Rubric, tmp_path: Path) -> Non
 
 @pytest.mark.parametrize("form", ["folder", "zip"])
 def test_a_single_student_of_brightspace(form: str, rubric: Rubric, tmp_path: Path) -> None:
-    """The first who hands in is told from the index beside it."""
+    """The index beside a folder shows that the folder is the first student of a class."""
     names = ["index.html", "67-900 - Ann Smith - 1 mars, 2026 2359/lab.zip"]
     (ann,) = find_submissions([download(tmp_path, form, names)], rubric).submissions
     assert (ann.name, ann.submitted_at) == ("Ann_Smith_67", None)
@@ -549,7 +549,7 @@ def test_a_single_student_of_brightspace(form: str, rubric: Rubric, tmp_path: Pa
 
 @pytest.mark.parametrize("form", ["folder", "zip"])
 def test_sakais_download(form: str, rubric: Rubric, tmp_path: Path) -> None:
-    """Names and ids are those of the folders, times those of the files beside what was handed in."""
+    """Names and ids come from the folders, times from the files beside the attachments."""
     names = [
         "Lab 9/grades.csv",
         "Lab 9/Müller, Ann(ann1)/Submission attachment(s)/lab.zip",
@@ -595,7 +595,7 @@ submission_103:
 
 @pytest.mark.parametrize("form", ["folder", "zip"])
 def test_gradescopes_export(form: str, rubric: Rubric, tmp_path: Path) -> None:
-    """Who and when stand in the export's table; several who handed in together are all named."""
+    """Names and times come from the export's table; all members of a group are named."""
     names = [f"assignment_7_export/submission_{n}/{file}" for n in (101, 102, 103) for file in FIVE]
     folder = download(tmp_path, "folder", names)
     (folder / "assignment_7_export/submission_metadata.yml").write_text(
@@ -659,7 +659,7 @@ def test_canvas_marks_lateness_in_each_form(rubric: Rubric, tmp_path: Path) -> N
 def test_files_with_the_labs_number_are_one_students(
     number: str, rubric: Rubric, tmp_path: Path
 ) -> None:
-    """Names such as lab_9_1_joint_publisher.py look like Canvas's, whose files have numbers of their own."""
+    """Names such as lab_9_1_joint_publisher.py resemble Canvas's names, numbers included."""
     folder = lay_out(tmp_path / "alice", [f"lab_{number}_{name}" for name in FIVE])
     assert found_in(folder, rubric) == ["alice"]
 
@@ -695,7 +695,7 @@ OTHER_CLASSES: dict[str, tuple[Iterable[str], list[str]]] = {
 @pytest.mark.parametrize("tree", OTHER_CLASSES)
 @pytest.mark.parametrize("form", ["folder", ".zip"])
 def test_other_folders_of_submissions(tree: str, form: str, rubric: Rubric, tmp_path: Path) -> None:
-    """A class is told from one submission also where nobody's files lie open, or names look like those of parts."""
+    """A class is recognised even with packed files, or names like parts of a submission."""
     laid_out, names = OTHER_CLASSES[tree]
     folder = lay_out(tmp_path / "group", laid_out)
     path = folder if form == "folder" else pack(folder, tmp_path / "group.zip")
@@ -706,7 +706,7 @@ def test_other_folders_of_submissions(tree: str, form: str, rubric: Rubric, tmp_
 
 @pytest.mark.parametrize("form", ["folder", ".zip"])
 def test_teams_keeps_each_version(form: str, rubric: Rubric, tmp_path: Path) -> None:
-    """Of what was handed in several times, the last version counts, and the others are told."""
+    """The last of several versions counts, and the others are reported."""
     tree = [f"Submitted files/Ann Lee/Lab 9/Version {n}/{FIVE[0]}" for n in (1, 2, 10)]
     tree += [
         f"Submitted files/Bob Ray/Lab 9/Version 1/{FIVE[0]}",
@@ -729,7 +729,10 @@ def test_teams_keeps_each_version(form: str, rubric: Rubric, tmp_path: Path) -> 
 
 
 def test_a_class_that_is_packed_twice_is_no_submission(rubric: Rubric, tmp_path: Path) -> None:
-    """An archive that holds that of a class is refused with what to do; that of one submission is unpacked twice."""
+    """An archive within an archive is refused with a remedy if it holds a class.
+
+    One submission is unpacked.
+    """
     tree = lay_out(tmp_path / "tree", in_folders({"alice": FIVE, "bob": FIVE}))
     outer = lay_out(tmp_path / "mail", [".DS_Store"])
     pack(tree, outer / "submissions.zip")
@@ -762,7 +765,7 @@ def test_a_commit_of_tomorrow_tells_no_time(rubric: Rubric, tmp_path: Path) -> N
 
 
 def test_a_list_does_not_tell_namesakes_apart(rubric: Rubric, tmp_path: Path) -> None:
-    """A time is given to nobody who may not be meant, and nobody who handed in is called missing."""
+    """Namesakes get no time from the list, and no student with a submission is called missing."""
     export = lay_out(
         tmp_path / "export",
         [
@@ -820,19 +823,20 @@ def test_a_list_with_a_line_for_each_hand_in(rubric: Rubric, tmp_path: Path) -> 
 
 
 def test_equal_names_are_distinguished_for_good(rubric: Rubric, tmp_path: Path) -> None:
-    """Two submissions of one name get marks that do not depend on how or with whom they are given."""
+    """Submissions of one name get marks that depend neither on the order nor on the other paths."""
     paths = [lay_out(tmp_path / folder / "alice", FIVE) for folder in "ab"]
     found = find_submissions(paths, rubric)
-    names = [source.name for source in found.submissions]
-    assert len(set(names)) == 2
-    assert {
-        f"{h.location}: called {h.name}, because there is another alice" for h in found.submissions
-    } < {*found.understood}
-    assert all(name.startswith("alice-") for name in names)
+    for source in found.submissions:
+        called = f"called {source.name}, because there is another alice"
+        assert f"{source.location}: {called}" in found.understood
+        assert source.name.startswith("alice-")
+    names = {source.name for source in found.submissions}
+    assert len(names) == 2
     paths.append(lay_out(tmp_path / "c" / "Alice", FIVE))
     again = find_submissions([Path(os.path.relpath(path)) for path in reversed(paths)], rubric)
-    assert set(names) < {source.name for source in again.submissions}
-    assert len({source.name.casefold() for source in again.submissions}) == 3
+    names_again = {source.name for source in again.submissions}
+    assert names < names_again
+    assert len(set(map(str.casefold, names_again))) == 3
 
 
 def test_what_is_given_twice_is_graded_once(rubric: Rubric, tmp_path: Path) -> None:
@@ -873,7 +877,7 @@ def test_any_names_become_names_of_folders(
 
 
 def test_a_class_list_knows_more(rubric: Rubric, tmp_path: Path) -> None:
-    """Ids and times come from the list, by name or by id; who is missing is told."""
+    """Ids and times come from the list, by name or by id; missing students are reported."""
     rows = [
         "Name;Student ID;submitted_at;group",
         "Alice;2026001;2026-03-02T23:41:00+01:00;1",
@@ -921,7 +925,7 @@ def test_a_class_list_with_mistakes(
 
 
 def test_a_class_list_that_is_none(rubric: Rubric, tmp_path: Path) -> None:
-    """A file that is not there, or is no text, ends with what it should be."""
+    """A missing class list, or one that is no text, ends with a description of the form."""
     (tmp_path / "class.csv").write_bytes(b"\xff\xfe\x00")
     for name in ("class.csv", "none.csv"):
         with pytest.raises(SubmissionError, match="cannot be read"):
@@ -929,6 +933,6 @@ def test_a_class_list_that_is_none(rubric: Rubric, tmp_path: Path) -> None:
 
 
 def test_pieces_are_what_a_scheduler_can_send(rubric: Rubric, tmp_path: Path) -> None:
-    """What is found names files of this machine and nothing else."""
+    """A submission names files of this machine and nothing else."""
     (source,) = find_submissions([lay_out(tmp_path / "alice", FIVE)], rubric).submissions
     assert source.pieces == (Piece(tmp_path / "alice"),)

@@ -1,4 +1,4 @@
-"""Submissions on their way in: what is kept, what is left out and why, and what is refused."""
+"""Intake of submissions: kept files, left-out files with reasons, and refused submissions."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def kept(intake: Intake) -> dict[str, bytes]:
 def take(
     path: Path | SubmissionSource, limits: Limits = LIMITS
 ) -> tuple[dict[str, bytes], tuple[str, ...]]:
-    """Take a submission in; returns its files, and what was left out."""
+    """Take a submission in; return its files and the left-out ones."""
     with open_submission(path, limits=limits) as intake:
         return kept(intake), intake.left_out
 
@@ -77,7 +77,7 @@ def refused(path: Path | SubmissionSource) -> SubmissionError:
 
 @pytest.fixture(params=["folder", "zip", "tar"])
 def form(request: pytest.FixtureRequest) -> str:
-    """Give each form in which files can be handed in."""
+    """Return each form of a submission."""
     return str(request.param)
 
 
@@ -189,7 +189,7 @@ def test_the_time_is_that_of_the_newest_file_that_came_in(tmp_path: Path) -> Non
 
 
 def test_compiled_code_is_left_out(form: str, tmp_path: Path) -> None:
-    """What compilers made is known by its name or by how it begins."""
+    """Compiled files are recognised by name or by first bytes."""
     compiled = {
         "mod.cpython-311-x86_64-linux-gnu.so": b"",
         "cache.pyc": b"",
@@ -206,7 +206,7 @@ def test_compiled_code_is_left_out(form: str, tmp_path: Path) -> None:
 
 
 def test_what_tools_made_is_left_out_in_a_line_each(form: str, tmp_path: Path) -> None:
-    """Folders of tools are named once, and what file managers leave is not even named."""
+    """Folders of tools are named once, and litter of file managers is not even named."""
     made = [
         "build/a.py",
         "build/b.py",
@@ -260,7 +260,7 @@ def test_links_in_a_tar_lead_nowhere(tmp_path: Path) -> None:
 
 
 def test_a_given_path_may_be_a_link(tmp_path: Path) -> None:
-    """Who runs the grader may name a submission by a link; its name is that of what it leads to."""
+    """The path of a submission may be a link; the submission has the name of the target."""
     lay_out(tmp_path / "ann", {"a.py": b"1"})
     (tmp_path / "latest").symlink_to(tmp_path / "ann")
     with open_submission(tmp_path / "latest") as intake:
@@ -268,7 +268,7 @@ def test_a_given_path_may_be_a_link(tmp_path: Path) -> None:
 
 
 def test_special_files_are_never_opened(tmp_path: Path) -> None:
-    """Named pipes and sockets would block whoever opens them; a huge file of nothing is not read."""
+    """Opening a named pipe or socket would block, and a huge sparse file is not read."""
     import socket
 
     folder = lay_out(tmp_path / "ann", {"a.py": b"1"})
@@ -335,7 +335,10 @@ def test_hostile_names_are_cleaned_and_reported(tmp_path: Path) -> None:
 
 
 def test_names_that_collide_on_other_systems(tmp_path: Path) -> None:
-    """Of names that differ in case or in the form of letters only, the first is kept; the others are listed."""
+    """Among names that differ only in case or letter form, the first is kept.
+
+    The others are listed.
+    """
     names = [
         "Node.py",
         "node.py",
@@ -371,7 +374,7 @@ def test_of_one_name_the_last_counts(tmp_path: Path) -> None:
 
 
 def test_a_file_in_a_folders_place_is_left_out(tmp_path: Path) -> None:
-    """What is a file once and a folder once cannot be both; the first is kept."""
+    """A path cannot be both a file and a folder; the first entry is kept."""
     members = [("a", b"1"), ("a/b.py", b"2"), ("c/d.py", b"3"), ("c", b"4")]
     (tmp_path / "ann").write_bytes(tar_of(members))
     files, left_out = take(tmp_path / "ann")
@@ -386,7 +389,7 @@ def test_a_file_in_a_folders_place_is_left_out(tmp_path: Path) -> None:
 
 
 def test_an_archive_within_an_archive_is_unpacked(form: str, tmp_path: Path) -> None:
-    """A single archive beside documents is what was meant, up to two deep."""
+    """A single archive beside documents is unpacked, up to two levels deep."""
     inner = zip_of([("lab/node.py", PROGRAM)])
     files = {"lab.zip": inner, "report.pdf": b"%PDF", "README.md": b"#"}
     assert take(handed_in(form, tmp_path, files)) == (
@@ -419,7 +422,7 @@ def test_of_several_archives_none_is_chosen(form: str, tmp_path: Path) -> None:
 
 
 def test_archives_without_end_end(tmp_path: Path) -> None:
-    """What goes on within itself is left out at the third level."""
+    """Archives nested without end are left out at the third level."""
     packed = zip_of([("node.py", PROGRAM)])
     for _ in range(4):
         packed = zip_of([("again.zip", packed)])
@@ -479,7 +482,7 @@ def test_a_folder_of_endless_depth_is_taken_in(tmp_path: Path) -> None:
             Path("deep").mkdir()
             os.chdir("deep")
         assert take(folder)[0] == {"a.py": b"1"}
-        for _ in range(2000):  # what removes temporary folders cannot
+        for _ in range(2000):  # too deep for the removal of temporary folders
             os.chdir("..")
             Path("deep").rmdir()
     finally:
@@ -487,7 +490,10 @@ def test_a_folder_of_endless_depth_is_taken_in(tmp_path: Path) -> None:
 
 
 def test_thousands_that_are_left_out_are_grouped(form: str, tmp_path: Path) -> None:
-    """Somebody reads the list; so it ends, says how many more there are of what, and a rare thing is in it."""
+    """The list stays short for its reader.
+
+    It counts further files by reason, and keeps rare ones.
+    """
     files = dict.fromkeys(
         [f"{number:04}.pyc" for number in range(1284)] + ["build/x.py", "z.zip", "node.py"], PROGRAM
     )
@@ -523,7 +529,7 @@ def test_what_is_neither_folder_nor_file(tmp_path: Path) -> None:
 
 
 def test_nothing_is_no_submission(tmp_path: Path) -> None:
-    """What is empty is refused; so is what has nothing but files that are left out, and these are named."""
+    """An empty submission is refused, and one with only left-out files, which are named."""
     (tmp_path / "ann/src").mkdir(parents=True)
     (tmp_path / "zip").write_bytes(zip_of([]))
     (tmp_path / "tar").write_bytes(gzip.compress(tar_of([])))
@@ -548,7 +554,7 @@ def test_nothing_is_no_submission(tmp_path: Path) -> None:
     ids=["half a zip", "half a tar", "7z", "rar", "no tar"],
 )
 def test_archives_that_cannot_be_read(tmp_path: Path, content: bytes, problem: str) -> None:
-    """Damage and other formats are named as what they are, also within another archive."""
+    """Damage and unsupported formats are named, also within another archive."""
     (tmp_path / "ann.zip").write_bytes(content)
     assert problem in refused(tmp_path / "ann.zip").problem
     (tmp_path / "outer.zip").write_bytes(zip_of([("lab.zip", content)]))
@@ -556,7 +562,7 @@ def test_archives_that_cannot_be_read(tmp_path: Path, content: bytes, problem: s
 
 
 def test_a_password_is_reported(tmp_path: Path) -> None:
-    """A protected zip is refused, with what to do about it."""
+    """A zip with a password is refused, with a remedy."""
     packed = bytearray(zip_of([("a.py", PROGRAM)]))
     for at in (6, packed.index(b"PK\x01\x02") + 8):
         packed[at] |= 1
@@ -573,7 +579,10 @@ MEMBERS = st.lists(st.tuples(NAME, st.binary(max_size=20)), max_size=12)
 
 
 def safely_taken(path: Path) -> None:
-    """Take in whatever it is; what comes in is regular, within its folder, and under names that can be shown."""
+    """Take any submission in.
+
+    Check that its files are regular, inside, and named in printable text.
+    """
     try:
         with open_submission(path) as intake:
             atomic_replacement = {p.name for p in intake.folder.parent.iterdir()} - {"submission"}
@@ -620,7 +629,7 @@ def test_any_zip_comes_in_safely(
 
 
 def test_names_in_an_archive(tmp_path: Path) -> None:
-    """The names are given as parts of it can be asked for; what is no archive has none."""
+    """Names are listed in the form for asking for a part; other files give none."""
     file = io.BytesIO()
     with tarfile.open(fileobj=file, mode="w") as archive:
         for name, kind in (("./ann", tarfile.DIRTYPE), ("./ann\\a.py", tarfile.REGTYPE)):

@@ -1,4 +1,4 @@
-"""Names as people, tools and attackers write them: what is kept of each, and what is refused."""
+"""Names by people, tools and attackers: kept and refused parts."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ from grader.submission.file_names import (
     ],
 )
 def test_a_name_is_kept_as_its_student_meant_it(name: str, parts: tuple[str, ...]) -> None:
-    """Letters of any script stay; what is not seen, or cannot be on other systems, goes."""
+    """Letters of any script stay; invisible characters and forbidden ones of other systems go."""
     assert clean_parts(name) == parts
 
 
@@ -59,7 +59,7 @@ def test_a_name_is_kept_as_its_student_meant_it(name: str, parts: tuple[str, ...
     ],
 )
 def test_a_name_that_leads_elsewhere_or_nowhere_is_refused(name: str) -> None:
-    """What leads outside, is too long, or holds nothing to be seen, is not extracted."""
+    """A name that leads outside, is too long, or shows nothing is not extracted."""
     with pytest.raises(UnfitError):
         clean_parts(name)
 
@@ -92,7 +92,7 @@ def test_any_name_is_fit_or_refused(name: str) -> None:
 
 @given(NAMES)
 def test_any_name_can_be_displayed(name: str) -> None:
-    """What is shown of a name is one short line, in characters that every file can hold."""
+    """The displayed name is one short line, in characters of every encoding."""
     shown = displayed(name)
     assert shown.isprintable()
     assert len(shown) <= 160 * 10
@@ -117,7 +117,7 @@ def test_names_that_other_systems_cannot_keep_apart_have_one_key() -> None:
     ],
 )
 def test_a_changed_name_is_noticed(name: str, changed: bool) -> None:
-    """How folders are separated is no change; a character less is."""
+    """Another separator of folders is no change; a missing character is one."""
     assert differ(name, clean_parts(name)) is changed
 
 
@@ -137,7 +137,7 @@ def test_folders_of_tools_are_reported(path: str, folder: str | None) -> None:
 
 
 def test_litter_and_compiled_code_are_reported_by_name() -> None:
-    """What file managers leave and what compilers make is known, and nothing else."""
+    """Litter of file managers and products of compilers are recognised, and nothing else."""
     assert all(map(is_litter, (".DS_Store", "Thumbs.db", "._joint_publisher.py", "desktop.ini")))
     assert not any(map(is_litter, ("joint_publisher.py", ".gitignore", "icon.png")))
     assert all(map(is_compiled, ("x.pyc", "libx.so", "libx.so.1.2", "X.DLL", "a.exe")))

@@ -48,7 +48,7 @@ def repository(folder: Path, commits: int = 1, *init: str) -> Path:
     for number in range(commits):
         (folder / "node.py").write_text(f"x = {number}\n")
         git(folder, "add", ".")
-        # The long message is what makes git store commits as differences to each other.
+        # Because of the long message, git stores commits as differences to each other.
         message = (
             "\n".join(f"line {line} of a message that hardly changes" for line in range(40))
             + f"\n{number}"
@@ -185,7 +185,7 @@ def test_special_files_do_not_block(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def packed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Give a repository whose head is stored as a difference."""
+    """Return a repository with its head stored as a difference."""
     folder = repository(tmp_path_factory.mktemp("packed") / "ann", 5)
     git(folder, "gc", "-q", "--aggressive", "--prune=now")
     git(folder, "checkout", "-q", "HEAD~4")
@@ -236,7 +236,7 @@ def test_a_folder_that_cannot_be_looked_into_has_no_commit(tmp_path: Path) -> No
 
 
 def test_a_difference_that_lies_without_end_behind(tmp_path: Path) -> None:
-    """How far back a difference's base lies may be written as a number of a megabyte; nobody computes it."""
+    """The distance to a difference's base may be a number of a megabyte. It is not computed."""
     folder = repository(tmp_path / "ann")
     name = git(folder, "rev-parse", "HEAD")
     (folder / ".git/objects" / name[:2] / name[2:]).unlink()

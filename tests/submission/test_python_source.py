@@ -1,4 +1,4 @@
-"""Python files are parsed as Python does, but for what nobody has written."""
+"""Python files are parsed as Python does, within bounds that no human-written file exceeds."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from grader.submission.python_source import parse_python
     "text", ["x = 1", "f'{a} {b!r:>{width}}'", "x = '''\n{{\n'''", "F = rf'{a}'\n" * 500]
 )
 def test_a_file_is_parsed(text: str) -> None:
-    """What is within bounds gives the tree that Python gives."""
+    """A text within bounds gives Python's own tree."""
     assert ast.dump(parse_python(text)) == ast.dump(ast.parse(text))
 
 

@@ -1,4 +1,4 @@
-"""What lies in a submission is the student's: neither a decision, nor a place to write, nor another's results."""
+"""Files inside a submission are never decisions, output folders, or another student's results."""
 
 from __future__ import annotations
 
@@ -66,7 +66,10 @@ def repository(tmp_path: Path) -> Path:
 def test_overrides_in_a_submission_are_no_decision(
     repository: Path, rubric: Rubric, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """They do not count by default, however the folder is typed, and it is said; beside it, or if given, they do."""
+    """Overrides in a submission are reported and do not count, however the folder is typed.
+
+    Overrides beside the submission, or given, do.
+    """
     source, results = str(repository), repository / "results"
     monkeypatch.chdir(repository)
     for typed in (results, Path("results"), repository / "../alice/results", Path("./results/")):
@@ -98,7 +101,7 @@ def test_overrides_in_a_submission_are_no_decision(
 def test_links_that_a_submission_brought_are_no_place_to_write(
     repository: Path, link: str, target: str
 ) -> None:
-    """On the way to the results or in them, a link is refused and named, and so is what it leads to."""
+    """A link on the way to the results or in them is refused and named, with its target."""
     place = repository / link
     if place.is_dir():
         place.rename(repository / "code")
@@ -134,7 +137,7 @@ def test_links_of_the_instructors_are_followed(repository: Path) -> None:
 
 
 def test_results_of_another_path_are_not_replaced_unawares(tmp_path: Path) -> None:
-    """Results remember what they were made from; those of no path, or of the same, may be replaced."""
+    """Results know their source path. Results without a path, or from the same, may be replaced."""
     (tmp_path / "bob" / RECORDINGS).mkdir(parents=True)
     require_same_source(tmp_path / "bob", "/class/mallory/bob")
     write_submission(tmp_path / "bob" / RECORDINGS, SubmissionRecord("bob", source="/class/bob"))
@@ -150,7 +153,7 @@ METADATA = "submission_7:\n  :submitters:\n  - :name: bob\n    :sid: '7'\n  :cre
 
 
 def test_each_submission_has_a_path_of_its_own(rubric: Rubric, tmp_path: Path) -> None:
-    """What lies in mallory's folder never has the path of bob's, whatever it calls itself."""
+    """A path in mallory's folder never equals bob's, whatever its name."""
     lay_out(tmp_path / "class/bob", *LAB)
     lay_out(tmp_path / "class/mallory/bob", *LAB)
     lay_out(tmp_path / "class/mallory/eve", *LAB)
@@ -270,7 +273,7 @@ def graded_with_a_list(tmp_path: Path, rubric: Rubric) -> tuple[Path, Path]:
 def test_what_earlier_results_know_of_a_student_is_not_asked_for_again(
     rubric: Rubric, tmp_path: Path
 ) -> None:
-    """A class list that was given once counts for the next run, beside what the new download says."""
+    """A class list given once counts for the next run, beside the new download."""
     path, results = graded_with_a_list(tmp_path, rubric)
     first, bob = (
         with_earlier(source, results) for source in find_submissions([path], rubric).submissions

@@ -1,4 +1,4 @@
-"""A differential drive without a watchdog: it does what it was told last, and gives goals."""
+"""A differential drive without a watchdog: it keeps to its last command, and gives goals."""
 
 import math
 import sys
@@ -32,7 +32,7 @@ class Settings:
 
 
 def limited(value, largest):
-    """Return what the motors make of a value; nothing, where it is no number."""
+    """Return a command within the motors' limits; 0 if it is not a finite number."""
     return max(-largest, min(largest, value)) if math.isfinite(value) else 0.0
 
 

@@ -1,4 +1,4 @@
-"""The checks of this lab: what a filtered scan keeps, and which state an obstacle has."""
+"""Checks of this lab: the unchanged header of a filtered scan, and the state of an obstacle."""
 
 from dataclasses import dataclass
 
@@ -64,7 +64,7 @@ class States:
 
 
 def state_fits(context: Context, p: States) -> Finding:
-    """The state is that of the scan with the same stamp."""
+    """The state belongs to the scan with the same stamp."""
     given, got = context.messages(p.source), context.messages(p.topic, p.window)
     nearest = {
         stamp: min(row) for stamp, row in zip(stamps(given), given.numbers("ranges")) if row is not None and len(row)

@@ -1,4 +1,4 @@
-"""Why processes died, told from what they wrote; the texts are those of real runs."""
+"""Causes of process deaths, told from real output."""
 
 from __future__ import annotations
 
@@ -399,7 +399,7 @@ def test_known_exceptions_are_explained(final: str, library: str, kind: str, sub
 
 
 def test_the_trap_of_read_only_properties_is_explained_with_its_mend() -> None:
-    """The student reads what a node's property is, and which name to use instead."""
+    """The student reads about the node's property, and another name to use."""
     diagnosis = told(
         "AttributeError: property 'publishers' of 'QoSComparisonNode' object has no setter"
     )
@@ -487,7 +487,7 @@ rclpy._rclpy_pybind11.RCLError: Failed to publish: publisher's context is invali
     ],
 )
 def test_being_stopped_is_no_mistake(text: str) -> None:
-    """What only happens because a node was stopped yields no diagnosis."""
+    """An error caused only by stopping the node yields no diagnosis."""
     assert explain(lines(text), FILES) is None
 
 
@@ -501,7 +501,10 @@ def test_a_dead_context_is_a_mistake_only_before_the_interrupt() -> None:
 
 
 def test_an_interrupt_inside_a_call_explains_nothing_of_before() -> None:
-    """It becomes another error there; where nobody stopped the node, that error is a mistake as any."""
+    """An interrupt becomes another error inside a call.
+
+    If nobody stopped the node, that error is a mistake.
+    """
     output = raised(
         "RuntimeError: Unable to convert call argument '0' to Python object", "rclpy/executors.py"
     )
@@ -510,7 +513,7 @@ def test_an_interrupt_inside_a_call_explains_nothing_of_before() -> None:
 
 
 def test_the_first_cause_of_a_chain_is_reported() -> None:
-    """What fails in `finally` after an exception is not what went wrong."""
+    """A failure in `finally` after an exception is not the cause."""
     first = "\n".join(line.text for line in raised("KeyError: 'reliable'"))
     diagnosis = explain(lines(first + DURING + SECOND_SHUTDOWN), FILES)
     assert diagnosis is not None
@@ -518,7 +521,7 @@ def test_the_first_cause_of_a_chain_is_reported() -> None:
 
 
 def test_the_last_exception_is_reported() -> None:
-    """Of several exceptions, the one that ended the process is explained."""
+    """The exception that ended the process is explained, not an earlier one."""
     last = raised("ZeroDivisionError: division by zero")
     both = [*raised("KeyError: 'a'"), OutputLine(0, "stderr", ""), *last]
     diagnosis = explain(both, FILES)
@@ -568,7 +571,7 @@ def test_trouble_without_an_exception(text: str, kind: str, subject: str) -> Non
 
 
 def test_the_clashing_policy_is_named() -> None:
-    """A student reads which policy of which side clashes."""
+    """The clashing policy is named, with its side."""
     text = (
         "New publisher discovered on topic 't', offering incompatible QoS. No messages will be "
         "received. Last incompatible policy: DURABILITY"
@@ -723,7 +726,7 @@ rclpy.init()
     ],
 )
 def test_real_rclpy_is_understood(tmp_path: Path, body: str, kind: str) -> None:
-    """What the installed rclpy really writes is recognised, at the student's line."""
+    """Real output of the installed rclpy is recognised, at the student's line."""
     pytest.importorskip("rclpy")
     script = tmp_path / "ws" / "talker.py"
     script.parent.mkdir()

@@ -47,7 +47,7 @@ def test_a_plain_traceback() -> None:
 
 
 def test_log_lines_between_do_not_matter() -> None:
-    """What other threads log in between is passed over, as is what stands on the other stream."""
+    """Log lines of other threads in between are skipped, and lines on the other stream as well."""
     mixed: list[OutputLine] = []
     for line in lines(PLAIN):
         mixed += [
@@ -135,7 +135,7 @@ def test_syntax_errors_have_no_header_of_their_own(text: str) -> None:
 
 
 def test_printed_frames_are_no_exception() -> None:
-    """A line that looks like a frame makes no exception of what follows."""
+    """A line that looks like a frame starts no traceback."""
     assert tracebacks(lines('  File "a.py", line 3, in f\nDone: all well\n')) == []
 
 
@@ -190,7 +190,7 @@ def test_paths_in_a_sandbox_mean_files_of_the_submission(path: str, file: str | 
 
 
 def test_endless_tracebacks_are_read_in_few_steps() -> None:
-    """Of twenty thousand frames only the deepest are compared with the submission's two thousand files."""
+    """Only the deepest of 20,000 frames are compared with the submission's 2,000 files."""
     said = [
         "Traceback (most recent call last):",
         *['  File "/lib/other.py", line 1, in f'] * 20_000,

@@ -1,4 +1,4 @@
-"""What comments are worth."""
+"""The value of comments."""
 
 from __future__ import annotations
 

@@ -105,7 +105,7 @@ def test_plain_text_with_bold_and_html_headings() -> None:
 
 
 def test_comments_and_front_matter_are_left_out() -> None:
-    """What a reader does not see is no text, and lines stay where they are."""
+    """Text hidden from a reader does not count, and line numbers stay."""
     text = "---\ntitle: x\n---\n<!-- a template\nof words -->\nReal words.\n"
     assert outline(text) == [("", 0, [("paragraph", 6)])]
 

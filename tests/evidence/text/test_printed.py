@@ -1,4 +1,4 @@
-"""Numbers that students' processes print, in the many ways in which they do."""
+"""Numbers printed by students' processes, in many forms."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def test_where_there_is_no_vector_none_is_found(lines: list[str]) -> None:
     ],
 )
 def test_other_forms_count_after_ctrl_c(lines: list[str], form: str) -> None:
-    """Bare numbers, tables and a line for each element are read, but only from what was printed at the end."""
+    """Bare numbers, tables and a line for each element are read, only at the end of the output."""
     found = printed_vector(said(*lines), ["Mean"], at(0.5))
     assert found is not None
     assert found.values == pytest.approx((0.1, 0.2, 0.3))
@@ -222,7 +222,7 @@ def test_without_reports_there_are_none(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("line", ["Mean:[", "Mean  x", "Mean: [0.1", "| Mean | Max |", "Mean"])
 def test_endless_statistics_are_read_in_few_steps(line: str) -> None:
-    """Of twenty thousand lines that nearly are statistics only the last are read closely."""
+    """Only the last of twenty thousand lines similar to statistics are read closely."""
     output = [OutputLine(n, "stdout", line) for n in range(20_000)]
     assert calls_of(lambda: printed_vector(output, ["Mean"], 0)) < 500_000
 

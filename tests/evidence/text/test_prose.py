@@ -113,7 +113,7 @@ def shown(text: str) -> list[Block]:
 
 
 def discussion(*texts: str, anchors: tuple[str, ...] = ()) -> Discussion:
-    """What some passages discuss."""
+    """Return the concepts and reasons in some passages."""
     passages = [Passage(text, "README.md", number) for number, text in enumerate(texts, 1)]
     return concepts(passages, LEXICON, REASONS, anchors)
 

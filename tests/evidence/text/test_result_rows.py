@@ -1,4 +1,4 @@
-"""Printed results of several things, in the many forms in which students print them."""
+"""Printed results of several rows, in the many forms that students use."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ FAST_AND_SLOW = [
     "slow: 997 Nachrichten, mittlere Latenz 0,70 ms, maximale Latenz 3,00 ms",
     "{'fast': {'settings': '" + 300 * "." + "', 'received': 998, 'avg_ms': 0.5, 'max_ms': 2.0}, "
     "'slow': {'received': 997, 'avg_ms': 0.7, 'max_ms': 3.0}}",
-    # What was said of them before.
+    # Earlier lines about the rows.
     "created fast\ncreated slow\nfast: 998 msgs, avg 0.5 ms, max 2.0 ms\nslow: 997 msgs, avg 0.7 ms, max 3.0 ms",
 ]
 
@@ -105,7 +105,7 @@ def test_where_nothing_is_said_there_is_no_row(text: str) -> None:
 
 
 def test_a_row_does_not_take_its_neighbours_numbers() -> None:
-    """A thing of which nothing is said does not get what is said of the next."""
+    """A row without results does not get the next row's."""
     text = "fast:\nslow: 997 msgs, avg 0.7 ms, max 3.0 ms"
     assert result_row(output(text), "fast", ["slow"]) is None
     assert result_row(output(text), "slow", ["fast"]) == ResultRow(1, 997, 0.7 * 1e-3, 3.0 * 1e-3)
@@ -133,7 +133,7 @@ def test_no_text_breaks_it(before: str, behind: str) -> None:
     ],
 )
 def test_endless_results_are_read_in_few_steps(line: str) -> None:
-    """Of twenty thousand lines about a thing only the first and the last are read closely."""
+    """Only the first and the last of twenty thousand lines about a row are read closely."""
     output = [OutputLine(n, "stdout", line) for n in range(20_000)]
     assert calls_of(lambda: result_row(output, "fast", ["slow"])) < 1_000_000
 
@@ -193,7 +193,7 @@ def test_numbers_are_read_in_the_notation_of_their_line(line: str, plain: str) -
     ],
 )
 def test_labels_stand_before_their_numbers_or_behind_them(line: str) -> None:
-    """A mean is never taken for the maximum whose number is nearer to its label."""
+    """A mean is never taken for the maximum, even with a number nearer to the other label."""
     row = result_row(output(line), "fast", ["slow"])
     assert row is not None
     assert row.count == 998
@@ -213,7 +213,7 @@ def test_a_name_may_be_spelt_otherwise(name: str) -> None:
 
 
 def test_a_block_in_another_spelling_ends_at_the_next_name() -> None:
-    """What is said below the next name is said of that."""
+    """Lines below the next name belong to the next name."""
     text = "Best Effort\n  received: 998\nReliable\n  received: 997\n  average: 0.7 ms"
     row = result_row(output(text), "best_effort", ["reliable"], loosely=True)
     assert row == ResultRow(0, 998, None, None)

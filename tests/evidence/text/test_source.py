@@ -1,4 +1,4 @@
-"""Which files, classes and functions are explained, and by what."""
+"""Explained files, classes and functions, and their explanations."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def explained(source: SourceFacts) -> dict[str, bool]:
 
 
 def test_a_class_is_one_with_its_file_and_short_functions_with_their_class() -> None:
-    """What needs an explanation is the file and what is long."""
+    """Only the file and long functions need an explanation."""
     assert explained(facts(DOCUMENTED)) == {"joint_publisher.py": True, "on_timer": True}
 
 
@@ -140,7 +140,10 @@ def test_docstrings_count_in_any_language(docstring: str) -> None:
 
 
 def test_several_classes_and_functions_stand_for_themselves() -> None:
-    """Of several classes each needs words, and one that has them explains the file; so do functions, but for `main`."""
+    """Each of several classes needs an explanation, and one explained class explains the file.
+
+    The same holds for functions, except `main`.
+    """
     two = "class A:\n    'Sends the commands.'\n    x = 1\n\n\nclass B:\n    y = 2\n"
     assert explained(facts(two)) == {"joint_publisher.py": True, "A": True, "B": False}
     long = "    a = 1\n    b = 2\n    c = 3\n    d = 4\n    return a + b + c + d\n"
@@ -169,7 +172,7 @@ def test_several_classes_and_functions_stand_for_themselves() -> None:
     ],
 )
 def test_slips_of_typing_hide_no_definition(right: str, wrong: str) -> None:
-    """Without the lines that Python refuses, the others say what they said."""
+    """Only the lines that Python refuses are lost; all other definitions and texts stay."""
     broken = facts(DOCUMENTED.replace(right, wrong))
     assert broken.readable
     assert explained(broken) == explained(facts(DOCUMENTED))

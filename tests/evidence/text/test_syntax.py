@@ -49,7 +49,7 @@ def test_an_open_string_ends_with_its_line() -> None:
 
 
 def test_blanking_keeps_the_lines() -> None:
-    """What is blanked out leaves as many lines as there were."""
+    """Blanked text keeps its number of lines."""
     text = 'x = """a\nb\nc""" # d\ny = 1\n'
     blank = blank_out(text)
     assert blank.count("\n") == text.count("\n")
@@ -84,7 +84,7 @@ def test_what_python_refuses_has_no_tree(text: str) -> None:
     ids=["brackets", "signs", "lists", "attributes", "digits", "blocks"],
 )
 def test_deep_nesting_is_survived(text: str) -> None:
-    """Nesting beyond what the parser bears yields no tree, and no exception."""
+    """Nesting beyond the parser's limit gives no tree and no exception."""
     assert tree_of(text) is not None or len(text) > 500
 
 

@@ -52,7 +52,7 @@ def test_substance_counts_alike_in_every_script(text: str, amount: int) -> None:
     ],
 )
 def test_placeholders_are_seen(text: str) -> None:
-    """What only holds the place of a text is none."""
+    """Placeholders do not count as text."""
     assert is_placeholder(text, PATTERNS)
 
 
@@ -113,7 +113,7 @@ def test_terms_are_found_in_any_language(term: str, text: str, found: bool) -> N
 
 
 def test_terms_count_and_blank_out() -> None:
-    """Every occurrence counts, and is gone from what is left."""
+    """Every occurrence is counted, and blanked out of the text."""
     terms = Terms.of(["loss", "delay"])
     assert terms.count("Losses and delays, loss") == 3
     assert "loss" not in terms.without("Losses and delays")

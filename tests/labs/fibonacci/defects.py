@@ -1,6 +1,7 @@
-"""Servers with one mistake each: what is written in place of what in the solution, and what that costs.
+"""Servers with one mistake each: an edit of the solution, and its price.
 
-Costs are points of the checks of `rubric.yaml`, and words in the reason or hint of the first.
+Prices are points of the checks in `rubric.yaml`, and words in the reason or hint of the first
+check.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _CALLBACK, _DECIDE = (
     "GoalResponse.ACCEPT if goal.order >= 0 else GoalResponse.REJECT",
 )
 
-#: What a server loses of which nothing can be tested but that it is there.
+#: Losses of a server that can be found but not tested.
 _NO_GOALS = (("goals", "4"), ("work", "6"), ("cancelled", "4"), ("preempted", "3"))
 
 DEFECTS = {

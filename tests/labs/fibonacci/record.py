@@ -1,4 +1,4 @@
-"""Records servers with a mistake by the real grader, and keeps what is recorded for the tests that need no ROS.
+"""Records faulty servers by the real grader, and keeps the recordings for tests without ROS.
 
 .venv/bin/python tests/labs/fibonacci/record.py [NAME ...]
 """
@@ -20,7 +20,7 @@ from grader.result import Result  # noqa: E402
 from grader.submission.artifacts import read_submission_folder  # noqa: E402
 from tests.labs.fibonacci.defects import DEFECTS, FOLDER  # noqa: E402
 
-#: What stands in a kept recording for the folder of our virtual environment, which is a matter of this machine.
+#: Replacement, in kept recordings, for the folder of this machine's virtual environment.
 ENVIRONMENT = "/opt/venv"
 
 

@@ -12,7 +12,7 @@ from grader.reference_node import Configuration, StopRequest, reference_node, ru
 
 @dataclass(frozen=True)
 class RobotSettings:
-    """What the rubric may choose."""
+    """Settings that the rubric may choose."""
 
     rate_hz: float = 20.0
 

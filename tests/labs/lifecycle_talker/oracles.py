@@ -1,4 +1,4 @@
-"""What the nodes of the lab should answer."""
+"""Expected answers of the lab's nodes."""
 
 from collections.abc import Mapping
 from typing import Any

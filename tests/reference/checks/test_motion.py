@@ -39,7 +39,7 @@ MOTION = {
 
 
 def published(folder: Path, times_s: list[float], rows: list[list[float]] | None = None) -> Session:
-    """Make a session whose node publishes messages at these times, within a window of all of them."""
+    """Make a session with a node that publishes messages at these times, all within the window."""
     session = Session(folder).endpoint("publisher", TOPIC).process("it")
     session.messages(TOPIC, rows or [[0.0] * 7] * len(times_s), times_s)
     return session.window(times_s[0] - 0.001, times_s[-1] + 0.001)
@@ -89,14 +89,14 @@ def motion(
     offset: float = 0.0,
     others: float = 0.0,
 ) -> list[list[float]]:
-    """Give rows in which element 0 moves as told, element 1 as asked, and the others are constant."""
+    """Return rows: element 0 moves by the arguments, 1 as required, and the others are constant."""
     first = offset + amplitude * np.sin(2 * np.pi * frequency_hz * times_s)
     second = 0.3 * np.sin(2 * np.pi * 0.3 * times_s)
     return [[a, b, *[others] * 5] for a, b in zip(first.tolist(), second.tolist(), strict=True)]
 
 
 def moving(folder: Path, rate_hz: float = 100, by_clock: bool = False, **how: float) -> Finding:
-    """Judge the motion of a node with a rate, whose time is the clock's or 0.01 s a tick."""
+    """Judge the motion of a node with a rate, its time taken from the clock or as 0.01 s a tick."""
     times = np.array(evenly(rate_hz, 6.0))
     own = times - times[0] if by_clock else np.arange(len(times)) * 0.01
     return judged(SINUSOIDS, MOTION, published(folder, times.tolist(), motion(own, **how)))
@@ -127,7 +127,7 @@ def test_a_wrong_rate_is_not_charged_again(tmp_path: Path, by_clock: bool) -> No
 def test_each_wrong_part_of_the_motion_costs_its_part(
     tmp_path: Path, how: dict[str, Any], credit: float, words: str
 ) -> None:
-    """Amplitude and frequency are half of a third each; what should rest is a third."""
+    """Amplitude and frequency are half of a third each; the resting elements are a third."""
     finding = moving(tmp_path, **how)
     assert float(finding.credit) == pytest.approx(credit, abs=0.001)
     assert words in finding.reason
@@ -164,7 +164,7 @@ def test_a_motion_ten_times_too_fast_is_named(tmp_path: Path) -> None:
 
 
 def test_a_slip_that_the_rubric_knows_is_named(tmp_path: Path) -> None:
-    """What a factor on the amplitude means is said where it fits, and not elsewhere."""
+    """The meaning of a factor on the amplitude is given for the matching element only."""
     times = evenly(100, 6.0)
     rows = [[row[0] * 57.29578, *row[1:]] for row in motion(np.arange(len(times)) * 0.01)]
     wanted = {**MOTION, "slips": [{"amplitude": 57.29578, "meaning": "It is in degrees."}]}
@@ -180,7 +180,7 @@ def test_an_offset_is_a_mistake_and_is_named(tmp_path: Path) -> None:
 
 
 def test_a_motion_for_another_number_of_joints_earns_nothing(tmp_path: Path) -> None:
-    """No arm of seven joints can carry out what is meant for six."""
+    """A motion of six joints cannot be carried out by an arm of seven."""
     times = np.array(evenly(100, 6.0))
     rows = [row[:6] for row in motion(times - times[0])]
     finding = judged(SINUSOIDS, MOTION, published(tmp_path, times.tolist(), rows))
@@ -257,7 +257,7 @@ def test_the_first_message_that_goes_too_far_is_pointed_at(tmp_path: Path) -> No
 def test_a_jump_at_the_start_is_seen_by_the_motion_too(
     tmp_path: Path, rate_hz: float, missed: int, angle_rad: float, outcome: Outcome
 ) -> None:
-    """Whether the first messages were recorded makes no difference: where the motion began is known by what follows."""
+    """Later messages show the start of the motion, even if the first ones were not recorded."""
     times = np.array(evenly(rate_hz, 6.0))
     rows = [
         [0.5 * np.sin(0.4 * np.pi * t + angle_rad), *motion(np.array([t]))[0][1:]]
@@ -321,7 +321,7 @@ def test_a_clean_sinusoid_is_found(
 
 
 def test_noise_is_left_in_the_residual() -> None:
-    """What is no sinusoid stays as the residual, and hardly moves the fit."""
+    """Noise around a sinusoid stays as the residual, and hardly moves the fit."""
     noise = np.random.default_rng(1).normal(0, 0.05, len(TIMES))
     fit = fit_sinusoid(TIMES, wave(0.5, 0.2) + noise, 0.02, 1.0)
     assert fit.residual == pytest.approx(0.05, rel=0.1)
@@ -357,7 +357,7 @@ def test_half_a_million_samples_are_fitted_in_bounded_memory() -> None:
 
 
 def test_the_largest_numbers_break_nothing() -> None:
-    """Numbers whose squares are beyond all numbers are fitted without an infinity and without a warning."""
+    """Numbers with squares beyond the largest float are fitted without an infinity or a warning."""
     values = np.where(np.arange(len(TIMES)) % 2, 1e308, -1e308)
     with np.errstate(all="raise"):
         fit = fit_sinusoid(TIMES, values, 0.02, 1.0)

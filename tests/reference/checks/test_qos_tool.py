@@ -52,7 +52,7 @@ def test_a_program_that_ends_with_results_passes(tmp_path: Path) -> None:
 def test_an_end_at_ctrl_c_that_rclpy_turned_into_another_error_is_seen_again(
     tmp_path: Path,
 ) -> None:
-    """What would have printed its results at Ctrl-C has not failed by an accident of rclpy's, unless it repeats."""
+    """An accident of rclpy at Ctrl-C does not fail a tool before its results, unless it repeats."""
     lines = ["RuntimeError: Unable to convert call argument '0' to Python object"]
     finding = ended(tmp_path, 22.0, *lines, interrupted_ns=at(22.1), ended_by="interrupt")
     assert (finding.outcome, finding.settled and finding.settled.outcome) == (
@@ -100,7 +100,7 @@ def test_each_other_end_is_distinguished(
 
 
 def test_results_between_the_lines_of_a_traceback_count(tmp_path: Path) -> None:
-    """A traceback on one stream takes nothing from what is printed on the other meanwhile."""
+    """A traceback on one stream takes nothing from the lines printed on the other meanwhile."""
     session = Session(tmp_path).process(
         "it", ["Results"], interrupted_ns=None, exited_ns=at(10.3), ended_by="itself"
     )
@@ -135,7 +135,7 @@ def test_each_topic_with_traffic_is_a_part(tmp_path: Path) -> None:
 
 
 def test_what_nothing_hears_is_not_received(tmp_path: Path) -> None:
-    """A topic without a subscription, or with one that is incompatible, keeps what the rubric leaves it."""
+    """A topic without a compatible subscription keeps the credit that the rubric leaves."""
     parameters = {"topics": ["/a"], "least_messages": 2, "unheard_credit": 0.25}
     for name, offered, requested, credit in (
         ("none", RELIABLE, None, "0.25"),
@@ -171,7 +171,7 @@ def test_too_little_traffic_earns_its_share(tmp_path: Path) -> None:
 def test_a_tool_that_had_no_core_may_have_sent_more(
     tmp_path: Path, delay_s: float, outcome: Outcome
 ) -> None:
-    """Timers leave out the periods for which the program had no core."""
+    """Timers skip the periods without a core."""
     session = (
         Session(tmp_path)
         .process("it", started_ns=at(0.0), exited_ns=at(10.0))
@@ -193,7 +193,7 @@ def profiled(
     claim: Qos | None = CLAIM,
     kinds: tuple[str, ...] = ("publisher", "subscription"),
 ) -> Finding:
-    """Judge a topic whose sides have this QoS in the graph, and asked for that in the source."""
+    """Judge a topic with this QoS on both sides in the graph, and a requested one in the source."""
     session = Session(folder)
     for kind in kinds:
         session.endpoint(kind, TOPIC, qos=qos)
@@ -260,12 +260,12 @@ def test_no_endpoint_earns_nothing(tmp_path: Path) -> None:
 
 
 def test_a_side_that_was_made_and_never_seen_is_undecided(tmp_path: Path) -> None:
-    """Where the tap notes a subscription of a tool whose publisher was seen, the discovery may have failed."""
+    """Discovery may have failed if a tool's publisher was seen, but not its noted subscription."""
     session = Session(tmp_path).endpoint("publisher", TOPIC).claim("publisher", TOPIC, qos=CLAIM)
     session.claim("subscription", TOPIC, qos=CLAIM).process()
     finding = judged(QOS_PROFILES, PROFILES, session)
     assert finding.outcome is Outcome.INCONCLUSIVE
-    # What the program says can be made up, and the graph shows the same again and again.
+    # The tap's note can be forged, and the graph shows the same in every recording.
     assert finding.settled is not None
     assert finding.settled.outcome is Outcome.PARTIAL
 

@@ -127,7 +127,7 @@ HISTORY_INSTEAD = {"parameters": {"over": "history"}, "meaning": "all errors so 
 
 
 def test_a_known_mistake_in_the_series_is_named(tmp_path: Path) -> None:
-    """The RMS over all errors so far earns what the rubric leaves, with an example and the name of the mistake."""
+    """The RMS over all errors so far earns a part, with an example and the name of the mistake."""
     session, times = stimulus(tmp_path)
     squares = np.cumsum(np.repeat(ERRORS, STATES_EACH) ** 2) / np.arange(1, len(times) + 1)
     lines = [
@@ -151,7 +151,7 @@ def test_a_factor_that_the_rubric_knows_is_named(tmp_path: Path) -> None:
 
 
 def test_a_right_series_is_no_known_mistake(tmp_path: Path) -> None:
-    """What is right passes whatever alternatives there are."""
+    """A right series passes with any list of alternatives."""
     wanted = {
         **SERIES,
         "alternatives": [{"parameters": {}, "meaning": "what is right", "credit": 0}],
@@ -170,7 +170,7 @@ def test_a_node_that_ended_is_charged_where_the_rubric_says(
     with_reports(session, times[: plateaus * STATES_EACH])
     run = session.record.processes[0]
     run.interrupted_ns, run.ended_by, run.exited_ns = None, "itself", run.output[-1].t_ns
-    session.delayed("it", 2.0, 5.0)  # What has ended cannot be delayed.
+    session.delayed("it", 2.0, 5.0)  # An ended process cannot be delayed.
     finding = judged(REPORTED_SERIES, {**SERIES, "end_charged_by": "other"}, session)
     assert finding.credit == Decimal(credit)
     assert "costs points in other" in finding.notes[0]
@@ -243,7 +243,7 @@ def test_a_pattern_that_is_none_is_a_mistake_of_the_rubric(tmp_path: Path) -> No
 
 
 def test_reports_that_the_grader_read_too_late_are_undecided(tmp_path: Path) -> None:
-    """A grader that stalled takes what was printed on one plateau for what is printed on the next."""
+    """After a stall, the grader takes lines printed on one plateau for lines of the next."""
     session, times = stimulus(tmp_path)
     late = [(max(t, 3.7) if 1.9 < t < 3.7 else t) for t in times]
     lines = [
@@ -275,7 +275,7 @@ def test_the_share_of_reports_is_credited(tmp_path: Path, every: int, credit: fl
 def test_reports_that_are_missing_cost_their_share_alone(
     tmp_path: Path, every: int, credit: float
 ) -> None:
-    """Right numbers on few states keep what the rubric leaves them."""
+    """Right numbers on few states keep the credit that the rubric leaves."""
     parameters = {**SHARE, "share": {**SHARE["share"], "costs": 0.25}}
     finding = judged(REPORTED_SERIES, parameters, with_reports(*stimulus(tmp_path), every=every))
     assert float(finding.credit) == pytest.approx(credit, abs=0.005)
@@ -371,7 +371,7 @@ def test_another_history_earns_what_the_rubric_leaves(tmp_path: Path) -> None:
 
 
 def test_numbers_of_no_known_origin_fail_with_the_right_ones(tmp_path: Path) -> None:
-    """What fits nothing is answered with what would be right."""
+    """For numbers without a known origin, the reason gives the right numbers."""
     finding = printed(tmp_path, 12.0)
     assert finding.outcome is Outcome.FAILED
     assert "Expected: [" in finding.reason
@@ -402,7 +402,7 @@ def test_a_mistake_that_another_check_charged_costs_nothing_again(tmp_path: Path
 
 @pytest.mark.parametrize(("number", "credit"), [("0.06", 1), ("0.07", 0), ("0.060", 0)])
 def test_two_decimals_are_enough(tmp_path: Path, number: str, credit: int) -> None:
-    """Numbers printed with two decimals are judged to these, those with more to what they say."""
+    """Numbers printed with two decimals are compared to two decimals, others to all of theirs."""
     session, _ = stimulus(tmp_path, FINE)
     wanted = {
         **STATISTICS,
@@ -578,7 +578,7 @@ def test_reports_that_came_together_are_no_repeats(tmp_path: Path) -> None:
 
 
 def test_reports_that_the_grader_read_together_are_no_repeats(tmp_path: Path) -> None:
-    """Where the grader stalled, what it read then all came late."""
+    """After a stall of the grader, all reports read at once came late."""
     session, times = stimulus(tmp_path)
     with_reports(session, times)
     for line in session.record.processes[0].output:

@@ -115,9 +115,10 @@ def test_a_refusal_in_words_alone_earns_half(tmp_path: Path) -> None:
 
 
 def test_a_gate_the_wrong_way_round_earns_half(tmp_path: Path) -> None:
-    """What follows the parameter in reverse earns half; where enabling fails otherwise, a refusal says nothing.
+    """A node that follows the parameter in reverse earns half.
 
-    Unless the node enables later: then what failed is charged there, and not here again.
+    If enabling fails otherwise, a refusal proves nothing. If the node enables later, the failure is
+    charged in the enabling check, and not here again.
     """
     lost = {"first": Finding(Outcome.FAILED, Decimal(0), "", "")}
     gate = {**GATED, "enables": "first"}
@@ -202,7 +203,7 @@ def test_no_calls_after_a_silent_one_are_not_reached(tmp_path: Path) -> None:
 
 
 def test_a_call_that_the_grader_itself_delayed_is_undecided(tmp_path: Path) -> None:
-    """Who makes the calls, and times them, may be delayed too, or stall."""
+    """The caller that times the calls may be delayed too, or stall."""
     calls = [call(answer(True), latency_s) for latency_s in [0.002] * 9 + [1.4]]
     late = called(Session(tmp_path / "a").process("director", role="grader"), "many", *calls)
     late.delayed("director", 2.0, 4.0)

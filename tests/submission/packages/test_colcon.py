@@ -20,7 +20,7 @@ def package(texts: dict[str, str], *more: str) -> PackageFact:
 
 
 def with_scripts(points: str) -> PackageFact:
-    """Find a package whose setup.py has these entry points."""
+    """Find a package with these entry points in its setup.py."""
     return package(
         {
             "package.xml": MANIFEST,
@@ -57,7 +57,7 @@ def test_console_scripts_are_found_however_they_are_written(points: str) -> None
     ["read_points()", "{'console_scripts': [read() for _ in range(3)]}", "POINTS", "dict(a=[])"],
 )
 def test_scripts_that_only_running_would_tell_are_all_that_could_be_meant(points: str) -> None:
-    """Nothing is held against a student whose setup.py computes its entry points, and it is told."""
+    """Computed entry points in setup.py are noted, and not held against a student."""
     setup = SETUP.replace("entry_points={}", f"entry_points={points}").replace(
         "name = ", "POINTS = []\nname = "
     )
@@ -91,7 +91,7 @@ def test_scripts_of_setup_cfg_are_found() -> None:
     ],
 )
 def test_scripts_that_name_nothing_are_problems(points: str, words: str) -> None:
-    """What `ros2 run` would not find is told."""
+    """Entry points that `ros2 run` would not find are reported."""
     assert words in with_scripts(points).problems[0]
 
 
@@ -160,7 +160,7 @@ def test_programs_are_found_however_they_are_named(cmake: str) -> None:
     ],
 )
 def test_programs_that_only_cmake_could_tell_are_all_that_could_be_meant(cmake: str) -> None:
-    """What loops, patterns or other files give is noted, and holds nothing against the student."""
+    """Programs from loops, patterns or other files are noted, and not held against the student."""
     texts = {"package.xml": "<package><name>arm_lab</name></package>", "CMakeLists.txt": cmake}
     found = package(texts, "scripts/talk.py")
     assert found.executables["talk.py"] == "scripts/talk.py"
@@ -199,7 +199,7 @@ def test_the_same_mistake_in_a_thousand_files_is_not_reported_a_thousand_times()
 
 
 def with_scripts_and(more: str, *paths: str) -> PackageFact:
-    """Find a package whose setup.py says something more, with some files."""
+    """Find a package with additional text in its setup.py, and some files."""
     scripts = "entry_points={'console_scripts': ['talk = arm_lab.talk:main']}"
     setup = SETUP.replace("entry_points={}", f"{scripts}, {more}")
     return package({"package.xml": MANIFEST, "setup.py": setup}, *paths)

@@ -1,4 +1,4 @@
-"""What `colcon build` would install into share folders, read by parsing alone."""
+"""Files that `colcon build` would install into share folders, read by parsing alone."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ def test_a_setup_without_data_files_installs_none() -> None:
 
 
 def installed_by_cmake(text: str) -> dict[str, str] | None:
-    """Give what all commands install together, None where any is not recognised."""
+    """Return the files installed by all commands, None if any command is not recognised."""
     found: dict[str, str] = {}
     for _, files in installs_of(text, "arm", PATHS):
         if files is None:

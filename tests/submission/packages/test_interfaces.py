@@ -1,4 +1,4 @@
-"""Interfaces of students' packages: what their CMakeLists.txt has generated, without running it."""
+"""Interfaces of students' packages: read from CMakeLists.txt without running it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ DEFINED = {
 
 
 def made(script: str) -> tuple[set[str], list[str]]:
-    """Return which interfaces are made, and what is said of the package."""
+    """Return the generated interfaces, and the problems of the package."""
     fact = PackageFact("mine", "ws/mine", "ament_cmake")
     texts = {**DEFINED, "ws/mine/CMakeLists.txt": script, "msg/Other.msg": "int8 x\n"}
     record = SubmissionRecord("s", texts=texts, packages=[fact])
@@ -61,7 +61,7 @@ def test_what_colcon_build_would_leave_out_is_said() -> None:
 
 
 def test_a_definition_that_is_a_link_is_none(tmp_path: Path) -> None:
-    """What it leads to is nobody's business, and no part of what is handed in."""
+    """The target of a link stays unread, and is no part of the submission."""
     secret = tmp_path / "secret"
     secret.write_text("int64 secret\n", encoding="utf-8")
     package = tmp_path / "submission/mine"

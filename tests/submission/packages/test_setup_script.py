@@ -41,7 +41,7 @@ def value(expression: str, before: str = CONSTANTS) -> Any:
     ],
 )
 def test_values_are_recognised_or_not(expression: str, expected: Any) -> None:
-    """What can be told by reading is told rightly, and nothing is made up."""
+    """Readable expressions get their value, and no value is invented for others."""
     if expected is None:
         with pytest.raises(NotRecognisedError):
             value(expression)
