@@ -466,7 +466,7 @@ def _has_more_to_say(found: Discovery) -> bool:
     """Tell whether there is more to print than plain submissions, such as students' names or missing submissions."""
     if found.not_understood or found.missing:
         return True
-    return any(source.late or source.student for source in found.submissions)
+    return any(source.marked_late_by or source.student for source in found.submissions)
 
 
 def _print_not_understood(lines: Sequence[str], console: Console) -> None:
@@ -482,7 +482,7 @@ def _late_without_time(submissions: Iterable[SubmissionSource]) -> list[str]:
     """Return the names of submissions that a download marks as late without their time."""
     found = []
     for source in submissions:
-        if source.late and source.submitted_at is None:
+        if source.marked_late_by and source.submitted_at is None:
             found.append(source.name)
     return found
 
