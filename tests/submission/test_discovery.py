@@ -293,6 +293,34 @@ def test_packages_with_the_same_file_are_one_submission(rubric: Rubric, tmp_path
     assert found_in(folder, rubric) == ["alice"], "one package and one folder share nothing else"
 
 
+@pytest.mark.parametrize("around", ["src", "ws/src", "lab09/src", "ros2_ws"])
+@pytest.mark.parametrize("inner", ["", "/physical_ai_textbook"])
+def test_doubled_folders_in_a_workspace_are_told(
+    around: str, inner: str, rubric: Rubric, tmp_path: Path
+) -> None:
+    """A group's workspace is one submission, with the doubled folders named; the remedy makes each of them one."""
+    tree = in_folders({f"{around}/anna{inner}": FIVE, f"{around}/ben{inner}": FIVE[:2]})
+    folder = lay_out(tmp_path / "lab", tree)
+    for path in (folder, pack(folder, tmp_path / "lab.zip")):
+        found = find_submissions([path], rubric)
+        assert [source.name for source in found.submissions] == ["lab"]
+        (doubt,) = found.doubts
+        inside = around.removeprefix("lab09/")
+        assert f"{inside}/anna/ and {inside}/ben/ in it hold the same file" in doubt
+        assert "--each" in doubt
+        assert found_in(path, rubric, Shape.EACH) == ["anna", "ben"]
+
+
+@pytest.mark.parametrize("form", ["old and new", "versions by words"])
+def test_versions_are_not_told_as_doubled(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Folders named as versions of one work are no students', below a workspace too."""
+    wrapped = [f"ws/src/{name}" for name in ONE["old and new"]]
+    for tree in (ONE[form], wrapped):
+        found = find_submissions([lay_out(tmp_path / str(len(tree[0])), tree)], rubric)
+        assert len(found.submissions) == 1
+        assert found.doubts == ()
+
+
 def test_sections_of_a_class_are_told(rubric: Rubric, tmp_path: Path) -> None:
     """A folder among submissions that holds a class itself is named, and its versions of one work are not."""
     sections = {
