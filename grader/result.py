@@ -336,6 +336,10 @@ class Timing:
     source: str = ""
     #: The time of the newest file in the archive, for a person; it proves nothing.
     newest_file: str = ""
+    #: The time of the last commit in the repository, for a person; it proves nothing.
+    last_commit: str = ""
+    #: The learning-management system that marks the submission as late; empty for none.
+    marked_late_by: str = ""
     #: Whether it was handed in after it was due; None if that is not known.
     late: bool | None = None
     #: Whether a person should look, because it may have been handed in late.
@@ -348,11 +352,25 @@ class Timing:
         if self.due_for_all:
             due += f" (extended from {self.due_for_all})"
         if not self.submission_time:
-            newest = f"; the newest file in it says {self.newest_file}" if self.newest_file else ""
-            return f"Time of submission not known{newest}; {due}."
+            return "; ".join(["Time of submission not known", *self.clues, f"{due}."])
         verdicts = {True: "late", False: "in time", None: "not known whether in time"}
         known = f"Handed in {self.submission_time} (by {self.source})"
-        return f"{known}, {due}: {verdicts[self.late]}."
+        text = f"{known}, {due}: {verdicts[self.late]}."
+        if self.marked_late_by:
+            text += f" {self.marked_late_by} marks it as late."
+        return text
+
+    @property
+    def clues(self) -> tuple[str, ...]:
+        """All signs of the time of submission that do not prove it, in words."""
+        clues = []
+        if self.marked_late_by:
+            clues.append(f"{self.marked_late_by} marks it as late")
+        if self.newest_file:
+            clues.append(f"the newest file in it says {self.newest_file}")
+        if self.last_commit:
+            clues.append(f"the last commit says {self.last_commit}")
+        return tuple(clues)
 
 
 @dataclass(frozen=True)

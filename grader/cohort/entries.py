@@ -45,11 +45,21 @@ class ClassEntry:
     time_source: str = ""
     #: The time of the newest file in the archive.
     newest_file: datetime | None = None
+    #: The time of the last commit in the repository.
+    last_commit: datetime | None = None
+    #: The learning-management system that marks the submission as late; empty for none.
+    marked_late_by: str = ""
 
     @property
     def submission_time(self) -> SubmissionTime:
         """When it was handed in, and how that is known."""
-        return SubmissionTime(self.submitted_at, self.time_source, self.newest_file)
+        return SubmissionTime(
+            self.submitted_at,
+            self.time_source,
+            self.newest_file,
+            self.last_commit,
+            self.marked_late_by,
+        )
 
     @property
     def people(self) -> tuple[Person, ...]:
@@ -118,6 +128,8 @@ def _with_record(entry: ClassEntry, recordings: Path) -> ClassEntry:
         before=result_of_text(text_of(recordings / EARLIER_FILE)),
         time_source=submission_time.source,
         newest_file=submission_time.newest_file,
+        last_commit=submission_time.last_commit,
+        marked_late_by=submission_time.marked_late_by,
     )
 
 

@@ -469,7 +469,7 @@ def _is_worth_printing(found: Discovery) -> bool:
     """Return whether more was found than plain submissions, such as students' names or missing submissions."""
     if found.not_understood or found.missing:
         return True
-    return any(source.late or source.student for source in found.submissions)
+    return any(source.marked_late_by or source.student for source in found.submissions)
 
 
 def _print_not_understood(lines: Sequence[str], console: Console) -> None:
@@ -485,7 +485,7 @@ def _late_without_time(submissions: Iterable[SubmissionSource]) -> list[str]:
     """Return the names of submissions that a download marks as late without a submission time."""
     found = []
     for source in submissions:
-        if source.late and source.submitted_at is None:
+        if source.marked_late_by and source.submitted_at is None:
             found.append(source.name)
     return found
 

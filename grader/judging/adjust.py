@@ -165,19 +165,29 @@ def _times(
 
 def _timing(late: LatePolicy, due: datetime, submission_time: SubmissionTime) -> Timing:
     """Compare the due time with the submission time."""
-    is_late = _is_late(due, submission_time.at)
-    may_be_late = submission_time.at is not None and is_late is None
-    if submission_time.at is None and submission_time.newest_file is not None:
-        may_be_late = latest(submission_time.newest_file) > due
     return Timing(
         due=time_text(due),
         due_for_all=time_text(late.due) if due != late.due else "",
         submission_time=_known(submission_time.at),
         source=submission_time.source,
         newest_file=_known(submission_time.newest_file),
-        late=is_late,
-        may_be_late=may_be_late,
+        last_commit=_known(submission_time.last_commit),
+        marked_late_by=submission_time.marked_late_by,
+        late=_is_late(due, submission_time.at),
+        may_be_late=_may_be_late(due, submission_time),
     )
+
+
+def _may_be_late(due: datetime, submission_time: SubmissionTime) -> bool:
+    """Tell whether a person should look, because the lateness of a submission is not certain."""
+    if submission_time.at is not None:
+        return _is_late(due, submission_time.at) is None
+    if submission_time.marked_late_by:
+        return True
+    for claimed in (submission_time.newest_file, submission_time.last_commit):
+        if claimed is not None and latest(claimed) > due:
+            return True
+    return False
 
 
 def _is_late(due: datetime, at: datetime | None) -> bool | None:
@@ -228,12 +238,11 @@ def _unknown(timing: Timing) -> str:
             f"Handed in {timing.submission_time} (by {timing.source}). It does not count as late until "
             "the time zone is known: the rubric's policy can name it by the key timezone."
         )
-    reason = "It is not known when this was handed in, so it does not count as late."
-    if timing.newest_file:
-        reason += (
-            f" The newest file in it says {timing.newest_file}. A clock of the student's machine "
-            "proves nothing, so a person decides."
-        )
+    reason = "It is not known when this was handed in, so nothing is deducted."
+    for clue in timing.clues:
+        reason += f" {clue[0].upper()}{clue[1:]}."
+    if timing.clues:
+        reason += " That does not prove the time of submission, so a person decides."
     return reason
 
 

@@ -65,11 +65,15 @@ def without_rest(finding: Finding, gap: RecordingGap, *, timed: bool) -> Finding
     For timed checks, dropped messages look like silence although the student kept publishing.
     """
     lost = replace(finding, outcome=Outcome.FAILED, credit=Decimal(0))
+    described = describe_gap(gap)
+    if described in finding.reason:
+        return lost
     if finding.outcome.took_points and gap.messages > 0 and not timed:
-        return replace(lost, reason=f"{finding.reason} {describe_gap(gap)}")
+        measured = f"in the first {gap.messages} messages: {finding.measured}"
+        return replace(lost, measured=measured, reason=f"{finding.reason} {described}")
     return replace(
         lost,
         measured="not measured in full",
-        reason=describe_gap(gap),
+        reason=described,
         hint="Send messages no larger and no more often than the lab asks for.",
     )

@@ -188,15 +188,16 @@ def repeated(case: Case) -> Finding | None:
 def left_out(case: Case) -> Finding | None:
     """Fail the check if messages of the student were too many to be recorded or read.
 
-    If the grader published most of them, a person decides. A check of endpoints passes without the messages.
+    If the grader published most of them, a person decides. A check of endpoints passes without the messages, and names
+    the limit.
     """
     if not _rests_on_messages(case):
-        return None
-    if _is_by_endpoints(case) and case.found.outcome.goes_on:
         return None
     gap = _gap_on(case.referents(), case.context.session)
     if gap is None:
         return None
+    if _is_by_endpoints(case) and case.found.outcome.goes_on:
+        return replace(case.found, notes=(*case.found.notes, describe_gap(gap)))
     if isinstance(gap, UnreadGap) and not is_unread_by_student(case.context.session, gap):
         return undecided(case.found, describe_gap(gap), retry=False)
     return without_rest(case.found, gap, timed=case.referents().is_timed)

@@ -207,6 +207,10 @@ class SubmissionTime:
     source: str = ""
     #: The time of the newest file in the student's archive, which proves nothing.
     newest_file: datetime | None = None
+    #: The time of the last commit in the student's repository, which proves nothing.
+    last_commit: datetime | None = None
+    #: The learning-management system that marks the submission as late, e.g. "Canvas"; empty for none.
+    marked_late_by: str = ""
 
 
 #: Nothing tells the time of submission.
@@ -228,6 +232,7 @@ class Policy(Strict):
             submission_time,
             at=self._zoned(submission_time.at),
             newest_file=self._zoned(submission_time.newest_file),
+            last_commit=self._zoned(submission_time.last_commit),
         )
 
     def _zoned(self, time: datetime | None) -> datetime | None:

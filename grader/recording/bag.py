@@ -293,6 +293,11 @@ class Stream:
     def __len__(self) -> int:
         return len(self.data)
 
+    @property
+    def recorded(self) -> int:
+        """Number of recorded messages, with the unread ones."""
+        return len(self) + self.unread
+
     def only(self, rows: npt.NDArray[np.bool_]) -> Stream:
         """Return the stream with some of its messages."""
         return replace(

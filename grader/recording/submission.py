@@ -140,6 +140,10 @@ class SubmissionRecord:
     time_source: str = ""
     #: The time of the newest file in the archive, in the same form; it proves nothing.
     newest_file: str | None = None
+    #: The time of the last commit in the repository, in the same form; it proves nothing.
+    last_commit: str | None = None
+    #: The learning-management system that marks the submission as late; empty for none.
+    marked_late_by: str = ""
     #: The student's id in a grade book, if a learning-management system or a class list has it.
     student_id: str | None = None
     identity: Identity = field(default_factory=Identity)

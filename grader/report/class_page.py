@@ -254,19 +254,25 @@ def _time_and_source(
     entry: ClassEntry, timing: Timing | None, zone: timezone | None
 ) -> tuple[str, list[str]]:
     """Return the time of a submission in a zone, a dash if none is known, and notes on its source."""
+    marks = []
+    if entry.marked_late_by:
+        marks.append(f"marked late by {entry.marked_late_by}")
     time = entry.submitted_at
     if time is not None:
-        notes = [entry.time_source]
+        notes = [entry.time_source, *marks]
         if time.utcoffset() is None:
             notes.append("time zone not known")
         elif zone is not None:
             time = time.astimezone(zone)
         return time.strftime("%Y-%m-%d %H:%M"), notes
     if timing is not None and timing.source:
-        return timing.submission_time, [timing.source]
+        return timing.submission_time, [timing.source, *marks]
+    notes = marks
     if entry.newest_file is not None:
-        return "–", [f"newest file {time_text(entry.newest_file)}"]
-    return "–", []
+        notes.append(f"newest file {time_text(entry.newest_file)}")
+    if entry.last_commit is not None:
+        notes.append(f"last commit {time_text(entry.last_commit)}")
+    return "–", notes
 
 
 def _remark(check: CheckStatistics, noise: float | None) -> str:

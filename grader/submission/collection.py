@@ -24,7 +24,9 @@ of a workspace (`src`, `launch`), or one of several named as versions, sections 
 9. One submission. In wrappers named as folders of submissions, it is the folder in the innermost of them.
 
 A single folder named as a part (`code/`) is a wrapper too if two folders in it, neither parts nor with a package.xml,
-hold the same artifact's file. `src` and folders named as workspaces are never wrappers.
+hold the same artifact's file. `src` and folders named as workspaces are never wrappers, because they can be the
+workspace of one student or of a group; folders in them with the same artifact's file are reported. If the user states
+that a path is a class, the students' folders are looked for there too.
 """
 
 from __future__ import annotations
@@ -82,7 +84,7 @@ class Understood:
 
     #: The folder with an entry for each student; None for a single submission.
     students: Listing | None
-    #: Up to two folders of a single submission with the same artifact's file.
+    #: Paths of two folders of a single submission with the same artifact's file; empty without such folders.
     doubled: tuple[str, ...] = ()
 
 
@@ -110,7 +112,8 @@ class Collections:
         named = [level for level in way[:-1] if _COLLECTION.search(level.name)]
         if named:
             return Understood(named[-1])
-        return Understood(None, self._doubled(way[-1]))
+        _, doubled = self._doubled(way[-1])
+        return Understood(None, doubled)
 
     def each(self, listing: Listing) -> Listing:
         """Return the folder with an entry for each student, of a folder or an archive of submissions.
@@ -119,7 +122,12 @@ class Collections:
         `class/alice/talker.py`, its wrapper is returned.
         """
         way, decided = self._way_in(listing)
-        if decided or len(way) == 1:
+        if decided:
+            return way[-1]
+        holder, doubled = self._doubled(way[-1])
+        if doubled:
+            return holder
+        if len(way) == 1:
             return way[-1]
         several = len(_submissions_in(way[-1])) > 1
         if decided is None and several:
@@ -217,15 +225,32 @@ class Collections:
                 students.append(artifacts)
         return _share_one(students)
 
-    def _doubled(self, listing: Listing) -> tuple[str, ...]:
-        """Return two folders with the same artifact's file; empty if there are none."""
+    def _doubled(self, listing: Listing) -> tuple[Listing, tuple[str, ...]]:
+        """Return the paths of two folders beside each other with the same artifact's file, and the folder around them.
+
+        Folders that alone hold artifacts' files are entered. Without two such folders, there are no paths.
+        """
+        above = ""
+        while not self._artifacts_beside(listing):
+            holders = [name for name, artifacts in self._held(listing).items() if artifacts]
+            if len(holders) != 1:
+                return listing, self._two_alike(listing, above)
+            above += f"{holders[0]}/"
+            listing = listing.below(holders[0])
+        return listing, self._two_alike(listing, above)
+
+    def _two_alike(self, listing: Listing, above: str) -> tuple[str, ...]:
+        """Return the paths of two folders in a folder, no parts, with the same artifact's file; empty without these."""
+        parts = _parts_of(listing.entries)
         holders: dict[str, list[str]] = {}
         for name, artifacts in self._held(listing).items():
+            if name in parts:
+                continue
             for artifact in artifacts:
-                holders.setdefault(artifact, []).append(name)
-        for names in holders.values():
-            if len(names) > 1:
-                return tuple(names[:2])
+                holders.setdefault(artifact, []).append(f"{above}{name}")
+        for paths in holders.values():
+            if len(paths) > 1:
+                return tuple(paths[:2])
         return ()
 
     def _of_several_labs(self, students: Sequence[Listing]) -> bool:

@@ -86,7 +86,8 @@ def find_submissions(
 
     A submission's name is made from the student's name alone and does not depend on other submissions, so that results
     are found again. Only equal names get a mark made from their paths. The time of submission comes from the class list,
-    else from the download, else from the last commit. The time of an archive is found when it is extracted.
+    else from the download. The time of the last commit stands apart, because a student's own clock sets it; the time of
+    the newest file in an archive is found when the archive is extracted.
 
     Raises
     ------
@@ -284,6 +285,8 @@ class _Search:
         )
         if source.submitted_at is not None:
             source = replace(source, time_source=f"{system.name}'s download")
+        if any(upload.late for upload in uploads.values()):
+            source = replace(source, marked_late_by=system.name)
         self._add(source, named)
 
     def _note_foreign(
@@ -320,8 +323,7 @@ class _Search:
             elif listing.entries[entry]:
                 pieces.append(listing.piece(entry))
         identity = Identity(handback=tuple(handback))
-        late = any(upload.late for upload in entries.values())
-        return SubmissionSource("", tuple(pieces), submitted_at=last, late=late, identity=identity)
+        return SubmissionSource("", tuple(pieces), submitted_at=last, identity=identity)
 
     def _note_each(self, listing: Listing, entries: Iterable[str], reason: str) -> None:
         """Note entries of a folder that are not used."""
@@ -352,12 +354,10 @@ def _submissions(count: int) -> str:
 
 def _source_of(listing: Listing) -> SubmissionSource:
     """Return a submission, with the time of its last commit."""
-    time = _commit_time(listing)
     return SubmissionSource(
         "",
         (listing.piece(),),
-        submitted_at=time,
-        time_source="the last commit" if time is not None else "",
+        last_commit=_commit_time(listing),
         location=listing.location,
         origin=listing.origin,
     )

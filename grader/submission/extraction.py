@@ -151,8 +151,8 @@ class SubmissionSource:
     student_id: str | None = None
     #: Time of submission, without offset from UTC if its source has none.
     submitted_at: datetime | None = None
-    #: True if a learning-management system marks the submission as late.
-    late: bool = False
+    #: The learning-management system that marks the submission as late; empty for none.
+    marked_late_by: str = ""
     #: Name of the student in a learning-management system.
     student: str = ""
     #: All known facts about the students.
@@ -165,11 +165,19 @@ class SubmissionSource:
     time_source: str = ""
     #: The time of the newest file in the archive, once that is extracted; it proves nothing.
     newest_file: datetime | None = None
+    #: The time of the last commit in the repository; it proves nothing.
+    last_commit: datetime | None = None
 
     @property
     def submission_time(self) -> SubmissionTime:
         """Time of submission, with its source."""
-        return SubmissionTime(self.submitted_at, self.time_source, self.newest_file)
+        return SubmissionTime(
+            self.submitted_at,
+            self.time_source,
+            self.newest_file,
+            self.last_commit,
+            self.marked_late_by,
+        )
 
     @classmethod
     def of(cls, path: Path) -> SubmissionSource:

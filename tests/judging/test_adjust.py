@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import datetime, timedelta
 from decimal import Decimal
 from typing import Any
@@ -192,24 +193,56 @@ def test_a_time_that_nobody_knows_costs_nothing() -> None:
 NAIVE = datetime.fromisoformat("2026-11-20T23:40:00")
 
 
-def test_the_time_of_a_file_never_costs_points() -> None:
-    """Even years after it was due, a file's time is told for a person, and takes nothing."""
-    for newest in (NAIVE, NAIVE + timedelta(days=900), DUE + timedelta(days=3)):
-        adjusted = adjust(JUDGED, [], LATE, SubmissionTime(newest_file=newest))
+def claim(known_by: str, time: datetime) -> SubmissionTime:
+    """Give a time that a clock of the student's wrote."""
+    known: dict[str, Any] = {known_by: time}
+    return SubmissionTime(**known)
+
+
+@pytest.mark.parametrize(
+    ("known_by", "words"),
+    [
+        ("newest_file", "The newest file in it says"),
+        ("last_commit", "The last commit says"),
+    ],
+)
+def test_a_students_own_clock_never_costs_points(known_by: str, words: str) -> None:
+    """Even years after it was due, the time of a file or a commit is told for a person, and takes nothing."""
+    for claimed in (NAIVE, NAIVE + timedelta(days=900), DUE + timedelta(days=3)):
+        adjusted = adjust(JUDGED, [], LATE, claim(known_by, claimed))
         (made,) = adjusted.adjustments
         assert made.points == 0
-        assert f"The newest file in it says {newest:%Y-%m-%d %H:%M}" in made.reason
+        assert f"{words} {claimed:%Y-%m-%d %H:%M}" in made.reason
         assert "a person decides" in made.reason
         assert adjusted.timing is not None
         assert (adjusted.timing.late, adjusted.timing.may_be_late) == (None, True)
     berlin = Policy.model_validate({"timezone": "Europe/Berlin"})
-    for known in (
-        SubmissionTime(newest_file=NAIVE - timedelta(days=2)),
-        SubmissionTime(newest_file=NAIVE),
-    ):
-        early = adjust(JUDGED, [], LATE, berlin.zoned(known)).timing
+    for claimed in (NAIVE - timedelta(days=2), NAIVE):
+        known = berlin.zoned(claim(known_by, claimed))
+        early = adjust(JUDGED, [], LATE, known).timing
         assert early is not None
         assert (early.late, early.may_be_late) == (None, False)
+        assert words.lower() in early.text.lower()
+
+
+def test_a_mark_without_a_time_is_for_a_person() -> None:
+    """A system's mark tells that, not by how much: nothing is taken, and it is shown beside a better time."""
+    marked = SubmissionTime(marked_late_by="Canvas")
+    adjusted = adjust(JUDGED, [], LATE, marked)
+    assert adjusted.final == JUDGED.final
+    assert "Canvas marks it as late." in adjusted.adjustments[0].reason
+    assert "a person decides" in adjusted.adjustments[0].reason
+    assert adjusted.timing is not None
+    assert (adjusted.timing.late, adjusted.timing.may_be_late) == (None, True)
+    assert "Canvas marks it as late" in adjusted.timing.text
+    decided = entry(submitted=DUE + timedelta(hours=30))
+    late = adjust(JUDGED, [decided], LATE, marked)
+    assert late.final < JUDGED.final
+    in_time = replace(marked, at=DUE - timedelta(hours=1), source="the class list")
+    known = adjust(JUDGED, [], LATE, in_time).timing
+    assert known is not None
+    assert (known.late, known.may_be_late) == (False, False)
+    assert known.text.endswith("in time. Canvas marks it as late.")
 
 
 def test_a_time_without_a_zone_costs_points_nowhere() -> None:

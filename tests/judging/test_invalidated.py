@@ -200,8 +200,12 @@ def test_what_needs_messages_that_a_flood_kept_out_fails_and_says_so(
         assert finding.reason.startswith(
             "Only the first 34 messages on /joint_commands (1 MB, 29.4 kB each)"
         )
+        assert finding.reason.count("limit: recording") == 1
         assert finding.expected
         assert finding.hint
+    publishes = checks["publisher.publishes"]
+    assert publishes.measured.startswith("at least ")
+    assert any("limit: recording" in note for note in publishes.notes)
     assert result.problems == ()
     assert result.provenance["sessions"]["publisher"]["limits"] == {"publisher": "recording"}
     assert any("limit: recording" in text for text in result.advisories)

@@ -287,6 +287,8 @@ def timed(name: str, submission_time: SubmissionTime, *decided: Override) -> Cla
         submitted_at=submission_time.at,
         time_source=submission_time.source,
         newest_file=submission_time.newest_file,
+        last_commit=submission_time.last_commit,
+        marked_late_by=submission_time.marked_late_by,
     )
 
 
@@ -306,6 +308,8 @@ def test_the_page_says_how_times_are_known() -> None:
         timed("alice", SubmissionTime(at, "Moodle's grading worksheet")),
         timed("bob", SubmissionTime(at + timedelta(days=1), "the class list"), extended),
         timed("carl", SubmissionTime(newest_file=datetime(2026, 11, 20, 23, 40))),
+        timed("emil", SubmissionTime(last_commit=at + timedelta(days=3))),
+        timed("fritz", SubmissionTime(marked_late_by="Canvas")),
         timed("dora", SubmissionTime(datetime(2026, 11, 20, 23, 40), "Blackboard's download")),
     )
     words = " ".join(page.words.split())
@@ -314,7 +318,9 @@ def test_the_page_says_how_times_are_known() -> None:
     assert "the class list; due 2026-11-22 23:59 +01:00, extended" in words
     assert "newest file 2026-11-20 23:40" in words
     assert "Blackboard's download; time zone not known" in words
-    assert "Perhaps late 2 " in words
+    assert "last commit 2026-11-23 22:00 +01:00" in words
+    assert "marked late by Canvas" in words
+    assert "Perhaps late 4 " in words
 
 
 def test_outcomes_are_reported_by_more_than_colour() -> None:

@@ -293,6 +293,34 @@ def test_packages_with_the_same_file_are_one_submission(rubric: Rubric, tmp_path
     assert found_in(folder, rubric) == ["alice"], "one package and one folder share nothing else"
 
 
+@pytest.mark.parametrize("around", ["src", "ws/src", "lab09/src", "ros2_ws"])
+@pytest.mark.parametrize("inner", ["", "/physical_ai_textbook"])
+def test_doubled_folders_in_a_workspace_are_told(
+    around: str, inner: str, rubric: Rubric, tmp_path: Path
+) -> None:
+    """A group's workspace is one submission, with the doubled folders named; the remedy makes each of them one."""
+    tree = in_folders({f"{around}/anna{inner}": FIVE, f"{around}/ben{inner}": FIVE[:2]})
+    folder = lay_out(tmp_path / "lab", tree)
+    for path in (folder, pack(folder, tmp_path / "lab.zip")):
+        found = find_submissions([path], rubric)
+        assert [source.name for source in found.submissions] == ["lab"]
+        (doubt,) = found.doubts
+        inside = around.removeprefix("lab09/")
+        assert f"{inside}/anna/ and {inside}/ben/ in it hold the same file" in doubt
+        assert "--each" in doubt
+        assert found_in(path, rubric, Shape.EACH) == ["anna", "ben"]
+
+
+@pytest.mark.parametrize("form", ["old and new", "versions by words"])
+def test_versions_are_not_told_as_doubled(form: str, rubric: Rubric, tmp_path: Path) -> None:
+    """Folders named as versions of one work are no students', below a workspace too."""
+    wrapped = [f"ws/src/{name}" for name in ONE["old and new"]]
+    for tree in (ONE[form], wrapped):
+        found = find_submissions([lay_out(tmp_path / str(len(tree[0])), tree)], rubric)
+        assert len(found.submissions) == 1
+        assert found.doubts == ()
+
+
 def test_sections_of_a_class_are_told(rubric: Rubric, tmp_path: Path) -> None:
     """A folder among submissions that holds a class itself is named, and its versions of one work are not."""
     sections = {
@@ -445,9 +473,9 @@ def test_canvas_download(form: str, rubric: Rubric, tmp_path: Path) -> None:
     students = by_name(found)
     assert list(students) == ["annmueller_67", "anon_Xy3zA", "bobvan_der_berg_68", "cem_69"]
     bob = students["bobvan_der_berg_68"]
-    assert (bob.student_id, bob.student, bob.late) == ("68", "bobvan_der_berg", True)
+    assert (bob.student_id, bob.student, bob.marked_late_by) == ("68", "bobvan_der_berg", "Canvas")
     assert files_of(bob) == {"joint_publisher.py", "robot_1_2_service.py", "a.py", "a-1.py"}
-    assert not students["annmueller_67"].late
+    assert students["annmueller_67"].marked_late_by == ""
     assert files_of(students["annmueller_67"]) == {"lab/joint_publisher.py"}
     assert files_of(students["cem_69"]) == {"text.html"}
     assert len(found.not_understood) == 1
@@ -487,7 +515,7 @@ def test_nobody_of_a_large_class_is_lost(rubric: Rubric, tmp_path: Path) -> None
 
 
 def test_github_classrooms_clones(rubric: Rubric, tmp_path: Path) -> None:
-    """Repositories beside each other are one submission each, at the time of their last commit."""
+    """Repositories beside each other are one submission each; the last commit proves no time of submission."""
     folder = tmp_path / "lab-09-submissions"
     for number, name in enumerate(("alice", "bob")):
         clone = lay_out(folder / f"lab-09-{name}", FIVE)
@@ -498,13 +526,14 @@ def test_github_classrooms_clones(rubric: Rubric, tmp_path: Path) -> None:
         ("lab-09-bob", "bob"),
     ]
     zone = timezone(timedelta(hours=1))
-    assert [source.submitted_at for source in found.submissions] == [
+    assert [source.last_commit for source in found.submissions] == [
         datetime(2026, 3, 1, 12, tzinfo=zone),
         datetime(2026, 3, 2, 12, tzinfo=zone),
     ]
+    assert [source.submission_time.at for source in found.submissions] == [None, None]
     assert files_of(found.submissions[0]) == set(FIVE)
     alone = find_submissions([folder / "lab-09-bob"], rubric).submissions[0]
-    assert alone.submitted_at == datetime(2026, 3, 2, 12, tzinfo=zone)
+    assert alone.last_commit == datetime(2026, 3, 2, 12, tzinfo=zone)
 
 
 def commit(folder: Path, time: str) -> None:
@@ -648,10 +677,10 @@ def test_canvas_marks_lateness_in_each_form(rubric: Rubric, tmp_path: Path) -> N
     """The mark is no part of a name, neither where there is none nor in small letters."""
     names = ["LATE_anon_Xy3zA_900_lab.zip", "bob_late_68_901_lab.zip", "latelyann_69_902_lab.zip"]
     found = find_submissions([download(tmp_path, "folder", names)], rubric)
-    assert {h.name: h.late for h in found.submissions} == {
-        "anon_Xy3zA": True,
-        "bob_68": True,
-        "latelyann_69": False,
+    assert {h.name: h.marked_late_by for h in found.submissions} == {
+        "anon_Xy3zA": "Canvas",
+        "bob_68": "Canvas",
+        "latelyann_69": "",
     }
 
 
@@ -761,7 +790,7 @@ def test_a_commit_of_tomorrow_tells_no_time(rubric: Rubric, tmp_path: Path) -> N
     folder = lay_out(tmp_path / "alice", FIVE)
     commit(folder, "2099-03-01T12:00:00+01:00")
     (source,) = find_submissions([folder], rubric).submissions
-    assert source.submitted_at is None
+    assert (source.submitted_at, source.last_commit) == (None, None)
 
 
 def test_a_list_does_not_tell_namesakes_apart(rubric: Rubric, tmp_path: Path) -> None:

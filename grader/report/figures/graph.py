@@ -250,7 +250,7 @@ class QosTable(FigureKind):
 def _qos_row(endpoint: Endpoint, recorded: Recorded) -> QosRow:
     claim = asked_for(endpoint, recorded.record.claims)
     qos = completed(endpoint.qos, claim)
-    messages = len(recorded.bag.stream(endpoint.topic))
+    messages = recorded.bag.stream(endpoint.topic).recorded
     return QosRow(endpoint.topic, endpoint.kind, qos, _place(claim), messages)
 
 
