@@ -271,7 +271,7 @@ def _replacing(identity: str, kind: str, rubric: Rubric) -> str:
 
 
 def _is_possible(value: Any, most: Decimal) -> bool:
-    """Return whether points are within those of a part; the validation reports a value that is no number."""
+    """Return whether points are within the points of a part; the validation reports a value that is no number."""
     try:
         return bool(0 <= _points(value) <= most)
     except ValueError:
