@@ -40,7 +40,7 @@ _LAST_S = 2.0
 
 @dataclass(frozen=True)
 class Bound:
-    """The limits of a process.
+    """Limits of a process.
 
     `what` names the work in a message. `cpu_s` limits its CPU time, so that a busy machine does not count, and `wall_s`
     all its time, for work that waits for ever. `memory_bytes` is added to the memory of this process; `file_bytes` limits
@@ -206,7 +206,7 @@ def _be_child(work: Callable[[], object], pipe: int, bound: Bound, parent: int) 
     gc.freeze()
     gc.disable()
     try:
-        # It shares files of its parent, such as the lock of a slot, and must not hold these longer.
+        # The child shares files of its parent, such as the lock of a slot, and must not hold these longer.
         ctypes.CDLL(None).prctl(_SET_PDEATHSIG, signal.SIGKILL)
         if os.getppid() != parent:
             os._exit(status)

@@ -111,7 +111,7 @@ def atomic_replacement(
                     _exchange(new, results, parts)
     finally:
         shutil.rmtree(new, ignore_errors=True)
-        with suppress(OSError):  # It is usually not empty.
+        with suppress(OSError):  # The folder is usually not empty.
             results.rmdir()
 
 

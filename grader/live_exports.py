@@ -61,7 +61,7 @@ class LiveExports:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """End what is under way: it would only be overwritten."""
+        """End a running export, because its files would only be overwritten."""
         if self._child is not None:
             # On Ctrl-C it removes a half-written file.
             self._child.send_signal(signal.SIGINT)
@@ -72,7 +72,7 @@ class LiveExports:
                 self._child.wait()
 
     def follow(self, on_progress: Callable[..., None]) -> Callable[..., None]:
-        """Return `on_progress`, which now also writes what is known when a session begins or ends."""
+        """Return `on_progress`, extended by an export when a session begins or ends."""
         if not self._arguments:
             return on_progress
 
@@ -83,7 +83,7 @@ class LiveExports:
                 self._begun.add(progress.session)
             elif (
                 progress.session in self._begun
-            ):  # One that is left out ends while the recordings are those of old.
+            ):  # A session left out ends while the earlier recordings are in place.
                 self._stale = True
             self._catch_up()
 
@@ -106,5 +106,5 @@ class LiveExports:
                 [*command, "--", str(self._results.absolute())],
                 environment=helper_environment(export_variables()),
             )
-            # It runs only when no other wants the core; the least priority still disturbs a timer of 100 Hz.
+            # SCHED_IDLE runs only on an idle core; the least priority still disturbs a timer of 100 Hz.
             os.sched_setscheduler(self._child.pid, os.SCHED_IDLE, os.sched_param(0))

@@ -1,4 +1,4 @@
-"""What a lab's own checks are made of: import it in a file beside the rubric.
+"""Interface for a lab's own checks: import it in a file beside the rubric.
 
 A check is a pure function of a recording. The rubric names it by its file, `check: checks/mine.py:keeps_away`, and its
 parameters are given under `with`, as those of the built-in checks do:
@@ -25,16 +25,16 @@ parameters are given under `with`, as those of the built-in checks do:
         return graded(share, expected, f"{min(nearest):.2f} m", "The robot came too near.", levels=10)
 
 - The second argument names a dataclass (or a pydantic model) of the same file. A field without a value is required.
-  What is annotated as `Topic`, `Window`, `Process`, `FieldPath`, ... is looked up when the rubric loads, so that a
+  A field annotated as `Topic`, `Window`, `Process`, `FieldPath`, ... is looked up when the rubric loads, so that a
   typing mistake is reported with its line. Without parameters the function takes the context alone.
 - A check of files alone, without a session, takes `submission: Submission` in place of the context.
-- It returns what `passed`, `failed`, `graded` or `inconclusive` give: what was expected, what was measured, and why
-  points are lost. `inconclusive` is for what the grading computer may have caused (`Context.delay_s`); it costs none.
+- It returns a finding of `passed`, `failed`, `graded` or `inconclusive`: the expected and the measured value, and why
+  points are lost. `inconclusive` is for losses that the grading computer may have caused (`Context.delay_s`); it costs none.
 - An exception, more than 10 s of computing, or more than 30 s in all makes it an error that names file and line; that
   costs nothing either.
 - Points that it takes stay open where a program needs a library or interface that the grading computer lacks, as with
   the built-in checks. A parameter called `artifact` or `process` says which program that is; without, any of the session.
-- Messages and output are what students' programs make of them: expect any, also of another type. An error that a
+- Messages and output come from students' programs: expect any, also of another type. An error that a
   message brings about costs its author nothing.
 - A file imports installed packages, not its neighbours: it alone is kept with each recording.
 - Limits and descriptions in pydantic's `Field` count when the rubric loads. Models that are keys of a dict are frozen.

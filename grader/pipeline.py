@@ -65,7 +65,7 @@ _READING_BOUND = Bound(
     what="reading the submission", cpu_s=20.0, wall_s=100.0, memory_bytes=1024**3
 )
 
-#: Is called with each change in what a session does.
+#: Function called with each change of a session's progress.
 Listener = Callable[[Progress], None]
 
 
@@ -76,7 +76,7 @@ class Scope(Enum):
     ALL = "all"
     #: All, once.
     ONCE = "once"
-    #: Those with undecided checks in the recordings of an earlier grading. The other recordings stay.
+    #: Sessions with undecided checks in the recordings of an earlier grading. The other recordings stay.
     UNDECIDED = "undecided"
 
 
@@ -98,7 +98,7 @@ class Options:
     least_isolation: str = "reduced"
     #: Decisions of people about single submissions.
     overrides: Overrides = field(default_factory=Overrides)
-    #: Forms for other systems, in which the result is also written; again after each session.
+    #: Exports for other systems, written again after each session.
     exports: Sequence[ExportTarget] = ()
     #: Folder of the submission in its repository.
     path_prefix: str = ""
@@ -136,7 +136,7 @@ def require_sessions(names: Sequence[str], rubric: Rubric) -> None:
 
 
 def chosen_sessions(rubric: Rubric, options: Options, submission: SubmissionRecord) -> list[str]:
-    """Return the chosen sessions whose first file was submitted; raises UsageError for unknown sessions."""
+    """Return the chosen sessions with a submitted first file; raises UsageError for unknown sessions."""
     require_sessions(options.sessions or (), rubric)
     submitted = {artifact.name for artifact in submission.artifacts if artifact.path is not None}
     chosen = []
@@ -242,7 +242,7 @@ def _is_recorded(recordings: Path) -> bool:
 
 @dataclass(frozen=True)
 class Grading:
-    """A grading of one submission whose files are in a folder; each method is a stage of `record`."""
+    """A grading of one submission from a folder; each method is a stage of `record`."""
 
     folder: Path
     submission: SubmissionRecord

@@ -186,7 +186,7 @@ class ReferenceNode:
     def __init__(self, node: Node) -> None:
         self.node = node
         self._publishers: list[ReportingPublisher] = []
-        #: Types of its topics by name, those of its actions included.
+        #: Types of its topics by name, including the topics of its actions.
         self._topics: dict[str, str] = {}
         self._recorded = False
 

@@ -1,4 +1,4 @@
-"""What judging a submission yields, and `result.json`: written, described by a schema and read by these classes alone.
+"""The result of judging a submission, and `result.json`: written, described by a schema and read by these classes alone.
 
 Everything here is a frozen value. Points are `Decimal`; a finding carries *credit* (a share of
 a check's points between 0 and 1), because checks know nothing of points.
@@ -74,17 +74,17 @@ class Outcome(str, Enum):
 
     @property
     def decided(self) -> bool:
-        """Whether this outcome says something about the student's work."""
+        """True if this outcome says something about the student's work."""
         return self not in (Outcome.INCONCLUSIVE, Outcome.ERROR)
 
     @property
     def took_points(self) -> bool:
-        """Whether a measurement took points, all or some."""
+        """True if a measurement took points, all or some."""
         return self in (Outcome.FAILED, Outcome.PARTIAL)
 
     @property
     def goes_on(self) -> bool:
-        """Whether checks that require this one can be judged."""
+        """True if checks that require this one can be judged."""
         return self in (Outcome.PASSED, Outcome.PARTIAL)
 
 
@@ -126,14 +126,14 @@ class Location:
             return ""
         if self.end_s is None or self.end_s == self.start_s:
             return f"at {self.start_s:.3f} s"
-        # A call takes a thousandth of what a window does.
+        # A call takes a thousandth of a window's time.
         places = 1 if self.end_s - self.start_s >= 1.0 else 3
         return f"{self.start_s:.{places}f}–{self.end_s:.{places}f} s"
 
 
 @dataclass(frozen=True)
 class Finding:
-    """What one check found."""
+    """The finding of one check."""
 
     outcome: Outcome
     #: Share of the check's points: 1 when passed, 0 when failed.
@@ -154,9 +154,9 @@ class Finding:
     settled: Finding | None = None
     #: A line for each part that was counted, and for each that was not.
     counted: tuple[str, ...] = ()
-    #: Id of the check whose failure kept this one from being tested.
+    #: Id of the failed check that kept this one from being tested.
     blocked_by: str | None = None
-    #: What it reports that nothing measured, in a sentence, for a person to judge.
+    #: A reported claim that nothing measured, in a sentence, for a person to judge.
     unmeasured: str | None = None
     #: True if a crash, an early end or a limit of the program, if there was one, explains it better.
     unexplained: bool = False
@@ -168,7 +168,7 @@ class Finding:
 
 
 class ViolationKind(str, Enum):
-    """What of the grader's own was tampered with in a session."""
+    """A kind of tampering with the grader's own endpoints or processes in a session."""
 
     IMPERSONATES_NODE = "impersonates_node"
     PUBLISHES_ON_REFERENCE_TOPIC = "publishes_on_reference_topic"
@@ -182,7 +182,7 @@ class ViolationKind(str, Enum):
 
     @property
     def disturbs(self) -> bool:
-        """Whether it makes the recording unsound: a single occurrence is not conclusive; the session is repeated."""
+        """True if it makes the recording unsound: one occurrence is not conclusive; the session is repeated."""
         return self in (ViolationKind.ENDS_REFERENCE, ViolationKind.DISTURBS_RECORDING)
 
 
@@ -193,18 +193,18 @@ class Violation:
     kind: ViolationKind
     session: str
     text: str
-    #: What shows it: nodes, gids, counts, times.
+    #: Evidence: nodes, gids, counts, times.
     evidence: tuple[str, ...] = ()
     where: Location = Location()
-    #: Whether the recording leaves no other explanation than the submission's own processes.
+    #: True if the recording leaves no other explanation than the submission's own processes.
     certain: bool = True
-    #: Ids of the checks that fail because what they measure was tampered with.
+    #: Ids of the checks that fail because of tampering with the measured object.
     checks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class CheckResult:
-    """What one check found, as in `Finding`, with the points that the rubric gives it.
+    """The finding of one check, as in `Finding`, with its points by the rubric.
 
     Points that nobody could decide are neither earned nor lost.
     """
@@ -224,11 +224,11 @@ class CheckResult:
     counted: tuple[str, ...] = ()
     session: str | None = None
     credit: Credit = Decimal(0)
-    #: Commands with which a student sees by themselves what points were lost for.
+    #: Commands that show a student the cause of the lost points.
     commands: tuple[str, ...] = ()
-    #: Id of the check whose failure kept this one from being tested.
+    #: Id of the failed check that kept this one from being tested.
     blocked_by: str | None = None
-    #: What it reports that nothing measured, in a sentence, for a person to judge.
+    #: A reported claim that nothing measured, in a sentence, for a person to judge.
     unmeasured: str | None = None
     #: Name of the rule that decided; None in results of earlier versions.
     decided_by: str | None = None
@@ -236,7 +236,7 @@ class CheckResult:
 
     @classmethod
     def of(cls, finding: Finding, **known: Any) -> CheckResult:
-        """Return a finding with what it does not say: the check's id, title and session, and its points."""
+        """Return a finding with `known` values added: the check's id, title and session, and its points."""
         judged = {field.name for field in fields(cls)}
         found = {name: value for name, value in vars(finding).items() if name in judged}
         return cls(**found, **known)
@@ -278,13 +278,13 @@ class CriterionResult:
 
 
 class AdjustmentKind(str, Enum):
-    """What changed the points after the judgement."""
+    """The cause of a change of the points after the judgement."""
 
     POINTS = "points"
     EXCUSED = "excused"
     #: A person looked at it, and it stays as it was.
     REVIEWED = "reviewed"
-    #: What a student asked a person to look at; the reason is the question.
+    #: A student's request for a review by a person; the reason is the question.
     APPEAL = "appeal"
     BONUS = "bonus"
     SUBMITTED = "submitted"
@@ -294,7 +294,7 @@ class AdjustmentKind(str, Enum):
 
 @dataclass(frozen=True)
 class Adjustment:
-    """One change of the points after the judgement: by a person, who is named then, or by the rubric's policy."""
+    """One change of the points after the judgement, by a named person or by the rubric's policy."""
 
     kind: AdjustmentKind
     #: Id of a check or a criterion, a due date, or "score" for the whole.
@@ -303,7 +303,7 @@ class Adjustment:
     reason: str = ""
     who: str = ""
     when: str = ""
-    #: What the student is told, at the check or criterion that it is about.
+    #: Remark for the student, shown at the check or criterion.
     comment: str = ""
 
 
@@ -340,9 +340,9 @@ class Timing:
     last_commit: str = ""
     #: The learning-management system that marks the submission as late; empty for none.
     marked_late_by: str = ""
-    #: Whether it was handed in after it was due; None if that is not known.
+    #: True if it was handed in after it was due; None if unknown.
     late: bool | None = None
-    #: Whether a person should look, because it may have been handed in late.
+    #: True if a person should look, because it may have been handed in late.
     may_be_late: bool = False
 
     @property
@@ -404,7 +404,7 @@ class Provenance(TypedDict, total=False):
     grader: str
     lab: str
     rubric_sha256: str
-    #: Of the rubric and all files that it names.
+    #: Hash of the rubric and all files that it names.
     lab_sha256: str
     submission_sha256: str
     versions: dict[str, str]
@@ -413,15 +413,15 @@ class Provenance(TypedDict, total=False):
     left_out: list[str]
 
 
-#: What a person decides of the points of a check or a criterion, and no rule.
+#: Adjustments of the points of a check or a criterion by a person, not by a rule.
 BY_HAND = (AdjustmentKind.POINTS, AdjustmentKind.EXCUSED)
-#: By what a person has looked at something, whatever came of it.
+#: Adjustments that answer a review, with any outcome.
 ANSWERS = (*BY_HAND, AdjustmentKind.REVIEWED)
-#: What an adjustment is of that is not of a check or a criterion.
+#: Target of an adjustment that concerns neither a check nor a criterion.
 WHOLE = "score"
 #: Name of the rule that takes the finding of the check itself.
 MEASURED = "measured"
-#: How a note begins that asks a person to look.
+#: Opening of a note that asks a person to look.
 FOR_A_PERSON = "For a person to read:"
 #: Beginning of the last line of a summary in Markdown; the line tells a summary from a text of a student's.
 EVIDENCE_LINE = "The evidence for each point is in `report.html`"
@@ -437,17 +437,17 @@ class Result:
     criteria: tuple[CriterionResult, ...]
     #: Remarks for the student that cost nothing.
     advisories: tuple[str, ...] = ()
-    #: What went wrong on the grader's side; never costs points.
+    #: Faults on the grader's side; never cost points.
     problems: tuple[str, ...] = ()
     provenance: Provenance = field(default_factory=Provenance)
-    #: In the order in which they were applied.
+    #: Adjustments in order of application.
     adjustments: tuple[Adjustment, ...] = ()
-    #: Extensions that were handed in, whose points are in no sum.
+    #: Submitted extensions; their points are in no sum.
     bonus: tuple[CriterionResult, ...] = ()
     violations: tuple[Violation, ...] = ()
-    #: The graded files of which others have the name.
+    #: Graded files with namesakes among the submitted files.
     chosen: tuple[ChosenFile, ...] = ()
-    #: None if the rubric does not say what lateness costs.
+    #: None if the rubric states no cost of lateness.
     timing: Timing | None = None
 
     @property
@@ -462,11 +462,11 @@ class Result:
 
     @property
     def every_check(self) -> tuple[CheckResult, ...]:
-        """All checks, with those of the bonus."""
+        """All checks, including the bonus."""
         return (*self.checks, *(check for criterion in self.bonus for check in criterion.checks))
 
     def final_of(self, criterion: CriterionResult) -> Decimal:
-        """Return the points earned in a criterion, with what people decided of it and its checks."""
+        """Return the points earned in a criterion, with people's decisions on it and its checks."""
         of = {criterion.id, *(check.id for check in criterion.checks)}
         decided = (a.points for a in self.adjustments if a.kind in BY_HAND and a.what in of)
         return criterion.earned + sum(decided, Decimal(0))
@@ -573,7 +573,7 @@ def result_schema() -> dict[str, Any]:
     for part in (schema, *schema["$defs"].values()):
         if (
             "properties" in part
-        ):  # What is not known is left out, not written as null; all else is always there.
+        ):  # Unknown values are left out, not written as null; all others are always there.
             nullable = {
                 name
                 for name, of in part["properties"].items()

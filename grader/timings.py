@@ -1,4 +1,4 @@
-"""Notes what a grading takes its time for."""
+"""Measures the time of the stages of a grading."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class SessionRun:
 
 
 class Stopwatch:
-    """Collects `stages` and `session_runs` of a grading, in the order in which they end."""
+    """Collects `stages` and `session_runs` of a grading, in the order of their ends."""
 
     def __init__(self) -> None:
         self.started_s = time.monotonic() - _age_s()
@@ -49,7 +49,7 @@ class Stopwatch:
 
     @contextmanager
     def stage(self, what: str) -> Iterator[None]:
-        """Measure what is done within."""
+        """Measure the time of the code within."""
         began_s, cpu_s = time.monotonic(), time.process_time()
         self._ready_s = began_s
         try:

@@ -1,6 +1,6 @@
-"""The check of a node that serves an action: what it offers, accepts and rejects, and what becomes of goals.
+"""The check of a node that serves an action: its offer, the goals accepted and rejected, and their ends.
 
-All of it is what the grader's own goals met.
+The evidence comes from the grader's own goals.
 """
 
 from __future__ import annotations
@@ -139,12 +139,12 @@ class _NotTested(Exception):
 
 
 class _Nothing(Part):
-    """A part for which nothing came, which a crash explains better, if there was one."""
+    """A part without an answer; a crash, if there was one, explains it better."""
 
 
 @dataclass(frozen=True)
 class _Sent:
-    """A goal of a step, and what came of it."""
+    """A goal of a step, and its course."""
 
     context: Context
     artifact: str
@@ -162,26 +162,26 @@ class _Sent:
 
     @property
     def has_ended(self) -> bool:
-        """Whether it ended, by the status that the server published where the result never came."""
+        """True if the goal ended, by its published status if the result never came."""
         return self.record.ended_ns is not None or self.record.status in get_args(Status)
 
     @property
     def waited_s(self) -> float:
-        """How long it was waited for."""
+        """Time from sending the goal to the end of the step, in s."""
         return float(self.step.ended_ns - self.record.sent_ns) / 1e9
 
     def printed(self, text: str) -> bool:
-        """Whether the program's output has a text: it says which of the known mistakes it is."""
+        """Return whether the program's output has a text, which identifies a known mistake."""
         return any(text in line.text for line in self.context.session.output_of(self.artifact))
 
     def delay_s(self, start_ns: int, end_ns: int) -> float:
-        """Return for how long the machine delayed a process meanwhile, that which sends goals included."""
+        """Return the machine's longest delay of a process in a span, including the sender of goals."""
         held_up_ns = SendGoalResult.of(self.step).held_up_ns
         return asking_delay_s(self.context, Span(start_ns, end_ns), held_up_ns)
 
 
 def action_server(context: Context, p: ActionServer) -> Finding:
-    """Judge an action's server by the graph, and by what the grader's goals met."""
+    """Judge an action's server by the graph, and by the course of the grader's goals."""
     asked, parts, untested = [], list[Part](), dict[str, Part]()
     for key, wanted in p.parts().items():
         words, judge = _PARTS[key]
@@ -213,7 +213,7 @@ def action_server(context: Context, p: ActionServer) -> Finding:
 
 
 def _is_charged(context: Context) -> bool:
-    """Whether a check of the same session took points: what may be flaky of that one was asked about there."""
+    """Return whether a check of the same session took points; its own finding covers flakiness."""
     session = context.location().session
     here = (
         name
@@ -337,7 +337,7 @@ def _rejected(sent: _Sent, wanted: OfGoal) -> Part:
 
 
 def _any_goal(sent: _Sent, **known: bool | str) -> bool:
-    """Whether some goal to the same action came out so."""
+    """Return whether some goal to the same action has the given values in its record."""
     for step in _steps(sent.context, sent.step):
         for goal in _goals(step):
             if any(getattr(goal, key) == value for key, value in known.items()):
@@ -417,11 +417,11 @@ def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
 
 
 def _reverses(sent: _Sent, field: str, sign: int) -> bool:
-    """Whether a number, or the length of an array, goes the other way from one message to the next."""
+    """Return whether a number, or an array's length, goes the other way from one message to the next."""
     values = [value_at(message.values, field) for message in sent.record.feedback]
     sizes = [len(value) if isinstance(value, list) else value for value in values]
     numbers = [size for size in sizes if isinstance(size, (int, float))]
-    # What is not a number neither rises nor falls.
+    # Values other than numbers neither rise nor fall.
     return not all(sign * later >= sign * earlier for earlier, later in itertools.pairwise(numbers))
 
 
@@ -454,14 +454,14 @@ def _result(sent: _Sent, wanted: ResultWanted) -> Part:
 
 # -- how a goal ends -------------------------------------------------------------------------------
 
-#: What rclpy prints where the execute callback leaves the goal without a status, or raises an exception.
+#: Output of rclpy if the execute callback leaves the goal without a status, or raises an exception.
 _NOT_SET, _RAISED = "Goal state not set, assuming aborted", "Error raised in execute callback"
 _WITHOUT_STATUS = (
     "The execute callback ended without setting a status, which rclpy takes for ABORTED."
 )
 #: As `action_msgs/srv/CancelGoal` numbers its answers; rclpy gives it where the request was seen too late.
 _GOAL_TERMINATED = 3
-#: What sets a status.
+#: Methods of a goal handle that set a status.
 _SETTER = {"succeeded": "succeed", "aborted": "abort", "canceled": "canceled"}
 _CANCELED_HINT = (
     "In its loop the execute callback must look at goal_handle.is_cancel_requested, and then call "
@@ -542,7 +542,7 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     if not found.share and answered_s > wanted.within_s:
         reason = f"A newer goal was answered only after {apart(answered_s, wanted.within_s, places=2)} s."
         return replace(found, reason=reason, hint=_BLOCKED_HINT)
-    # Who never succeeds loses points for that elsewhere.
+    # A server that never succeeds loses points for that elsewhere.
     is_excused = newer.has_ended and not _any_goal(sent, status="succeeded")
     if is_excused or newer.record.status == "succeeded":
         return found
@@ -584,7 +584,7 @@ def _ends_early(
     asked_ns: int,
     since: str,
 ) -> Part:
-    """Judge how soon, and in which status, a goal ended once it was asked to."""
+    """Judge delay and status of a goal's end after the request to end it."""
     named = " or ".join(status.upper() for status in statuses)
     if sent.record.ended_ns is None:
         reason = f"The {sent.words} did not end after {since}."
@@ -616,7 +616,7 @@ def _ends_early(
 
 
 _Judge = Callable[..., Part]
-#: Key of a part -> what is expected, in words by the parameters and the part's, and what judges it.
+#: Key of a part -> function for its expectation in words, and function that judges it.
 _PARTS: dict[str, tuple[Callable[[ActionServer, Any], str], _Judge]] = {
     "offered": (
         lambda p, _: f"{p.action} of type {p.type}" + (f", from node {p.node}" if p.node else ""),

@@ -23,7 +23,7 @@ from grader.result import Finding, Location, Outcome
 
 @dataclass(frozen=True)
 class Context:
-    """All that a check may look at."""
+    """The evidence that a check may look at."""
 
     submission: SubmissionRecord
     #: The check's session; None for static checks.

@@ -117,12 +117,12 @@ class Run:
 
     @property
     def output_dropped(self) -> bool:
-        """Whether it printed more than was kept."""
+        """True if it printed more than was kept."""
         return bool(self._recorded.output_dropped_bytes)
 
     @property
     def went_on(self) -> bool:
-        """Whether it ran until it was interrupted or killed."""
+        """True if it ran until it was interrupted or killed."""
         run = self._recorded
         if run.exited_ns is None:
             return True

@@ -89,7 +89,7 @@ _CHECKS = (
     # A node that serves an action.
     Check(action.action_server, by_endpoints=True, by_clock=True),
     Check(answers.call_value),
-    # A node whose parameters or state are changed while it runs.
+    # A node with changes of parameters or state while it runs.
     Check(parameters.parameter_effect, by_clock=True),
     Check(parameters.parameter_rejected),
     Check(lifecycle.lifecycle, by_clock=True),
@@ -103,7 +103,7 @@ _CHECKS = (
     Check(launch.launch_together, by_clock=True),
     # A tool that compares QoS profiles.
     Check(qos_tool.reported_traffic, by_clock=True),
-    # What messages hold, and how it moves.
+    # Contents of messages, and their changes over time.
     Check(fields.field_range, by_clock=True),
     Check(fields.field_matches),
     Check(motion.reaches, by_clock=True),
@@ -112,11 +112,11 @@ _CHECKS = (
     # When something is published, and when nothing is.
     Check(latency.message_latency, by_clock=True),
     Check(silence.silent_until, by_clock=True),
-    # What is written.
+    # Written documents.
     Check(documentation.readme),
     Check(documentation.code_explained),
     Check(documentation.concepts_explained),
-    # What no program can judge.
+    # Questions that only a person can judge.
     Check(person.person),
 )
 
@@ -158,5 +158,5 @@ def _find_own(name: str, context: Context, p: Any) -> Finding:
     return find_own(own, context, p)
 
 
-#: By the names under which a rubric knows them, which are those of their functions.
+#: Checks by their names in a rubric, which are the names of their functions.
 REGISTRY = {check.find.__name__: check for check in _CHECKS}

@@ -42,11 +42,11 @@ _SESSION = "beat"
 _RATE_OFF = 0.01
 _JITTER_S = 0.006
 _SLOW_DISCOVERY_S = 2.0
-#: Time for which a core is kept busy.
+#: Time to keep a core busy, in s.
 _BUSY_S = 1.0
 #: Largest share of that time for others.
 _BUSY_SHARE = 0.10
-#: Largest share of a session for which a student's process may wait for a core.
+#: Largest share of a session that a student's process may wait for a core.
 _UNSTEADY_SHARE = 0.05
 #: Least free space of the disk, and of the memory.
 _LEAST_BYTES = 2 * 1024**3

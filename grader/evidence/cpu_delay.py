@@ -140,7 +140,7 @@ class Calm:
 
     @property
     def is_enough(self) -> bool:
-        """Whether these intervals can stand for a whole window."""
+        """True if these intervals can stand for a whole window."""
         return len(self.intervals_s) >= _ENOUGH and float(self.intervals_s.sum()) >= _ENOUGH_S
 
     @property

@@ -1,4 +1,4 @@
-"""Flakiness: events that correct programs meet occasionally too, and of which a single one is not conclusive."""
+"""Flakiness: events that correct programs meet occasionally too, so that a single one is not conclusive."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _STALLED = 0.5
 _LEAST_STALL_S = 0.6
 #: Undelayed time that is enough for any start, in s.
 _ENOUGH_S = 3.0
-#: Functions in which a program waits, and must expect Ctrl-C.
+#: Functions that wait, where a program must expect Ctrl-C.
 _SPINNING = {"spin", "spin_once", "spin_until_future_complete"}
 _STOPPED_FROM_OUTSIDE = ("interrupt", "terminate", "kill")
 
@@ -82,7 +82,7 @@ def flaky_end(run: ProcessRun) -> str:
 
 
 def _interrupted_late(raised: Raised) -> bool:
-    """Return whether Ctrl-C was raised outside the functions in which a program waits."""
+    """Return whether Ctrl-C was raised outside the functions that wait."""
     if raised.name != "KeyboardInterrupt":
         return False
     return all(frame.function not in _SPINNING for frame in raised.frames)

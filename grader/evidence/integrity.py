@@ -35,7 +35,7 @@ from grader.result import Location, Violation, ViolationKind
 #: Topics on which every node publishes.
 _SHARED_TOPICS = ("/rosout", "/parameter_events")
 _CLOCK_TYPE = "rosgraph_msgs/msg/Clock"
-#: Services of a node by which other nodes change its parameters.
+#: Services of a node for changing its parameters from other nodes.
 _CHANGING = ("set_parameters", "set_parameters_atomically")
 _MOST_NAMED = 5
 #: Share of a span for which the threads of the recorder together wait for a core on a busy machine. Beside other
@@ -68,7 +68,7 @@ class _Integrity:
     def __init__(self, recorded: Recorded, reference_nodes: Mapping[str, str]) -> None:
         self.recorded = recorded
         self.record = recorded.record
-        #: Names of all reference nodes, including those of other sessions.
+        #: Names of all reference nodes, including other sessions.
         self.nodes = frozenset(reference_nodes.values())
         #: Names of the reference nodes of this session, by process.
         self.running: dict[str, str] = {}

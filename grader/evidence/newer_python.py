@@ -1,7 +1,7 @@
 """Tell whether a Python text is correct, but only by the syntax of a newer Python.
 
 Two parsers answer together. The grammar of tree-sitter finds the newer constructs: type aliases, type parameters,
-f-strings whose fields are written more freely, t-strings. Each is then rewritten as an older Python has it, and the
+f-strings with freer fields, t-strings. Each is then rewritten as an older Python has it, and the
 interpreter's own parser must accept every part of it and all of the result. A text that no Python accepts stays an
 error of its author.
 """
@@ -17,7 +17,7 @@ import tree_sitter_python
 
 from grader.evidence.text.syntax import expression_tree, normalise, tree_of
 
-#: How deep f-strings with newer fields may be nested in each other; people write two.
+#: Largest depth of nested f-strings with newer fields; people write two.
 _MOST_NESTED = 20
 #: The newer prefix, which is `t`, as `f`.
 _OLDER_PREFIX = str.maketrans("tT", "fF")
@@ -193,7 +193,7 @@ def _require_bare(nodes: list[tree_sitter.Node]) -> None:
 
 
 def _require_expressions(texts: list[str], levels: int) -> None:
-    """Raise _Wrong unless some texts, in which fields may be nested so many levels deep, are expressions."""
+    """Raise _Wrong unless some texts, with fields nested up to so many levels, are expressions."""
     if not texts:
         return
     alone = "".join(f"({text}\n)\n" for text in texts)

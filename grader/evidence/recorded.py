@@ -412,7 +412,7 @@ class Recorded:
         return tuple(left)
 
     def _others_around_s(self, run: ProcessRun, span: Span) -> float:
-        """Return the time for which programs of others had a process's cores around a span, in s.
+        """Return the time that programs of others had a process's cores around a span, in s.
 
         The time is an upper bound for each part of the time between the two samples around the span. Without these
         samples it is infinite.
@@ -454,7 +454,7 @@ class Recorded:
         return columns
 
     def machine_delay_s(self, run: ProcessRun, span: Span) -> float:
-        """Return the time for which the machine may have delayed a process within a span, in s.
+        """Return the time that the machine may have delayed a process within a span, in s.
 
         Time that the core spent on unseen processes of the student is not the machine's.
         """
@@ -530,7 +530,7 @@ class Recorded:
         return max(0.0, _grown_s(counted, span) - self.students_cpu_s(span))
 
     def _others_s(self, run: ProcessRun, span: Span) -> float:
-        """Return the time for which programs of others were on a process's core within a span, in s.
+        """Return the time that programs of others spent on a process's core within a span, in s.
 
         Before a process is held to one core, the time is the sum over all cores. Without samples it is infinite.
         """
@@ -637,7 +637,7 @@ class Recorded:
         return tuple(found)
 
     def stalled_s(self, span: Span) -> float:
-        """Return the time for which the grader itself stalled within a span, in s."""
+        """Return the time that the grader itself stalled within a span, in s."""
         return sum(delay.delay_ns for delay in clipped(self.stalls, span)) / 1e9
 
     def output_of(self, artifact: str) -> list[OutputLine]:
@@ -671,7 +671,7 @@ def _is_held(run: ProcessRun, span: Span) -> bool:
 
 
 def clock_step_s(record: SessionRecord, span: Span) -> float:
-    """Return the amount by which the system's clock was set within a span, in s; 0 if it ran evenly."""
+    """Return the change of the system's clock by setting it within a span, in s; 0 if it ran evenly."""
     first_ns = span.start_ns - 1e9
     last_ns = span.end_ns + 1e9
     samples = [sample for sample in record.machine if first_ns <= sample.t_ns <= last_ns]

@@ -60,7 +60,7 @@ def _id_in(text: str) -> str:
 
 
 def is_shipped(rubric: Path) -> bool:
-    """Whether a rubric is of the lab that travels with the grader."""
+    """Return whether a rubric belongs to the lab shipped with the grader."""
     return lab_id(rubric) == lab_id(lab_folder() / RUBRIC_FILE)
 
 

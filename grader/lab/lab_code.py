@@ -1,4 +1,4 @@
-"""What the Python files of a lab declare, read without executing them: settings of its reference nodes, its own checks.
+"""Reads declarations in the Python files of a lab without executing them: settings of reference nodes, own checks.
 
 A rubric may name a function or a class of a file beside it. To check the rubric, its annotations are enough: parameters
 that are annotated with a name of `LAB_TYPES` are looked up like those of built-in checks.
@@ -30,9 +30,9 @@ from grader.lab.references import (
     definition_in,
 )
 
-#: Version of what a lab's own checks are given (`grader.own_checks`).
+#: Version of the interface for a lab's own checks (`grader.own_checks`).
 API_VERSION = 1
-#: Names of types in `grader.lab.references` by which a lab's own check may annotate its parameters.
+#: Names of types in `grader.lab.references` for annotations of an own check's parameters.
 LAB_TYPES = (
     *("Artifact", "Process", "ReferenceNode", "SessionId", "EarlierCheckId"),
     *("AnyStep", "CallLabel", "ExitLabel", "GetLabel", "PlanLabel", "SetLabel", "Window"),
@@ -49,7 +49,7 @@ LAB_TYPES = (
     *("Pattern", "Patterns", "Share", "CheckId", "Loadable"),
     *("Reliability", "Durability", "History"),
 )
-#: Functions in `grader.lab.references` by which it may mark a type within `Annotated`.
+#: Functions in `grader.lab.references` for marking a type within `Annotated`.
 LAB_MARKERS = ("fields_of_type",)
 _KNOWN: dict[str, Any] = {
     **{"float": float, "int": int, "bool": bool, "str": str, "Literal": Literal},
@@ -201,7 +201,7 @@ def _last_name(node: ast.expr) -> str:
 
 
 def _settings(scope: Scope, value: Mapping[str, Any], info: ValidationInfo) -> None:
-    """Look settings up in the class that the rubric names for those of the reference node before them."""
+    """Look settings up in the class that the rubric names for the settings of the reference node."""
     try:
         found = definition_at(scope, scope.settings_of(info.data.get("reference") or ""))
     except ValueError:
@@ -276,7 +276,7 @@ def _texts(value: Any) -> Iterator[str]:
 
 
 def is_own(check: str) -> bool:
-    """Whether a check's name is that of a file beside the rubric."""
+    """Return whether a check's name names a file beside the rubric."""
     return ".py" in check
 
 

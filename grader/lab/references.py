@@ -86,7 +86,7 @@ class Parameters(Strict):
         return ()
 
     def references(self) -> References:
-        """Return the names and steps in the values whose types are references."""
+        """Return the names and steps in the values with reference types."""
         return references_in(type(self), vars(self))
 
 

@@ -93,7 +93,7 @@ def meant(word: str, known: Sequence[str]) -> str:
 
 
 def mistakes_at(found: Iterable[tuple[Loc, str]]) -> ValidationError:
-    """Return the error by which pydantic reports mistakes at places below the validated value."""
+    """Return pydantic's error for mistakes at places below the validated value."""
     details: list[InitErrorDetails] = []
     for loc, words in found:
         mistake = PydanticCustomError("mistake", "{words}", {"words": words})

@@ -19,7 +19,7 @@ ABSENT = {"absent": True}
 
 @dataclass
 class StepResult:
-    """Base of the results: what a step found, all fields optional because a step may end early.
+    """Base of the results of steps, with all fields optional because a step may end early.
 
     A session's record keeps it as JSON without the fields that are None: `StepRun.result`, for example
     `{"topic": "/chatter", "matched": true}`.
@@ -97,7 +97,7 @@ class Step(Parameters):
         return cast(Self, cls.model_construct(**given))
 
     def describe(self) -> str:
-        """Say in a few words what it does."""
+        """Describe the step in a few words."""
         key = ""
         for each in self.exactly_one:
             if getattr(self, each) is not None:

@@ -21,9 +21,9 @@ class CallRecord:
     started_ns: int = 0
     ended_ns: int = 0
     response: Any = None
-    #: Time for which the grader itself stalled, which counts for no deadline.
+    #: Time that the grader itself stalled, in ns; counts for no deadline.
     held_up_ns: int = field(default=0, metadata=ABSENT)
-    #: Whether the service was gone from the graph.
+    #: True if the service was gone from the graph.
     gone: bool = field(default=False, metadata=ABSENT)
 
 

@@ -15,7 +15,7 @@ from grader.lab.steps.base import Step, StepResult
 
 @dataclass
 class InterruptResult(StepResult):
-    """How each process ended, see `ProcessRun.ended_by`."""
+    """The end of each process, see `ProcessRun.ended_by`."""
 
     ended_by: dict[str, str] | None = None
 

@@ -52,7 +52,7 @@ class LinkResult(StepResult):
     delay_ms: float = 0.0
     #: Delay by the grading computer that 95 % of the packets did not exceed.
     late_ms: float = 0.0
-    #: Means by which the link loses and delays, in words.
+    #: Means of the link to lose and delay packets, in words.
     means: str = ""
     #: CPU time that the link took.
     cpu_s: float = 0.0

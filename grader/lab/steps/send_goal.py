@@ -35,7 +35,7 @@ class Cancelling:
 
 @dataclass
 class GoalRecord:
-    """A goal that was sent, and what came of it; None for what did not come."""
+    """A sent goal and its course; None for each missing answer."""
 
     goal: Any = None
     goal_id: str = ""
@@ -76,7 +76,7 @@ class SendGoalResult(StepResult):
     action: str | None = None
     type: str | None = None
     goals: list[GoalRecord] = field(default_factory=list)
-    #: Time for which the grader itself stalled, which counts for no deadline.
+    #: Time that the grader itself stalled, in ns; counts for no deadline.
     held_up_ns: int = field(default=0, metadata=ABSENT)
 
 

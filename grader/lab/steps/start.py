@@ -18,7 +18,7 @@ from grader.lab.yaml_with_lines import mistakes_at
 
 @dataclass
 class StartResult(StepResult):
-    """Whether the process was started anew, or the processes of a launch plan that were started."""
+    """True for a process that was started anew, or the started processes of a launch plan."""
 
     started: bool | None = None
     processes: list[str] | None = None

@@ -50,7 +50,7 @@ class WaitForStep(Step):
 
     @property
     def awaited(self) -> tuple[str, str]:
-        """Key and name of what is waited for in the graph, e.g. ("publisher", "/chatter"); two empty texts for output."""
+        """Key and name of the awaited part of the graph, e.g. ("publisher", "/chatter"); two empty texts for output."""
         for key in AWAITED:
             name: str | None = getattr(self, key, None)
             if name:

@@ -43,7 +43,7 @@ def filled(kind: Any, values: Mapping[str, Any]) -> Any:
 
 
 def fields_in(kind: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the values for which a type has a field: a student's type may have other fields."""
+    """Return the values with a field in a type: a student's type may have other fields."""
     types = kind.get_fields_and_field_types()
     return {name: value for name, value in values.items() if name in types}
 

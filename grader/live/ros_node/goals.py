@@ -1,6 +1,6 @@
 """Goals that the director sends to the server of an action, and the records of them.
 
-The server is a student's. Of its messages, parts are kept within bounds; what it never sends stays None.
+The server is a student's. Parts of its messages are kept within bounds; missing answers stay None.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _FEEDBACK_ROOM = 100_000
 _MOST_DECODED_BYTES = 4 * 2**20
 #: Offset of the goal's identifier in a serialised message of feedback, after the header of CDR.
 _GOAL_ID = slice(4, 20)
-#: Time in s after the last result in which earlier feedback may still arrive.
+#: Longest wait for earlier feedback after the last result, in s.
 _SETTLED_S = 0.2
 #: Time in s that a server may be gone from the graph, as it is when its node has ended.
 _GONE_S = 1.0
@@ -59,7 +59,7 @@ class ActionProbe:
 
     @property
     def ready(self) -> bool:
-        """Whether all of a server is in the graph."""
+        """True if all of a server is in the graph."""
         return bool(self._client.server_is_ready())
 
     def send(self, message: Any) -> Goal:
@@ -88,12 +88,12 @@ class Goal:
 
     @property
     def under_way(self) -> bool:
-        """Whether the goal was accepted and has no result yet."""
+        """True if the goal was accepted and has no result yet."""
         return self.record.accepted is True and self.record.ended_ns is None
 
     @property
     def over(self) -> bool:
-        """Whether nothing more is to come: a rejection, or the result and an answer to a cancelling."""
+        """True if no more answers can come: after a rejection, or the result and an answer to a cancelling."""
         if self.record.accepted is not False and self.record.ended_ns is None:
             return False
         cancel = self.record.cancel
@@ -188,7 +188,7 @@ class GoalSeries:
         self.outcome = ""
 
     def advance(self) -> bool:
-        """Cancel or send what is due, and return whether the series is over, with an `outcome`."""
+        """Cancel or send the due goals, and return whether the series is over, with an `outcome`."""
         first = self._goals[0]
         if first.under_way and self._is_time_to_cancel(first):
             first.cancel()
@@ -231,5 +231,5 @@ class GoalSeries:
 
     @property
     def held_up_ns(self) -> int:
-        """Time for which the grader itself stalled."""
+        """Time that the grader itself stalled, in ns."""
         return round(self._deadline.stall_s * 1e9)

@@ -91,7 +91,7 @@ def full_name(namespace: str, name: str) -> str:
 
 
 def is_reserved(name: str) -> bool:
-    """Whether a node or topic (fully qualified) is in the grader's namespace."""
+    """Return whether a node or topic (fully qualified) is in the grader's namespace."""
     return name.startswith(GRADER_NAMESPACE + "/")
 
 
@@ -163,8 +163,8 @@ def snapshot(
 ) -> GraphSnapshot:
     """Take a snapshot of the graph, without the endpoints of the process with the prefix `own_prefix`.
 
-    Of too many topics, those in `first` are looked at before all others. If names cannot be read, those of the snapshot
-    `before` stand in.
+    Among too many topics, the topics in `first` are looked at before all others. If names cannot be read, the names of
+    the snapshot `before` stand in.
     """
     taken = GraphSnapshot(time.time_ns())
     names = _node_names(node, before)
@@ -207,7 +207,7 @@ def _student_endpoints(
 
 
 def _services_of_namesakes(node: Node, taken: GraphSnapshot) -> list[ServiceEndpoint]:
-    """Return services of several nodes with one name, because the middleware reports those of only one."""
+    """Return services of several nodes with one name, because the middleware reports only one of them."""
     name = Counter(taken.nodes).most_common(1)[0][0]
     known = {service.name for service in taken.services}
     services = []
@@ -250,7 +250,7 @@ class GraphWatch:
     Topics in `first`, which may grow, are looked at before all others.
     """
 
-    #: How often the graph is glanced at, and how often it is looked at closely although nothing seems to have changed.
+    #: Time between glances at the graph, and between close looks although nothing seems to have changed, in s.
     PERIOD_S = 0.04
     CLOSELY_S = 0.5
     #: A hostile student can change the graph without end; after so many snapshots, or so much in them, only the

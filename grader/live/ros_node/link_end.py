@@ -36,7 +36,7 @@ from grader.live.ros_node.graph import interface_named, new_context, silent_node
 from grader.live.ros_node.link_plan import LinkPlan
 from grader.recording.session import Qos
 
-#: How long the ends may take to find each other, and to know of it on both sides.
+#: Longest times for the ends to find each other, and for both sides to know, in s.
 _MATCH_S, _KNOWN_S = 3.0, 0.1
 _LOOK_S = 0.01
 _WAIT_NS = 20_000_000
@@ -66,7 +66,7 @@ def carried(qos: Qos) -> Qos:
 
 
 def is_compatible(topic: LinkedTopic) -> bool:
-    """Whether the middleware would match both sides of a topic, by all policies of the student's profiles."""
+    """Return whether the middleware would match both sides of a topic, by all policies of both profiles."""
     assert topic.offered is not None
     assert topic.requested is not None
     compatibility, _ = qos_check_compatible(profile_of(topic.offered), profile_of(topic.requested))
@@ -249,7 +249,7 @@ class _Receiver:
             reader.take()
 
     def received(self) -> list[list[dict[str, Any]]]:
-        """Return the messages of each topic and level, and those of each subscription that joined late."""
+        """Return the messages of each topic and level, also for each subscription that joined late."""
         found: list[list[dict[str, Any]]] = [
             [
                 {"received": [], "late": self._none_late(n, level)}

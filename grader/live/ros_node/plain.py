@@ -13,7 +13,7 @@ MOST_IN_MESSAGE = 100_000
 
 
 class Room:
-    """How many characters and values may still be passed on."""
+    """The number of characters and values that may still be passed on."""
 
     def __init__(self, left: int = MOST_IN_MESSAGE) -> None:
         self.left = left
@@ -41,7 +41,7 @@ def plain(value: Any, room: Room | None = None) -> Any:
 
 
 def _elements(value: Any, room: Room) -> list[Any]:
-    # Those of an array have types of their own, which JSON does not know.
+    # Elements of an array have types of their own, unknown to JSON.
     some = (
         value[:MOST_ELEMENTS].tolist() if hasattr(value, "tolist") else islice(value, MOST_ELEMENTS)
     )

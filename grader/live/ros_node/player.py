@@ -16,11 +16,11 @@ from grader.recording.definitions import type_hash_of
 from grader.recording.mcap_file import TopicInfo
 
 _CLOCK = "/clock"
-#: Between two messages, the clock goes on so often, as that of `ros2 bag play` does.
+#: Rate of the clock between two messages, as with `ros2 bag play`.
 _CLOCK_HZ = 40
-#: What is waited for at the beginning and at the end, at most: for somebody to subscribe, and for all to arrive.
+#: Longest waits for a subscription at the beginning, and for all arrivals at the end, in s.
 _DISCOVERY_S, _ACKNOWLEDGED_S = 2.0, 1.0
-#: How long it takes until the other side knows of a subscription that is matched on ours, and others come too.
+#: Time until the other side knows of a subscription matched on ours, and others come too, in s.
 _KNOWN_S = 0.5
 _LOOK_S = 0.05
 #: Nothing that was just published is lost for want of room.
@@ -28,9 +28,9 @@ _DEPTH = 1000
 
 
 class Player:
-    """A node that publishes what a bag holds, or some topics of it, on the graph that the environment names.
+    """A node that publishes the messages of a bag, or of some topics, on the graph of the environment.
 
-    `topics` says of each what is published, or why it is not.
+    `topics` describes the publications of each, or why there are none.
     """
 
     def __init__(self, bag: Bag, only: Collection[str] = ()) -> None:
@@ -39,7 +39,7 @@ class Player:
         self._node = silent_node("player", self._context)
         self._publishers: dict[tuple[str, str], Any] = {}
         self.topics: dict[str, str] = {}
-        # Of a topic with two types only one can be in a participant: that with the most messages.
+        # A participant can have one type of a topic: the one with the most messages.
         for info in sorted(bag.topics, key=lambda info: (info.topic, -info.count)):
             if info.count and info.topic not in self.topics and (not only or info.topic in only):
                 self.topics[info.topic] = self._add(info)
@@ -48,7 +48,7 @@ class Player:
         self.topics.setdefault(_CLOCK, "the time of the recording")
 
     def _add(self, info: TopicInfo) -> str:
-        """Add a publisher; returns what it will publish, or why there is none."""
+        """Add a publisher; returns a description of its messages, or why there is none."""
         try:
             if info.type_hash and type_hash_of(info.topic_type) not in ("", info.type_hash):
                 raise ImportError(f"{info.topic_type} has another definition here")
@@ -90,7 +90,7 @@ class Player:
             self._clock.publish(message)
 
     def close(self) -> None:
-        """Leave the graph, once what was published has arrived, but soon."""
+        """Leave the graph once the published messages have arrived, or after a short wait."""
         deadline_s = time.monotonic() + _ACKNOWLEDGED_S
         for publisher in (p for p in self._publishers.values() if p.get_subscription_count()):
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline_s - time.monotonic())))
@@ -99,7 +99,7 @@ class Player:
 
 
 def _offered(qos_text: str) -> QoSProfile:
-    """Return what all of a topic's recorded publishers offered, as far as it decides who receives."""
+    """Return the common QoS of a topic's recorded publishers, by the policies that decide matching."""
     offered = offered_policies(qos_text)
     reliable = all(reliability != "best_effort" for reliability, _ in offered)
     latched = bool(offered) and all(durability == "transient_local" for _, durability in offered)

@@ -73,13 +73,13 @@ class Probe:
         self.watch = GraphWatch(self.node, self._on_change, {*expected, *STANDARD_TOPICS})
         #: Name in the rubric -> name that the student uses.
         self.names: dict[str, str] = {}
-        #: Gids of endpoints whose process has ended.
+        #: Gids of endpoints of ended processes.
         self.forgotten: set[str] = set()
         #: Services and actions that left a call or a goal unanswered.
         self.silent: set[str] = set()
         #: Number of processes that were started until now.
         self.processes = 0
-        #: Whether the request that is under way has been cancelled.
+        #: True if the request under way has been cancelled.
         self.cancelled = False
         #: Name that did not come up, and the number of processes then.
         self._missing: set[tuple[str, int]] = set()
@@ -164,7 +164,7 @@ class Probe:
     def ready_client(
         self, service: str, service_type: str, number: int, timeout_s: float
     ) -> Client[Any, Any] | None:
-        """Return the client of a service with a number, whose calls are recorded; None if the service is not up."""
+        """Return the recorded client of a service with a number; None if the service is not up."""
         key = (service, service_type, number)
         if key not in self._clients:
             self._clients[key] = self._new_client(service, service_type, number)

@@ -1,8 +1,8 @@
 """Records the traffic of a sandbox: raw subscriptions, written to a bag as they come.
 
-It has contexts of its own, since one participant cannot hold two types on one topic. The middleware stamps each message
-when it receives it, so that a thread may empty all queues every few milliseconds, which costs a tenth of what waking
-for each message does.
+The recorder has contexts of its own, because one participant cannot hold two types on one topic.
+The middleware stamps each message when it receives it, so that a thread may empty all queues every
+few milliseconds, at a tenth of the cost of waking for each message.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ DEFAULT_LIMIT_TOPICS = 1000
 
 # The queue bridges the time that the recorder gets no core: 2 s at 5,000 messages/s. Keep last, not keep all:
 # a full queue of a reliable keep-all subscription holds up the publisher, and recording must not
-# disturb what it records. The middleware allocates the queue as it fills, so that depth costs nothing.
+# disturb the recorded traffic. The middleware allocates the queue as it fills, so that depth costs nothing.
 _DEPTH = 10_000
 # Each message has its times from the middleware already.
 _POLL_S = 0.05
 _FLUSH_S = 0.5
-# Of a topic with several subscriptions, the messages by which repeats are known: what all their queues hold at a time.
+# Messages remembered to detect repeats between several subscriptions of a topic: the capacity of all their queues.
 _REMEMBERED = 4 * _DEPTH
 _TYPES_PER_TOPIC = 4
 _MOST_UNRECORDED = 5000
-# What the bag needs for a message beside its data: record head and index entry.
+# Room for a message in the bag beside its data: record head and index entry.
 _MESSAGE_OVERHEAD_BYTES = 47
 
 
@@ -46,13 +46,13 @@ class _LimitReached(ValueError):
     """There are more topics, or types of one, than are recorded."""
 
 
-#: What a subscription requests, as far as it decides which publishers match: whether all messages are to arrive, and
-#: whether those too that were sent before it came.
+#: Policies of a subscription that decide matching: true if all messages must arrive, and true if also earlier
+#: messages must.
 _Request = tuple[bool, bool]
 
 
 def _suiting(publishers: Sequence[Endpoint], before: _Request = (True, True)) -> _Request:
-    """Request what every publisher offers (the rule of rosbag2), and no more than before."""
+    """Return the strictest request that every publisher offers (the rule of rosbag2), no more than before."""
     reliable = all(p.qos.reliability == "reliable" for p in publishers)
     transient_local = all(p.qos.durability == "transient_local" for p in publishers)
     return before[0] and reliable, before[1] and transient_local
@@ -97,7 +97,7 @@ class _Line:
         self.request = request
 
     def is_repeat(self, source_ns: int, sequence: int) -> bool:
-        """Whether another subscription has received a message already, if there are several."""
+        """Return whether another subscription has received a message already, if there are several."""
         key = (source_ns, sequence)
         if len(self.subscriptions) == 1:
             return False
@@ -113,8 +113,8 @@ class Recorder:
     """Records every topic that it is asked to, and closes the writer of the bag when it stops.
 
     A topic may take as much of `limit_bytes` as is left for the others; past that it is no longer recorded, so that a
-    flood cannot cost the evidence of other topics. `problems` are what went wrong on the recorder's side, `unrecorded`
-    what it left out.
+    flood cannot cost the evidence of other topics. `problems` are faults on the recorder's side, `unrecorded`
+    the topics left out.
     """
 
     def __init__(
@@ -146,7 +146,7 @@ class Recorder:
             return {key: line.count for key, line in self._lines.items()}
 
     def matched(self, topic: str, topic_type: str) -> int:
-        """How many publishers the recorder receives a topic from at this moment."""
+        """Return the present number of publishers that the recorder receives a topic from."""
         with self._lock:
             line = self._lines.get((topic, topic_type))
             return (
@@ -180,15 +180,15 @@ class Recorder:
             if (line := self._lines.get(key)) is not None:
                 weaker = _suiting(endpoints, line.request)
                 if weaker != line.request and not line.stopped:
-                    # So that a publisher that offers less is received too. No message is taken meanwhile: it could
-                    # come by both.
+                    # A weaker request also receives a publisher that offers less. No message is taken meanwhile,
+                    # because it could come by both.
                     with self._lock:
                         line.subscribe(weaker)
                 continue
             try:
                 line = self._open(*key, endpoints)
             except Exception as error:
-                # Names and types are a student's: there are many ways in which rclpy can refuse them.
+                # Names and types are a student's: rclpy can refuse them in many ways.
                 self._refused.add(key)
                 self._leave_out(key, str(error), isinstance(error, _LimitReached))
             else:
@@ -211,7 +211,7 @@ class Recorder:
         return line
 
     def _node(self, level: int) -> Node:
-        """The node whose participant holds the type number `level` of a topic."""
+        """Return the node with the participant for the type number `level` of a topic."""
         if level >= _TYPES_PER_TOPIC:
             raise _LimitReached(
                 f"{_TYPES_PER_TOPIC} other types of this topic are recorded already"
@@ -223,7 +223,7 @@ class Recorder:
     # -- taking: on the recorder's thread ------------------------------------------------------
 
     def stop(self) -> None:
-        """Write what has arrived, finish the bag, and leave the graph."""
+        """Write all arrived messages, finish the bag, and leave the graph."""
         self._ending.set()
         self._thread.join()
         for node in self._nodes:

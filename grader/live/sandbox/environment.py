@@ -63,7 +63,7 @@ def ros_environment(prefix: Path) -> dict[str, str]:
 def with_prefixes(environment: Mapping[str, str], prefixes: Sequence[str]) -> dict[str, str]:
     """Return an environment with the packages of some ament prefixes, as if these had been sourced.
 
-    Packages of the environment itself come first, then those of earlier prefixes.
+    Packages of the environment itself come first, then packages of earlier prefixes.
     """
     version = f"python{sys.version_info.major}.{sys.version_info.minor}"
     below = {
@@ -196,7 +196,7 @@ def ask_interpreter(
 
 # -- the real `launch` and `launch_ros`, on a machine that has them ----------------------------------
 
-#: Lists of folders by which a sourced ROS installation is found.
+#: Lists of folders that lead to a sourced ROS installation.
 SOURCED = ("PYTHONPATH", "AMENT_PREFIX_PATH", "LD_LIBRARY_PATH")
 #: Its arguments are the folders of PYTHONPATH, which Python does not read with `-I`. The module of JSON is imported
 #: before they count: a folder of a sourced workspace may have one of that name.
@@ -210,7 +210,7 @@ print(json.dumps([p for p in sys.path if p and os.path.isdir(p)]))
 
 @dataclass(frozen=True)
 class NativeLaunch:
-    """What an interpreter needs in order to import the real `launch`."""
+    """Settings of an interpreter for importing the real `launch`."""
 
     python_path: list[str]
     prefixes: list[str]
@@ -233,10 +233,10 @@ class NativeLaunch:
 def find_native_launch(
     interpreter: Path, choice: str, without: Sequence[Path] = ()
 ) -> NativeLaunch | None:
-    """Find the real `launch` in the environment from which the grader was started; None for the stand-in.
+    """Find the real `launch` in the grader's initial environment; None for the stand-in.
 
     The choice is "standin", "native" or "auto". Nothing is imported from the working folder, nor from the folders
-    `without`, which are those of submissions, whatever the environment says. Raises `PlatformError` if the real one was
+    `without`, which belong to submissions, whatever the environment says. Raises `PlatformError` if the real one was
     asked for and cannot be imported.
     """
     if choice == "standin":
@@ -270,7 +270,7 @@ _FIND = "import importlib.util, sys; print(*(n for n in sys.argv[1:] if importli
 
 
 def absent_modules(interpreter: Path, names: Sequence[str]) -> list[str] | None:
-    """Return those of some top-level modules that an interpreter does not find; None where it does not say.
+    """Return the top-level modules that an interpreter does not find; None if it gives no answer.
 
     Nothing of the submission is on its path, and no module is imported for it.
     """

@@ -76,7 +76,7 @@ class DirectorClient:
         return Answer(outcome, step.result.of_plain(result))
 
     async def forget(self) -> None:
-        """Have the director take the present endpoints for those of an ended process."""
+        """Have the director take the present endpoints for endpoints of an ended process."""
         await self._ask({"op": "forget"})
 
     async def _ask(self, request: dict[str, Any]) -> list[Any]:

@@ -65,7 +65,7 @@ def _has_guard(statements: Iterable[ast.stmt]) -> bool:
 def _starting(
     meant: str, defined: Iterable[ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef]
 ) -> set[str]:
-    """Return the names whose call starts a node: the function meant, rclpy's, and all functions that call them."""
+    """Return the names of functions that start a node: the function meant, rclpy's, and all their callers."""
     callers: dict[str, list[str]] = {}
     for node in defined:
         for name in _called(ast.walk(node)):

@@ -1,8 +1,8 @@
 """Starts the first processes of sandboxes as forks of a process with all imports done.
 
-The server has an environment made from nothing, starts no thread and nothing of ROS, and serves one grading; that of a
-class branches, so that each of its gradings has one of its own, which ends with it. Each sandbox's first process then
-forks its director and reference nodes in the same way.
+The server has an environment made from nothing, starts no thread and nothing of ROS, and serves one
+grading; the server of a class branches, so that each grading has its own, and ends it. Each
+sandbox's first process then forks its director and reference nodes in the same way.
 """
 
 from __future__ import annotations
@@ -56,9 +56,9 @@ _MOST_ANSWER_BYTES = 1024
 
 
 class ForkServer(ForkingServer):
-    """The process that forks the first processes of sandboxes; used as a context, with which all that it started ends.
+    """The process that forks the first processes of sandboxes; a context, at whose end all started processes end.
 
-    `types` are those of messages and services that the sessions are likely to use; until the first request they may
+    `types` are the message and service types that the sessions are likely to use; until the first request they may
     be set anew.
     """
 
@@ -144,7 +144,7 @@ def _program_of(request: bytes) -> Program:
     )
 
 
-#: The form of sandboxes for which all is loaded.
+#: The form of sandboxes with all modules loaded.
 _loaded: list[Form] = []
 
 
@@ -168,7 +168,7 @@ def _serve_branch() -> None:
 
 
 def main() -> None:
-    """Serve what comes through the socket of the number in argv[1]."""
+    """Serve the requests on the socket with the number in argv[1]."""
     end_with_parent()  # If that has ended already, so has the other side of the socket.
     put_self_first()
     # Sandboxes have memory limits of their own, instead of the grader's.

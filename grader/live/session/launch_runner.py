@@ -1,8 +1,9 @@
 """Launch files in a session: evaluated in confinement, then really run.
 
-The stand-ins for `launch` and `launch_ros` make a *plan* of what `ros2 launch` would start. One mistake must not hide
-all else, so a misnamed executable or package, an argument that is not declared and a keyword of another ROS are
-repaired on a copy after they were noted, and the evaluation goes on.
+The stand-ins for `launch` and `launch_ros` make a *plan* of the processes that `ros2 launch` would
+start. One mistake must not hide all else, so a misnamed executable or package, an argument that is
+not declared and a keyword of another ROS are repaired on a copy after they were noted, and the
+evaluation goes on.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ from launch_plan.exchange import MOST_ANSWER_BYTES, Ending, Request, command, pl
 from launch_plan.format import PARAMETERS_PLACEHOLDER
 from launch_plan.plan import Plan, Problem, Process, ros2_run
 
-#: How an evaluation writes one of the plan's own files.
+#: Path of one of the plan's own files in an evaluation.
 _OWN_FILE = re.compile(re.escape(PARAMETERS_PLACEHOLDER) + r"/([\w-]+(?:\.\w+)?)")
 _MAX_REPAIRS = 6
 #: Files of one name: in the sources, and where packages install them.
@@ -60,7 +61,7 @@ class LaunchRunner:
     def __init__(self, sandbox: StudentSandbox) -> None:
         self._sandbox = sandbox
         self._ending = False
-        #: Plans of files whose evaluation did not end; these are not evaluated again.
+        #: Plans of files with an endless evaluation; these files are not evaluated again.
         self._given_up: dict[str, Plan] = {}
         #: Processes that cannot be started here; no other process waits for them.
         self._absent: set[str] = set()
@@ -379,7 +380,7 @@ class LaunchRunner:
         # Lifecycle nodes change no states here: an action that waits for one starts with the node.
         awaited = when.get("on_exit_of") or when.get("on_start_of") or when.get("on_transition_of")
         if awaited is None and "after_s" not in when:
-            return  # It waits for the shutdown, which ends the session.
+            return  # This process waits for the shutdown, which ends the session.
         if awaited is not None and awaited not in self._absent:
             while awaited not in self._sandbox.processes:
                 await asyncio.sleep(0.05)

@@ -1,13 +1,13 @@
 """A link that loses and delays packets, between two programs of the grader's that use a student's QoS profiles.
 
-Each of the two has a network of its own, with loopback alone, in which this process stands for the other: what comes to
-one of its ports it sends on into the other network, late or not at all. That takes no privilege that a sandbox does not
-have. Discovery passes as it is.
+Each of the two has a network of its own, with loopback alone, and this process stands for the other: packets to one of its
+ports go on into the other network, late or not at all. Nothing of this takes a privilege beyond a sandbox's. Discovery
+passes unchanged.
 
 References
 ----------
-DDSI-RTPS 2.5, section 9.6.2: which ports participants have. A participant of Fast DDS that finds those of the first
-taken has those of the second.
+DDSI-RTPS 2.5, section 9.6.2: ports of participants. If the ports of the first are taken, a participant of Fast DDS
+has the ports of the second.
 """
 
 from __future__ import annotations
@@ -236,8 +236,8 @@ def carry(plan: LinkPlan, delay_s: float, seed: int) -> None:
 class Link:
     """The link of a step, which goes on beside the steps that follow.
 
-    `endpoints` and `claims` give what of the student's is in the graph, and what it asked rclpy for, until now; `names`
-    are those that the student used for the rubric's. `watch` is called with its process once that has started.
+    `endpoints` and `claims` give the student's present endpoints in the graph, and the requests to rclpy for them;
+    `names` map the rubric's names to the student's. `watch` is called with its process once that has started.
     """
 
     def __init__(

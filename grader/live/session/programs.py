@@ -149,7 +149,7 @@ class Programs:
             "seed": self.record.seed,
             "names": self.record.names,
             "with": settings,
-            # The student's, by topic, also those of a process that died.
+            # Subscriptions of the student by topic, also of a process that died.
             "subscriptions": Counter(each.topic for each in subscriptions),
             "types": self._types(),
         }

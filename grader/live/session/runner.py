@@ -46,7 +46,7 @@ class Progress:
     ended: bool = False
 
 
-#: By which steps name topics, services and nodes.
+#: Keys of steps with names of topics, services and nodes.
 _NAMING = (
     "node",
     "publisher",
@@ -227,7 +227,7 @@ async def _end(messages: asyncio.StreamReader, pid: asyncio.Future[int]) -> None
         if not messages.at_eof():
             with suppress(ProcessLookupError):
                 os.killpg(number, signal.SIGKILL)
-            # It holds the pipe as long as it is there.
+            # The process holds the pipe as long as it exists.
             await within(messages.read(), _END_S)
 
 

@@ -91,7 +91,7 @@ class Session:
             self._record.processes.append(await link)
 
     async def _stop_for_time(self) -> None:
-        """End the student's processes, for which each step has waited as long as it may."""
+        """End the student's processes after each step has waited as long as it may."""
         run = self._record.steps[-1]
         run.outcome = "timeout"
         run.ended_ns = time.time_ns()

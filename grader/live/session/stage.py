@@ -253,7 +253,7 @@ class _Installation:
 
     @cached_property
     def _python_path(self) -> list[str]:
-        """Folders of all packages, in which a program finds modules besides its own, as in a sourced workspace."""
+        """Folders of all packages, with modules beside a program's own, as in a sourced workspace."""
         if not self.record.packages:
             return []
         inner = (
@@ -285,7 +285,7 @@ def _write(path: Path, text: str, mode: int = 0o755) -> None:
 
 
 def _is_shared(inside: PurePosixPath) -> bool:
-    """Whether a package's file belongs in its share folder: data rather than modules."""
+    """Return whether a package's file belongs in its share folder: data rather than modules."""
     return (
         inside.suffix != ".py" or "launch" in inside.parts[0] or inside.name.endswith("launch.py")
     )

@@ -56,7 +56,7 @@ _WRITABLE = 0o622
 
 
 class StudentSandbox:
-    """Where the student's programs of one session run.
+    """The sandbox for the student's programs of one session.
 
     The session's `processes` are in the order of their start, reference nodes included; `trusted` are the grader's own
     ones. Launch files are evaluated in `launch_workspace`, a copy of the `workspace`, since reading one runs what it
@@ -160,7 +160,7 @@ class StudentSandbox:
     ) -> RunningProcess:
         """Start one of the student's processes, confined and with the tap."""
         tap_read, tap_write = os.pipe()
-        # Another account runs the program, whose children open the pipe by their parent's folder in /proc.
+        # Another account runs the program; its children open the pipe by their parent's folder in /proc.
         os.fchmod(tap_write, _WRITABLE)
         variables = self.environment({"GRADER_TAP_FD": str(tap_write), **(environment or {})})
         try:

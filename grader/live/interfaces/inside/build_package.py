@@ -3,8 +3,8 @@
     python -I build_package.py SOURCE TARGET PREFIX...
 
 SOURCE is the package's folder with `msg/`, `srv/` and `action/`; TARGET becomes an ament prefix of its own; the
-PREFIXES hold packages that it may depend on. One line of JSON is printed: `{}`, or `problem` with what keeps it from
-being built, and `invalid` where `colcon build` would refuse it too.
+PREFIXES hold packages that it may depend on. One line of JSON is printed: `{}`, or `problem` with the reason
+that it cannot be built, and `invalid` if `colcon build` would refuse it too.
 
 No build file of the package is run or read, and of its definitions nothing reaches the generators but names, types and
 values of a few characters: rosidl puts comments into C as they stand, so that one with the end of a C comment is code.
@@ -37,15 +37,15 @@ from rosidl_adapter import parser, resource
 
 #: Longest time for reading the definitions: some texts keep rosidl's patterns busy for ever.
 _READING_S = 10
-#: Of a message whose size is bounded, the middleware takes the room before the first is sent, for many at a time.
+#: Largest size of a bounded message, because the middleware reserves memory for many before the first is sent.
 _MOST_BYTES = 64 * 1024
 _MOST_DEPTH = 20
-#: What a text in a definition may hold: nothing that means something within C, IDL or Python.
+#: Text permitted in a definition: nothing with a meaning within C, IDL or Python.
 _PLAIN = re.compile(r"[A-Za-z0-9 _.,:;/+=()<>&!|^~-]{0,1000}")
 _BYTES = {"bool": 1, "byte": 1, "char": 1, "wstring": 4, "string": 1}
-#: What every service and action is made of besides.
+#: Packages that every service and action uses.
 _IMPLIED = ("builtin_interfaces", "service_msgs", "action_msgs", "unique_identifier_msgs")
-#: What sends messages, and what describes their types to others; each is looked for by the name of its library.
+#: Type supports for sending messages and for describing their types; found by the names of their libraries.
 _SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
 _PARTS = ("rosidl_generator_c", *_SUPPORTS, "rosidl_typesupport_c", "rosidl_generator_py")
 #: Without optimisation, as `colcon build` compiles where nothing else is asked for.
@@ -87,7 +87,7 @@ class Package:
     # -- reading ------------------------------------------------------------------------------
 
     def _translate(self, file: Path) -> Path:
-        """Read a definition, and write it as IDL; of what is not needed nothing is left in it."""
+        """Read a definition, and write its needed parts as IDL."""
         kind = file.suffix[1:]
         read = {"msg": parser.parse_message_string, "srv": parser.parse_service_string}.get(
             kind, parser.parse_action_string
@@ -151,7 +151,7 @@ class Package:
         return (share for share in shares if share.is_dir())
 
     def _size(self, package: str, name: str, depth: int = 0) -> int:
-        """Return how many bytes a message takes at most, what is not bounded in it counted once."""
+        """Return the largest size of a message in bytes, with each unbounded part counted once."""
         if depth > _MOST_DEPTH:
             raise Refused(f"{name} holds itself", invalid=True)
         return sum(
@@ -259,14 +259,14 @@ class Package:
         library.parent.mkdir(parents=True)
         self._python.mkdir(parents=True)
         _link([*objects[:-1], *self._libraries(home)], library, "$ORIGIN")
-        # One library has it all. What is looked for by name is found, since that is loaded already, and leads there.
+        # One library has all code. Each library found by its name is loaded already, and leads there.
         names = [library.with_name(f"lib{self.name}__{support}.so") for support in _SUPPORTS]
         for name in names:
             _link([str(library)], name, "$ORIGIN")
         _link([objects[-1], str(library), *map(str, names)], module, "$ORIGIN/../../..")
 
     def _libraries(self, home: Path) -> Iterator[str]:
-        """Give what links what it uses of other packages, wherever the prefixes, which lie side by side, are then."""
+        """Yield linker arguments for the used packages, valid wherever the sibling prefixes are moved."""
         used = {
             field.type.pkg_name for message in self.messages.values() for field in message.fields
         }
@@ -344,7 +344,7 @@ def _too_long(*_: object) -> None:
 
 
 def main() -> None:
-    """Build the package that the arguments name, and print what became of it."""
+    """Build the package named by the arguments, and print the outcome."""
     source, target, *prefixes = map(Path, sys.argv[1:])
     signal.signal(signal.SIGALRM, _too_long)
     try:

@@ -82,7 +82,7 @@ class _Series:
         return self._left > 0 and time.monotonic() < self._end_s
 
     def advance(self) -> None:
-        """Make the calls for which clients are idle, and collect those that have ended."""
+        """Start calls with idle clients, and collect ended calls."""
         while self._idle and self._may_call():
             self._under_way.append(_Call(self._idle.pop(0), self._message, self._timeout_s))
             self._left -= 1
@@ -95,7 +95,7 @@ class _Series:
 
     @property
     def is_hopeless(self) -> bool:
-        """Whether a service that has left calls unanswered need not be called fifty times."""
+        """True if a service has left calls unanswered, and need not be called fifty times."""
         return len(self.finished) >= 2 and self.finished[-1].response is None
 
 

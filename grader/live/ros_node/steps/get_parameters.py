@@ -16,7 +16,7 @@ from grader.lab.steps.get_parameters import (
 from grader.live.ros_node.plain import plain
 from grader.live.ros_node.probe import Probe
 
-#: Problem of a step whose node did not answer.
+#: Problem of a step without an answer of the node.
 NO_ANSWER = "the node's parameter services do not answer"
 #: Names of a node's parameters that are passed on.
 _MOST_DECLARED = 200

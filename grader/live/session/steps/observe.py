@@ -10,7 +10,7 @@ from grader.live.session.programs import Programs
 
 #: Undisturbed time that a measurement needs, in s.
 _CALM_S = 0.7
-#: Time by which a measurement is extended, in s.
+#: Increment of a measurement's window, in s.
 _MORE_S = 0.5
 
 

@@ -1,12 +1,12 @@
 """The tap: notes the endpoints that a student's node requests from rclpy, with their source lines.
 
-It changes four things of a program: the number of cores that Python reports, the time at which modules are imported
+The tap changes four things of a program: the number of cores that Python reports, the time at which modules are imported
 that ROS 2 itself seldom uses (NumPy is most of a third of a node's start), the number of look-ups of a file's path
 by rclpy's logger, and `with rclpy.init():`, which works and is noted on a ROS 2 that does not know it yet.
 
 Discovery carries neither history nor depth, and no lines. The tap therefore wraps a few methods of rclpy's classes when
 their modules are imported, and writes one JSON line a call to the descriptor in GRADER_TAP_FD: a claim, no evidence.
-Programs that the node's process starts, such as those of `multiprocessing`, open the same pipe by GRADER_TAP_PIPE.
+Programs that the node's process starts, such as workers of `multiprocessing`, open the same pipe by GRADER_TAP_PIPE.
 """
 
 import builtins
@@ -78,7 +78,7 @@ def _type_of(value):
 
 def _note(kind, name, node, arguments):
     global _LIMIT
-    frame = sys._getframe(2)  # that of the caller of the wrapped method
+    frame = sys._getframe(2)  # frame of the caller of the wrapped method
     file = frame.f_code.co_filename
     if _LIMIT <= 0 or "/rclpy/" in file:  # Endpoints that rclpy itself requests are skipped.
         return

@@ -1,7 +1,7 @@
 """A part of tf2_ros for Python, as far as most programs use it: buffer, listener and broadcasters.
 
-The real package cannot be installed with pip. What is not here is told by a ModuleNotFoundError, as any package is that
-the grading computer lacks.
+The real package cannot be installed with pip. Missing names raise a ModuleNotFoundError, like any package missing on
+the grading computer.
 """
 
 from tf2_ros.broadcasters import StaticTransformBroadcaster, TransformBroadcaster

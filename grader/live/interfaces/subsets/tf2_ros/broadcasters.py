@@ -22,7 +22,7 @@ class TransformBroadcaster:
 
 
 class StaticTransformBroadcaster:
-    """Publishes transforms that stay, on /tf_static: with each message all that it was given, for who comes later."""
+    """Publishes lasting transforms on /tf_static: each message has all given ones, for late subscriptions."""
 
     def __init__(self, node, qos=None):
         kept = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

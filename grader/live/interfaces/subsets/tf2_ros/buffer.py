@@ -13,7 +13,7 @@ from rclpy.time import Time
 _MOST_FRAMES = 1000
 _CACHE_NS = 10_000_000_000
 _LOOK_S = 0.02
-#: How far the squared length of a quaternion may be from 1, as in tf2's BufferCore.
+#: Largest difference of a quaternion's squared length from 1, as in tf2's BufferCore.
 _UNIT_WITHIN = 0.01
 _AT_ONCE = Duration()
 
@@ -31,19 +31,19 @@ class ConnectivityException(TransformException):
 
 
 class ExtrapolationException(TransformException):
-    """Of the time that is asked for nothing is known."""
+    """The requested time is outside the known transforms."""
 
 
 class InvalidArgumentException(TransformException):
-    """What is asked for is no frame, or no transform."""
+    """An argument is no frame, or no transform."""
 
 
 class TimeoutException(TransformException):
-    """It took too long."""
+    """The transform was not known within the timeout."""
 
 
 def lacking(name):
-    """Return the error that says what the real package has and this part of it has not."""
+    """Return the error for a name of the real package that is missing here."""
     module = f"tf2_ros.{name}"
     return ModuleNotFoundError(f"No module named '{module}'", name=module)
 
@@ -194,14 +194,14 @@ class Buffer:
     # -- asking -------------------------------------------------------------------------------
 
     def lookup_transform(self, target_frame, source_frame, time, timeout=_AT_ONCE):
-        """Return the transform that takes what is in the source frame into the target frame."""
+        """Return the transform from the source frame into the target frame."""
         self.can_transform(target_frame, source_frame, time, timeout)
         return self.lookup_transform_core(target_frame, source_frame, time)
 
     def can_transform(
         self, target_frame, source_frame, time, timeout=_AT_ONCE, return_debug_tuple=False
     ):
-        """Whether the transform is known, or becomes so within the timeout."""
+        """Return whether the transform is known, or becomes known within the timeout."""
         end_s = clock.monotonic() + timeout.nanoseconds / 1e9
         while not (found := self.can_transform_core(target_frame, source_frame, time))[0]:
             if clock.monotonic() >= end_s:
@@ -275,7 +275,7 @@ class Buffer:
         )
 
     def _latest_common_ns(self, target, source):
-        """Return the latest time of which all on the way between two frames is known; 0 if all of it is static."""
+        """Return the latest time with all transforms between two frames known; 0 if all are static."""
         of_target, of_source = self._way_up(target), self._way_up(source)
         ways = {*of_target} ^ {*of_source}
         moving = [

@@ -20,7 +20,7 @@ class TransformListener:
             if static_qos is None
             else static_qos
         )
-        # Reentrant: who waits for a transform within a callback is not to keep it away.
+        # Reentrant: a callback that waits for a transform must not block its arrival.
         group = ReentrantCallbackGroup()
         self.tf_sub = node.create_subscription(
             TFMessage, "/tf", self._changed, changing, callback_group=group
