@@ -3,22 +3,48 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from configparser import ConfigParser
 from pathlib import Path
 
+_HERE = Path(__file__).parent
 _LISTS = ConfigParser(delimiters="=", interpolation=None)
 _LISTS.optionxform = str  # type: ignore[assignment,method-assign]
-_LISTS.read(Path(__file__).with_suffix(".ini"), encoding="utf-8")
+_LISTS.read([_HERE / "jazzy.ini", _HERE / "jazzy_modules.ini"], encoding="utf-8")
 
 
 def _words(section: str) -> dict[str, list[str]]:
     return {name: text.split() for name, text in _LISTS[section].items()}
 
 
-NAMES, SUBMODULES, LATER = _words("names"), _words("submodules"), _words("later")
+def _with_patches(names: dict[str, list[str]]) -> dict[str, list[str]]:
+    for module, later in _words("patches").items():
+        names.setdefault(module, []).extend(later)
+    return names
+
+
+def _sub_modules(modules: Iterable[str]) -> dict[str, list[str]]:
+    """Return the sub-modules by package, e.g. `events: [process, ...]`."""
+    found: dict[str, list[str]] = {}
+    for module in modules:
+        package, _, name = module.rpartition(".")
+        found.setdefault(package, []).append(name)
+    return found
+
+
+#: Names by module: those of `launch` and its companions, and those of other packages that a module imports for itself.
+NAMES, FOREIGN = _with_patches(_words("names")), _words("foreign")
+SUBMODULES = _sub_modules(NAMES)
+LATER = _words("later")
 TYPES = _words("types")["types"]
 RENAMED = dict(_LISTS["keywords"])
+_STARRED = _words("starred")
 _RELEASED = re.compile("|".join(_words("packages")["released"]))
+
+
+def starred(module: str) -> list[str]:
+    """Return the names that `from module import *` brings."""
+    return _STARRED.get(module) or [*NAMES[module], *FOREIGN.get(module, ())]
 
 
 def is_released(package: str) -> bool:
@@ -27,5 +53,7 @@ def is_released(package: str) -> bool:
 
 
 def homes_of(name: str) -> list[str]:
-    """Return the modules of `launch` and `launch_ros` that define a name, e.g. of `Node`."""
-    return sorted(module for module, names in NAMES.items() if name in names)
+    """Return the packages of `launch` and `launch_ros` that show a name, e.g. of `Node`; else the modules."""
+    modules = sorted(module for module, names in NAMES.items() if name in names)
+    packages = [module for module in modules if module in SUBMODULES]
+    return packages or modules

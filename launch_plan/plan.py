@@ -265,8 +265,9 @@ class Process:
         """Return value by name as the node would get them; the last one given counts.
 
         `rcl` keeps the values by pattern, each pattern at its first appearance, and applies the patterns that match the
-        node's name in this order. Parameters of the launch file are for the full name if the file gives the node a name
-        and a namespace, else for any node. `node` is the full name if the code of the node chooses the name.
+        node's name in this order; `talker` and `/talker` are two patterns. Parameters of the launch file are for the
+        full name if the file gives the node a name and a namespace, else for any node. `node` is the full name if the
+        code of the node chooses the name.
         """
         full_name = self.full_name or node or "/"
         effective: dict[str, Any] = {}
@@ -281,16 +282,16 @@ class Process:
         if not self.parameters:
             on_command_line = self._values_on_command_line()
             if on_command_line:
-                by_pattern["**"] = on_command_line
+                by_pattern["/**"] = on_command_line
         named = self.name is not None and self.namespace is not None
         for parameter in self.parameters:
             if parameter.name is not None:
                 pattern = full_name if named and not parameter.wildcard else "/**"
-                values = by_pattern.setdefault(pattern.strip("/"), {})
+                values = by_pattern.setdefault(pattern, {})
                 values[parameter.name] = parameter.value
                 continue
             for section, of_section in parameter.sections():
-                by_pattern.setdefault(section.strip("/"), {}).update(of_section)
+                by_pattern.setdefault(section, {}).update(of_section)
         return by_pattern
 
     def _values_on_command_line(self) -> dict[str, Any]:
@@ -308,7 +309,8 @@ def _sections(content: Mapping[str, Any], above: str) -> list[tuple[str, Mapping
         if isinstance(value, Mapping) and key == "ros__parameters":
             found.append((above, value))
         elif isinstance(value, Mapping):
-            found += _sections(value, f"{above}/{str(key).strip('/')}")
+            section = f"{above}/{key}" if above else str(key)
+            found += _sections(value, section)
     return found
 
 

@@ -218,6 +218,8 @@ class Describer:
         """Warn of texts written by PyYAML without quotes and read by the node as values of another type."""
         import yaml
 
+        # A node reads a tuple of PyYAML as a list.
+        text = text.replace("!!python/tuple", "")
         _, tagged, behind = text.partition("!!python/")
         if tagged:
             kind = behind.split()[0].partition(":")[2].removesuffix(".scalar")

@@ -18,11 +18,16 @@ from launch_plan.plan import Plan
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
-from tests.launch_plan import jazzy_cases, launch_cases, student_cases  # noqa: E402
+from tests.launch_plan import course_cases, jazzy_cases, launch_cases, student_cases  # noqa: E402
 from tests.launch_plan.evaluations import INSIDE, environment, make_package, plans_of  # noqa: E402
 from tests.launch_plan.launch_cases import Case  # noqa: E402
 
-CASES = [*launch_cases.CASES, *jazzy_cases.CASES, *student_cases.CASES]
+CASES = [
+    *launch_cases.CASES,
+    *jazzy_cases.CASES,
+    *student_cases.CASES,
+    *course_cases.CASES,
+]
 
 
 def make_prefix(folder: Path) -> Path:

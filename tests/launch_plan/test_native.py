@@ -194,3 +194,18 @@ def test_a_released_package_that_is_not_there_is_not_assessable(tmp_path: Path) 
     assert plan.outcome == "not_assessable"
     assert plan.problem is not None
     assert (plan.problem.kind, plan.problem.line) == ("missing_package", 2)
+
+
+@needs_the_original
+def test_a_list_is_no_reason_for_a_warning(tmp_path: Path) -> None:
+    """The tuple that `launch_ros` writes for a list is read by nodes as a list."""
+    prefix = make_prefix(tmp_path / "prefix")
+    (tmp_path / "x_launch.py").write_text(
+        "from launch import LaunchDescription\nfrom launch_ros.actions import Node\n"
+        "def generate_launch_description():\n"
+        "    return LaunchDescription([Node(package='physical_ai_textbook', executable='robot_service', name='n',\n"
+        "        namespace='/a', parameters=[{'gains': [1.5, 2.5]}])])\n"
+    )
+    plan = evaluate(tmp_path, "x_launch.py", prefix, native=True)
+    assert plan.processes[0].effective_parameters() == {"gains": [1.5, 2.5]}
+    assert plan.warnings == ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import json
 import subprocess
 import sys
@@ -13,6 +14,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
+from launch_plan import jazzy  # noqa: E402
+from tests.launch_plan import original_names  # noqa: E402
 from tests.launch_plan import test_conformance as conformance  # noqa: E402
 from tests.launch_plan.evaluations import (  # noqa: E402
     ORIGINAL,
@@ -84,6 +87,13 @@ def difference(ours: dict[str, Any], theirs: dict[str, Any], *, lines: bool) -> 
     )
 
 
+def _is_python(case: conformance.Case) -> bool:
+    """Tell whether all launch files of a case are in Python, so that the original knows the lines."""
+    return all(
+        name.endswith(".py") or "launch" not in name for name in [case.filename, *case.files]
+    )
+
+
 # In parts, each in one test: an evaluation is quick, and to begin an interpreter is not.
 @pytest.mark.parametrize("part", range(4))
 def test_the_cases_are_as_in_the_original(part: int, tmp_path: Path) -> None:
@@ -96,8 +106,7 @@ def test_the_cases_are_as_in_the_original(part: int, tmp_path: Path) -> None:
         requests.append({"file": file, "arguments": dict(case.arguments), "root": str(root)})
     plans = both(requests, conformance.make_prefix(tmp_path))
     found = {
-        c.name: difference(*pair, lines=c.filename.endswith(".py"))
-        for c, pair in zip(cases, plans, strict=True)
+        c.name: difference(*pair, lines=_is_python(c)) for c, pair in zip(cases, plans, strict=True)
     }
     assert {name: text for name, text in found.items() if text} == {}
 
@@ -118,58 +127,56 @@ def test_the_fixtures_are_as_in_the_original(tmp_path: Path) -> None:
     assert {name: text for name, text in found.items() if text} == {}
 
 
-# The names that each module defines, exports, or holds as its sub-modules.
-_NAMES = """
-import importlib, json, pkgutil, types
-found = {}
-for top in ("launch", "launch_ros", "launch_xml", "launch_yaml"):
-    below = pkgutil.walk_packages(importlib.import_module(top).__path__, top + ".")
-    for title in [top, *(info.name for info in below if "conftest" not in info.name)]:
-        module = importlib.import_module(title)
-        found[title] = sorted(
-            name
-            for name, value in vars(module).items()
-            if not name.startswith("_")
-            and (
-                getattr(value, "__module__", None) == title
-                or (isinstance(value, types.ModuleType) and value.__name__ == title + "." + name)
-                or name in getattr(module, "__all__", ())
-            )
-        )
-print(json.dumps(found))
-"""
-# Prints the names that an import statement does not find.
-_UNKNOWN = """
-import json, sys
-unknown = []
-for title, names in json.load(sys.stdin).items():
-    for name in names or ["__name__"]:
+# The names among some that an import from each module finds, those that its `*` brings, and those in its namespace.
+_OFFERED = """
+import importlib, json, sys
+asked = json.load(sys.stdin)
+found = {"imported": {}, "starred": {}, "listed": {}}
+for title, names in asked.items():
+    found["imported"][title] = []
+    for name in names:
         try:
             exec(f"from {title} import {name}", {})
         except ImportError:
-            unknown.append(f"{title}.{name}")
-print(json.dumps(unknown))
+            continue
+        found["imported"][title].append(name)
+    brought = {}
+    try:
+        exec(f"from {title} import *", brought)
+    except ImportError:
+        continue
+    except AttributeError:
+        brought = {"its list is wrong": None}
+    found["starred"][title] = sorted(name for name in brought if not name.startswith("__"))
+    there = vars(sys.modules[title])
+    found["listed"][title] = sorted(name for name in there if not name.startswith("_"))
+print(json.dumps(found))
 """
-# Prints the names that do nothing, although a module of the stand-in defines them.
+# Names of modules that do nothing, although a module of the stand-in defines them.
 _IDLE = """
 import json, sys
+from launch import _catalogue
 found = {}
 for title, names in json.load(sys.stdin).items():
     for name in names:
         exec(f"from {title} import {name} as found_name", found)
         found[f"{title}.{name}"] = found.pop("found_name")
 defined = {
-    name for title, module in list(sys.modules.items()) if title.startswith("launch")
+    name for title, module in _catalogue._implemented.items()
     for name, value in vars(module).items() if getattr(value, "__module__", None) == title
 }
 is_idle = lambda value: type(value).__name__ == "_Unevaluated"
 print(json.dumps([n for n, value in found.items() if is_idle(value) and n.rpartition(".")[2] in defined]))
 """
+#: Modules whose list of exported names holds one that they lack, so that an import of `*` fails.
+WRONG_LISTS = {"launch_ros.utilities"}
+#: A module with the names of another one of Python, which the stand-in does not have.
+HANDLERS = "launch.logging.handlers"
 
 
 def _ask(program: str, path: Path, surroundings: dict[str, str], given: str = "") -> Any:
     done = subprocess.run(
-        [sys.executable, "-c", program],
+        [sys.executable, *program_arguments(program)],
         input=given,
         capture_output=True,
         text=True,
@@ -180,20 +187,73 @@ def _ask(program: str, path: Path, surroundings: dict[str, str], given: str = ""
     return json.loads(done.stdout)
 
 
-def test_every_public_name_of_the_original_can_be_imported(tmp_path: Path) -> None:
-    """Each name that a module of the original defines or exports is known to the stand-in, in the same module."""
-    names = _ask(_NAMES, ORIGINAL, original_environment(tmp_path))
-    assert sum(map(len, names.values())) > 400
-    assert _ask(_UNKNOWN, STANDIN, environment(tmp_path), json.dumps(names)) == []
-    assert _ask(_IDLE, STANDIN, environment(tmp_path), json.dumps(names)) == []
+def program_arguments(program: str) -> list[str]:
+    """Return the words behind `python` for a file with its arguments, or for a text."""
+    return program.split() if program.startswith("/") else ["-c", program]
 
 
-def test_what_is_no_name_of_the_original_cannot_be_imported(tmp_path: Path) -> None:
-    """An import of a name that no module of the original has fails, in a sub-module too."""
-    wrong = {
-        "launch.actions.timer_action": ["Timer"],
-        "launch.actions": ["ForEach"],
-        "launch.condition": ["When"],
-    }
-    expected = [f"{title}.{name}" for title, names in wrong.items() for name in names]
-    assert _ask(_UNKNOWN, STANDIN, environment(tmp_path), json.dumps(wrong)) == expected
+@pytest.fixture(scope="module")
+def public_names(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict[str, list[str]]]:
+    """Return the names in all modules of the original, by section of `jazzy_modules.ini`."""
+    surroundings = original_environment(tmp_path_factory.mktemp("names"))
+    found: dict[str, dict[str, list[str]]]
+    found = _ask(f"{Path(original_names.__file__)} --json", ORIGINAL, surroundings)
+    return found
+
+
+def test_the_names_of_the_original_are_listed(
+    public_names: dict[str, dict[str, list[str]]],
+) -> None:
+    """`jazzy_modules.ini` has the names in all modules of the original."""
+    listed = (ROOT / "launch_plan/jazzy_modules.ini").read_text()
+    assert original_names.as_text(public_names) == listed
+
+
+def test_each_module_offers_the_names_of_the_original(
+    public_names: dict[str, dict[str, list[str]]], tmp_path: Path
+) -> None:
+    """Any name is found in a module of the stand-in exactly if the original has it there."""
+    titles = [title for title in public_names["names"] if title != HANDLERS]
+    known = {title.rpartition(".")[2] for title in titles}
+    for section in ("names", "foreign"):
+        for names in public_names[section].values():
+            known |= set(names)
+    inner = _names_in_the_stand_in()
+    asked = json.dumps(dict.fromkeys(titles, sorted(known | inner)))
+    theirs = _ask(_OFFERED, ORIGINAL, original_environment(tmp_path), asked)
+    ours = _ask(_OFFERED, STANDIN, environment(tmp_path), asked)
+    patches = jazzy._words("patches")
+    differing = {}
+    for title in titles:
+        later = {*patches.get(title, ()), *jazzy.SUBMODULES.get(title, ())}
+        found = set(ours["imported"][title]) - later
+        expected = set(theirs["imported"][title]) - later
+        if found != expected:
+            differing[title] = sorted(found ^ expected)
+        elif title not in WRONG_LISTS:
+            brought = set(ours["starred"][title]) ^ set(theirs["starred"][title])
+            if brought - later:
+                differing[f"{title} *"] = sorted(brought - later)
+        assert set(ours["listed"][title]) <= {*theirs["listed"][title], *later}, title
+    assert differing == {}
+
+
+def _names_in_the_stand_in() -> set[str]:
+    """Return all names at the top of modules of the stand-in, those that it imports for itself included."""
+    names: set[str] = set()
+    for path in STANDIN.rglob("*.py"):
+        for node in ast.parse(path.read_text()).body:
+            if isinstance(node, (ast.Import, ast.ImportFrom)):
+                names |= {(alias.asname or alias.name).split(".")[0] for alias in node.names}
+            elif isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+                names.add(node.name)
+    return {name for name in names if not name.startswith("_") and name != "*"}
+
+
+def test_names_that_the_stand_in_evaluates_are_its_own(
+    public_names: dict[str, dict[str, list[str]]], tmp_path: Path
+) -> None:
+    """No name does nothing where a module of the stand-in defines it."""
+    assert sum(map(len, public_names["names"].values())) > 400
+    asked = json.dumps(public_names["names"])
+    assert _ask(_IDLE, STANDIN, environment(tmp_path), asked) == []

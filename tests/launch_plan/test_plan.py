@@ -190,7 +190,7 @@ def test_wildcards_are_tried_in_few_steps() -> None:
 
 
 def test_patterns_apply_in_the_order_of_their_first_appearance() -> None:
-    """A pattern that a second file repeats keeps its place, as `rcl` was measured to keep it."""
+    """A repeated pattern keeps its place, and `t` is another pattern than `/t`, as measured with `rcl`."""
     files = [
         {"/t": {"a": 1, "b": 1}, "/**": {"a": 2}},
         {"/*": {"c": 4}, "t": {"b": 9, "c": 5}},
@@ -205,8 +205,8 @@ def test_patterns_apply_in_the_order_of_their_first_appearance() -> None:
     )
     assert Process("a-1", "/a", name="t", parameters=given).effective_parameters() == {
         "a": 2,
-        "b": 7,
-        "c": 4,
+        "b": 9,
+        "c": 5,
     }
 
 

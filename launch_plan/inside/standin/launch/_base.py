@@ -89,6 +89,8 @@ class Field:
         Accepted types, and the instruction for any other value; empty if all types are accepted.
     read : callable
         Function of an XML or YAML attribute and the parser; returns the value.
+    written : bool
+        True if XML and YAML require the attribute, although Python does not.
     normal : callable
         Function that brings the value into its normal form, instead of `normalized` of the class.
     nested : callable
@@ -106,6 +108,7 @@ class Field:
         remedy: str = "",
         read_as: Any = None,
         can_be_str: bool = True,
+        written: bool = False,
         read: Callable[[Any, Any], Any] | None = None,
         normal: Callable[[Any], Any] | None = None,
         nested: Callable[[Any, Any], Any] | None = None,
@@ -118,6 +121,7 @@ class Field:
         self.remedy = remedy
         self.read_as = kind if read_as is None else read_as
         self.can_be_str = can_be_str
+        self.optional = default is not REQUIRED and not written
         self.read = type(self).reading if read is None else read
         self.normal = type(self).normalized if normal is None else normal
         self.nested = nested
@@ -307,7 +311,7 @@ def read_element(cls: type, entity: Any, parser: Any) -> dict[str, Any]:
 def _read_attribute(field: Field, entity: Any, parser: Any) -> Any:
     value = entity.get_attr(
         field.attribute,
-        optional=field.default is not REQUIRED,
+        optional=field.optional,
         data_type=field.read_as,
         can_be_str=field.can_be_str,
     )
@@ -515,3 +519,12 @@ def perform_substitution(context: Any, substitution: Substitution) -> str:
 def perform_substitutions(context: Any, subs: Iterable[Substitution]) -> str:
     """Resolve a list of substitutions to one text."""
     return "".join([context.perform_substitution(sub) for sub in subs])
+
+
+def as_default(value: Any) -> list[Substitution]:
+    """Return a default as substitutions; other values become text, e.g. `5` for 5."""
+    items = value if isinstance(value, collections.abc.Iterable) else (value,)
+    texts: list[Any] = []
+    for item in items:
+        texts.append(item if isinstance(item, (str, Substitution)) else str(item))
+    return normalize_to_list_of_substitutions(texts)

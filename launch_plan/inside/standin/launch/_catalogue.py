@@ -1,13 +1,15 @@
 """Modules of the real packages, as an import statement sees them.
 
-A name missing in Jazzy cannot be imported. A name of Jazzy that the stand-in does not evaluate can be imported, and its
-use makes the file "not assessable here".
+A module of the stand-in offers the names of the real one, and no name that it imports for itself. A name missing in
+Jazzy cannot be imported. A name of Jazzy that the stand-in does not evaluate can be imported, and its use makes the
+file "not assessable here".
 """
 
 from __future__ import annotations
 
 import importlib
 import sys
+import typing
 from importlib.abc import Loader, MetaPathFinder
 from importlib.machinery import ModuleSpec
 from pathlib import Path
@@ -17,13 +19,8 @@ from typing import Any
 from launch_plan import jazzy as _jazzy
 from launch_plan.inside.problems import UnsupportedByStandin
 
-#: Packages with names that other modules of the real `launch` show too.
-_USED = (
-    "launch",
-    "launch.frontend",
-    "launch.launch_description_sources",
-    "launch_ros.parameter_descriptions",
-)
+#: Modules of the stand-in by name, with all that they define.
+_implemented: dict[str, ModuleType] = {}
 
 
 class _Unevaluated:
@@ -47,45 +44,48 @@ class PublicModule(ModuleType):
 
     def __getattr__(self, name: str) -> Any:
         title = self.__name__
-        parent = title.rpartition(".")[0]
-        known = _jazzy.NAMES.get(title) or _jazzy.NAMES.get(parent, [])
-        inner = _jazzy.SUBMODULES.get(title, [])
         if name == "__all__":
-            modules = [each for each in inner if f"{title}.{each}" in _jazzy.NAMES]
-            return [*known, *modules]
-        if name in inner:
+            return _jazzy.starred(title)
+        if name in _jazzy.NAMES[title]:
+            return _evaluated(title, name)
+        if name in _jazzy.SUBMODULES.get(title, ()):
             return importlib.import_module(f"{title}.{name}")
-        home = None if "__file__" in vars(self) else _home_of(name, known, parent)
-        if home is not None:
-            return getattr(home, name)
-        if name in _jazzy.TYPES:
-            return Any
-        if name in known:
-            return _Unevaluated(f"{title}.{name}")
+        if name in _jazzy.FOREIGN.get(title, ()):
+            return _foreign(title, name)
         raise AttributeError(f"module '{title}' has no attribute '{name}'")
 
 
-def _home_of(name: str, known: list[str], parent: str) -> ModuleType | None:
-    """Return the module of the stand-in that holds a name of a module without a file."""
-    for home in (parent, *_USED):
-        if not home or name not in (*known, *_jazzy.NAMES.get(home, [])):
+def _evaluated(title: str, name: str) -> Any:
+    """Return the object of the stand-in for a name of a module, or one that no launch file can use."""
+    for home in (title, title.rpartition(".")[0], *_implemented):
+        found = vars(_implemented.get(home, object)).get(name)
+        if found is None:
             continue
-        module = importlib.import_module(home)
-        if name in vars(module):
-            return module
-    return None
+        if name in _jazzy.NAMES[home] or getattr(found, "__module__", None) == home:
+            return found
+    if name in _jazzy.TYPES:
+        return Any
+    return sys.modules["launch"] if name == "launch" else _Unevaluated(f"{title}.{name}")
+
+
+def _foreign(title: str, name: str) -> Any:
+    """Return an object of another package, e.g. the module `os` or the type `Text`."""
+    if hasattr(typing, name):
+        return getattr(typing, name)
+    if name in sys.stdlib_module_names:
+        return importlib.import_module(name)
+    return _Unevaluated(f"{title}.{name}")
 
 
 class _SubmoduleFinder(MetaPathFinder, Loader):
     """Finder for the modules of the real packages that have no file here."""
 
     def find_spec(self, fullname: str, path: Any, target: Any = None) -> ModuleSpec | None:
-        parent, _, name = fullname.rpartition(".")
         file = Path(__file__).parents[1].joinpath(*fullname.split("."))
-        if fullname not in _jazzy.NAMES and name not in _jazzy.SUBMODULES.get(parent, ()):
-            return None
         has_file = file.with_suffix(".py").exists() or (file / "__init__.py").exists()
-        return None if has_file else ModuleSpec(fullname, self, is_package=True)
+        if has_file or fullname not in _jazzy.NAMES:
+            return None
+        return ModuleSpec(fullname, self, is_package=fullname in _jazzy.SUBMODULES)
 
     def create_module(self, spec: ModuleSpec) -> ModuleType:
         return PublicModule(spec.name)
@@ -95,10 +95,16 @@ class _SubmoduleFinder(MetaPathFinder, Loader):
 
 
 def publish() -> None:
-    """Let the modules imported so far show the names of the real ones."""
-    for title, module in sys.modules.items():
-        if title in _jazzy.NAMES:
-            module.__class__ = PublicModule
+    """Show the names of the real modules, instead of all in the modules of the stand-in imported so far."""
+    for title, module in list(sys.modules.items()):
+        if title not in _jazzy.NAMES or isinstance(module, PublicModule):
+            continue
+        _implemented[title] = module
+        shown = PublicModule(title)
+        for name, value in vars(module).items():
+            if name.startswith("__"):
+                vars(shown)[name] = value
+        sys.modules[title] = shown
 
 
 sys.meta_path.insert(0, _SubmoduleFinder())

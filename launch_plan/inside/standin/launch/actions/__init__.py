@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import collections.abc
 import os
-import shlex
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -28,11 +27,12 @@ from .._base import (
     perform_substitutions,
 )
 from .._description import LaunchDescriptionSource
+from .._words import parse_words
 from ..descriptions import Executable
 from ..event_handlers import BaseEventHandler
 from ..events import Shutdown as ShutdownEvent
 from ..launch_description_sources import AnyLaunchDescriptionSource
-from ..substitutions import LaunchConfiguration, TextSubstitution
+from ..substitutions import LaunchConfiguration
 from ..utilities.type_utils import perform_typed_substitution
 
 # -- arguments, configurations, environment, and groups of actions ---------------------------------
@@ -489,26 +489,6 @@ class ExecuteLocal(Action):
             "env": description.final_env,
         }
         self.given["respawn"] = perform_typed_substitution(context, self.respawn, bool)
-
-
-def parse_words(line: str, parser: Any) -> list[list[Substitution]]:
-    """Return the words of a command line, each as a list of substitutions."""
-    words: list[list[Substitution]] = [[]]
-    for sub in parser.parse_substitution(line):
-        if not isinstance(sub, TextSubstitution):
-            words[-1].append(sub)
-            continue
-        split = shlex.split(sub.text)
-        # Blanks end a word.
-        if not split or (sub.text[0].isspace() and words[-1]):
-            words.append([])
-        for position, word in enumerate(split):
-            if position:
-                words.append([])
-            words[-1].append(TextSubstitution(text=word))
-        if split and sub.text[-1].isspace():
-            words.append([])
-    return words if words[-1] else words[:-1]
 
 
 @expose_action("executable")

@@ -187,14 +187,15 @@ class Entity:
     ) -> Any:
         """Return an attribute, read as a type."""
         self._used.add(name)
-        value = self.attributes.get(name)
-        if value is None and optional:
-            return None
-        if value is None:
+        if name not in self.attributes:
+            if optional:
+                return None
             raise self._missing_attribute(name)
-        if f"{name}-sep" in self.attributes:
-            self._used.add(f"{name}-sep")
-            value = value.split(self.attributes[f"{name}-sep"])
+        value = self.attributes[name]
+        separator = f"{name}-sep"
+        if separator in self.attributes and not self.typed:
+            self._used.add(separator)
+            value = value.split(self.attributes[separator])
         if not self.typed:
             try:
                 return get_typed_value(value, data_type, can_be_str=can_be_str)
@@ -247,6 +248,11 @@ def _wanted(value: Any, data_type: Any) -> tuple[str, str]:
         )
         return wanted, _ALIKE
     named = f"of type {getattr(data_type, '__name__', data_type)}, not {value!r}"
+    if value is None:
+        return (
+            f"{named}: it stands here without a value",
+            "Write a value behind it, or take it out.",
+        )
     if data_type is float and type(value) is int:
         return f"{named}; write it with a decimal point", "Write 2.0 instead of 2."
     if data_type is str:
@@ -314,7 +320,10 @@ def _read_yaml(text: str, path: str) -> Entity:
     if not isinstance(node, yaml.MappingNode) or not node.value:
         message = "the file must be a mapping with the key 'launch'"
         raise InvalidFrontendLaunchFileError(message, path, 1)
-    name, (key, value) = next(iter(_keys(node).items()))
+    (name, (key, value)), *others = _keys(node).items()
+    for other, (second, _) in others:
+        message = f"the file must have one key at its outermost level, 'launch', but '{other}' is a second one"
+        raise InvalidFrontendLaunchFileError(message, path, second.start_mark.line + 1)
     return _yaml_entity(name, value, key.start_mark.line + 1, path)
 
 

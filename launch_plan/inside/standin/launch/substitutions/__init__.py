@@ -21,6 +21,7 @@ from .._base import (
     SubstitutionFailure,
     Text,
     Texts,
+    as_default,
     expose_substitution,
     normalize_to_list_of_substitutions,
     perform_substitutions,
@@ -40,15 +41,6 @@ class TextSubstitution(Substitution):
 
     def perform(self, context: Any) -> str:
         return str(self.text)
-
-
-def as_default(value: Any) -> list[Substitution]:
-    """Return a default as substitutions; other values become text, e.g. `5` for 5."""
-    items = value if isinstance(value, collections.abc.Iterable) else (value,)
-    texts: list[Any] = []
-    for item in items:
-        texts.append(item if isinstance(item, (str, Substitution)) else str(item))
-    return normalize_to_list_of_substitutions(texts)
 
 
 @expose_substitution("var")

@@ -21,7 +21,8 @@ from launch._base import (
     perform_substitutions,
     read_element,
 )
-from launch.actions import EmitEvent, ExecuteProcess, RegisterEventHandler, TimerAction, parse_words
+from launch._words import parse_words
+from launch.actions import EmitEvent, ExecuteProcess, RegisterEventHandler, TimerAction
 from launch.substitutions import LocalSubstitution
 
 from launch_plan.inside.executor import TRANSITIONS as _TRANSITIONS
@@ -227,14 +228,19 @@ class ComposableNodeContainer(Node):
         return [LoadComposableNodes(composable_node_descriptions=nodes, target_container=self)]
 
 
+def _nodes_to_load(entity: Any, parser: Any) -> list[ComposableNode] | None:
+    """Return the nodes of an element that must have some."""
+    return _composable_nodes(entity, parser) or entity.get_attr("composable_node")
+
+
 @expose_action("load_composable_node")
 class LoadComposableNodes(Action):
     """Nodes to be noted instead of loaded into a running container."""
 
     performs = "load"
 
-    composable_node_descriptions = Field(nested=_composable_nodes)
-    target_container = Field(attribute="target")
+    composable_node_descriptions = Field(nested=_nodes_to_load)
+    target_container = Field(attribute="target", read=Text.reading)
 
     def made(self) -> None:
         target = self.target_container

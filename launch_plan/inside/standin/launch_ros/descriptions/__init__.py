@@ -23,7 +23,7 @@ def _extra(entity: Any, parser: Any) -> Any:
 class ComposableNode(Located):
     package = Text(attribute="pkg")
     plugin = Text(attribute="plugin")
-    name = Text(None, attribute="name")
+    name = Text(None, attribute="name", written=True)
     namespace = Text(None, attribute="namespace")
     parameters = Field(None, normal=normalize_parameters, nested=read_parameters)
     remappings: Any = Field(None, nested=read_remappings)

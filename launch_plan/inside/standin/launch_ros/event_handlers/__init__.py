@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from launch import EventHandler
 from launch._base import Field
-from launch.event_handlers import EventHandler
 
 from launch_plan.inside.problems import mistake, shown
 

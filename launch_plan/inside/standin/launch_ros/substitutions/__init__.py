@@ -4,8 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-from launch._base import POSITIONAL, Substitution, SubstitutionFailure, Text, expose_substitution
-from launch.substitutions import PathSubstitution, as_default
+from launch._base import (
+    POSITIONAL,
+    Substitution,
+    SubstitutionFailure,
+    Text,
+    as_default,
+    expose_substitution,
+)
+from launch.substitutions import PathSubstitution
 
 from launch_plan.inside.installed import find_executable
 from launch_plan.inside.problems import mistake
