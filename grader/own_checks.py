@@ -48,6 +48,7 @@ Within a version of `API_VERSION` nothing that is defined here is removed or cha
 from grader.checks.base import Part as Part
 from grader.checks.base import apart as apart
 from grader.checks.base import cpu_delay_doubt as cpu_delay_doubt
+from grader.checks.base import excused as excused
 from grader.checks.base import failed as failed
 from grader.checks.base import graded as graded
 from grader.checks.base import inconclusive as inconclusive

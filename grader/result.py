@@ -63,9 +63,11 @@ Seconds = Annotated[
 
 
 class Outcome(str, Enum):
-    """The outcome of one check. `INCONCLUSIVE` and `ERROR` never cost points."""
+    """The outcome of one check. `EXCUSED`, `INCONCLUSIVE` and `ERROR` never cost points."""
 
     PASSED = "passed"
+    #: Wrong; another check charges the same mistake.
+    EXCUSED = "excused"
     PARTIAL = "partial"
     FAILED = "failed"
     NOT_REACHED = "not_reached"
@@ -85,7 +87,7 @@ class Outcome(str, Enum):
     @property
     def goes_on(self) -> bool:
         """True if checks that require this one can be judged."""
-        return self in (Outcome.PASSED, Outcome.PARTIAL)
+        return self in (Outcome.PASSED, Outcome.EXCUSED, Outcome.PARTIAL)
 
 
 def outcome_of_points(earned: Decimal, possible: Decimal, undecided: Decimal) -> Outcome:
@@ -163,6 +165,8 @@ class Finding:
     #: Share of the credit that checks which require this one can earn; None if the outcome tells. It is 0 if nothing
     #: reaches the program although this check earns a part, and 0.75 if a failed file was repaired on a copy.
     passes_on: Decimal | None = None
+    #: Names of the mistakes behind the loss; the dearest check of each name charges it.
+    causes: tuple[str, ...] = ()
     #: Name of the rule that decided; see `grader.judging.rules`.
     decided_by: str | None = None
 

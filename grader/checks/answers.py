@@ -155,8 +155,8 @@ def _judge_answer(
     for known in p.alternatives:
         other = p.wanted(context, answer, step, known.parameters)
         if len(p.right(got, other)) == len(other):
-            credit = max(share, known.left(context))
-            return Part(credit, text, f"{reason} It matches {known.meaning}.")
+            part = Part(max(share, known.credit), text, f"{reason} It matches {known.meaning}.")
+            return known.charge(context, part)
     return Part(share, text, reason)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,10 @@ class Context:
     reference_nodes: frozenset[str]
     #: Where the rubric's oracles lie.
     lab_folder: Path
+    #: Titles of all checks, by id.
+    titles: Mapping[str, str] = field(default_factory=dict)
+    #: Mistakes charged by other checks: name -> id of the check.
+    charged_elsewhere: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def session(self) -> Recorded:
@@ -68,6 +72,50 @@ class Context:
         if finding is None:
             return False
         return finding.outcome.took_points or finding.outcome is Outcome.NOT_REACHED
+
+    def charged_under(self, cause: str | None, by: Iterable[str | None] = ()) -> str:
+        """Name another check with the charge for a mistake; empty without one.
+
+        Parameters
+        ----------
+        cause
+            Name of the mistake; its dearest check has the charge.
+        by
+            Ids of earlier checks; each has the charge for the consequences of its own loss.
+        """
+        check = self.charged_elsewhere.get(cause or "")
+        if check is not None:
+            return self.also_under(check)
+        for earlier in by:
+            if earlier is not None and self.charged(earlier):
+                return self.also_under(earlier)
+        return ""
+
+    def also_under(self, check: str) -> str:
+        """Say that a check charges the same mistake."""
+        return f"Also wrong here, charged under '{self.titles.get(check, check)}'."
+
+    def charge(self, finding: Finding, cause: str | None, by: Iterable[str | None] = ()) -> Finding:
+        """Add the cause of its loss to a finding, or excuse the finding if another check has the charge."""
+        if not finding.outcome.took_points:
+            return finding
+        elsewhere = self.charged_under(cause, by)
+        if elsewhere:
+            return excused(finding, elsewhere)
+        if cause is None:
+            return finding
+        return replace(finding, causes=(*finding.causes, cause))
+
+    def charge_part(self, part: Part, cause: str | None, by: Iterable[str | None] = ()) -> Part:
+        """Add the cause of its loss to a part, or excuse the part if another check has the charge."""
+        if part.share >= 1:
+            return part
+        elsewhere = self.charged_under(cause, by)
+        if elsewhere:
+            return excused_part(part, elsewhere)
+        if cause is None:
+            return part
+        return replace(part, causes=(*part.causes, cause))
 
     def explain(self, run: ProcessRun) -> Diagnosis | None:
         """Explain why a process ended or misbehaved, from its output."""
@@ -112,6 +160,17 @@ def passed(
     """State that everything is right."""
     return Finding(
         Outcome.PASSED, Decimal(1), expected, measured, where=tuple(where), notes=tuple(notes)
+    )
+
+
+def excused(finding: Finding, elsewhere: str) -> Finding:
+    """Return a finding without its loss, with a sentence on the check charged for the same mistake."""
+    return replace(
+        finding,
+        outcome=Outcome.EXCUSED,
+        credit=Decimal(1),
+        reason=f"{finding.reason} {elsewhere}".strip(),
+        hint="",
     )
 
 
@@ -188,11 +247,21 @@ class Part:
     notes: tuple[str, ...] = ()
     #: Weight beside the other parts.
     weight: float = 1.0
+    #: Names of the mistakes behind its loss.
+    causes: tuple[str, ...] = ()
+    #: True if another check charges its mistake.
+    is_excused: bool = False
 
     @property
     def most(self) -> float:
         """The most share."""
         return self.share if self.best is None else max(self.share, self.best)
+
+
+def excused_part(part: Part, elsewhere: str) -> Part:
+    """Return a part without its loss, with a sentence on the check charged for the same mistake."""
+    reason = f"{part.reason} {elsewhere}".strip()
+    return replace(part, share=1.0, best=None, doubt="", hint="", reason=reason, is_excused=True)
 
 
 def weighed(parts: Sequence[Part], weight: float) -> list[Part]:
@@ -231,7 +300,7 @@ def of_parts(
         notes += part.notes
     reasons = [*(reason for _, reason in costs), *(part.reason for part in parts)]
     hints = _different(part.hint for part in parts)
-    return graded(
+    finding = graded(
         max(0.0, least / whole - lost),
         expected,
         measured or "; ".join(part.text for part in parts if part.text),
@@ -242,6 +311,20 @@ def of_parts(
         best=max(0.0, most / whole - lost),
         doubt=" ".join(_different(part.doubt for part in parts)) or doubt,
     )
+    return _with_causes(finding, parts)
+
+
+def _with_causes(finding: Finding, parts: Sequence[Part]) -> Finding:
+    """Return the finding of parts with the causes of its loss, excused if nothing else would be lost."""
+    elsewhere = _different(part.reason for part in parts if part.is_excused)
+    if finding.outcome is Outcome.PASSED and elsewhere:
+        return replace(finding, outcome=Outcome.EXCUSED, reason=" ".join(elsewhere))
+    if not finding.outcome.took_points:
+        return finding
+    causes: list[str] = []
+    for part in parts:
+        causes += part.causes
+    return replace(finding, causes=(*finding.causes, *_different(causes)))
 
 
 def _different(texts: Iterable[str]) -> list[str]:

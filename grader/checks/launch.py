@@ -17,6 +17,8 @@ from grader.checks.base import (
     cpu_delay_doubt,
     credit_of,
     describe_diagnosis,
+    excused,
+    excused_part,
     failed,
     graded,
     inconclusive,
@@ -455,9 +457,12 @@ def _judge_node(
         return Part(0.0, "", reason)
     # Nodes of one process end together, by the fault of any of them.
     mates = [each for each in p.nodes if entries[each.node] is entry]
-    excuse = _node_excuse(context, entry, wanted, mates)
-    if excuse:
-        return Part(1.0, notes=(excuse,))
+    part = _judge_absent(context, p, wanted, entry)
+    return _charged_once(context, entry, part, wanted, mates)
+
+
+def _judge_absent(context: Context, p: LaunchNodes, wanted: WantedNode, entry: Process) -> Part:
+    """Judge a node that the launch file starts, but that is not up under its name."""
     gap = _environment_gap(context, entry, wanted)
     if gap is not None:
         return Part(0.0, best=1.0, doubt=f"{wanted.node} did not come up. {gap}")
@@ -469,10 +474,14 @@ def _judge_node(
     return _why_down(context, entry, wanted.executable)
 
 
-def _node_excuse(
-    context: Context, entry: Process, wanted: WantedNode, mates: Sequence[WantedNode]
-) -> str:
-    """Name the check that charges a missing node; empty if none does.
+def _charged_once(
+    context: Context,
+    entry: Process,
+    part: Part,
+    wanted: WantedNode,
+    mates: Sequence[WantedNode],
+) -> Part:
+    """Charge the part of a missing node, unless another check charges the cause.
 
     Parameters
     ----------
@@ -480,12 +489,12 @@ def _node_excuse(
         All wanted nodes of the same process.
     """
     if context.path_of(wanted.artifact) is None:
-        return f"The file for {wanted.node} is missing, which costs points in {wanted.charged_by}."
+        missing = replace(part, reason=f"The file for {wanted.node} is missing.")
+        return excused_part(missing, context.also_under(wanted.charged_by))
+    by: list[str | None] = []
     for mate in mates:
-        note = _charged_elsewhere(context, entry, mate)
-        if note:
-            return note
-    return ""
+        by += _chargers(context, entry, mate)
+    return context.charge_part(part, None, by)
 
 
 def _environment_gap(context: Context, entry: Process, wanted: WantedNode) -> str | None:
@@ -513,24 +522,21 @@ def _died(context: Context, entry: Process | None) -> bool:
     return run is not None and run.exited_ns is not None and run.interrupted_ns is None
 
 
-def _charged_elsewhere(context: Context, entry: Process, wanted: WantedNode) -> str:
-    """Name the check that already charges the reason why a launched node does not run; empty if none."""
-    causes: list[tuple[str, str | None]] = []
+def _chargers(context: Context, entry: Process, wanted: WantedNode) -> list[str | None]:
+    """Return the checks with a charge for the end of a launched node, if they took points."""
+    by: list[str | None] = []
     if entry.called in (_short(wanted.node), None):
-        causes.append(("has a fault of its own", wanted.charged_by))
+        by.append(wanted.charged_by)
     run = context.session.process(entry.id)
     end = _end_of(context, run) if run is not None else None
     ends_alone = _ends_alone(context, wanted) if end is not None else {}
-    causes.append(("ended as it does alone", _charged_alone(context, end, ends_alone)))
+    by.append(_charged_alone(context, end, ends_alone))
     found = context.explain(run) if run is not None else None
     if found is not None and found.kind == "parameter-type":
-        causes.append(("ended because of a parameter's type", wanted.types_charged_by))
+        by.append(wanted.types_charged_by)
     elif found is not None and end is not None and not any(map(any, ends_alone.values())):
-        causes.append(("ended by what it hears here", wanted.hears_charged_by))
-    for what, check in causes:
-        if context.charged(check):
-            return f"{wanted.node} {what}, which costs points in {check}."
-    return ""
+        by.append(wanted.hears_charged_by)
+    return by
 
 
 #: Distinguishing features of a program's end; None if it did not end by itself.
@@ -954,9 +960,9 @@ def launch_together(context: Context, p: LaunchTogether) -> Finding:
     judged = []
     for role in roles:
         part = role.doer.judged(context, span, delay_s, late=late)
-        if part is not None and role.counts(context, roles, part):
-            judged.append(part)
-    if not judged:
+        if part is not None and role.is_up(context):
+            judged.append(role.charged_once(context, roles, part))
+    if all(part.is_excused for part in judged):
         return _nothing_to_judge(expected, roles)
     topic = None
     if p.commands is not None:
@@ -985,26 +991,24 @@ class _Role:
     #: The launched process that runs the node.
     process: Process | None
 
-    def counts(self, context: Context, roles: Sequence[_Role], part: Part) -> bool:
-        """Tell whether a part of this task is judged.
+    def charged_once(self, context: Context, roles: Sequence[_Role], part: Part) -> Part:
+        """Charge a part of this task, or take its weight if another check charges the fault.
 
-        The check of the nodes charges a node that did not come up. A fault that another check
-        charges for the node alone, or for another node of its process, is not charged again.
+        A node's own fault is charged alone, and so is the fault of another node of its process.
         """
-        if not self._is_up(context):
-            return False
-        return part.share == 1 or not self._is_charged(context, roles)
+        mates = [self.doer]
+        if self.process is not None:
+            mates = [role.doer for role in roles if role.process == self.process]
+        charged = context.charge_part(part, None, [mate.charged_by for mate in mates])
+        if charged.is_excused:
+            return replace(charged, weight=0.0)
+        return charged
 
-    def _is_up(self, context: Context) -> bool:
+    def is_up(self, context: Context) -> bool:
+        """Tell whether the node came up and went on; the check of the nodes charges other nodes."""
         if self.node is None:
             return True
         return self.node in context.session.nodes and not _died(context, self.process)
-
-    def _is_charged(self, context: Context, roles: Sequence[_Role]) -> bool:
-        if self.process is None:
-            return context.charged(self.doer.charged_by)
-        mates = [role.doer for role in roles if role.process == self.process]
-        return any(context.charged(mate.charged_by) for mate in mates)
 
 
 def _roles(context: Context, p: LaunchTogether) -> list[_Role]:
@@ -1024,5 +1028,5 @@ def _nothing_to_judge(expected: str, roles: Sequence[_Role]) -> Finding:
     first = roles[0].process
     if first is not None and all(role.process == first for role in roles):
         # One process holds all nodes, and its fault costs its points once.
-        return passed(expected, "nothing", notes=(reason,))
+        return excused(failed(expected, "nothing", ""), reason)
     return not_reached(reason, expected=expected)

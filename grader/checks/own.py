@@ -151,6 +151,7 @@ def _checked(finding: Any) -> Finding:
         retry=bool(finding.retry),
         settled=None if settled is None else _checked(settled),
         unexplained=bool(finding.unexplained),
+        causes=tuple(map(_short, finding.causes)),
     )
 
 
@@ -163,7 +164,7 @@ def _credit_fits(finding: Finding) -> bool:
     credit = finding.credit
     if not isinstance(credit, Decimal):
         return False
-    if finding.outcome is Outcome.PASSED:
+    if finding.outcome in (Outcome.PASSED, Outcome.EXCUSED):
         return credit == 1
     if finding.outcome is Outcome.PARTIAL:
         return 0 < credit < 1

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from grader.checks import base, endpoints, service, subscriber
+from grader.checks.base import Part
 from grader.evidence.cpu_delay import Span
 from grader.evidence.fields import numbers_of
 from grader.evidence.flakiness import flaky_end
@@ -228,6 +229,18 @@ class Submission:
         One mistake is charged once: a mistake that an earlier check has charged costs nothing more.
         """
         return self._inner.charged(check)
+
+    def charge(self, finding: Finding, cause: str | None, by: Iterable[str] = ()) -> Finding:
+        """Charge a finding for a mistake of this name, unless another check charges the mistake.
+
+        The dearest check of a mistake charges it; findings of the others come back without their loss. An earlier
+        check among `by` charges the consequences of its own loss.
+        """
+        return self._inner.charge(finding, cause, by)
+
+    def charge_part(self, part: Part, cause: str | None, by: Iterable[str] = ()) -> Part:
+        """Charge a part for a mistake of this name, as `charge` does with a finding."""
+        return self._inner.charge_part(part, cause, by)
 
 
 class Context(Submission):

@@ -12,6 +12,7 @@ from grader.checks.base import (
     Context,
     Part,
     cut_off,
+    excused,
     failed,
     graded,
     inconclusive,
@@ -38,7 +39,7 @@ from grader.lab import references as ref
 from grader.lab.references import Parameters, Patterns, Share
 from grader.lab.steps.publish import PublishResult, PublishStep
 from grader.recording.session import Endpoint, ProcessRun, StepRun
-from grader.result import Finding
+from grader.result import Finding, Outcome
 
 
 class WantedTopic(Parameters):
@@ -145,35 +146,35 @@ class Alternative(Parameters):
     parameters: Mapping[str, Any]
     meaning: str
     credit: float = Field(0.0, ge=0, le=1)
+    cause: str | None = Field(
+        None,
+        description="Name of the mistake. Its dearest check charges it; its other checks are excused.",
+    )
     charged_by: tuple[ref.EarlierCheckId, ...] = Field(
         (), description="Where one of these checks took points, none are lost here."
     )
 
-    def left(self, context: Context) -> float:
-        """Return the credit that it leaves: all if another check has charged it."""
-        return 1.0 if self._is_charged(context) else self.credit
+    def charge(self, context: Context, part: Part) -> Part:
+        """Charge a part for this mistake, unless another check does."""
+        return context.charge_part(part, self.cause, self.charged_by)
 
     def explains(self, context: Context, finding: Finding, least: float = 0.0) -> Finding:
         """State the credit of numbers that match this mistake, and name it.
 
-        A note names it only if no other check has charged it. The share of right numbers is the
-        least credit.
+        The share of right numbers is the least credit. A mistake that costs nothing is excused.
         """
         meant = f"Your numbers match {self.meaning}."
-        notes = finding.notes
-        if self.credit >= 1 and not self._is_charged(context):
-            notes = (*notes, meant)
-        return graded(
-            max(self.left(context), least),
+        judged = graded(
+            max(self.credit, least),
             finding.expected,
             finding.measured,
             f"{finding.reason} {meant}".strip(),
             where=finding.where,
-            notes=notes,
+            notes=finding.notes,
         )
-
-    def _is_charged(self, context: Context) -> bool:
-        return any(map(context.charged, self.charged_by))
+        if judged.outcome is Outcome.PASSED:
+            return excused(judged, meant)
+        return context.charge(judged, self.cause, self.charged_by)
 
 
 def lost_share(

@@ -648,7 +648,10 @@ def _with_mistake(part: Part, sent: _SentPoses) -> Part:
         if slip.right.mean() >= _EXPLAINS:
             share = max(part.share, slip.credit)
             reason = f"{part.reason} {slip.meaning}".strip()
-            return replace(part, share=share, reason=reason, hint=slip.hint)
+            slipped = replace(part, share=share, reason=reason, hint=slip.hint)
+            if slip.known is None:
+                return slipped
+            return slip.known.charge(sent.seen.context, slipped)
     return part
 
 
@@ -737,6 +740,8 @@ class _Slip:
     credit: float
     meaning: str
     hint: str
+    #: The rubric's entry; None for a mistake known to every lab.
+    known: Alternative | None = None
 
 
 def _slips(sent: _SentPoses) -> Iterator[_Slip]:
@@ -754,8 +759,8 @@ def _slips(sent: _SentPoses) -> Iterator[_Slip]:
     for each in p.alternatives:
         other = _expected(sent.seen, p, sent.times_ns, each.parameters)
         if other is not None:
-            credit = each.left(sent.seen.context)
-            yield _Slip(sent.matches(other), credit, f"Your poses match {each.meaning}.", "")
+            meaning = f"Your poses match {each.meaning}."
+            yield _Slip(sent.matches(other), each.credit, meaning, "", each)
 
 
 def _angle_slips(sent: _SentPoses) -> Iterator[_Slip]:

@@ -14,6 +14,7 @@ from grader.checks.commands import commands_of
 from grader.errors import RecordingError
 from grader.evidence.integrity import tampering_in
 from grader.evidence.recorded import Recorded
+from grader.judging.causes import are_contested, charges_of, with_charges
 from grader.judging.invalidated import with_checks
 from grader.judging.names import names_not_awaited
 from grader.judging.provenance import provenance_of
@@ -125,9 +126,26 @@ def violations_of(recordings: Recordings, rubric: Rubric) -> tuple[Violation, ..
 def judge_checks(
     recordings: Recordings, rubric: Rubric, violations: Sequence[Violation]
 ) -> dict[str, Finding]:
-    """Judge all checks of the chosen sessions, in the rubric's order."""
+    """Judge all checks of the chosen sessions, in the rubric's order.
+
+    If two checks lose points by the same mistake, all are judged again, and only the dearest is charged.
+    """
+    judged = _judge_once(recordings, rubric, violations, {})
+    if are_contested(judged):
+        judged = _judge_once(recordings, rubric, violations, charges_of(judged))
+    return {case.spec.id: case.found for case in judged}
+
+
+def _judge_once(
+    recordings: Recordings,
+    rubric: Rubric,
+    violations: Sequence[Violation],
+    charges: Mapping[str, str],
+) -> list[Case]:
+    """Judge all checks of the chosen sessions, given the check charged for each mistake: cause -> id."""
     findings: dict[str, Finding] = {}
     context = _context(recordings, rubric, findings)
+    judged = []
     for spec in _checks_to_judge(recordings, rubric, context):
         case = Case(
             spec=spec,
@@ -136,8 +154,10 @@ def judge_checks(
             violation=_violation_of(spec, violations),
             is_too_large=spec.session in recordings.too_much,
         )
-        findings[spec.id] = decide(case)
-    return findings
+        finding = decide(with_charges(case, charges))
+        findings[spec.id] = finding
+        judged.append(replace(case, finding=finding))
+    return judged
 
 
 def _context(recordings: Recordings, rubric: Rubric, findings: Mapping[str, Finding]) -> Context:
@@ -146,8 +166,15 @@ def _context(recordings: Recordings, rubric: Rubric, findings: Mapping[str, Find
     A check is never compared with another session that cannot be read in full.
     """
     sound = {name: each for name, each in recordings.sessions.items() if each.bag.whole}
-    references = frozenset(reference.node for reference in rubric.reference.values())
-    return Context(recordings.submission, None, sound, findings, references, rubric.folder)
+    return Context(
+        submission=recordings.submission,
+        recorded=None,
+        sessions=sound,
+        findings=findings,
+        reference_nodes=frozenset(reference.node for reference in rubric.reference.values()),
+        lab_folder=rubric.folder,
+        titles={spec.id: spec.title for spec in rubric.checks()},
+    )
 
 
 def _violation_of(spec: CheckSpec, violations: Sequence[Violation]) -> Violation | None:

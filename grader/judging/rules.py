@@ -53,11 +53,6 @@ class Case(Situation):
         """The recording of the check's session."""
         return self.context.recorded
 
-    def title_of(self, check: str) -> str:
-        """Return the title of another check of the rubric."""
-        titles = {spec.id: spec.title for spec in self.rubric.checks()}
-        return titles[check]
-
     def referents(self) -> Referents:
         """Return the names and steps in the recording to which the check refers."""
         return referents(self.spec, self.context.session)
@@ -86,7 +81,7 @@ def _goes_on(earlier: Finding) -> bool:
 
 def _not_tested(case: Case, required_id: str, earlier: Finding) -> Finding:
     """State that a check could not be tested because of an earlier one."""
-    title = case.title_of(required_id)
+    title = case.context.titles[required_id]
     if not earlier.outcome.decided:
         return inconclusive("", "", f"Depends on '{title}', which is not decided yet.", retry=False)
     if earlier.outcome is Outcome.NOT_REACHED:
@@ -309,27 +304,11 @@ def _first_repaired(case: Case, spec: CheckSpec) -> Finding | None:
 
 
 def excused(case: Case) -> Finding | None:
-    """Give full credit, and note the loss, if an earlier check took points for the same mistake."""
-    if not case.took_points:
+    """Charge a mistake once: excuse the check if another one charges the same mistake."""
+    finding = case.context.charge(case.found, case.spec.cause, case.spec.excused_by)
+    if finding.outcome is not Outcome.EXCUSED:
         return None
-    for id_ in case.spec.excused_by:
-        if case.context.charged(id_):
-            return _without_loss(case, case.title_of(id_))
-    return None
-
-
-def _without_loss(case: Case, charged: str) -> Finding:
-    """Return a finding with its loss as a note, because another check took points already."""
-    finding = case.found
-    note = f"'{case.spec.title}': {finding.reason} This costs nothing here, since '{charged}' took points already."
-    return replace(
-        finding,
-        outcome=Outcome.PASSED,
-        credit=Decimal(1),
-        reason="",
-        hint="",
-        notes=(*finding.notes, note),
-    )
+    return finding
 
 
 #: Rules that need no measurement; the first answer ends it.
@@ -356,7 +335,8 @@ def decide(case: Case) -> Finding:
     if finding is None:
         measurement = replace(case, finding=measure(case))
         finding = with_hint(case.spec, last_answer(measurement, RECORDING))
-    return last_answer(replace(case, finding=finding), CONSEQUENCES)
+    decided = last_answer(replace(case, finding=finding), CONSEQUENCES)
+    return case.context.charge(decided, case.spec.cause)
 
 
 def with_hint(spec: CheckSpec, finding: Finding) -> Finding:

@@ -312,6 +312,10 @@ class CheckSpec(_OfKind):
         alias="with", default_factory=dict, validate_default=True
     )
     requires: tuple[EarlierCheckId, ...] = ()
+    cause: str | None = Field(
+        None,
+        description="Name of the mistake. Its dearest check charges it; its other checks are excused.",
+    )
     excused_by: tuple[EarlierCheckId, ...] = Field(
         (),
         description="Where one of these checks took points, none are lost here: one mistake costs once.",

@@ -59,6 +59,7 @@ class Badge:
 _UNDECIDED = Badge("undecided", "?", "undecided", "u", "magenta")
 _BADGES = {
     Outcome.PASSED: Badge("passed", "✓", "passed", "p", "green"),
+    Outcome.EXCUSED: Badge("excused", "○", "excused", "e", "yellow"),
     Outcome.PARTIAL: Badge("partial", "◐", "partial", "a", "yellow"),
     Outcome.FAILED: Badge("failed", "✕", "failed", "f", "red"),
     Outcome.NOT_REACHED: Badge("not-reached", "–", "not reached", "n", "red"),

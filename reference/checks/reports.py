@@ -33,6 +33,7 @@ from grader.own_checks import (
     apart,
     check,
     cpu_delay_doubt,
+    excused,
     failed,
     graded,
     passed,
@@ -90,35 +91,31 @@ class Alternative(BaseModel):
     parameters: Mapping[str, Any]
     meaning: str
     credit: float = Field(0.0, ge=0, le=1)
+    cause: str | None = Field(
+        None,
+        description="Name of the mistake. Its dearest check charges it; its other checks are excused.",
+    )
     charged_by: tuple[EarlierCheckId, ...] = Field(
         (), description="Where one of these checks took points, none are lost here."
     )
 
-    def left(self, context: Context) -> float:
-        """Return the credit that it leaves: all if another check has charged it."""
-        return 1.0 if self._is_charged(context) else self.credit
-
     def explains(self, context: Context, finding: Finding, least: float = 0.0) -> Finding:
         """State the credit of numbers that match this mistake, and name it.
 
-        A note names it only if no other check has charged it. The share of right numbers is the
-        least credit.
+        The share of right numbers is the least credit. A mistake that costs nothing is excused.
         """
         meant = f"Your numbers match {self.meaning}."
-        notes = finding.notes
-        if self.credit >= 1 and not self._is_charged(context):
-            notes = (*notes, meant)
-        return graded(
-            max(self.left(context), least),
+        judged = graded(
+            max(self.credit, least),
             finding.expected,
             finding.measured,
             f"{finding.reason} {meant}".strip(),
             where=finding.where,
-            notes=notes,
+            notes=finding.notes,
         )
-
-    def _is_charged(self, context: Context) -> bool:
-        return any(map(context.charged, self.charged_by))
+        if judged.outcome is Outcome.PASSED:
+            return excused(judged, meant)
+        return context.charge(judged, self.cause, self.charged_by)
 
 
 class ReportShare(BaseModel):
@@ -258,7 +255,7 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
     count = _report_share(context, p, p.share)
     if count.share >= 1.0:
         return finding
-    return graded(
+    less = graded(
         _credit_left(finding, p.share, count.share),
         finding.expected,
         f"{finding.measured}; {count.measured}",
@@ -268,6 +265,7 @@ def reported_series(context: Context, p: ReportedSeries) -> Finding:
         best=_credit_left(finding, p.share, count.best),
         doubt=count.doubt,
     )
+    return replace(less, causes=finding.causes)
 
 
 def _credit_left(finding: Finding, p: ReportShare, share: float) -> float:

@@ -120,7 +120,8 @@ def test_a_mistake_that_another_check_charged_costs_nothing(tmp_path: Path) -> N
     session = calls(tmp_path, near=answer(3.0, names=()), far=answer(6.0, names=()))
     earlier = {"earlier": failed("", "", "It was charged.")}
     finding = judged("call_value", {**ORACLE, "alternatives": [known]}, session, findings=earlier)
-    assert finding.outcome is Outcome.PASSED
+    assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
+    assert finding.reason.endswith("Also wrong here, charged under 'earlier'.")
 
 
 def doubled(request: Mapping[str, Any], parameters: Mapping[str, Any], seed: int) -> dict[str, Any]:

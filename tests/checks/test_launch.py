@@ -335,9 +335,9 @@ def test_a_node_at_fault_by_itself_is_not_charged_again(tmp_path: Path) -> None:
     """A fault charged by the node's own criterion is noted here and costs nothing more."""
     session = planned(Session(tmp_path), processes=BOTH).node("/talker")
     finding = nodes(session, listen_receives=FAILED)
-    assert finding.outcome is Outcome.PASSED
-    assert finding.notes == (
-        "/listener has a fault of its own, which costs points in listen.receives.",
+    assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
+    assert finding.reason == (
+        "listen was not started. Also wrong here, charged under 'listen.receives'."
     )
     assert nodes(session.recorded(), listen_receives=passed("", "")).credit == Decimal("0.5")  # type: ignore[arg-type]
 
@@ -346,8 +346,8 @@ def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> No
     """Without the node's file the launch file loses nothing for it."""
     session = planned(Session(tmp_path), processes=BOTH)
     finding = nodes(session, submission(it=None))
-    assert finding.outcome is Outcome.PASSED
-    assert len(finding.notes) == 2
+    assert finding.outcome is Outcome.EXCUSED
+    assert finding.reason.count("Also wrong here") == 2
 
 
 @pytest.mark.parametrize(
@@ -693,7 +693,9 @@ def test_what_is_charged_elsewhere_is_left_out(tmp_path: Path) -> None:
     finding = judged("launch_together", TOGETHER, Session(tmp_path), findings=charged)
     assert finding.outcome is Outcome.NOT_REACHED
     session = together(tmp_path / "still", follows=False)
-    assert judged("launch_together", TOGETHER, session, findings=charged).outcome is Outcome.PASSED
+    finding = judged("launch_together", TOGETHER, session, findings=charged)
+    assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
+    assert "charged under 'motion'" in finding.reason
 
 
 def test_what_a_node_would_do_that_is_not_up_is_left_out(tmp_path: Path) -> None:
@@ -848,7 +850,7 @@ def test_the_same_end_as_alone_is_charged_once(
         "launch_nodes", NODES, session, findings=findings, others={"alone": alone.recorded()}
     )
     assert finding.credit == Decimal(credit)
-    assert any("costs points in talk.rate" in note for note in finding.notes) == (credit == "1")
+    assert ("charged under 'talk.rate'" in finding.reason) == (credit == "1")
 
 
 def test_nodes_that_did_not_stay_are_shown_so(tmp_path: Path) -> None:
@@ -903,9 +905,9 @@ def test_the_fault_of_one_node_is_the_end_of_others_in_its_process(tmp_path: Pat
     """The fault costs points at its own node, and nowhere else."""
     session = in_one_process(tmp_path, ends=True)
     finding = nodes(session, listen_receives=FAILED)
-    assert (finding.outcome, len(finding.notes)) == (Outcome.PASSED, 2)
+    assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
     finding = judged("launch_together", TOGETHER_IN, session, findings={"enables": FAILED})
-    assert finding.outcome is Outcome.PASSED
+    assert finding.credit == Decimal(1)
     assert nodes(session.recorded(), listen_receives=passed("", "")).outcome is Outcome.FAILED  # type: ignore[arg-type]
 
 
@@ -916,7 +918,7 @@ def test_what_a_node_keeps_others_of_its_process_from_is_charged_once(tmp_path: 
     assert judged("launch_together", TOGETHER_IN, session).outcome is Outcome.PARTIAL
     assert (
         judged("launch_together", TOGETHER_IN, session, findings={"motion": FAILED}).outcome
-        is Outcome.PASSED
+        is Outcome.EXCUSED
     )
 
 

@@ -42,8 +42,15 @@ def judged(
     folder: Path, values: list[float], low: float = 0.0, high: float = 1.0
 ) -> dict[str, Finding]:
     """Judge values by both checks."""
+    return judged_with(RUBRIC, folder, values, low, high)
+
+
+def judged_with(
+    rubric: str, folder: Path, values: list[float], low: float = 0.0, high: float = 1.0
+) -> dict[str, Finding]:
+    """Judge values by the checks of a rubric."""
     (folder / "lab.yaml").write_text(
-        RUBRIC.replace("LOW", str(low)).replace("HIGH", str(high)), encoding="utf-8"
+        rubric.replace("LOW", str(low)).replace("HIGH", str(high)), encoding="utf-8"
     )
     session = Session(folder).process()
     session.typed(
@@ -60,10 +67,9 @@ def test_where_the_earlier_check_took_points_this_one_takes_none(
     """After a full or partial loss the later check takes no points, but reports its finding."""
     findings = judged(tmp_path, values)
     assert findings["scale"].outcome in (Outcome.FAILED, Outcome.PARTIAL)
-    assert (findings["size"].outcome, findings["size"].credit) == (Outcome.PASSED, Decimal(1))
-    (note,) = findings["size"].notes
-    assert "above 1" in note
-    assert "'In metres' took points already" in note
+    assert (findings["size"].outcome, findings["size"].credit) == (Outcome.EXCUSED, Decimal(1))
+    assert "above 1" in findings["size"].reason
+    assert "Also wrong here, charged under 'In metres'." in findings["size"].reason
 
 
 def test_where_the_earlier_check_took_none_this_one_does(tmp_path: Path) -> None:
@@ -79,6 +85,49 @@ def test_what_is_right_stays_as_it_is(tmp_path: Path) -> None:
     findings = judged(tmp_path, [5.0, 6.0], low=0.0, high=9.0)
     assert findings["scale"].outcome is Outcome.FAILED
     assert (findings["size"].outcome, findings["size"].notes) == (Outcome.PASSED, ())
+
+
+@pytest.mark.parametrize(
+    ("points", "charged", "excused"),
+    [(("1", "3"), "size", "scale"), (("3", "1"), "scale", "size"), (("4", "4"), "scale", "size")],
+    ids=["the later one is dearer", "the earlier one is dearer", "of equals the first"],
+)
+def test_a_mistake_is_charged_at_its_dearest_check(
+    tmp_path: Path, points: tuple[str, str], charged: str, excused: str
+) -> None:
+    """Wherever it is met first; the other check is never shown as passed."""
+    findings = judged_by_cause(tmp_path, [100.0, 50.0], points)
+    assert findings[charged].outcome is Outcome.FAILED
+    assert (findings[excused].outcome, findings[excused].credit) == (Outcome.EXCUSED, Decimal(1))
+    title = {"scale": "In metres", "size": "size"}[charged]
+    assert findings[excused].reason.endswith(f"Also wrong here, charged under '{title}'.")
+    assert findings[excused].decided_by == "excused"
+
+
+def test_what_alone_is_wrong_is_charged_where_it_is(tmp_path: Path) -> None:
+    """The other check of the cause is right, and stays so."""
+    findings = judged_by_cause(tmp_path, [0.5, 0.6], ("3", "1"), low=0.55)
+    assert findings["scale"].outcome is Outcome.PASSED
+    assert (findings["size"].outcome, findings["size"].causes) == (Outcome.PARTIAL, ("unit",))
+
+
+def judged_by_cause(
+    folder: Path, values: list[float], points: tuple[str, str], low: float = 0.0
+) -> dict[str, Finding]:
+    """Judge values by two checks of one cause, worth these points."""
+    text = RUBRIC.replace("excused_by: [scale]", "cause: unit")
+    text = text.replace("title: In metres", "title: In metres\n        cause: unit")
+    first, size = text.split("- id: size")
+    before, after = first.split("- id: scale")
+    after = after.replace("points: 1", f"points: {points[0]}")
+    text = (
+        f"{before}- id: scale{after}- id: size{size.replace('points: 1', f'points: {points[1]}')}"
+    )
+    total = int(points[0]) + int(points[1])
+    text = text.replace("points: 2}", f"points: {total}}}").replace(
+        "    points: 2\n", f"    points: {total}\n"
+    )
+    return judged_with(text, folder, values, low)
 
 
 SENSOR = """\

@@ -362,12 +362,12 @@ def test_a_forgotten_absolute_value_is_named(tmp_path: Path) -> None:
 
 
 def test_another_history_earns_what_the_rubric_leaves(tmp_path: Path) -> None:
-    """A known other history earns its credit, with a note where that is all."""
+    """A known other history earns its credit, and is excused where that is all."""
     whole = printed(tmp_path / "whole", float(np.abs(history(None)).mean()))
     assert whole.credit == Decimal("0.5")
     ten = printed(tmp_path / "ten", float(np.abs(history(10)).mean()))
-    assert ten.outcome is Outcome.PASSED
-    assert ten.notes == ("Your numbers match the last 10 states.",)
+    assert (ten.outcome, ten.credit) == (Outcome.EXCUSED, Decimal(1))
+    assert ten.reason == "Your numbers match the last 10 states."
 
 
 def test_numbers_of_no_known_origin_fail_with_the_right_ones(tmp_path: Path) -> None:
@@ -378,7 +378,7 @@ def test_numbers_of_no_known_origin_fail_with_the_right_ones(tmp_path: Path) -> 
 
 
 def test_a_mistake_that_another_check_charged_costs_nothing_again(tmp_path: Path) -> None:
-    """An alternative that names a check which took points is passed here, without a word."""
+    """An alternative that names a check which took points is excused here, and says so."""
     mean = float(np.abs(history(None)).mean())
     session = with_reports(*stimulus(tmp_path))
     session.record.processes[0].output.append(OutputLine(0, "stdout", f"Mean: {vector(mean)}"))
@@ -390,10 +390,9 @@ def test_a_mistake_that_another_check_charged_costs_nothing_again(tmp_path: Path
     }
     wanted = {**STATISTICS, "alternatives": [alternative]}
     taken = Finding(Outcome.PARTIAL, Decimal("0.5"), "", "")
-    assert (
-        judged(REPORTED_STATISTICS, wanted, session, findings={"first": taken}).outcome
-        is Outcome.PASSED
-    )
+    finding = judged(REPORTED_STATISTICS, wanted, session, findings={"first": taken})
+    assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
+    assert "charged under 'first'" in finding.reason
     given = Finding(Outcome.PASSED, Decimal(1), "", "")
     assert judged(
         REPORTED_STATISTICS, wanted, session, findings={"first": given}

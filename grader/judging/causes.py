@@ -1,0 +1,64 @@
+"""The dearest check of each mistake charges it; its other checks are excused."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from decimal import Decimal
+
+from grader.judging.rules import Case, decide
+
+
+@dataclass(frozen=True)
+class _Claim:
+    """The loss of one check by one mistake."""
+
+    check: str
+    points: Decimal
+
+
+def are_contested(cases: Iterable[Case]) -> bool:
+    """Tell whether two checks lose points by the same mistake."""
+    named: list[str] = []
+    for case in cases:
+        named += case.found.causes
+    return len(set(named)) < len(named)
+
+
+def charges_of(cases: Iterable[Case]) -> dict[str, str]:
+    """Return the dearest check of each mistake: cause -> id. Of equal losses the first counts.
+
+    Parameters
+    ----------
+    cases
+        The checks in the rubric's order, each with its finding.
+    """
+    claims: defaultdict[str, list[_Claim]] = defaultdict(list)
+    for case in cases:
+        for cause in case.found.causes:
+            claims[cause].append(_Claim(case.spec.id, _loss(case, cause)))
+    charges = {}
+    for cause, claimed in claims.items():
+        claimed.sort(key=_points, reverse=True)
+        charges[cause] = claimed[0].check
+    return charges
+
+
+def _points(claim: _Claim) -> Decimal:
+    return claim.points
+
+
+def _loss(case: Case, cause: str) -> Decimal:
+    """Return the points lost by one mistake in a check."""
+    without = decide(with_charges(case, {cause: ""}))
+    return (without.credit - case.found.credit) * case.spec.points
+
+
+def with_charges(case: Case, charges: Mapping[str, str]) -> Case:
+    """Return a case with the mistakes charged by other checks."""
+    elsewhere = {}
+    for cause, check in charges.items():
+        if check != case.spec.id:
+            elsewhere[cause] = check
+    return replace(case, context=replace(case.context, charged_elsewhere=elsewhere))
