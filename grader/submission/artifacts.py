@@ -21,6 +21,9 @@ from grader.submission.submission_time import set_submission_time
 
 #: Largest text that is read.
 MAX_TEXT_BYTES = 512 * 1024
+#: Byte order marks of UTF-16, in which editors of Windows save "Unicode".
+_UTF_16 = (b"\xff\xfe", b"\xfe\xff")
+_NOTEBOOK = ".ipynb"
 #: Characters of all texts that are read; the largest texts beyond are left out.
 MAX_TEXTS_CHARACTERS = 8 * 1024 * 1024
 #: Likeness (difflib's ratio) from which a file name counts as a misspelt other one.
@@ -56,7 +59,7 @@ def read_submission(intake: Intake, rubric: Rubric) -> SubmissionRecord:
     record.artifacts = _artifacts(record, rubric)
     _require_readable(intake, record)
     if not any(_shows_lab(fact, record, rubric) for fact in record.artifacts):
-        raise _foreign(source, rubric)
+        raise _foreign(source, rubric, names)
     record.sha256 = _digest(record.files)
     return record
 
@@ -79,12 +82,19 @@ def _artifacts(record: SubmissionRecord, rubric: Rubric) -> list[ArtifactFact]:
     return found
 
 
-def _foreign(source: SubmissionSource, rubric: Rubric) -> SubmissionError:
-    """Return the error of a submission without any of the lab's files."""
+def _foreign(source: SubmissionSource, rubric: Rubric, names: Sequence[str]) -> SubmissionError:
+    """Return the error of a submission without any of the lab's files; a notebook is named."""
     wanted = []
     for name, spec in rubric.artifacts.items():
         if name not in rubric.bonus_artifacts:
             wanted.append(spec.file)
+    notebooks = [name for name in names if name.lower().endswith(_NOTEBOOK)]
+    if notebooks:
+        return SubmissionError(
+            f"its programs are in a notebook, {displayed(notebooks[0])}, and nodes start from files",
+            location=source.location,
+            remedy=f"Hand in the programs as files: {', '.join(wanted)}.",
+        )
     return SubmissionError(
         f"nothing in it looks like a submission to lab {rubric.lab.id}; it may be of another lab",
         location=source.location,
@@ -175,8 +185,8 @@ def collect_files(folder: Path, record: SubmissionRecord) -> None:
         content = (folder / path).read_bytes()
         digest = hashlib.sha256(content).hexdigest()
         record.files.append(FileFact(path.as_posix(), len(content), digest))
-        is_text = path.suffix.lower() in TEXT_SUFFIXES and b"\0" not in content
-        if is_text and len(content) <= MAX_TEXT_BYTES:
+        is_text = b"\0" not in content or content.startswith(_UTF_16)
+        if is_text and path.suffix.lower() in TEXT_SUFFIXES and len(content) <= MAX_TEXT_BYTES:
             record.texts[path.as_posix()] = decode_text(content)
     _limit_texts(record.texts)
 
@@ -212,7 +222,9 @@ def _limit_texts(texts: dict[str, str]) -> None:
 
 
 def decode_text(content: bytes) -> str:
-    """Decode a text file as UTF-8 (with or without byte order mark), else as Latin-1; never fails."""
+    """Decode a text file as UTF-8, with or without byte order mark, as UTF-16 with one, else as Latin-1; never fails."""
+    if content.startswith(_UTF_16):
+        return content.decode("utf-16", errors="replace")
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -149,6 +149,7 @@ def test_line_ends_and_byte_order_marks_make_no_difference(folder: Path, rubric:
 def test_text_that_is_no_utf8_is_read() -> None:
     """Latin-1 is read where UTF-8 fails."""
     assert decode_text("Größe".encode("latin-1")) == "Größe"
+    assert decode_text("Größe".encode("utf-16")) == "Größe"
 
 
 def test_binary_and_long_files_have_no_text(folder: Path, rubric: Rubric) -> None:
@@ -335,3 +336,21 @@ def test_nodes_that_are_composed_in_one_file_are_all_found_there(
         "qos": None,
     }
     assert found(read_submission_folder(tmp_path / "ann", rubric)) == wanted
+
+
+def test_a_readme_in_utf_16_is_a_text(tmp_path: Path) -> None:
+    """Editors of Windows save "Unicode" in two bytes a character, which are no sign of a binary file."""
+    (tmp_path / "joint_publisher.py").write_text("import rclpy\n")
+    (tmp_path / "README.md").write_text("# Größe\n", encoding="utf-16")
+    (tmp_path / "data.txt").write_bytes(b"a\0b")
+    texts = read_submission_folder(tmp_path, read_rubric(None)).texts
+    assert texts["README.md"] == "# Größe\n"
+    assert "data.txt" not in texts
+
+
+def test_a_notebook_is_named(tmp_path: Path) -> None:
+    """Nodes start from files; a notebook alone holds none."""
+    (tmp_path / "lab09.ipynb").write_text('{"cells": []}')
+    with pytest.raises(SubmissionError, match=r"in a notebook, lab09\.ipynb") as raised:
+        read_submission_folder(tmp_path, read_rubric(None))
+    assert "Hand in the programs as files: joint_publisher.py, " in raised.value.remedy
