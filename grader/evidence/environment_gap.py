@@ -14,7 +14,7 @@ from pathlib import PurePosixPath
 
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.known_packages import known_packages
-from grader.evidence.newer_python import is_newer_python
+from grader.evidence.newer_python import python_needed
 from grader.evidence.text.syntax import normalise, tree_of
 from grader.recording.submission import SubmissionRecord
 
@@ -70,11 +70,19 @@ def environment_gap(
         return absent_module(found.subject, found.file, found.line, submission)
     if found.kind == "missing-name":
         return _unbuilt_package(found.file, found.line, submission)
-    if found.kind == "syntax-error" and is_newer_python(submission.texts.get(found.file, "")):
-        at = f" (line {found.line})" if found.line else ""
-        problem = "uses syntax of Python 3.12 or later, which the grading computer lacks"
-        return f"{found.file}{at} {problem}. {_WHO_DECIDES}"
+    if found.kind == "syntax-error":
+        return _newer_syntax(found.file, found.line, submission)
     return None
+
+
+def _newer_syntax(file: str, line: int | None, submission: SubmissionRecord) -> str | None:
+    """Say that a file needs a newer Python; None if no Python accepts it."""
+    needed = python_needed(submission.texts.get(file, ""))
+    if not needed:
+        return None
+    at = f" (line {line})" if line else ""
+    problem = f"uses syntax of Python {needed} or later, which the grading computer lacks"
+    return f"{file}{at} {problem}. {_WHO_DECIDES}"
 
 
 def _unbuilt_package(file: str, line: int | None, submission: SubmissionRecord) -> str | None:
