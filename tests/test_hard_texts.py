@@ -56,7 +56,7 @@ def _read_readme(text: str) -> None:
 def _read_source(text: str) -> None:
     (facts,) = source.read_sources({"a.py": text})
     prose.source_passages(facts)
-    newer_python.is_newer_python(text)
+    newer_python.python_needed(text)
     parameter_line(text, 1, "p")
 
 
@@ -184,7 +184,7 @@ def test_nested_f_strings_are_read_once_a_level() -> None:
     for _ in range(90):
         nested = "f'{" + nested + "}'"
     began_s = time.process_time()
-    assert not newer_python.is_newer_python(f"{nested}\n(")
+    assert not newer_python.python_needed(f"{nested}\n(")
     assert time.process_time() - began_s < 1.0
 
 

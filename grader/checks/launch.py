@@ -32,7 +32,7 @@ from grader.checks.fields import NumbersOf
 from grader.checks.preconditions import environment_gap_of
 from grader.evidence.cpu_delay import Span
 from grader.evidence.environment_gap import absent_module
-from grader.evidence.newer_python import is_newer_python
+from grader.evidence.newer_python import python_needed
 from grader.evidence.recorded import Floats, NumericStream, clock_step_s
 from grader.evidence.timing import timing_of
 from grader.lab import references as ref
@@ -152,8 +152,9 @@ def _not_assessable(context: Context, plan: Plan, problem: Problem) -> str:
     file = problem.file or ""
     if problem.kind == "syntax_error":
         source = context.submission.texts.get(file, "")
-        if is_newer_python(source):
-            return "It uses syntax of Python 3.12 or later, which the grading computer lacks. Your instructor decides."
+        needed = python_needed(source)
+        if needed:
+            return f"It uses syntax of Python {needed} or later, which the grading computer lacks. Your instructor decides."
     if plan.outcome != "not_assessable":
         return ""
     if problem.kind == "missing_module":

@@ -14,7 +14,7 @@ from pathlib import PurePosixPath
 
 from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.known_packages import known_packages
-from grader.evidence.newer_python import is_newer_python
+from grader.evidence.newer_python import python_needed
 from grader.evidence.text.syntax import normalise, tree_of
 from grader.recording.submission import SubmissionRecord
 
@@ -81,18 +81,21 @@ def environment_gap(
     text = submission.texts.get(found.file, "")
     if found.kind == "missing-name":
         return _unbuilt_package(found.file, found.line, submission)
-    return _newer_or_older(found, found.file, text)
-
-
-def _newer_or_older(found: Diagnosis, file: str, text: str) -> str | None:
-    """Say that a file is for another version of NumPy or Python; None if it is not."""
     if found.kind == "removed-from-numpy":
-        return _removed_name(found, file, text)
-    if found.kind == "syntax-error" and is_newer_python(text):
-        at = f" (line {found.line})" if found.line else ""
-        problem = "uses syntax of Python 3.12 or later, which the grading computer lacks"
-        return f"{file}{at} {problem}. {_WHO_DECIDES}"
+        return _removed_name(found, found.file, text)
+    if found.kind == "syntax-error":
+        return _newer_syntax(found.file, found.line, text)
     return None
+
+
+def _newer_syntax(file: str, line: int | None, text: str) -> str | None:
+    """Say that a file needs a newer Python; None if no Python accepts it."""
+    needed = python_needed(text)
+    if not needed:
+        return None
+    at = f" (line {line})" if line else ""
+    problem = f"uses syntax of Python {needed} or later, which the grading computer lacks"
+    return f"{file}{at} {problem}. {_WHO_DECIDES}"
 
 
 def _removed_name(found: Diagnosis, file: str, text: str) -> str | None:

@@ -1,13 +1,21 @@
-"""Tell whether a Python text is correct, but only by the syntax of a newer Python.
+"""Tell whether a Python text is correct, but only by the syntax of a newer Python, and of which.
 
-Two parsers answer together. The grammar of tree-sitter finds the newer constructs: type aliases, type parameters,
-f-strings with freer fields, t-strings. Each is then rewritten as an older Python has it, and the
-interpreter's own parser must accept every part of it and all of the result. A text that no Python accepts stays an
-error of its author.
+Two parsers answer together. The grammar of tree-sitter finds the newer constructs. Each is then rewritten as an older
+Python has it, and the interpreter's own parser must accept every part of it and all of the result. A text that no
+Python accepts stays an error of its author.
+
+====================================================  =====================
+type aliases, type parameters (PEP 695)               Python 3.12
+f-strings with freely written fields (PEP 701)        Python 3.12
+defaults of type parameters (PEP 696)                 Python 3.13
+several exceptions without parentheses (PEP 758)      Python 3.14
+t-strings (PEP 750)                                   Python 3.14
+====================================================  =====================
 """
 
 from __future__ import annotations
 
+import ast
 import re
 from dataclasses import dataclass, field
 from functools import cache, lru_cache
@@ -28,6 +36,8 @@ _AFTER_EXPRESSION = ("=", "type_conversion", "format_specifier", "}")
 _CONVERSIONS = ("!r", "!s", "!a")
 #: Expressions that need parentheses within a field, and the nodes that have brackets of their own.
 _NOT_BARE = ("lambda", "named_expression", "list_splat")
+#: Expressions that may not stand in an `except` of several without parentheses.
+_NOT_IN_EXCEPT = ("as_pattern", *_NOT_BARE)
 _BRACKETED = (
     "argument_list",
     "dictionary",
@@ -42,37 +52,55 @@ _BRACKETED = (
     "subscript",
     "tuple",
 )
-#: Stars before type parameters: `[*Ts, **P]`.
+#: Stars before type parameters, and before the default of one with a single star: `[*Ts = *tuple[int], **P]`.
+_STARRED_DEFAULT = re.compile(r"(^|,)\s*\*\s*(\w+)\s*=\s*\*")
 _STARS = re.compile(r"(^|,)\s*\*{1,2}")
+#: A bound of a type parameter with stars, which no Python accepts.
+_BOUND_OF_STARRED = re.compile(r"(^|,)\s*\*{1,2}\s*\w+\s*:")
 _DEFINITIONS = ("function_definition", "class_definition")
+#: Minor versions of Python 3 with new syntax.
+_FREE_FIELDS = _TYPE_PARAMETERS = 12
+_DEFAULTS = 13
+_BARE_EXCEPTIONS = _TEMPLATES = 14
 
 
 @lru_cache(maxsize=16)
-def is_newer_python(text: str) -> bool:
-    """Tell whether a text is correct by the syntax of Python 3.12 or later, and not by an older one's."""
-    text = normalise(text)
-    older = _as_older(text, _MOST_NESTED)
-    return older is not None and older != text and tree_of(older) is not None
+def python_needed(text: str) -> str:
+    """Return the first Python by which a text is correct, such as "3.12"; empty if it needs no newer one, or is wrong."""
+    older = _as_older(normalise(text), _MOST_NESTED)
+    if older is None or not older.version or tree_of(older.text) is None:
+        return ""
+    return f"3.{older.version}"
 
 
 class _Wrong(Exception):
     """Raised for a text that no Python accepts."""
 
 
-def _as_older(text: str, levels: int) -> str | None:
+@dataclass(frozen=True)
+class _Older:
+    """A text with its newer constructs rewritten."""
+
+    text: str
+    #: Minor version of the first Python 3 that has all of the constructs; 0 if there are none.
+    version: int
+
+
+def _as_older(text: str, levels: int) -> _Older | None:
     """Return a text with its newer constructs rewritten; None where no Python accepts them."""
     content = text.encode("utf-8", "replace")
     rewriting = _Rewriting()
     try:
         rewriting.read(_parser().parse(content).root_node)
-        _require_expressions(rewriting.expressions, levels)
+        inner = _version_of(rewriting.expressions, levels)
     except _Wrong:
         return None
     parts, end = [], 0
     for start, stop, replacement in sorted(rewriting.edits):
         parts += [content[end:start], replacement]
         end = stop
-    return b"".join([*parts, content[end:]]).decode("utf-8", "replace")
+    older = b"".join([*parts, content[end:]]).decode("utf-8", "replace")
+    return _Older(older, max(rewriting.version, inner))
 
 
 @cache
@@ -87,6 +115,13 @@ class _Rewriting:
     #: First byte, byte after the last, replacement.
     edits: list[tuple[int, int, bytes]] = field(default_factory=list)
     expressions: list[str] = field(default_factory=list)
+    #: Minor version of the first Python 3 that has all of the constructs so far; 0 if there are none.
+    version: int = 0
+
+    def _edit(self, start: int, stop: int, replacement: bytes, version: int) -> None:
+        """Note an edit, and the version that makes it necessary."""
+        self.edits.append((start, stop, replacement))
+        self.version = max(self.version, version)
 
     def read(self, root: tree_sitter.Node) -> None:
         """Collect the edits of a whole tree; raises _Wrong."""
@@ -107,7 +142,29 @@ class _Rewriting:
             return self._definition(node)
         if node.type == "string":
             return self._string(node)
+        if node.type == "except_clause":
+            return self._except(node)
+        if node.type == "concatenated_string":
+            _require_one_kind(node.children)
         return node.children
+
+    def _except(self, node: tree_sitter.Node) -> list[tree_sitter.Node]:
+        """Rewrite `except A, B:` as `except (A, B):`; the grammar of tree-sitter knows no comma at the end."""
+        types = [child.type for child in node.children]
+        body = types.index(":") if ":" in types else 0
+        head = node.children[:body]
+        commas = [child for child in head if _text(child) == ","]
+        if not commas:
+            return node.children
+        named = [child for child in head if child.type not in ("except", "*")]
+        if any(child.type in _NOT_IN_EXCEPT for child in named):
+            raise _Wrong
+        start, stop = named[0].start_byte, node.children[body].start_byte
+        self._edit(start, start, b"(", _BARE_EXCEPTIONS)
+        self._edit(stop, stop, b")", _BARE_EXCEPTIONS)
+        if named[-1].is_missing:
+            commas.append(named[-1])
+        return [child for child in node.children if child not in commas]
 
     def _alias(self, node: tree_sitter.Node) -> list[tree_sitter.Node]:
         """Rewrite `type Name[T] = value` as `Name = value`."""
@@ -116,9 +173,10 @@ class _Rewriting:
         plain, bracket, parameters = given.partition("[")
         if not plain.strip().isidentifier():
             raise _Wrong
+        version = _TYPE_PARAMETERS
         if bracket:
-            _require_parameters(parameters.strip().removesuffix("]"))
-        self.edits.append((keyword.start_byte, name.end_byte, plain.strip().encode()))
+            version = _version_of_parameters(parameters.strip().removesuffix("]"))
+        self._edit(keyword.start_byte, name.end_byte, plain.strip().encode(), version)
         return rest
 
     def _definition(self, node: tree_sitter.Node) -> list[tree_sitter.Node]:
@@ -128,8 +186,8 @@ class _Rewriting:
             if child.type != "type_parameter":
                 rest.append(child)
                 continue
-            _require_parameters(_text(child)[1:-1])
-            self.edits.append((child.start_byte, child.end_byte, b""))
+            version = _version_of_parameters(_text(child)[1:-1])
+            self._edit(child.start_byte, child.end_byte, b"", version)
         return rest
 
     def _string(self, node: tree_sitter.Node) -> list[tree_sitter.Node]:
@@ -139,7 +197,7 @@ class _Rewriting:
         prefix = opening.rstrip("'\"")
         if "t" in prefix.lower():
             older = opening.translate(_OLDER_PREFIX).encode()
-            self.edits.append((start.start_byte, start.end_byte, older))
+            self._edit(start.start_byte, start.end_byte, older, _TEMPLATES)
         left: list[tree_sitter.Node] = []
         waiting = [child for child in rest if child.type in _FIELDS]
         while waiting:
@@ -177,7 +235,7 @@ class _Rewriting:
             return expression, after
         _require_bare(expression)
         self.expressions.append(text)
-        self.edits.append((start, stop, b"_"))
+        self._edit(start, stop, b"_", _FREE_FIELDS)
         return [], after
 
 
@@ -188,26 +246,52 @@ def _require_bare(nodes: list[tree_sitter.Node]) -> None:
         node = waiting.pop()
         if node.type in _NOT_BARE or node.has_error:
             raise _Wrong
-        if node.type not in _BRACKETED:
+        if node.type == "expression_list":
+            waiting += _without_stars(node.children)
+        elif node.type not in _BRACKETED:
             waiting += node.children
 
 
-def _require_expressions(texts: list[str], levels: int) -> None:
-    """Raise _Wrong unless some texts, with fields nested up to so many levels, are expressions."""
+def _without_stars(members: list[tree_sitter.Node]) -> list[tree_sitter.Node]:
+    """Return the members of a tuple without parentheses, in which stars may stand: `*a, b`."""
+    plain = []
+    for member in members:
+        plain += member.children if member.type == "list_splat" else [member]
+    return plain
+
+
+def _require_one_kind(strings: list[tree_sitter.Node]) -> None:
+    """Raise _Wrong if t-strings stand beside other strings that are joined with them."""
+    openings = [_text(string.children[0]) for string in strings if string.type == "string"]
+    templates = ["t" in opening.rstrip("'\"").lower() for opening in openings]
+    if any(templates) and not all(templates):
+        raise _Wrong
+
+
+def _version_of(texts: list[str], levels: int) -> int:
+    """Return the version that some expressions need, with fields nested so many levels deep; raises _Wrong."""
     if not texts:
-        return
+        return 0
     alone = "".join(f"({text}\n)\n" for text in texts)
     older = _as_older(alone, levels - 1) if levels else None
-    if older is None or expression_tree(older) is None:
+    if older is None or expression_tree(older.text) is None:
         raise _Wrong
+    return older.version
 
 
 def _text(node: tree_sitter.Node) -> str:
     return (node.text or b"").decode("utf-8", "replace")
 
 
-def _require_parameters(text: str) -> None:
-    """Raise _Wrong unless a text is a list of type parameters: names with bounds and defaults, as a function has."""
-    plain = _STARS.sub(r"\1", text)
-    if expression_tree(f"def _({plain}): ...") is None or not text.strip():
+def _version_of_parameters(text: str) -> int:
+    """Return the version that a list of type parameters needs: names with bounds and defaults, as a function has.
+
+    Raises _Wrong for another text.
+    """
+    plain = _STARS.sub(r"\1", _STARRED_DEFAULT.sub(r"\1\2=", text))
+    tree = expression_tree(f"def _({plain}): ...")
+    if tree is None or not text.strip() or _BOUND_OF_STARRED.search(text):
         raise _Wrong
+    defined = tree.body[0]
+    has_defaults = isinstance(defined, ast.FunctionDef) and bool(defined.args.defaults)
+    return _DEFAULTS if has_defaults else _TYPE_PARAMETERS

@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from grader.evidence.newer_python import is_newer_python
+from grader.evidence.newer_python import python_needed
 
 NEWER = [
     "type Wave = tuple[float, float]\nx: Wave = (1, 2)\n",
@@ -36,7 +36,23 @@ NEWER = [
     'print(f"""{"""a"""}""")\n',
     "async def g():\n    return f'{await h('x')}'\n",
     "x = f'{d['a']}' f'{y}' 'z'\n",
+    "print(f'{*a, 'x'}')\n",
+    "print(f'{1, *d['a']}')\n",
 ]
+#: Texts with the syntax of one later Python.
+NEWEST = {
+    "def first[T = int](x: T): ...\n": "3.13",
+    "def f[*Ts = *tuple[int, ...]](x: int): ...\n": "3.13",
+    "class A[T, **P = [int, str]]: ...\n": "3.13",
+    "try:\n    pass\nexcept A, B:\n    pass\n": "3.14",
+    "try:\n    pass\nexcept m.A, (B, C), f(x):  # all\n    pass\nelse:\n    pass\n": "3.14",
+    "try:\n    pass\nexcept A,:\n    pass\n": "3.14",
+    "try:\n    pass\nexcept A, B,:\n    pass\n": "3.14",
+    "try:\n    pass\nexcept* A, B:\n    pass\n": "3.14",
+    "try:\n    type X = int\nexcept A, B:\n    try: print(f'{d['a']}')\n    except C, D: pass\n": "3.14",
+    "x = t'a {d['b']}' t'{c!r:>3}'\n": "3.14",
+    "print(f'{t'{a}'}')\n": "3.14",
+}
 #: Mistakes in every version; the same field without its mistake would be newer in many.
 BROKEN = [
     "x = (1\n",
@@ -78,6 +94,17 @@ BROKEN = [
     "f'{d['a']}' = 3\n",
     "for x in range(3) print(f'{d['a']}')\n",
     "if x = f'{d['a']}': pass\n",
+    "try:\n    pass\nexcept A, B as e:\n    pass\n",
+    "try:\n    pass\nexcept A B:\n    pass\n",
+    "try:\n    pass\nexcept , A:\n    pass\n",
+    "try:\n    pass\nexcept A,, B:\n    pass\n",
+    "try:\n    pass\nexcept *A, *B:\n    pass\n",
+    "try:\n    pass\nexcept A, B\n    pass\n",
+    "try:\n    pass\nexcept A, b = 1:\n    pass\n",
+    "try:\n    pass\nexcept A, B:\npass\n",
+    "x = t'{a}' 'b'\n",
+    "class A[*Ts: int]: pass\n",
+    "class A[T = int, U]: pass\n",
 ]
 OLD = ["x = 1\n", "print(f'{1 + 1:.2f}', f\"{'a'}\")\n", 'print(f"""{"a"}""")\n', "type = 3\n"]
 
@@ -85,35 +112,51 @@ OLD = ["x = 1\n", "print(f'{1 + 1:.2f}', f\"{'a'}\")\n", 'print(f"""{"a"}""")\n'
 @pytest.mark.parametrize("text", NEWER)
 def test_newer_syntax_is_recognised(text: str) -> None:
     """Aliases, type parameters and f-strings with free fields are correct since Python 3.12."""
-    assert is_newer_python(text)
+    assert python_needed(text) == "3.12"
+
+
+@pytest.mark.parametrize(("text", "needed"), NEWEST.items())
+def test_the_python_that_is_needed_is_named(text: str, needed: str) -> None:
+    """The newest construct of a text decides, also inside another and after an older one."""
+    assert python_needed(text) == needed
+    assert python_needed(NEWER[0] + text) == needed
+    assert python_needed(text + BROKEN[0]) == ""
 
 
 @pytest.mark.parametrize("text", BROKEN)
 def test_a_mistake_in_every_version_stays_one(text: str) -> None:
     """An error is its author's, also beside newer syntax, and inside it."""
-    assert not is_newer_python(text)
-    assert not is_newer_python(NEWER[0] + text)
+    assert python_needed(text) == ""
+    assert python_needed(NEWER[0] + text) == ""
+
+
+def test_a_star_alone_in_a_field_is_a_mistake() -> None:
+    """The compiler refuses it, although a parser accepts it."""
+    assert python_needed("print(f'{*d['a']}')\n") == ""
 
 
 @pytest.mark.parametrize("text", OLD)
 def test_what_was_always_correct_is_not_newer(text: str) -> None:
     """A text without newer syntax is none, and an error at run time is not excused."""
-    assert not is_newer_python(text)
+    assert python_needed(text) == ""
 
 
-def test_another_parser_agrees(tmp_path: Path) -> None:
-    """Ruff's parser knows the syntax of each version.
-
-    For Python 3.12 it accepts the newer texts, and refuses the broken ones.
-    """
-    for n, text in enumerate((*NEWER, *OLD, *BROKEN)):
+@pytest.mark.parametrize("version", ["3.12", "3.13", "3.14"])
+def test_another_parser_agrees(version: str, tmp_path: Path) -> None:
+    """Ruff's parser, which knows each version's syntax, accepts what is newer, and refuses what is broken."""
+    # Ruff accepts some of the defaults for every version.
+    later = [text for text, needed in NEWEST.items() if needed == "3.14" > version]
+    reached = [text for text, needed in NEWEST.items() if needed <= version]
+    accepted = [*NEWER, *OLD, *reached]
+    for n, text in enumerate((*accepted, *BROKEN, *later)):
         (tmp_path / f"t{n:03}.py").write_text(text, encoding="utf-8")
     command = [sys.executable, "-m", "ruff", "check", "--isolated", "--no-cache", "--select=E9"]
-    command += ["--target-version=py312", "--output-format=json", str(tmp_path)]
+    command += [f"--target-version=py{version.replace('.', '')}", "--output-format=json"]
+    command.append(str(tmp_path))
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     refused = {Path(each["filename"]).stem for each in json.loads(done.stdout)}
-    accepted = len(NEWER) + len(OLD)
-    assert refused == {f"t{n:03}" for n in range(accepted, accepted + len(BROKEN))}
+    wrong = range(len(accepted), len(accepted) + len(BROKEN) + len(later))
+    assert refused == {f"t{n:03}" for n in wrong}
 
 
 @pytest.mark.skipif(sys.version_info >= (3, 12), reason="this Python accepts the newer syntax")
@@ -127,7 +170,7 @@ def test_this_python_refuses_the_newer_ones(text: str) -> None:
 @given(st.text(alphabet="f{}\"'x\\\n[]( :!=", max_size=60))
 def test_no_text_breaks_it(text: str) -> None:
     """Any text has an answer."""
-    assert is_newer_python(text) in (True, False)
+    assert python_needed(text) in ("", "3.12", "3.13", "3.14")
 
 
 LONG = [
@@ -144,5 +187,5 @@ LONG = [
 def test_a_long_text_is_read_in_bounded_time(text: str) -> None:
     """Nested, unfinished and very many fields take seconds of a slow machine at most."""
     began_s = time.process_time()
-    is_newer_python(text)
+    python_needed(text)
     assert time.process_time() - began_s < 15.0
