@@ -74,6 +74,12 @@ def worked_around(context: Context, step: str, *kinds: str) -> list[Repair]:
     return [repair for repair in repairs if repair.kind in kinds]
 
 
+def _left_out(context: Context, step: str) -> Mapping[str, Sequence[str]]:
+    """Return the parameters, by process, that were left out because their argument has no value."""
+    run = context.session.step(step)
+    return {} if run is None else PlanResult.of(run).left_out or {}
+
+
 class LaunchLoads(Parameters):
     """The launch file can be evaluated as `ros2 launch` would, as it was handed in."""
 
@@ -659,11 +665,16 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
     )
     plan = plan_of(context, p.step)
     other = plan_of(context, p.other_step)
+    left_out = _left_out(context, p.step)
     parts = []
     for wanted in p.parameters:
         entry = _entry_for(context, plan, wanted.node, wanted.executable)
         if entry is None:
             # The check of the nodes charges a node that is not started.
+            continue
+        if wanted.name in left_out.get(entry.id, ()):
+            # The check of the loading charges the argument without a value.
+            parts.append(Part(1.0))
             continue
         part = _judge_parameter(context, p, wanted, entry, plan, other)
         if entry.file and part.reason:

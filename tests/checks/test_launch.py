@@ -566,6 +566,16 @@ def test_a_parameter_cannot_follow_an_argument_of_another_name(
     assert judged("launch_parameters", wanted, session).credit == Decimal(credit)
 
 
+def test_a_parameter_left_out_for_its_argument_is_not_charged_again(tmp_path: Path) -> None:
+    """The check of the loading charges an argument without a value."""
+    for names, credit in ((["rate"], "1"), (["speed"], "0")):
+        session = Session(tmp_path)
+        for label in ("plan", "other"):
+            plan = {"schema": SCHEMA, "outcome": "ok", "processes": [entry("talk", "talker")]}
+            session.step("plan", label, plan=plan, mended=[], left_out={"talk-1": names})
+        assert judged("launch_parameters", PARAMETERS, session).credit == Decimal(credit)
+
+
 def test_parameters_of_nodes_that_are_not_started_are_not_reached(tmp_path: Path) -> None:
     """A node without an entry is charged with the nodes."""
     session = planned(planned(Session(tmp_path)), "other")

@@ -40,6 +40,8 @@ class PlanResult(StepResult):
 
     plan: dict[str, Any] | None = None
     mended: list[Repair] | None = None
+    #: Parameters left to the nodes, because they depend on an argument without a known value: names by process.
+    left_out: dict[str, list[str]] | None = None
     artifact: str | None = None
 
     @property

@@ -1,9 +1,8 @@
 """Launch files in a session: evaluated in confinement, then really run.
 
-The stand-ins for `launch` and `launch_ros` make a *plan* of the processes that `ros2 launch` would
-start. One mistake must not hide all else, so a misnamed executable or package, an argument that is
-not declared and a keyword of another ROS are repaired on a copy after they were noted, and the
-evaluation goes on.
+The stand-ins for `launch` and `launch_ros` make a *plan* of what `ros2 launch` would start. One mistake must not hide
+all else: a misnamed executable or package, an argument that is not declared, a keyword of another ROS and a mistake that
+one edit mends, such as a missing comma, are noted and repaired on a copy, and the evaluation goes on.
 """
 
 from __future__ import annotations
@@ -16,9 +15,10 @@ import shutil
 import time
 from collections.abc import Container, Coroutine, Iterable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, NamedTuple
 
 from confine.limits import attainable
 from confine.scratch import remove_tree
@@ -28,10 +28,12 @@ from grader.lab.steps.plan import PlanResult, PlanStep, Repair, repair_of
 from grader.lab.steps.start import StartResult
 from grader.live.process.process import PipeReader, RunningProcess
 from grader.live.sandbox.room import LAUNCHING, PARAMETERS, WORKSPACE
+from grader.live.session.launch_edits import edit
 from grader.live.session.student_sandbox import StudentSandbox
 from grader.recording.session import OutputLine, ProcessRun
 from grader.submission.artifacts import MAX_TEXT_BYTES
 from grader.submission.beneath import is_regular_beneath
+from launch_plan.assumed import left_out, without_assumed_parameters
 from launch_plan.exchange import MOST_ANSWER_BYTES, Ending, Request, command, plan_of_answer
 from launch_plan.format import PARAMETERS_PLACEHOLDER
 from launch_plan.plan import Plan, Problem, Process, ros2_run
@@ -41,6 +43,8 @@ _OWN_FILE = re.compile(re.escape(PARAMETERS_PLACEHOLDER) + r"/([\w-]+(?:\.\w+)?)
 _MAX_REPAIRS = 6
 #: Files of one name: in the sources, and where packages install them.
 _MOST_RENAMED = 20
+#: Values for arguments of which none is known, each with another one by which the parameters that depend on it show.
+_ASSUMED = (("", "assumed"), ("1", "true"))
 #: Names among which the one that was meant is looked for.
 _MOST_LIKENED = 100
 #: Where a prefix lists its packages.
@@ -83,58 +87,101 @@ class LaunchRunner:
         source = self._sandbox.plan.sources.get(step.launch)
         if source is None:
             return Answer("failed", PlanResult("missing artifact", artifact=step.launch))
+        evaluation = _Evaluation(source, step.timeout_s, time.monotonic() + step.timeout_s)
         arguments = dict(step.arguments)
+        assumed: set[str] = set()
         repairs: list[Repair] = []
-        end_s = time.monotonic() + step.timeout_s
         while True:
-            # All evaluations share the time of one: a file that sleeps before each mistake gains no time.
-            left_s = max(_LEAST_EVALUATION_S, round(end_s - time.monotonic(), 1))
-            outcome, plan = await self._evaluate(source, arguments, left_s, step.timeout_s)
+            outcome, plan = await self._evaluate(evaluation, arguments)
             problem = plan.problem
             if problem is None or len(repairs) >= _MAX_REPAIRS:
                 break
             known = {**plan.configurations, **step.assume}
-            done = self._repair(problem, known, arguments)
-            if not done:
+            repair = self._repair(problem, known, arguments, assumed)
+            if repair is None:
                 break
-            repairs.append(repair_of(problem, done))
-        return Answer(outcome, PlanResult(plan=plan.to_plain(), mended=repairs))
+            repairs.append(repair)
+        result = PlanResult(plan=plan.to_plain(), mended=repairs)
+        if assumed:
+            outcome, full, plan = await self._assuming(
+                evaluation, arguments, assumed, (outcome, plan)
+            )
+            result.plan = plan.to_plain()
+            result.left_out = left_out(full, plan)
+        return Answer(outcome, result)
 
-    def _repair(self, problem: Problem, known: Mapping[str, str], arguments: dict[str, str]) -> str:
-        """Repair a known mistake on a copy, or give a missing argument; returns the repair in words, or nothing."""
-        wanted, *more = [*re.findall(r"'([^']+)'", problem.message), ""]
+    async def _assuming(
+        self,
+        evaluation: _Evaluation,
+        arguments: Mapping[str, str],
+        assumed: Iterable[str],
+        result: tuple[str, Plan],
+    ) -> tuple[str, Plan, Plan]:
+        """Return the outcome and plan for arguments without a known value, and the plan without what depends on them.
+
+        A value with which the file stops, e.g. where it is a condition, is replaced by another one.
+
+        Parameters
+        ----------
+        result
+            Outcome and plan with empty texts as values.
+        """
+        for value, other in _ASSUMED:
+            given = {**arguments, **dict.fromkeys(assumed, value)}
+            outcome, plan = result
+            if value:
+                outcome, plan = await self._evaluate(evaluation, given)
+            if plan.problem is None:
+                given |= dict.fromkeys(assumed, other)
+                _, twin = await self._evaluate(evaluation, given)
+                return outcome, plan, without_assumed_parameters(plan, twin)
+        return *result, result[1]
+
+    def _repair(
+        self,
+        problem: Problem,
+        known: Mapping[str, str],
+        arguments: dict[str, str],
+        assumed: set[str],
+    ) -> Repair | None:
+        """Repair a known mistake on a copy, or give a missing argument; None if that cannot be done."""
         # A running program of the student could change the workspace.
-        if self._sandbox.students() or not _NAME.fullmatch(wanted):
-            return ""
+        if self._sandbox.students():
+            return None
         # Reading a launch file runs it, and without namespaces the workspace was open to it.
         self._sandbox.end_orphans()
         if problem.kind in ("undefined_configuration", "required_argument"):
-            meant = _meant(wanted, known)
-            value = arguments.get(meant, known[meant]) if meant is not None else ""
-            done = "" if wanted in arguments else f"'{wanted}' was given as '{value}'"
-            arguments.setdefault(wanted, value)
-            return done
-        if "/" in wanted and not problem.kind.endswith("_not_found"):
-            return ""
+            done = _give(problem, known, arguments, assumed)
+            return repair_of(problem, done) if done else None
+        copy = self._own_copy()
+        try:
+            repair = self._repair_copy(problem)
+            if repair is not None:
+                self._sandbox.copy_workspace(copy, self._sandbox.workspace)
+        except OSError:  # The file system may refuse the name or have no room.
+            remove_tree(copy)
+            self._sandbox.copy_workspace(self._sandbox.plan.staged, self._sandbox.workspace)
+            return None
+        return repair
+
+    def _repair_copy(self, problem: Problem) -> Repair | None:
+        wanted, package = _quoted(problem)
         by_kind = {
             "unknown_executable": lambda: (
-                self._put_executable(wanted, more[0]) if _LACKS in problem.message else ""
+                self._put_executable(wanted, package) if _LACKS in problem.message else ""
             ),
             "unknown_package": lambda: self._put_package(wanted),
             "unknown_keyword": lambda: self._rename_keyword(wanted, problem),
             "include_not_found": lambda: self._install_file(wanted, problem),
             "file_not_found": lambda: self._install_file(wanted, problem),
         }
-        copy = self._own_copy()
-        try:
-            done = by_kind.get(problem.kind, str)()
-            if done:
-                self._sandbox.copy_workspace(copy, self._sandbox.workspace)
-        except OSError:  # The file system may refuse the name or have no room.
-            remove_tree(copy)
-            self._sandbox.copy_workspace(self._sandbox.plan.staged, self._sandbox.workspace)
-            return ""
-        return done
+        if problem.kind not in by_kind:
+            return self._edit(problem)
+        is_path = "/" in wanted and not problem.kind.endswith("_not_found")
+        if is_path or not _NAME.fullmatch(wanted):
+            return None
+        done = by_kind[problem.kind]()
+        return repair_of(problem, done) if done else None
 
     def _put_executable(self, wanted: str, package: str) -> str:
         folder = (
@@ -179,12 +226,7 @@ class LaunchRunner:
     def _rename_keyword(self, wanted: str, problem: Problem) -> str:
         """Replace the keyword by the one that the remedy names, in the launch files of that name."""
         meant = re.search(r"'(\w{1,100})=?'", problem.remedy)
-        name = PurePosixPath(problem.file or "").name
-        # The names in a plan are a student's: they are not patterns, and there may be many.
-        scripts = (
-            path for path in self._own_copy().rglob("*.py") if path.name == name and path.is_file()
-        )
-        files = [path for path in scripts if path.stat().st_size <= MAX_TEXT_BYTES][:_MOST_RENAMED]
+        files = self._scripts(problem)
         if meant is None or not files:
             return ""
         for path in files:
@@ -198,6 +240,28 @@ class LaunchRunner:
                     parts[place] = meant[1]
             path.write_text("".join(parts), encoding="utf-8", errors="surrogateescape")
         return f"'{wanted}=' was read as '{meant[1]}='"
+
+    def _scripts(self, problem: Problem) -> list[Path]:
+        """Return the Python files with the name of a problem's file, among sources and installed files."""
+        name = PurePosixPath(problem.file or "").name
+        # The names in a plan are a student's: they are no patterns, and there may be many.
+        scripts = (
+            path for path in self._own_copy().rglob("*.py") if path.name == name and path.is_file()
+        )
+        return [path for path in scripts if path.stat().st_size <= MAX_TEXT_BYTES][:_MOST_RENAMED]
+
+    def _edit(self, problem: Problem) -> Repair | None:
+        """Mend a problem by one edit of its file, if one does."""
+        done = None
+        for path in self._scripts(problem):
+            text = path.read_text(encoding="utf-8", errors="surrogateescape")
+            done = edit(text, problem)
+            if done is None:
+                return None
+            path.write_text(done.text, encoding="utf-8", errors="surrogateescape")
+        if done is None:
+            return None
+        return repair_of(replace(problem, remedy=done.remedy), done.done)
 
     def _own_copy(self) -> Path:
         """Return a copy of the staged submission to which the student's processes have no access."""
@@ -216,41 +280,37 @@ class LaunchRunner:
         return folder / meant if meant is not None else None
 
     async def _evaluate(
-        self, source: str, arguments: dict[str, str], left_s: float, timeout_s: float
+        self, evaluation: _Evaluation, arguments: Mapping[str, str]
     ) -> tuple[str, Plan]:
         """Execute the launch file in confinement, and read its plan from a pipe.
 
-        Parameters
-        ----------
-        left_s
-            Time for this evaluation.
-        timeout_s
-            Time for all evaluations of the file, for messages.
+        All evaluations share the time of one: a file that sleeps before each mistake gains no time.
         """
+        source = evaluation.source
         if source in self._given_up:
             return "failed", self._given_up[source]
         result_read, result_write = os.pipe()
-        shown = "".join(f" {name}:={value}" for name, value in arguments.items())
-        run = ProcessRun(f"launch file{shown}", "student", self._evaluation_command(result_write))
+        command = self._evaluation_command(result_write)
+        run = ProcessRun(_title(arguments), "student", command)
         running = await self._start_evaluation(run, source, result_write)
         os.close(result_write)
         received: list[str] = []
         reader = PipeReader(result_read, MOST_ANSWER_BYTES, received.append)
         running.write(self._evaluation_request(source, arguments), last=True)
-        outcome = await _run_until(running, left_s)
+        outcome = await _run_until(running, evaluation.left_s())
         await running.kill()
         reader.close()
         text = received[0] if received else ""
         if not text:
             self._sandbox.note_unstarted(run, "the launch file could not be evaluated")
-        plan = plan_of_answer(text, _ending(run, outcome == "done", timeout_s), source)
+        plan = plan_of_answer(text, _ending(run, outcome == "done", evaluation.timeout_s), source)
         if plan.problem is not None and plan.problem.kind in ("too_slow", "no_plan"):
             self._given_up[source] = plan
         return outcome, plan
 
-    def _evaluation_request(self, source: str, arguments: dict[str, str]) -> bytes:
+    def _evaluation_request(self, source: str, arguments: Mapping[str, str]) -> bytes:
         is_native = self._sandbox.plan.native is not None
-        return Request(f"{self._root}/{source}", arguments, self._root, is_native).to_json()
+        return Request(f"{self._root}/{source}", dict(arguments), self._root, is_native).to_json()
 
     def _evaluation_command(self, result_write: int) -> list[str]:
         """Return the command of an evaluation that writes its plan to a file descriptor."""
@@ -395,6 +455,46 @@ class LaunchRunner:
 _NAME = re.compile(r"(?:\w[\w.+-]{0,99}/){0,9}[\w.+-]{0,199}\w")
 #: Words about an executable that is missing in its package.
 _LACKS = "found in package"
+
+
+class _Evaluation(NamedTuple):
+    """A launch file to be evaluated, with the time for all its evaluations and the end of that time."""
+
+    source: str
+    timeout_s: float
+    end_s: float
+
+    def left_s(self) -> float:
+        """Return the time for the next evaluation in s."""
+        return max(_LEAST_EVALUATION_S, round(self.end_s - time.monotonic(), 1))
+
+
+def _title(arguments: Mapping[str, str]) -> str:
+    """Return the name of an evaluation in the record."""
+    shown = [f" {name}:={value}" for name, value in arguments.items()]
+    return "launch file" + "".join(shown)
+
+
+def _quoted(problem: Problem) -> tuple[str, str]:
+    """Return the first two names in quotes of a message, empty texts if there are fewer."""
+    found: list[str] = [*re.findall(r"'([^']+)'", problem.message), "", ""]
+    return found[0], found[1]
+
+
+def _give(
+    problem: Problem, known: Mapping[str, str], arguments: dict[str, str], assumed: set[str]
+) -> str:
+    """Give a missing argument the value of the likest known one, or an assumed one; return the repair in words."""
+    wanted, _ = _quoted(problem)
+    if wanted in arguments or not _NAME.fullmatch(wanted):
+        return ""
+    meant = _meant(wanted, known)
+    if meant is not None:
+        arguments[wanted] = arguments.get(meant, known[meant])
+        return f"'{wanted}' was given as '{arguments[wanted]}'"
+    arguments[wanted] = ""
+    assumed.add(wanted)
+    return f"'{wanted}' was left out, so that parameters set by it keep the node's own defaults"
 
 
 def _ending(run: ProcessRun, in_time: bool, timeout_s: float) -> Ending:

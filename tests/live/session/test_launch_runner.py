@@ -182,7 +182,7 @@ def test_what_cannot_be_repaired_leaves_all_as_it_was(
     """Whatever a plan asks for, nothing is raised that would end the session, and nothing grows without bound."""
     workspace = runner._sandbox.workspace
     before = {path: path.read_bytes() for path in workspace.rglob("*") if path.is_file()}
-    assert bool(runner._repair(problem, {}, {})) == repaired
+    assert (runner._repair(problem, {}, {}, set()) is not None) == repaired
     after = {path: path.read_bytes() for path in workspace.rglob("*") if path.is_file()}
     assert (after != before) == repaired
     assert sum(map(len, after.values())) < 100_000
@@ -192,5 +192,5 @@ def test_among_many_names_the_meant_one_is_soon_found(runner: LaunchRunner) -> N
     """Ten thousand configurations of sixty letters are not all compared."""
     known = {f"{'a' * 55}{n:05}": "1" for n in range(10_000)}
     began_s = time.process_time()
-    assert runner._repair(Problem("undefined_configuration", f"'{'a' * 60}'"), known, {})
+    assert runner._repair(Problem("undefined_configuration", f"'{'a' * 60}'"), known, {}, set())
     assert time.process_time() - began_s < 3.0
