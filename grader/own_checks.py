@@ -72,6 +72,8 @@ from grader.checks.own_context import Run as Run
 from grader.checks.own_context import Series as Series
 from grader.checks.own_context import Step as Step
 from grader.checks.own_context import Submission as Submission
+from grader.checks.service import answer_cause as answer_cause
+from grader.checks.service import parameter_cause as parameter_cause
 from grader.evidence.recorded import NumericStream as NumericStream
 from grader.evidence.text.printed import PrintedVector as PrintedVector
 from grader.evidence.text.printed import Report as Report

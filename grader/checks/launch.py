@@ -30,6 +30,7 @@ from grader.checks.base import (
 )
 from grader.checks.fields import NumbersOf
 from grader.checks.preconditions import environment_gap_of
+from grader.checks.service import parameter_cause
 from grader.evidence.cpu_delay import Span
 from grader.evidence.environment_gap import absent_module
 from grader.evidence.newer_python import python_needed
@@ -261,6 +262,12 @@ class LaunchArguments(Parameters):
     other_default_credit: Share = Field(
         0.5, description="Credit of one that is declared with another default."
     )
+    other_step: ref.PlanLabel | None = Field(
+        None, description="Step that evaluated the file with other values of all arguments."
+    )
+    no_effect_credit: Share = Field(
+        0.25, description="Credit of the declarations where these values change nothing."
+    )
 
 
 def _same(a: Any, b: Any) -> bool:
@@ -286,7 +293,8 @@ def launch_arguments(context: Context, p: LaunchArguments) -> Finding:
     for wanted in p.arguments:
         got = declared.get(wanted.name)
         if got is not None:
-            parts.append(_judge_default(got, wanted, p))
+            part = _with_effect(context, p, plan, _judge_default(got, wanted, p), wanted)
+            parts.append(part)
         elif f"'{wanted.name}'" in assumed:
             # An undeclared argument keeps the file from loading, and another check charges it.
             parts.append(Part(1.0))
@@ -304,6 +312,35 @@ def _judge_default(got: Argument, wanted: WantedArgument, p: LaunchArguments) ->
     default = "no default" if got.default is None else f"the default {got.default!r}"
     reason = f"The argument {wanted.name} has {default}; {wanted.default!r} is asked for."
     return Part(p.other_default_credit, "", reason, where=where)
+
+
+def _with_effect(
+    context: Context, p: LaunchArguments, plan: Plan, part: Part, wanted: WantedArgument
+) -> Part:
+    """Judge a declared argument by what the launch file does with other values of all arguments."""
+    if p.other_step is None or part.share < 1 or plan.problem is not None:
+        return part
+    other = plan_of(context, p.other_step)
+    if other.problem is not None or _starts(plan) != _starts(other):
+        return part
+    reason = (
+        f"The argument {wanted.name} has no effect: with other values the file starts the same."
+    )
+    useless = replace(part, share=p.no_effect_credit, reason=reason, hint=_USE_ARGUMENT)
+    return context.charge_part(useless, _argument_cause(wanted.name))
+
+
+_USE_ARGUMENT = "Pass LaunchConfiguration('NAME') on to the nodes, in place of a constant."
+
+
+def _starts(plan: Plan) -> tuple[object, ...]:
+    """Return all that a launch file starts."""
+    return plan.processes, plan.loaded_components, plan.parameter_files
+
+
+def _argument_cause(argument: str) -> str:
+    """Name the mistake of a launch argument that does not reach the nodes."""
+    return f"argument {argument}"
 
 
 def _not_declared(plan: Plan, wanted: WantedArgument, p: LaunchArguments) -> Part:
@@ -501,7 +538,16 @@ def _charged_once(
     by: list[str | None] = []
     for mate in mates:
         by += _chargers(context, entry, mate)
-    return context.charge_part(part, None, by)
+    return context.charge_part(part, _parameter_cause(context, entry, wanted), by)
+
+
+def _parameter_cause(context: Context, entry: Process, wanted: WantedNode) -> str | None:
+    """Name the mistake of a parameter's type, if that ended a launched node; None for another end."""
+    run = context.session.process(entry.id)
+    found = context.explain(run) if run is not None else None
+    if found is None or found.kind != "parameter-type":
+        return None
+    return parameter_cause(wanted.node, found.subject)
 
 
 def _environment_gap(context: Context, entry: Process, wanted: WantedNode) -> str | None:
@@ -680,6 +726,8 @@ def launch_parameters(context: Context, p: LaunchParameters) -> Finding:
         if entry.file and part.reason:
             location = _parameter_at(context, entry, entry.file, wanted.name)
             part = replace(part, where=(location,))
+        if wanted.argument is not None:
+            part = context.charge_part(part, _argument_cause(wanted.argument))
         parts.append(part)
     if not parts:
         return not_reached("None of the nodes is started.", expected=expected)

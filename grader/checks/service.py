@@ -28,7 +28,7 @@ from grader.lab.patterns import search, without
 from grader.lab.references import Parameters, Pattern, Share
 from grader.lab.steps.base import StepResult
 from grader.lab.steps.call import CallRecord, CallResult, CallStep
-from grader.lab.steps.get_parameters import GetParametersResult, ParameterValue
+from grader.lab.steps.get_parameters import GetParametersResult, GetParametersStep, ParameterValue
 from grader.recording.session import ServiceEndpoint, StepRun
 from grader.result import Finding, Location
 
@@ -121,7 +121,8 @@ class CallAnswered(Parameters):
     )
     again_charged_by: ref.EarlierCheckId | None = Field(
         None,
-        description="Where this check took points, neither a later answer nor a contrary message takes any.",
+        description="Where this check took points, neither a later answer nor a contrary message takes any. "
+        "Two checks of one service that lose points for either charge the dearer one without it.",
     )
     given: Given | None = Field(None, description="A parameter on which the answer depends.")
     changed_credit: Share = Field(
@@ -283,10 +284,24 @@ def call_answered(context: Context, p: CallAnswered) -> Finding:
         return failed(expected, "the same request", reason, where=where)
     measured = f"{shown(response)} after {_latency_s(_calls(step)[0]) * 1e3:.1f} ms"
     answered = _Answered(response, expected, measured, where)
+    service = "" if step is None else CallStep.given(step).service
     finding = _wrong_fields(answered, p)
-    if finding is None and not context.charged(p.again_charged_by):
-        finding = _contrary_or_changed(context, answered, p)
-    return finding or _judge_message(answered, p)
+    if finding is not None:
+        return context.charge(finding, answer_cause(service, request))
+    finding = _contrary_or_changed(context, answered, p)
+    if finding is not None:
+        return context.charge(finding, f"state told by {service}", [p.again_charged_by])
+    return _judge_message(answered, p)
+
+
+def answer_cause(service: str, request: Mapping[str, Any]) -> str:
+    """Name the mistake of a wrong answer to a request."""
+    return f"answer of {service} to {shown(request)}"
+
+
+def parameter_cause(node: str, parameter: str) -> str:
+    """Name the mistake of a parameter with another name or type."""
+    return f"parameter {parameter} of {node}"
 
 
 def _step_that_counts(context: Context, p: CallAnswered) -> StepRun | None:
@@ -429,7 +444,11 @@ def parameters_declared(context: Context, p: ParametersDeclared) -> Finding:
     if step is None or step.outcome != "done":
         return _not_read(context, step, expected)
     values = GetParametersResult.of(step).read
-    parts = [_judge_parameter(wanted, values.get(wanted.name), p) for wanted in p.parameters]
+    node = GetParametersStep.given(step).node
+    parts = []
+    for wanted in p.parameters:
+        part = _judge_parameter(wanted, values.get(wanted.name), p)
+        parts.append(context.charge_part(part, parameter_cause(node, wanted.name)))
     read = [f"{name} = {got.value!r}" for name, got in values.items()]
     measured = ", ".join(read) or "none of them"
     return of_parts(expected, parts, measured=measured)

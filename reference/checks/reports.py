@@ -93,13 +93,15 @@ class Alternative(BaseModel):
     credit: float = Field(0.0, ge=0, le=1)
     cause: str | None = Field(
         None,
-        description="Name of the mistake. Its dearest check charges it; its other checks are excused.",
+        description="Name of the mistake, by default its parameters; only its dearest check is charged.",
     )
     charged_by: tuple[EarlierCheckId, ...] = Field(
         (), description="Where one of these checks took points, none are lost here."
     )
 
-    def explains(self, context: Context, finding: Finding, least: float = 0.0) -> Finding:
+    def explains(
+        self, context: Context, artifact: str, finding: Finding, least: float = 0.0
+    ) -> Finding:
         """State the credit of numbers that match this mistake, and name it.
 
         The share of right numbers is the least credit. A mistake that costs nothing is excused.
@@ -115,7 +117,8 @@ class Alternative(BaseModel):
         )
         if judged.outcome is Outcome.PASSED:
             return excused(judged, meant)
-        return context.charge(judged, self.cause, self.charged_by)
+        cause = self.cause or f"{artifact}: {dict(self.parameters)}"
+        return context.charge(judged, cause, self.charged_by)
 
 
 class ReportShare(BaseModel):
@@ -293,7 +296,7 @@ def _right_values(context: Context, p: ReportedSeries) -> Finding:
     wrong = failed(expected, measured, example, where=where)
     mistake = _mistake(context, p, heard, count)
     if mistake is not None:
-        return mistake.explains(context, wrong, series.right / count)
+        return mistake.explains(context, p.artifact, wrong, series.right / count)
     return _judge_plateaus(context, p, series, wrong)
 
 
@@ -546,9 +549,8 @@ def _judge_vector(
         return passed(vector.expected, vector.measured, notes=[*vector.notes, note])
     for other in p.alternatives:
         if _agreement(context, p, streams, other.parameters, printed) >= 1:
-            return other.explains(
-                context, passed(vector.expected, vector.measured, notes=vector.notes)
-            )
+            like = passed(vector.expected, vector.measured, notes=vector.notes)
+            return other.explains(context, p.artifact, like)
     if fits:
         return _of_reported_only(context, p, vector, len(heard), of_all)
     lost, doubt = _lost_to_machine(context, p)

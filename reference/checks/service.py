@@ -20,11 +20,13 @@ from grader.own_checks import (
     SetLabel,
     Share,
     Step,
+    answer_cause,
     apart,
     check,
     fields_of_type,
     graded,
     not_reached,
+    parameter_cause,
     search,
     unclear,
 )
@@ -70,6 +72,9 @@ class CallGated(BaseModel):
     )
     disallowed_credit: Share = Field(
         0.5, description="Credit where what must stay possible is refused too."
+    )
+    other_name_credit: Share = Field(
+        1.0, description="Credit where all is right, but for a parameter of another name."
     )
 
 
@@ -180,11 +185,42 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
     disallowed = _disallowed(context, p)
     if disallowed is not None:
         reason = f"{_DISALLOWS} {_shown(disallowed)}."
-        return gate.graded(p.disallowed_credit, reason, _DISALLOWS_HINT)
+        found = gate.graded(p.disallowed_credit, reason, _DISALLOWS_HINT)
+        return context.charge(found, _answer_cause(context, p.allowed_step))
     if _fits(gate.on, p.recovered):
-        return gate.graded(1.0, "")
+        return _judge_name(context, p, gate)
     reason = "It refuses, but does not recover when the parameter is true again."
     return gate.graded(p.half_credit, reason)
+
+
+def _answer_cause(context: Context, label: str | None) -> str | None:
+    """Name the mistake of a wrong answer to a call, as the check of this answer does."""
+    step = context.step(label) if label is not None else None
+    if step is None:
+        return None
+    return answer_cause(step.parameters["service"], step.parameters.get("request", {}))
+
+
+def _judge_name(context: Context, p: CallGated, gate: _Gate) -> Finding:
+    """Judge a gate without a fault by the name of its parameter."""
+    step = context.step(p.set_step)
+    names: Mapping[str, str] = {}
+    if step is not None:
+        names = step.result.get("names") or {}
+    for asked, used in names.items():
+        reason = f"It refuses by the parameter {used}; with {asked} set to false, it still enables."
+        found = gate.graded(p.other_name_credit, reason, f"Declare the parameter as {asked}.")
+        return context.charge(found, _parameter_cause(step))
+    return gate.graded(1.0, "")
+
+
+def _parameter_cause(step: Step | None) -> str | None:
+    """Name the mistake of the parameter set by a step, as the check of the parameters does."""
+    if step is None:
+        return None
+    for name in step.parameters.get("values", {}):
+        return parameter_cause(step.parameters["node"], name)
+    return None
 
 
 def _disallowed(context: Context, p: CallGated) -> Answer:
@@ -217,15 +253,21 @@ def _judge_without_refusal(context: Context, p: CallGated, gate: _Gate) -> Findi
     if recovers and p.refusal is not None and search(p.refusal, words):
         hint = "Set the success field to False too, not only the message."
         return gate.graded(p.half_credit, _ONLY_MESSAGE, hint)
-    unset = _not_set(context.step(p.set_step))
+    step = context.step(p.set_step)
+    unset = _not_set(step)
+    if unset:
+        return context.charge(_judge_unset(p, gate, unset), _parameter_cause(step))
     if _fits(gate.off_from_start, p.refused):
-        if unset:
-            return gate.graded(p.half_credit, f"{_AT_START} {unset}", _SET_HINT)
         reason = f"{_AT_START} a change while it runs has no effect."
         return gate.graded(p.from_start_credit, reason)
-    if unset:
-        return gate.graded(0.0, f"It still enables the robot, because {unset}", _SET_HINT)
     return gate.graded(0.0, "It enables although the parameter is false.")
+
+
+def _judge_unset(p: CallGated, gate: _Gate, unset: str) -> Finding:
+    """Judge a node without a refusal, whose parameter could not be set."""
+    if _fits(gate.off_from_start, p.refused):
+        return gate.graded(p.half_credit, f"{_AT_START} {unset}", _SET_HINT)
+    return gate.graded(0.0, f"It still enables the robot, because {unset}", _SET_HINT)
 
 
 def _not_set(step: Step | None) -> str:

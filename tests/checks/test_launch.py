@@ -278,6 +278,17 @@ def test_each_argument_is_a_part(
     assert words in finding.reason
 
 
+@pytest.mark.parametrize(("other", "credit"), [("50.0", "1"), ("100.0", "0.25")])
+def test_arguments_that_change_nothing_keep_little(tmp_path: Path, other: str, credit: str) -> None:
+    """With other values of all arguments, the file starts something else, or the same."""
+    listed = [{"name": each["name"], "default": each["default"]} for each in ARGUMENTS["arguments"]]
+    session = planned(Session(tmp_path), arguments=listed, processes=[entry("talk", "100.0")])
+    session = planned(session, "other", arguments=listed, processes=[entry("talk", other)])
+    finding = judged("launch_arguments", {**ARGUMENTS, "other_step": "other"}, session)
+    assert finding.credit == Decimal(credit)
+    assert ("has no effect" in finding.reason) == (credit != "1")
+
+
 def test_an_argument_that_was_assumed_is_not_charged_again(tmp_path: Path) -> None:
     """An undeclared argument keeps the file from loading, and costs points there only."""
     worked_around = [

@@ -167,7 +167,7 @@ def test_the_same_request_is_to_be_answered_alike(
     assert words in finding.reason
 
 
-@pytest.mark.parametrize(("credit", "outcome"), [("0.75", Outcome.PASSED), ("1", Outcome.FAILED)])
+@pytest.mark.parametrize(("credit", "outcome"), [("0.75", Outcome.EXCUSED), ("1", Outcome.FAILED)])
 def test_a_contrary_message_is_charged_once(tmp_path: Path, credit: str, outcome: Outcome) -> None:
     """Messages that are swapped, or a switch, take points at the first request where the rubric names that check."""
     session = called(Session(tmp_path), "enable", call(answer(True, "Robot disabled")))
@@ -205,7 +205,9 @@ def test_another_answer_later_is_charged_once(tmp_path: Path) -> None:
     finding = judged(
         "call_answered", {**AGAIN, "again_charged_by": "first"}, session, findings=taken
     )
-    assert finding.outcome is Outcome.PASSED
+    assert (finding.outcome, finding.credit) == (Outcome.EXCUSED, Decimal(1))
+    alone = judged("call_answered", AGAIN, session)
+    assert (alone.outcome, alone.causes) == (Outcome.PARTIAL, (f"state told by {NAME}",))
 
 
 def test_no_answer_fails_and_says_how_long_it_took(tmp_path: Path) -> None:
