@@ -81,10 +81,15 @@ def environment_gap(
     text = submission.texts.get(found.file, "")
     if found.kind == "missing-name":
         return _unbuilt_package(found.file, found.line, submission)
+    return _other_version(found, found.file, text)
+
+
+def _other_version(found: Diagnosis, file: str, text: str) -> str | None:
+    """Say that a file is for another version of NumPy or of Python; None if it is not."""
     if found.kind == "removed-from-numpy":
-        return _removed_name(found, found.file, text)
+        return _removed_name(found, file, text)
     if found.kind == "syntax-error":
-        return _newer_syntax(found.file, found.line, text)
+        return _newer_syntax(file, found.line, text)
     return None
 
 
