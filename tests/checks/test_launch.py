@@ -281,7 +281,8 @@ def test_each_argument_is_a_part(
 @pytest.mark.parametrize(("other", "credit"), [("50.0", "1"), ("100.0", "0.25")])
 def test_arguments_that_change_nothing_keep_little(tmp_path: Path, other: str, credit: str) -> None:
     """With other values of all arguments, the file starts something else, or the same."""
-    listed = [{"name": each["name"], "default": each["default"]} for each in ARGUMENTS["arguments"]]
+    wanted: Any = ARGUMENTS["arguments"]
+    listed = [{"name": each["name"], "default": each["default"]} for each in wanted]
     session = planned(Session(tmp_path), arguments=listed, processes=[entry("talk", "100.0")])
     session = planned(session, "other", arguments=listed, processes=[entry("talk", other)])
     finding = judged("launch_arguments", {**ARGUMENTS, "other_step": "other"}, session)
