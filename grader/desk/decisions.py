@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import multiprocessing
+import re
 import signal
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -15,9 +16,9 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from decimal import Decimal
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from grader.cohort.entries import ClassEntry, entries_in
 from grader.desk.queue import Item, part_of, queue_of, state_of
@@ -30,10 +31,23 @@ from grader.lab.rubric import Rubric
 from grader.result import ANSWERS, WHOLE, Result, number
 from grader.result_folder import RESULT_FILE
 
+_POINTS = re.compile(r"[-+]?[0-9]{1,9}(\.[0-9]{0,9})?")
 #: Previous reasons, and previous comments, that are offered.
 _MOST_OFFERED = 9
 #: Names that a message lists.
 _MOST_NAMED = 3
+
+
+def _typed(value: Any) -> Any:
+    """Read points as a person types them, also with a decimal comma."""
+    text = str(value).strip().replace(",", ".")
+    if not _POINTS.fullmatch(text):
+        raise ValueError(f"{value!r} is not a number of points; enter a number such as 2.5")
+    return text
+
+
+#: Points in a decision.
+TypedPoints = Annotated[Decimal, BeforeValidator(_typed)]
 
 
 class Decision(BaseModel):
@@ -45,7 +59,7 @@ class Decision(BaseModel):
     level: Literal["check", "criterion", ""]
     id: str = Field(max_length=500)
     change: Literal["set", "add", "excused", "reviewed", "appeal"]
-    points: Decimal | None = None
+    points: TypedPoints | None = None
     comment: str = Field("", max_length=20_000)
     reason: str = Field("", max_length=5_000)
     #: State of the part that the person saw, by name; submissions without a name here were not seen.

@@ -235,7 +235,7 @@ def _json(make: Callable[[], dict[str, Any]]) -> Response:
     try:
         return _answer(json.dumps(make(), default=_number).encode(), ".json")
     except ValidationError as error:
-        mistakes = [str(each["msg"]) for each in error.errors()]
+        mistakes = [each["msg"].removeprefix("Value error, ") for each in error.errors()]
         return _refused("this is not a decision", mistakes[:_MOST_MISTAKES])
     except GraderError as error:
         mistakes = []

@@ -249,7 +249,7 @@ def _check_part(raw: Mapping[str, Any], loc: Loc, rubric: Rubric, mistakes: Mist
         elif "set" in raw and not _is_possible(raw["set"], points[identity]):
             mistakes.add(
                 (*loc, "set"),
-                f"{identity} has from 0 to {points[identity]} points; bonus gives more",
+                f"{identity} has from 0 to {points[identity]} points, not {raw['set']}; bonus gives more",
             )
 
 

@@ -379,6 +379,18 @@ def test_the_whole_is_looked_at(chromium: Browser, small: Path) -> None:
         desk.kill()
 
 
+#: Points that a criterion of 20 cannot have, and why.
+REFUSED_POINTS = {
+    "20.5": "At most 20 points are possible here.",
+    "-1": "Fewer than 0 points are not possible.",
+    "seven": "This is not a number of points.",
+    "1e1": "This is not a number of points.",
+    "0x5": "This is not a number of points.",
+    "1.234,5": "This is not a number of points.",
+    "1,125": "Points have at most two decimals.",
+}
+
+
 def test_more_points_than_there_are_are_refused(chromium: Browser, small: Path) -> None:
     """The desk names the possible points of the decision's check or criterion."""
     desk = serve(small)
@@ -386,13 +398,18 @@ def test_more_points_than_there_are_are_refused(chromium: Browser, small: Path) 
         page = opened(chromium, desk).page
         keys = Keyboard(page)
         expect(page.locator("#about")).to_contain_text("ann · undecided")
-        keys.press("w", "p")
-        keys.type("20.5")
-        keys.press("Tab", "Escape", "r")
+        keys.press("w", "r")
         keys.type("agreed")
-        keys.press("Enter")
-        expect(page.locator("#problem")).to_contain_text("At most 20 points are possible here.")
-        assert entries(small) == []
+        for typed, problem in REFUSED_POINTS.items():
+            page.fill("#points", typed)
+            page.locator("#save").click()
+            words = f"{problem} You typed {typed}. Nothing was saved. Enter a number from 0 to 20."
+            expect(page.locator("#problem")).to_have_text(words)
+            assert entries(small) == []
+        page.fill("#points", "2,5")
+        page.locator("#save").click()
+        expect(page.locator("#about")).not_to_contain_text("ann · undecided")
+        assert [entry["set"] for entry in entries(small)] == [2.5]
     finally:
         desk.kill()
 

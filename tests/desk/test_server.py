@@ -157,6 +157,10 @@ def test_a_link_leads_nowhere(desk: Served, made: Path) -> None:
     [
         {"points": "99"},
         {"points": "NaN"},
+        {"points": "-1"},
+        {"points": "seven"},
+        {"points": "1e1"},
+        {"points": "1.125"},
         {"change": "bonus"},
         {"id": "no.such"},
         {"reason": ""},
@@ -172,7 +176,10 @@ def test_what_cannot_be_decided_is_refused(
     before = text(made)
     status, body, _ = desk.ask("POST", "decide", decision(desk, **change))
     assert status == 400
-    assert json.loads(body)["problem"]
+    told = json.loads(body)
+    assert told["problem"]
+    if "points" in change:
+        assert change["points"] in " ".join(told["mistakes"]) or "two decimals" in str(told)
     assert text(made) == before
 
 

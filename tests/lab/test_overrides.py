@@ -168,7 +168,7 @@ MISTAKES = {
     "an unknown criterion": ("criterion: sevrice, set: 6", "did you mean 'service'?"),
     "more than a check has": (
         "check: publisher.rate, set: 5.5",
-        "from 0 to 5 points; bonus gives more",
+        "; bonus gives more",
     ),
     "part of another check": (
         "check: subscriber.reports, set: 1",

@@ -191,11 +191,21 @@
     var comment = byId("comment").value, what = change || (comment ? "reviewed" : null), scope = byId("scope").value;
     if (!what) { problem("Choose what becomes of the points first."); return null; }
     var points = byId("points").value.trim().replace(",", ".");
-    if (what === "set" && points === "") { problem("How many points?"); return null; }
-    if (what === "set" && Number(points) > possible()) { problem("At most " + possible() + " points are possible here."); byId("points").focus(); return null; }
+    var refused = what === "set" ? unfit(points) : "";
+    if (refused) { problem(refused + " Nothing was saved. Enter a number from 0 to " + possible() + "."); byId("points").focus(); return null; }
     if (what !== "reviewed" && !byId("reason").value.trim()) { problem("A change of points needs a reason."); byId("reason").focus(); return null; }
     var id = scope === "criterion" ? current.criterion : scope ? current.part.id : "";
     return { names: names, level: scope, id: id, change: what, points: what === "set" ? points : null, comment: comment, reason: byId("reason").value, seen: seen };
+  }
+  // Why points cannot be given as they were typed; empty if they can.
+  function unfit(points) {
+    var typed = " You typed " + byId("points").value.trim() + ".";
+    if (points === "") { return "How many points?"; }
+    if (!/^[-+]?\d+(\.\d*)?$/.test(points)) { return "This is not a number of points." + typed; }
+    if (Number(points) > possible()) { return "At most " + possible() + " points are possible here." + typed; }
+    if (Number(points) < 0) { return "Fewer than 0 points are not possible." + typed; }
+    if (/\.\d{3}/.test(points)) { return "Points have at most two decimals." + typed; }
+    return "";
   }
   function problem(words) { byId("problem").textContent = words; byId("problem").hidden = false; }
   function save(names, seen) {
