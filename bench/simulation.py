@@ -60,7 +60,7 @@ def simulate(
     running: list[Piece] = []
     now_s = idle = admitted_s = 0.0
     while waiting or open_pieces:
-        for _ in range(min(len(waiting), most - len(under_way))):
+        for _ in waiting[: most - len(under_way)]:
             under_way.append(waiting.pop())
             _next(under_way[-1], open_pieces, ready)
         has_room = now_s - admitted_s > ROOM_S and idle > ROOM_SHARE
@@ -69,7 +69,8 @@ def simulate(
         wanted = sum(piece.share for piece in running)
         pace = min(1.0, core_count / wanted) if wanted else 1.0
         # The average of about the last second.
-        idle += (max(0.0, 1 - wanted / core_count) - idle) * _STEP_S
+        unused = max(0.0, 1 - wanted / core_count)
+        idle += (unused - idle) * _STEP_S
         now_s += _STEP_S
         for piece in running:
             piece.left_s -= _STEP_S * pace
