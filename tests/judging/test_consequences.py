@@ -37,9 +37,9 @@ MISTAKES = {
 #: Sessions of submissions that launch the three nodes in one process -> what the mistake in it costs alone, and where.
 COMPOSED = {
     "solution": ("", 0),
-    "strict_six_joints": ("publisher", 5),
-    "wrong_type_publisher": ("publisher", 4),
-    "wrong_node_name": ("publisher", 1),
+    "strict_six_joints": ("publisher", 6),
+    "wrong_type_publisher": ("publisher", Decimal("3.8")),
+    "wrong_node_name": ("publisher", Decimal("0.9")),
     "crash_on_early_state": ("subscriber", 4),
     "signed_mean_statistics": ("subscriber", 2),
     "service_crashes_on_enable": ("service", 14),
