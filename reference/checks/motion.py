@@ -41,7 +41,10 @@ class MessageValues(BaseModel):
     reach: float | None = Field(None, gt=0, description="No value may lie farther from 0.")
     unsafe_by: EarlierCheckId | None = Field(
         None,
-        description="Check of what the values do; where it failed, they are not safe, and worth nothing.",
+        description="Check of what the values do; where it failed, they are not safe.",
+    )
+    unsafe_credit: Share = Field(
+        0.0, description="Credit of such values if all are finite, within reach, and of this number."
     )
 
 
@@ -87,7 +90,8 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     if unsafe is not None:
         reason = " ".join([*reasons, unsafe.reason])
         measured = unsafe.measured or measured
-        return failed(expected, measured, reason, hint=unsafe.hint, where=unsafe.where)
+        share = p.unsafe_credit if good == len(rows) else 0.0
+        return graded(share, expected, measured, reason, hint=unsafe.hint, where=unsafe.where)
     share = good / len(rows)
     if good < len(rows):
         # One bad message is as clear as many, so it costs a level.

@@ -226,6 +226,10 @@ def test_a_motion_that_endangers_earns_nothing_and_makes_its_values_unsafe(
         judged(MESSAGE_VALUES, values, session, findings={"motion": moved}).outcome
         is Outcome.FAILED
     )
+    kept = judged(
+        MESSAGE_VALUES, {**values, "unsafe_credit": 0.5}, session, findings={"motion": moved}
+    )
+    assert kept.credit == Decimal("0.5")
     harmless = replace(moved, outcome=Outcome.PARTIAL)
     assert (
         judged(MESSAGE_VALUES, values, session, findings={"motion": harmless}).outcome
