@@ -376,7 +376,8 @@ def test_the_schema_takes_the_labs_rubric_and_finds_mistakes(
 ) -> None:
     """The shipped JSON Schema for editors is made of the models that read rubrics."""
     schema = json.loads(run(capsys, "rubric", "--schema")[1])
-    assert schema == json.loads((ROOT / "rubric.schema.json").read_text(encoding="utf-8"))
+    shipped = json.loads((ROOT / "rubric.schema.json").read_text(encoding="utf-8"))
+    assert schema == shipped, "run .venv/bin/python tools/write-schemas"
     jsonschema.Draft202012Validator.check_schema(schema)
     validator = jsonschema.Draft202012Validator(schema)
     text = (lab_folder() / "rubric.yaml").read_text(encoding="utf-8")

@@ -147,7 +147,7 @@ def test_the_schema_that_is_shipped_is_the_current_one() -> None:
     shipped = json.loads(
         (Path(grader.report.__file__).parent / "result.schema.json").read_text(encoding="utf-8")
     )
-    assert shipped == result_schema()
+    assert shipped == result_schema(), "run .venv/bin/python tools/write-schemas"
 
 
 def test_the_schema_knows_every_kind_of_violation() -> None:
