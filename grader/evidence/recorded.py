@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from grader.evidence.authorship import Authorship, authorship
 from grader.evidence.cpu_delay import Backlog, Delay, Span, backlog, clipped, delay_before
-from grader.evidence.crash.tracebacks import without_colours
 from grader.evidence.fields import numbers_of, time_ns
+from grader.evidence.text.output import plain_output
 from grader.lab.steps.call import CallStep
 from grader.lab.steps.observe import ObserveResult
 from grader.lab.steps.wait_for import WaitForStep
@@ -648,13 +648,8 @@ class Recorded:
         return self.lines_of(processes[-1])
 
     def lines_of(self, run: ProcessRun) -> list[OutputLine]:
-        """Return the output of a process, without colours."""
-        lines = []
-        for line in run.output:
-            if "\x1b" in line.text:
-                line = replace(line, text=without_colours(line.text))
-            lines.append(line)
-        return lines
+        """Return the output of a process as a terminal shows it, without colours and control characters."""
+        return plain_output(run.output)
 
 
 def _parts(run: ProcessRun) -> Iterator[Span]:

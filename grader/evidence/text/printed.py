@@ -7,8 +7,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from grader.evidence.crash.tracebacks import without_colours
 from grader.evidence.recorded import Recorded
+from grader.evidence.text.output import is_whole, read_output
 from grader.lab.patterns import search
 from grader.recording.session import OutputLine
 
@@ -43,6 +43,8 @@ _ELEMENT = re.compile(
 _LINE_LIMIT = 2000
 #: Characters of a vector, and of a line of other forms, that are read.
 _MAX_VECTOR_TEXT = 4000
+#: Characters of a vector in brackets that are read.
+_MAX_BRACKETED = 100_000
 #: Last occurrences of a label that are read for a vector.
 _LAST_LABELS = 200
 #: Last lines, and characters of them, that are read for other forms; no program prints more statistics.
@@ -98,7 +100,7 @@ def _printed(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
     found = []
     for process in recorded.processes_of(artifact):
         until_ns = process.interrupted_ns or process.exited_ns or _NEVER_NS
-        for line in process.output:
+        for line in read_output(process.output):
             if line.t_ns >= until_ns:
                 continue
             report = _report(pattern, line.t_ns, line.text)
@@ -108,22 +110,29 @@ def _printed(recorded: Recorded, artifact: str, pattern: str) -> list[Report]:
 
 
 def _logged(recorded: Recorded, pattern: str) -> list[Report]:
-    log = recorded.bag.stream("/rosout", "rcl_interfaces/msg/Log")
     found = []
+    log = recorded.bag.stream("/rosout", "rcl_interfaces/msg/Log")
+    lines = []
     for t_ns, text in zip(log.received_ns.tolist(), log.field("msg"), strict=True):
-        report = _report(pattern, t_ns, text) if text else None
+        for part in text.split("\n"):
+            lines.append(OutputLine(t_ns, "stdout", part))
+    for line in read_output(lines):
+        report = _report(pattern, line.t_ns, line.text)
         if report is not None:
             found.append(report)
     return found
 
 
 def _report(pattern: str, t_ns: int, text: str) -> Report | None:
-    text = without_colours(text[:_LINE_LIMIT])
+    text = text[:_LINE_LIMIT]
     match = search(pattern, text)
     if match is None or match.lastindex is None:
         return None
-    number = match[match.lastindex]
-    lead_in = text[match.start() : match.start(match.lastindex)]
+    start, end = match.span(match.lastindex)
+    if not is_whole(text, start, end):
+        return None
+    number = text[start:end]
+    lead_in = text[match.start() : start]
     try:
         return Report(t_ns, float(number), _rounding([number]), lead_in.rstrip())
     except ValueError:
@@ -162,8 +171,8 @@ def printed_vector(
         Regular expression of text, from the start of the line to the numbers, that tells of another quantity.
     """
     lines = []
-    for line in output:
-        text = with_short_runs(without_colours(line.text))
+    for line in read_output(output):
+        text = with_short_runs(line.text)
         lines.append(OutputLine(line.t_ns, line.stream, text))
     there = "\n".join(line.text for line in lines).lower()
     for label in labels:
@@ -206,7 +215,7 @@ def _bracketed(text: str, label: str, other: str | None) -> list[str]:
         begin = max(line_start, match.start() - _MAX_VECTOR_TEXT)
         if _tells(other, text[begin:end]):
             continue
-        inside, closed, _ = text[end : end + _MAX_VECTOR_TEXT].partition("]")
+        inside, closed, _ = text[end : end + _MAX_BRACKETED].partition("]")
         numbers = _only_numbers(inside) if closed else []
         if numbers:
             return numbers
@@ -284,6 +293,9 @@ def _last_behind(lines: Sequence[str], label: str) -> list[str]:
 
 def _only_numbers(text: str) -> list[str]:
     """Return the numbers of a text without other contents; empty if it has some."""
+    if text.count("[") > text.count("]"):
+        # The vector goes on in the next lines.
+        return []
     text = _WRAPPING.sub(" ", text)
     if _ONLY_NUMBERS.fullmatch(_NUMBER.sub(" ", text)) is None:
         return []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import signal
 import subprocess
 import time
@@ -32,6 +33,8 @@ MAX_FLOOD_BYTES = 64 * 1024 * 1024
 #: The longest line that is kept whole, in bytes.
 MAX_LINE_BYTES = 8 * 1024
 _READ_BYTES = 64 * 1024
+#: End of a line; a carriage return at the end of a block may be followed by a line feed.
+_LINE_END = re.compile(rb"\r?\n|\r(?!\n|\Z)")
 #: Time between SIGINT, SIGTERM and SIGKILL.
 _TERMINATE_GRACE_S = 1.0
 #: Time to read the last output after the exit of a process, on a busy machine.
@@ -141,7 +144,7 @@ class RunningProcess:
                 self._process.stdin.close()
 
     async def _read(self, stream: asyncio.StreamReader, name: str) -> None:
-        rest = b""
+        rest, rest_ns = b"", 0
         while block := await stream.read(_READ_BYTES):
             now = time.time_ns()
             self._written += len(block)
@@ -152,13 +155,18 @@ class RunningProcess:
                 self.run.output_dropped_bytes += len(rest) + len(block)
                 rest = b""
                 continue
-            *lines, rest = (rest + block).split(b"\n")
+            # The first line may have been complete before, as is a status line that begins with a carriage return.
+            was_complete = rest.endswith(b"\r") or (rest != b"" and block[:1] in b"\r\n")
+            first_ns = rest_ns if was_complete else now
+            *lines, rest = _LINE_END.split(rest + block)
             if len(rest) > MAX_LINE_BYTES:
                 lines, rest = [*lines, rest], b""
             for line in lines:
-                self._keep(now, name, line)
+                self._keep(first_ns, name, line)
+                first_ns = now
+            rest_ns = now
         if rest:
-            self._keep(time.time_ns(), name, rest)
+            self._keep(rest_ns, name, rest.rstrip(b"\r"))
 
     def _keep(self, t_ns: int, stream: str, line: bytes) -> None:
         cut = line[:MAX_LINE_BYTES]
@@ -168,9 +176,7 @@ class RunningProcess:
             return
         self._kept += len(cut) + 1
         self.run.output_dropped_bytes += len(line) - len(cut)
-        self.run.output.append(
-            OutputLine(t_ns, stream, cut.rstrip(b"\r").decode("utf-8", "replace"))
-        )
+        self.run.output.append(OutputLine(t_ns, stream, cut.decode("utf-8", "replace")))
 
     async def _wait(self) -> int:
         status = await self._process.wait()

@@ -55,6 +55,15 @@ def test_lines_are_kept_up_to_a_number() -> None:
     assert record.output_dropped_bytes == 10**6 - MAX_OUTPUT_LINES
 
 
+def test_a_carriage_return_ends_a_line() -> None:
+    """A status line is one line each time, and the two characters of Windows end one line together."""
+    written = [b"a\r", b"\nb\r\n", b"RMS: 1", b"\rRMS: 2\rRMS", b": 3\r"]
+    record = run(f"import os; [os.write(1, text) for text in {written}]")
+    assert [line.text for line in record.output] == ["a", "b", "RMS: 1", "RMS: 2", "RMS: 3"]
+    times = [line.t_ns for line in record.output]
+    assert times == sorted(times)
+
+
 def test_long_output_is_kept_up_to_a_size() -> None:
     """One megabyte of eight is kept, in whole lines."""
     record = run("import os; [os.write(1, (b'x' * 1023 + b'\\n') * 64) for _ in range(128)]")
