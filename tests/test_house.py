@@ -60,7 +60,7 @@ def test_a_page_is_measured_without_its_code(house: dict[str, Any]) -> None:
     assert (counts.texts, counts.openings, counts.clauses) == (2, 1, 1)
 
 
-@pytest.mark.parametrize(("landed", "status"), [(4.0, 0), (3.0, 0), (2.0, 1)])
+@pytest.mark.parametrize(("landed", "status"), [(10.0, 0), (9.0, 0), (8.0, 1)])
 def test_a_worse_figure_fails(
     house: dict[str, Any],
     tmp_path: Path,
@@ -70,7 +70,7 @@ def test_a_worse_figure_fails(
 ) -> None:
     """The sentence names the package and both figures; landing keeps the better ones."""
     (tmp_path / "grader/checks").mkdir(parents=True)
-    (tmp_path / "grader/checks/a.py").write_text("a = 1\n", encoding="utf-8")
+    (tmp_path / "grader/checks/a.py").write_text("a = (1, b, c, (d, e))\n", encoding="utf-8")
     kept = tmp_path / "house.json"
     kept.write_text(json.dumps({"grader/checks": {"nodes": landed}}), encoding="utf-8")
     main = house["main"]
@@ -78,9 +78,9 @@ def test_a_worse_figure_fails(
     main.__globals__.update(LANDED=kept, measured=lambda: measured(tmp_path))
     assert main([]) == status
     output = capsys.readouterr().out
-    assert ("grader/checks: nodes is 3, and was 2" in output) == bool(status)
+    assert ("grader/checks: nodes is 9, and was 8" in output) == bool(status)
     assert main(["--land"]) == 0
-    assert json.loads(kept.read_text())["grader/checks"]["nodes"] == min(3.0, landed)
+    assert json.loads(kept.read_text())["grader/checks"]["nodes"] == min(9.0, landed)
 
 
 def module_name(path: Path) -> str:

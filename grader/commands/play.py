@@ -20,9 +20,9 @@ from grader.result_folder import RECORDINGS
 #: Environment variables that name settings files of the middleware.
 _PROFILES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 #: Environment variable that hands PYTHONPATH, needed for interface types, to an interpreter that ignores PYTHONPATH.
-_HANDED_PYTHONPATH = "_GRADER_PLAY_PYTHONPATH"
+_CALLERS_PYTHONPATH = "_GRADER_PLAY_PYTHONPATH"
 #: Environment variables that list folders of programs and libraries.
-_SEARCH_PATHS = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH", _HANDED_PYTHONPATH)
+_SEARCH_PATHS = ("AMENT_PREFIX_PATH", "LD_LIBRARY_PATH", "PATH", _CALLERS_PYTHONPATH)
 
 _DESCRIPTION = """\
 Publish the messages of a recorded session at the original intervals, on the ROS graph of this terminal (ROS_DOMAIN_ID).
@@ -85,7 +85,7 @@ def run(arguments: Sequence[str], console: Console) -> int:
     require_platform()
     if not sys.flags.isolated:
         _play_isolated(options)
-    sys.path += filter(None, os.environ.get(_HANDED_PYTHONPATH, "").split(os.pathsep))
+    sys.path += filter(None, os.environ.get(_CALLERS_PYTHONPATH, "").split(os.pathsep))
     from grader.live.ros_node.player import Player
 
     player = Player(recorded.bag, options.topics)
@@ -133,7 +133,7 @@ def isolated_environment(
     """
     kept = dict(environment)
     kept["SKIP_DEFAULT_XML_FILE"] = "1"
-    kept[_HANDED_PYTHONPATH] = environment.get("PYTHONPATH", "")
+    kept[_CALLERS_PYTHONPATH] = environment.get("PYTHONPATH", "")
     for name in _PROFILES:
         file = Path(os.path.realpath(kept.get(name, "")))
         is_inside = not {working, results}.isdisjoint(file.parents)

@@ -96,7 +96,7 @@ def test_the_page_shows_final_points_and_what_was_judged(judged: Result, adjuste
     earned, possible = judged.score.earned, judged.score.possible
     final = earned + Decimal("6.7")
     page = page_of(adjusted)
-    assert f"{final} of {possible} points" in words_of(page)
+    assert f"{final} of {number(possible)} points" in words_of(page)
     assert f"{number(earned)} as judged; adjusted" in words_of(page)
     assert re.search(rf"<title>[^<]*: {re.escape(str(final))} of", page)
 
@@ -154,8 +154,8 @@ def test_whatever_people_write_is_only_text(judged: Result, first: int) -> None:
 def test_the_terminal_shows_them_below_the_sum(judged: Result, adjusted: Result) -> None:
     """First come the points as judged, then each adjustment, and at last the final points."""
     text = printed(adjusted)
-    before = f"{number(judged.score.earned)} / {judged.score.possible}"
-    after = f"With all adjustments {adjusted.final} / {adjusted.score.possible}"
+    before = f"{number(judged.score.earned)} / {number(judged.score.possible)}"
+    after = f"With all adjustments {number(adjusted.final)} / {number(adjusted.score.possible)}"
     assert (
         text.index(before)
         < text.index("Commands arrive at 100 Hz −1.5")

@@ -359,7 +359,7 @@ def test_a_parameter_file_shows_what_it_sets_and_for_whom(tmp_path: Path) -> Non
     assert planned(tmp_path, {"name": "n", "parameters": files}).processes[0].parameters == [
         ("rate", "2.5", "p.yaml"),
         ("gains.p", "1", "p.yaml"),
-        ("mode", "'a'", "p.yaml, for /ns/other"),
+        ("mode", "'a'", "p.yaml, for ns/other"),
         ("file gone.yaml", "", ""),
     ]
 
