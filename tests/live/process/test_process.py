@@ -172,13 +172,17 @@ def test_a_process_of_another_user_is_held_to_a_core_where_root_may_not_do_so() 
 _TOLD_IN_PIECES = """
 import os, sys, time
 told = int(sys.argv[1])
+replaced, held = os.pipe()
 sandbox = os.fork()
 if sandbox == 0:
     if os.fork() == 0:
         os.execvp("sleep", ["sleep", "60"])
+    os.close(held)
     os.wait()
     os._exit(0)
+os.close(held)
 os.write(told, b'{"child-pid": %d' % sandbox)
+os.read(replaced, 1)  # It ends once the program has replaced Python, which can lose a signal before.
 time.sleep(0.3)
 os.write(told, b', "pid-namespace": 1}')
 os.wait()
