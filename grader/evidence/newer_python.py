@@ -157,8 +157,10 @@ class _Rewriting:
         while named and named[0].type in ("except", "*"):
             named.pop(0)
         kept = _without_commas(named)
-        if not left or len(kept) == len(named):
+        if len(kept) == len(named):
             return node.children
+        if not left:
+            raise _Wrong
         if not {child.type for child in kept}.isdisjoint(_NOT_IN_EXCEPT):
             raise _Wrong
         start = named[0].start_byte
@@ -270,7 +272,11 @@ def _without_commas(exceptions: list[tree_sitter.Node]) -> list[tree_sitter.Node
     for node in exceptions:
         if _text(node) != ",":
             kept.append(node)
-    if len(kept) < len(exceptions) and kept and kept[-1].is_missing:
+    if len(kept) == len(exceptions):
+        return kept
+    if not kept:
+        raise _Wrong
+    if kept[-1].is_missing:
         kept.pop()
     return kept
 
