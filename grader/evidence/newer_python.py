@@ -36,7 +36,7 @@ _AFTER_EXPRESSION = ("=", "type_conversion", "format_specifier", "}")
 _CONVERSIONS = ("!r", "!s", "!a")
 #: Expressions that need parentheses within a field, and the nodes that have brackets of their own.
 _NOT_BARE = ("lambda", "named_expression", "list_splat")
-#: Expressions that may not stand in an `except` of several without parentheses.
+#: Wrong parts of an `except` of several exceptions without parentheses.
 _NOT_IN_EXCEPT = ("as_pattern", *_NOT_BARE)
 _BRACKETED = (
     "argument_list",
@@ -55,7 +55,7 @@ _BRACKETED = (
 #: Stars before type parameters, and before the default of one with a single star: `[*Ts = *tuple[int], **P]`.
 _STARRED_DEFAULT = re.compile(r"(^|,)\s*\*\s*(\w+)\s*=\s*\*")
 _STARS = re.compile(r"(^|,)\s*\*{1,2}")
-#: A bound of a type parameter with stars, which no Python accepts.
+#: A bound of a type parameter with stars: an error in every Python.
 _BOUND_OF_STARRED = re.compile(r"(^|,)\s*\*{1,2}\s*\w+\s*:")
 _DEFINITIONS = ("function_definition", "class_definition")
 #: Minor versions of Python 3 with new syntax.
@@ -82,7 +82,7 @@ class _Older:
     """A text with its newer constructs rewritten."""
 
     text: str
-    #: Minor version of the first Python 3 that has all of the constructs; 0 if there are none.
+    #: Minor version of Python 3 for all of the constructs; 0 without any.
     version: int
 
 
@@ -115,11 +115,11 @@ class _Rewriting:
     #: First byte, byte after the last, replacement.
     edits: list[tuple[int, int, bytes]] = field(default_factory=list)
     expressions: list[str] = field(default_factory=list)
-    #: Minor version of the first Python 3 that has all of the constructs so far; 0 if there are none.
+    #: Minor version of Python 3 for all of the constructs so far; 0 without any.
     version: int = 0
 
     def _edit(self, start: int, stop: int, replacement: bytes, version: int) -> None:
-        """Note an edit, and the version that makes it necessary."""
+        """Note an edit, and the version of its construct."""
         self.edits.append((start, stop, replacement))
         self.version = max(self.version, version)
 
@@ -150,21 +150,24 @@ class _Rewriting:
 
     def _except(self, node: tree_sitter.Node) -> list[tree_sitter.Node]:
         """Rewrite `except A, B:` as `except (A, B):`; the grammar of tree-sitter knows no comma at the end."""
-        types = [child.type for child in node.children]
-        body = types.index(":") if ":" in types else 0
-        head = node.children[:body]
-        commas = [child for child in head if _text(child) == ","]
-        if not commas:
+        left = list(node.children)
+        named: list[tree_sitter.Node] = []
+        while left and left[0].type != ":":
+            named.append(left.pop(0))
+        while named and named[0].type in ("except", "*"):
+            named.pop(0)
+        kept = _without_commas(named)
+        if len(kept) == len(named):
             return node.children
-        named = [child for child in head if child.type not in ("except", "*")]
-        if any(child.type in _NOT_IN_EXCEPT for child in named):
+        if not left:
             raise _Wrong
-        start, stop = named[0].start_byte, node.children[body].start_byte
+        if not {child.type for child in kept}.isdisjoint(_NOT_IN_EXCEPT):
+            raise _Wrong
+        start = named[0].start_byte
+        stop = left[0].start_byte
         self._edit(start, start, b"(", _BARE_EXCEPTIONS)
         self._edit(stop, stop, b")", _BARE_EXCEPTIONS)
-        if named[-1].is_missing:
-            commas.append(named[-1])
-        return [child for child in node.children if child not in commas]
+        return kept + left
 
     def _alias(self, node: tree_sitter.Node) -> list[tree_sitter.Node]:
         """Rewrite `type Name[T] = value` as `Name = value`."""
@@ -253,18 +256,39 @@ def _require_bare(nodes: list[tree_sitter.Node]) -> None:
 
 
 def _without_stars(members: list[tree_sitter.Node]) -> list[tree_sitter.Node]:
-    """Return the members of a tuple without parentheses, in which stars may stand: `*a, b`."""
+    """Return the members of a tuple without parentheses, such as `*a, b`, without their stars."""
     plain = []
     for member in members:
-        plain += member.children if member.type == "list_splat" else [member]
+        if member.type == "list_splat":
+            plain += member.children
+        else:
+            plain.append(member)
     return plain
 
 
+def _without_commas(exceptions: list[tree_sitter.Node]) -> list[tree_sitter.Node]:
+    """Return the exceptions without commas, and without a missing name after the last comma."""
+    kept = []
+    for node in exceptions:
+        if _text(node) != ",":
+            kept.append(node)
+    if len(kept) == len(exceptions):
+        return kept
+    if not kept:
+        raise _Wrong
+    if kept[-1].is_missing:
+        kept.pop()
+    return kept
+
+
 def _require_one_kind(strings: list[tree_sitter.Node]) -> None:
-    """Raise _Wrong if t-strings stand beside other strings that are joined with them."""
-    openings = [_text(string.children[0]) for string in strings if string.type == "string"]
-    templates = ["t" in opening.rstrip("'\"").lower() for opening in openings]
-    if any(templates) and not all(templates):
+    """Raise _Wrong if a t-string is joined with another string."""
+    kinds = set()
+    for string in strings:
+        if string.type == "string":
+            prefix = _text(string.children[0]).rstrip("'\"")
+            kinds.add("t" in prefix.lower())
+    if len(kinds) > 1:
         raise _Wrong
 
 
@@ -294,4 +318,6 @@ def _version_of_parameters(text: str) -> int:
         raise _Wrong
     defined = tree.body[0]
     has_defaults = isinstance(defined, ast.FunctionDef) and bool(defined.args.defaults)
-    return _DEFAULTS if has_defaults else _TYPE_PARAMETERS
+    if has_defaults:
+        return _DEFAULTS
+    return _TYPE_PARAMETERS
