@@ -100,14 +100,15 @@ def _judge_subscription(
     policy = clash(endpoint, p.offered) or unheard(context, wanted.topic)
     if policy is not None:
         arrives = "so no message would arrive from the lab's publisher."
-        reason = f"On {used} the two sides are incompatible in {policy}, {arrives}"
-        costs.append((p.incompatible_costs, reason))
+        clashing = f"On {used} the two sides are incompatible in {policy}, {arrives}"
+        costs.append((p.incompatible_costs, clashing))
     notes = []
     if _is_weaker(p, endpoints):
         best_effort = f"The subscription on {used} requests BEST_EFFORT"
         notes.append(f"{best_effort}; with RELIABLE a lost message would be sent again.")
+    lost = max((cost for cost, _ in costs), default=0.0)
     return Part(
-        1 - max((cost for cost, _ in costs), default=0.0),
+        1 - lost,
         f"{endpoint.type} from {used} ({qos.reliability}, {qos.durability})",
         " ".join(reason for _, reason in costs),
         where=claimed_at(claim_of(context, "subscription", wanted.topic)),
@@ -163,11 +164,13 @@ class Alternative(Parameters):
         notes = finding.notes
         if self.credit >= 1 and not self._is_charged(context):
             notes = (*notes, meant)
+        share = max(self.left(context), least)
+        reason = f"{finding.reason} {meant}".strip()
         return graded(
-            max(self.left(context), least),
+            share,
             finding.expected,
             finding.measured,
-            f"{finding.reason} {meant}".strip(),
+            reason,
             where=finding.where,
             notes=notes,
         )
