@@ -31,7 +31,7 @@ from grader.evidence.fields import equal_within, value_at
 from grader.lab import references as ref
 from grader.lab.references import Parameters, Share
 from grader.lab.steps.send_goal import GoalRecord, SendGoalResult, SendGoalStep
-from grader.recording.session import StepRun
+from grader.recording.session import ServiceEndpoint, StepRun
 from grader.result import Finding, Location
 
 Status = Literal["succeeded", "aborted", "canceled"]
@@ -182,56 +182,80 @@ class _Sent:
 
 def action_server(context: Context, p: ActionServer) -> Finding:
     """Judge an action's server by the graph, and by the course of the grader's goals."""
-    asked, parts, untested = [], list[Part](), dict[str, Part]()
+    asked: list[str] = []
+    parts: list[Part] = []
+    untested: dict[str, Part] = {}
     for key, wanted in p.parts().items():
-        words, judge = _PARTS[key]
         step = context.session.step(getattr(wanted, "step", ""))
-        asked.append(
-            words(p, wanted)
-            + (f" (goal {_shown(SendGoalStep.given(step).goal)})" if step is not None else "")
-        )
+        asked.append(_asked(p, key, wanted, step))
         try:
-            found = (
-                judge(context, p) if key == "offered" else judge(_sent(context, p, step), wanted)
-            )
+            found = _judged(context, p, key, wanted, step)
         except _NotTested as why:
-            reason = f"Not tested, because {why}. {THEN_THESE}"
-            before = untested[reason].weight if reason in untested else 0.0
-            untested[reason] = _Nothing(
-                0.0, reason=reason, hint=why.hint, weight=before + wanted.weight
-            )
+            _add_untested(untested, why, wanted.weight)
         else:
-            parts.append(
-                replace(found, weight=wanted.weight, where=_where(context, p, key, step, found))
-            )
+            where = _where(context, p, key, step, found)
+            parts.append(replace(found, weight=wanted.weight, where=where))
     expected = "; ".join(asked)
     if not parts and _is_charged(context):
         return not_reached(next(iter(untested)), expected=expected)
-    finding = of_parts(expected, [*parts, *untested.values()])
-    nothing_came = any(isinstance(part, _Nothing) for part in (*parts, *untested.values()))
-    return unexplained(finding) if nothing_came else finding
+    parts += untested.values()
+    finding = of_parts(expected, parts)
+    if any(isinstance(part, _Nothing) for part in parts):
+        return unexplained(finding)
+    return finding
+
+
+def _asked(p: ActionServer, key: str, wanted: ActionPart, step: StepRun | None) -> str:
+    """Say what is expected of a part, with the goal of its step."""
+    words, _ = _PARTS[key]
+    text = words(p, wanted)
+    if step is None:
+        return text
+    goal = SendGoalStep.given(step).goal
+    return f"{text} (goal {_shown(goal)})"
+
+
+def _judged(
+    context: Context, p: ActionServer, key: str, wanted: ActionPart, step: StepRun | None
+) -> Part:
+    if key == "offered":
+        return _offered(context, p)
+    _, judge = _PARTS[key]
+    sent = _sent(context, p, step)
+    return judge(sent, wanted)
+
+
+def _add_untested(untested: dict[str, Part], why: _NotTested, weight: float) -> None:
+    """Add a part to the untested ones by reason; parts with one reason share an entry."""
+    reason = f"Not tested, because {why}. {THEN_THESE}"
+    if reason in untested:
+        weight += untested[reason].weight
+    untested[reason] = _Nothing(0.0, reason=reason, hint=why.hint, weight=weight)
 
 
 def _is_charged(context: Context) -> bool:
     """Return whether a check of the same session took points; its own finding covers flakiness."""
     session = context.location().session
-    here = (
-        name
-        for name, found in context.findings.items()
-        if any(w.session == session for w in found.where)
-    )
-    return any(map(context.charged, here))
+    for name, found in context.findings.items():
+        is_here = any(place.session == session for place in found.where)
+        if is_here and context.charged(name):
+            return True
+    return False
 
 
 def _where(
     context: Context, p: ActionServer, key: str, step: StepRun | None, found: Part
 ) -> tuple[Location, ...]:
     """Point at the goal, and where something is lost that stands where the server is made, at that line."""
-    there = context.location(
-        p.action, Span(step.started_ns, step.ended_ns) if step is not None else None
-    )
-    made = found.share < 1 and key in ("offered", "accepted", "rejected")
-    return (*(claimed_at(claim_of(context, "action", p.action)) if made else ()), there)
+    span = None
+    if step is not None:
+        span = Span(step.started_ns, step.ended_ns)
+    there = context.location(p.action, span)
+    is_made_wrongly = found.share < 1 and key in ("offered", "accepted", "rejected")
+    if not is_made_wrongly:
+        return (there,)
+    claim = claim_of(context, "action", p.action)
+    return (*claimed_at(claim), there)
 
 
 #: Characters that are shown of a value.
@@ -239,11 +263,15 @@ _MOST_SHOWN = 80
 
 
 def _cut(text: str) -> str:
-    return text if len(text) <= _MOST_SHOWN else f"{text[:_MOST_SHOWN]}..."
+    if len(text) <= _MOST_SHOWN:
+        return text
+    return f"{text[:_MOST_SHOWN]}..."
 
 
 def _short(value: Any) -> str:
-    return _cut(repr(list(value) if isinstance(value, tuple) else value))
+    if isinstance(value, tuple):
+        value = list(value)
+    return _cut(repr(value))
 
 
 def _shown(values: Mapping[str, Any]) -> str:
@@ -252,25 +280,21 @@ def _shown(values: Mapping[str, Any]) -> str:
 
 def _offered(context: Context, p: ActionServer) -> Part:
     used = context.session.used(p.action)
-    offers = [
-        offer
-        for graph in context.session.record.graph
-        for offer in graph.actions
-        if offer.name == used
-    ]
+    offers: list[ServiceEndpoint] = []
+    for graph in context.session.record.graph:
+        offers += [offer for offer in graph.actions if offer.name == used]
     offers = [offer for offer in offers if offer.node not in context.reference_nodes]
     if not offers:
         reason = f"The action {p.action} did not appear, nor one of a similar name. A client would wait forever."
         return _Nothing(0.0, "no action in the graph", reason)
-    offer = next((o for o in offers if o.type == p.type), offers[0])
+    of_type = [offer for offer in offers if offer.type == p.type]
+    offer = (of_type or offers)[0]
     faults = p.faults("action", (p.action, p.type), (used, offer.type), [offer.node])
     faults += p.node_faults([offer.node])
     measured = f"{used} of type {offer.type}, from {offer.node}"
-    return Part(
-        max(0.0, 1 - sum(cost for cost, _ in faults)),
-        measured,
-        " ".join(reason for _, reason in faults),
-    )
+    lost = sum(cost for cost, _ in faults)
+    reason = " ".join(reason for _, reason in faults)
+    return Part(max(0.0, 1 - lost), measured, reason)
 
 
 def _sent(context: Context, p: ActionServer, step: StepRun | None) -> _Sent:
@@ -279,15 +303,26 @@ def _sent(context: Context, p: ActionServer, step: StepRun | None) -> _Sent:
         raise _NotTested("the session had ended before")
     if why := not_asked(context, step, "action"):
         raise _NotTested(why)
-    steps = _steps(context, step)
-    earlier = (goal for before in steps[: steps.index(step)] for goal in _goals(before))
-    silent = next((goal for goal in earlier if goal.accepted is None), None)
-    if silent is not None and not any(goal.accepted is not None for goal in _goals(step)):
+    goals = _goals(step)
+    is_answered = any(goal.accepted is not None for goal in goals)
+    silent = _earlier_silent(context, step)
+    if silent is not None and not is_answered:
         raise _NotTested(f"an earlier goal ({_shown(silent.goal)}) got no answer")
-    if not _goals(step):
+    if not goals:
         problem = SendGoalResult.of(step).problem or "the node could not be asked"
         raise _NotTested(f"no goal could be sent: {problem}")
-    return _Sent(context, p.artifact, step, _goals(step)[0])
+    return _Sent(context, p.artifact, step, goals[0])
+
+
+def _earlier_silent(context: Context, step: StepRun) -> GoalRecord | None:
+    """Return the first goal without an answer in the steps before one, if there is any."""
+    steps = _steps(context, step)
+    position = steps.index(step)
+    for before in steps[:position]:
+        for goal in _goals(before):
+            if goal.accepted is None:
+                return goal
+    return None
 
 
 def _steps(context: Context, step: StepRun) -> list[StepRun]:
@@ -317,7 +352,7 @@ def _accepted(sent: _Sent, wanted: OfGoal) -> Part:
         return Part(1.0, f"{sent.words} accepted after {answered_ms:.1f} ms")
     if sent.record.accepted is None:
         return _silent(sent)
-    every = "Every goal" if not _any_goal(sent, accepted=True) else f"The {sent.words}"
+    every = f"The {sent.words}" if _any_goal(sent, accepted=True) else "Every goal"
     hint = _ACCEPT_HINT
     if sent.printed("did not return a GoalResponse"):
         hint = "goal_callback returns no GoalResponse, which rclpy takes for a rejection: return GoalResponse.ACCEPT."
@@ -331,7 +366,7 @@ def _rejected(sent: _Sent, wanted: OfGoal) -> Part:
         if not _any_goal(sent, accepted=True):
             raise _NotTested("no goal is accepted at all, so that a rejection proves nothing")
         return Part(1.0, f"{sent.words} rejected")
-    every = "Every goal" if not _any_goal(sent, accepted=False) else f"The {sent.words}"
+    every = f"The {sent.words}" if _any_goal(sent, accepted=False) else "Every goal"
     hint = "Give ActionServer a goal_callback that returns GoalResponse.REJECT for such a goal."
     return Part(0.0, f"{sent.words} accepted", f"{every} is accepted.", hint=hint)
 
@@ -340,8 +375,9 @@ def _any_goal(sent: _Sent, **known: bool | str) -> bool:
     """Return whether some goal to the same action has the given values in its record."""
     for step in _steps(sent.context, sent.step):
         for goal in _goals(step):
-            if any(getattr(goal, key) == value for key, value in known.items()):
-                return True
+            for key, value in known.items():
+                if getattr(goal, key) == value:
+                    return True
     return False
 
 
@@ -379,39 +415,50 @@ def _feedback(sent: _Sent, wanted: FeedbackWanted) -> Part:
     if not count:
         hint = "Call goal_handle.publish_feedback(feedback) in the execute callback, again and again while it works."
         return Part(0.0, "no feedback", f"No feedback came for {sent.words}.", hint=hint)
-    few = f"For {sent.words}, {count} of {wanted.at_least} messages of feedback came."
-    enough = min(1.0, count / wanted.at_least)
-    parts = [Part(enough, f"{count} message{'s' * (count > 1)} of feedback", few * (enough < 1))]
+    parts = [_feedback_count(sent, count, wanted.at_least)]
     if wanted.at_least_hz is not None:
         parts.append(_feedback_rate(sent, wanted.at_least_hz, wanted.hz_tolerance))
     for field, sign, way in ((wanted.rising, 1, "falls"), (wanted.falling, -1, "rises")):
         if field is not None and _reverses(sent, field, sign):
-            parts.append(
-                Part(
-                    wanted.other_order_credit,
-                    reason=f"From one message to the next, {field} {way}.",
-                )
-            )
-    return Part(
-        math.prod(part.share for part in parts),
-        " ".join(part.text for part in parts if part.text),
-        " ".join(part.reason for part in parts if part.reason),
-        best=math.prod(part.share if part.best is None else part.best for part in parts),
-        doubt=" ".join(part.doubt for part in parts if part.doubt),
-    )
+            reason = f"From one message to the next, {field} {way}."
+            parts.append(Part(wanted.other_order_credit, reason=reason))
+    return _product(parts)
+
+
+def _feedback_count(sent: _Sent, count: int, least: int) -> Part:
+    text = f"{count} message{'s' * (count > 1)} of feedback"
+    if count >= least:
+        return Part(1.0, text)
+    few = f"For {sent.words}, {count} of {least} messages of feedback came."
+    return Part(count / least, text, few)
+
+
+def _product(parts: Sequence[Part]) -> Part:
+    """Return one part with the product of the shares, and the texts of all."""
+    share = math.prod(part.share for part in parts)
+    bests = [part.share if part.best is None else part.best for part in parts]
+    text = " ".join(part.text for part in parts if part.text)
+    reason = " ".join(part.reason for part in parts if part.reason)
+    doubt = " ".join(part.doubt for part in parts if part.doubt)
+    return Part(share, text, reason, best=math.prod(bests), doubt=doubt)
 
 
 def _feedback_rate(sent: _Sent, wanted_hz: float, tolerance: float) -> Part:
     first_ns, last_ns = sent.record.feedback_span_ns
     length_s = max(0.0, (last_ns - first_ns) / 1e9)
-    rate_hz = (sent.record.feedback_count - 1) / length_s if length_s else 0.0
-    delay_s = sent.delay_s(first_ns, last_ns) if length_s else 0.0
+    rate_hz = 0.0
+    delay_s = 0.0
+    if length_s:
+        rate_hz = (sent.record.feedback_count - 1) / length_s
+        delay_s = sent.delay_s(first_ns, last_ns)
+    undelayed_hz = without_delay(rate_hz, delay_s, length_s)
     full_hz = wanted_hz * (1 - tolerance)
-    share, best = (
-        quantise(hz / full_hz) for hz in (rate_hz, without_delay(rate_hz, delay_s, length_s))
-    )
+    share = quantise(rate_hz / full_hz)
+    best = quantise(undelayed_hz / full_hz)
     shown = f"{apart(rate_hz, full_hz, places=1)} Hz"
-    reason = f"The feedback comes at {shown}; {full_hz:g} Hz give full credit." if share < 1 else ""
+    reason = ""
+    if share < 1:
+        reason = f"The feedback comes at {shown}; {full_hz:g} Hz give full credit."
     doubt = cpu_delay_doubt(delay_s, length_s) if best > share else ""
     return Part(share, f"at {shown}", reason, best=best, doubt=doubt)
 
@@ -422,7 +469,11 @@ def _reverses(sent: _Sent, field: str, sign: int) -> bool:
     sizes = [len(value) if isinstance(value, list) else value for value in values]
     numbers = [size for size in sizes if isinstance(size, (int, float))]
     # Values other than numbers neither rise nor fall.
-    return not all(sign * later >= sign * earlier for earlier, later in itertools.pairwise(numbers))
+    for earlier, later in itertools.pairwise(numbers):
+        goes_on = sign * later >= sign * earlier
+        if not goes_on:  # Not-a-numbers included.
+            return True
+    return False
 
 
 def _result(sent: _Sent, wanted: ResultWanted) -> Part:
@@ -430,26 +481,27 @@ def _result(sent: _Sent, wanted: ResultWanted) -> Part:
     result = sent.record.result
     if sent.record.ended_ns is None:
         reason = f"The {sent.words} ended as {sent.status}, but its result never came."
-        return _Nothing(
-            0.0, "no result", reason, hint="End the execute callback with `return result`."
-        )
+        hint = "End the execute callback with `return result`."
+        return _Nothing(0.0, "no result", reason, hint=hint)
     got = {path: value_at(result, path) for path in wanted.values}
-    wrong = [
-        path
-        for path, value in wanted.values.items()
-        if not equal_within(got[path], value, wanted.tolerance)
-    ]
-    reasons = [
-        f"{path} is {_short(got[path])}, not {_short(wanted.values[path])}" for path in wrong
-    ]
+    wrong: list[str] = []
+    for path, value in wanted.values.items():
+        if not equal_within(got[path], value, wanted.tolerance):
+            wrong.append(f"{path} is {_short(got[path])}, not {_short(value)}")
+    measured = _result_words(got)
+    if not wrong:
+        return Part(1.0, measured)
     hint = ""
     if len(wrong) == len(got) and not any(got.values()):
         hint = "Fill in the fields of the result that the execute callback returns."
     share = 1 - len(wrong) / len(got)
-    measured = "result " + ", ".join(f"{path}={_short(value)}" for path, value in got.items())
-    return Part(
-        share, measured, f"In the result, {' and '.join(reasons)}." if wrong else "", hint=hint
-    )
+    reason = f"In the result, {' and '.join(wrong)}."
+    return Part(share, measured, reason, hint=hint)
+
+
+def _result_words(values: Mapping[str, Any]) -> str:
+    fields = [f"{path}={_short(value)}" for path, value in values.items()]
+    return "result " + ", ".join(fields)
 
 
 # -- how a goal ends -------------------------------------------------------------------------------
@@ -483,16 +535,16 @@ def _final_status(sent: _Sent, wanted: StatusWanted) -> Part:
     if sent.record.status == wanted.status:
         return Part(1.0, measured)
     reason = f"The {sent.words} ended as {sent.status}, not as {wanted.status.upper()}."
-    if sent.record.status == "aborted" and sent.printed(_RAISED):
+    is_aborted = sent.record.status == "aborted"
+    if is_aborted and sent.printed(_RAISED):
         return _Nothing(0.0, measured, f"{reason} The execute callback raised an exception.")
-    if sent.record.status == "aborted" and sent.printed(_NOT_SET):
+    if is_aborted and sent.printed(_NOT_SET):
         reason += f" {_WITHOUT_STATUS}"
-    return Part(
-        0.0,
-        measured,
-        reason,
-        hint=f"Call goal_handle.{_SETTER[wanted.status]}() before `return result`.",
-    )
+    return Part(0.0, measured, reason, hint=_setter_hint(wanted.status))
+
+
+def _setter_hint(status: str) -> str:
+    return f"Call goal_handle.{_SETTER[status]}() before `return result`."
 
 
 def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
@@ -501,43 +553,32 @@ def _cancelled(sent: _Sent, wanted: CancelledWanted) -> Part:
     if cancel is None:
         return _too_early(sent, "cancelled", SendGoalStep.given(sent.step).cancel_after_s)
     if cancel.accepted:
-        return _ends_early(
-            sent, wanted, ("canceled",), _CANCELED_HINT, cancel.sent_ns, "it was cancelled"
-        )
+        asked = _Request(cancel.sent_ns, "it was cancelled", ("canceled",), _CANCELED_HINT)
+        return _ends_early(sent, wanted, asked)
     if cancel.answered_ns is not None and cancel.code != _GOAL_TERMINATED:
         hint = "Give ActionServer a cancel_callback that returns CancelResponse.ACCEPT; without one, rclpy refuses."
-        return Part(
-            0.0, "cancelling refused", f"Cancelling the {sent.words} was refused.", hint=hint
-        )
+        refused = f"Cancelling the {sent.words} was refused."
+        return Part(0.0, "cancelling refused", refused, hint=hint)
     reason = f"The request to cancel the {sent.words} was not answered while it was under way."
     return Part(0.0, "cancelling not answered in time", reason, hint=_BLOCKED_HINT)
 
 
 def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     _require_accepted(sent)
-    if len(_goals(sent.step)) < 2:
+    goals = _goals(sent.step)
+    if len(goals) < 2:
         return _too_early(sent, "preempted", SendGoalStep.given(sent.step).newer_after_s)
-    newer = replace(sent, record=_goals(sent.step)[1])
+    newer = replace(sent, record=goals[1])
     if newer.record.accepted is False:
         hint = "Accept it, and abort the goal that is under way."
-        return Part(
-            0.0,
-            "newer goal rejected",
-            "A newer goal is rejected while one is under way.",
-            hint=hint,
-        )
+        reason = "A newer goal is rejected while one is under way."
+        return Part(0.0, "newer goal rejected", reason, hint=hint)
     if newer.record.accepted is None:
-        return Part(
-            0.0, "newer goal not answered", "A newer goal was not answered.", hint=_BLOCKED_HINT
-        )
-    found = _ends_early(
-        sent,
-        wanted,
-        wanted.status,
-        _PREEMPTED_HINT,
-        newer.record.sent_ns,
-        "a newer one was sent",
-    )
+        reason = "A newer goal was not answered."
+        return Part(0.0, "newer goal not answered", reason, hint=_BLOCKED_HINT)
+    sent_ns = newer.record.sent_ns
+    asked = _Request(sent_ns, "a newer one was sent", wanted.status, _PREEMPTED_HINT)
+    found = _ends_early(sent, wanted, asked)
     answered_s = (newer.record.answer_ns - newer.record.sent_ns) / 1e9
     if not found.share and answered_s > wanted.within_s:
         reason = f"A newer goal was answered only after {apart(answered_s, wanted.within_s, places=2)} s."
@@ -547,12 +588,15 @@ def _preempted(sent: _Sent, wanted: PreemptedWanted) -> Part:
     if is_excused or newer.record.status == "succeeded":
         return found
     became = f"ended as {newer.status}" if newer.has_ended else "did not end"
-    reason, share = (
-        f"{found.reason} The newer goal {became}.".strip(),
-        wanted.other_status_credit * found.share,
+    reason = f"{found.reason} The newer goal {became}.".strip()
+    best = found.share if found.best is None else found.best
+    return replace(
+        found,
+        share=wanted.other_status_credit * found.share,
+        best=wanted.other_status_credit * best,
+        reason=reason,
+        hint=found.hint or _END_HINT,
     )
-    best = wanted.other_status_credit * (found.share if found.best is None else found.best)
-    return replace(found, share=share, best=best, reason=reason, hint=found.hint or _END_HINT)
 
 
 def _too_early(sent: _Sent, what: str, after_s: float | None) -> Part:
@@ -560,88 +604,126 @@ def _too_early(sent: _Sent, what: str, after_s: float | None) -> Part:
     if not sent.has_ended:
         raise _NotTested(f"the moment at which the {sent.words} was to be {what} never came")
     ended = f"The {sent.words} had ended as {sent.status} before it could be {what}."
-    found = Part(
-        0.0, "ended before", ended, hint="Let the execute callback work until it is asked to end."
-    )
+    hint = "Let the execute callback work until it is asked to end."
+    found = Part(0.0, "ended before", ended, hint=hint)
     end_ns = sent.record.ended_ns
     if after_s is None or end_ns is None:
         return found
     late_s = (end_ns - sent.record.answer_ns) / 1e9 - after_s
     delay_s = sent.delay_s(sent.record.answer_ns, end_ns)
-    is_ours = 0 < late_s <= delay_s
-    return (
-        replace(found, best=1.0, doubt=cpu_delay_doubt(delay_s, late_s + after_s))
-        if is_ours
-        else found
-    )
+    is_machines = 0 < late_s <= delay_s
+    if not is_machines:
+        return found
+    doubt = cpu_delay_doubt(delay_s, late_s + after_s)
+    return replace(found, best=1.0, doubt=doubt)
 
 
-def _ends_early(
-    sent: _Sent,
-    wanted: CancelledWanted,
-    statuses: Sequence[str],
-    hint: str,
-    asked_ns: int,
-    since: str,
-) -> Part:
+@dataclass(frozen=True)
+class _Request:
+    """A request to end a goal: its time, its words, the statuses that fit, and the hint for a goal that goes on."""
+
+    sent_ns: int
+    since: str
+    statuses: Sequence[str]
+    hint: str
+
+
+def _ends_early(sent: _Sent, wanted: CancelledWanted, asked: _Request) -> Part:
     """Judge delay and status of a goal's end after the request to end it."""
-    named = " or ".join(status.upper() for status in statuses)
-    if sent.record.ended_ns is None:
-        reason = f"The {sent.words} did not end after {since}."
-        return Part(0.0, "goes on", reason, hint=hint)
-    took_s, delay_s = (
-        (sent.record.ended_ns - asked_ns) / 1e9,
-        sent.delay_s(asked_ns, sent.record.ended_ns),
-    )
-    fits = sent.record.status in statuses
-    credits = {
-        True: 1.0 if fits else wanted.other_status_credit,
-        False: wanted.late_credit if fits else 0.0,
-    }
-    share, best = (credits[time_s <= wanted.within_s] for time_s in (took_s, took_s - delay_s))
-    shown = f"{apart(took_s, wanted.within_s, places=2)} s after {since}"
-    reasons = [] if fits else [f"The {sent.words} ended as {sent.status}, not as {named}."]
-    if not fits and sent.record.status == "aborted" and sent.printed(_NOT_SET):
-        reasons.append(_WITHOUT_STATUS)
-        hint = f"Call goal_handle.{_SETTER[statuses[0]]}() before `return result`."
+    ended_ns = sent.record.ended_ns
+    if ended_ns is None:
+        reason = f"The {sent.words} did not end after {asked.since}."
+        return Part(0.0, "goes on", reason, hint=asked.hint)
+    took_s = (ended_ns - asked.sent_ns) / 1e9
+    delay_s = sent.delay_s(asked.sent_ns, ended_ns)
+    fits = sent.record.status in asked.statuses
+    share = _end_credit(wanted, fits, took_s)
+    best = _end_credit(wanted, fits, took_s - delay_s)
+    shown = f"{apart(took_s, wanted.within_s, places=2)} s after {asked.since}"
+    reasons: list[str] = []
+    hint = asked.hint
+    if not fits:
+        reasons, hint = _other_status(sent, asked)
     if took_s > wanted.within_s:
         reasons.append(f"It ended {shown}; within {wanted.within_s:g} s gives full credit.")
-        hint = (
-            "Look for it more often, in each round of the execute callback's loop."
-            if fits
-            else hint
-        )
+        if fits:
+            hint = "Look for it more often, in each round of the execute callback's loop."
     doubt = cpu_delay_doubt(delay_s, took_s) if best > share else ""
-    return Part(share, f"{sent.status} {shown}", " ".join(reasons), best, doubt, hint * (share < 1))
+    hint = hint if share < 1 else ""
+    return Part(share, f"{sent.status} {shown}", " ".join(reasons), best, doubt, hint)
 
 
-_Judge = Callable[..., Part]
-#: Key of a part -> function for its expectation in words, and function that judges it.
-_PARTS: dict[str, tuple[Callable[[ActionServer, Any], str], _Judge]] = {
-    "offered": (
-        lambda p, _: f"{p.action} of type {p.type}" + (f", from node {p.node}" if p.node else ""),
-        _offered,
-    ),
-    "accepted": (lambda p, _: "accepted", _accepted),
-    "rejected": (lambda p, _: "rejected", _rejected),
-    "feedback": (lambda p, w: _feedback_words(w), _feedback),
-    "result": (
-        lambda p, w: "result " + ", ".join(f"{k}={_short(v)}" for k, v in w.values.items()),
-        _result,
-    ),
-    "final_status": (lambda p, w: f"ends as {w.status.upper()}", _final_status),
-    "cancelled": (lambda p, w: f"CANCELED within {w.within_s:g} s of cancelling", _cancelled),
-    "preempted": (
-        lambda p, w: (
-            f"{' or '.join(w.status).upper()} within {w.within_s:g} s of a newer goal, which is carried out"
-        ),
-        _preempted,
-    ),
-}
+def _end_credit(wanted: CancelledWanted, fits: bool, took_s: float) -> float:
+    """Return the credit of a goal's end by its status and its delay."""
+    if took_s <= wanted.within_s:
+        return 1.0 if fits else wanted.other_status_credit
+    return wanted.late_credit if fits else 0.0
 
 
-def _feedback_words(wanted: FeedbackWanted) -> str:
-    rate = f" at {wanted.at_least_hz:g} Hz or more" if wanted.at_least_hz is not None else ""
+def _other_status(sent: _Sent, asked: _Request) -> tuple[list[str], str]:
+    """Return reasons and hint for an end in a status that does not fit."""
+    named = " or ".join(status.upper() for status in asked.statuses)
+    reasons = [f"The {sent.words} ended as {sent.status}, not as {named}."]
+    if sent.record.status == "aborted" and sent.printed(_NOT_SET):
+        reasons.append(_WITHOUT_STATUS)
+        return reasons, _setter_hint(asked.statuses[0])
+    return reasons, asked.hint
+
+
+# -- the parts, in words --------------------------------------------------------------------------
+
+
+def _offered_words(p: ActionServer, _: ActionPart) -> str:
+    text = f"{p.action} of type {p.type}"
+    if p.node:
+        text += f", from node {p.node}"
+    return text
+
+
+def _accepted_words(_: ActionServer, wanted: OfGoal) -> str:
+    return "accepted"
+
+
+def _rejected_words(_: ActionServer, wanted: OfGoal) -> str:
+    return "rejected"
+
+
+def _expected_result_words(_: ActionServer, wanted: ResultWanted) -> str:
+    return _result_words(wanted.values)
+
+
+def _final_status_words(_: ActionServer, wanted: StatusWanted) -> str:
+    return f"ends as {wanted.status.upper()}"
+
+
+def _cancelled_words(_: ActionServer, wanted: CancelledWanted) -> str:
+    return f"CANCELED within {wanted.within_s:g} s of cancelling"
+
+
+def _preempted_words(_: ActionServer, wanted: PreemptedWanted) -> str:
+    statuses = " or ".join(wanted.status).upper()
+    return f"{statuses} within {wanted.within_s:g} s of a newer goal, which is carried out"
+
+
+def _feedback_words(_: ActionServer, wanted: FeedbackWanted) -> str:
+    rate = ""
+    if wanted.at_least_hz is not None:
+        rate = f" at {wanted.at_least_hz:g} Hz or more"
     ways = ((wanted.rising, "never falls"), (wanted.falling, "never rises"))
     order = "".join(f", {field} {way}" for field, way in ways if field is not None)
     return f"{wanted.at_least} or more messages of feedback{rate}{order}"
+
+
+_Words = Callable[[ActionServer, Any], str]
+_Judge = Callable[..., Part]
+#: Key of a part -> function for its expectation in words, and function that judges it.
+_PARTS: dict[str, tuple[_Words, _Judge]] = {
+    "offered": (_offered_words, _offered),
+    "accepted": (_accepted_words, _accepted),
+    "rejected": (_rejected_words, _rejected),
+    "feedback": (_feedback_words, _feedback),
+    "result": (_expected_result_words, _result),
+    "final_status": (_final_status_words, _final_status),
+    "cancelled": (_cancelled_words, _cancelled),
+    "preempted": (_preempted_words, _preempted),
+}

@@ -105,7 +105,8 @@ def _without_numpy(value: Any) -> Any:
 def call_value(context: Context, p: CallValue) -> Finding:
     """Judge the answers to several calls by their fields; if none is answered, it costs points only once."""
     steps = [context.session.step(answer.step) for answer in p.each]
-    expected = "; ".join(f"{answer.step}: {_wanted_words(answer, p)}" for answer in p.each)
+    asked = [f"{answer.step}: {_wanted_words(answer, p)}" for answer in p.each]
+    expected = "; ".join(asked)
     answers = [answer_of(step) for step in steps]
     if all(answer is None for answer in answers):
         return silence(context, steps[0], expected, problem_of(steps[0]))
@@ -116,13 +117,15 @@ def call_value(context: Context, p: CallValue) -> Finding:
         reason = f"All {len(parts)} calls get the same answer, whatever they ask for."
         parts[0] = replace(parts[0], reason=reason)
         parts[1:] = [replace(part, reason="") for part in parts[1:]]
-    return of_parts(expected, parts, where=tuple(call_location(context, step) for step in steps))
+    where = [call_location(context, step) for step in steps]
+    return of_parts(expected, parts, where=where)
 
 
 def _all_alike(steps: Sequence[StepRun | None]) -> bool:
     """Tell whether several calls got the same answer, though the first request differs from the others."""
     answers = [answer_of(step) for step in steps]
-    if len(answers) < 2 or answers.count(answers[0]) < len(answers):
+    count = len(answers)
+    if count < 2 or answers.count(answers[0]) < count:
         return False
     requests = [CallStep.given(step).request for step in steps if step is not None]
     return requests.count(requests[0]) == 1
@@ -148,7 +151,8 @@ def _judge_answer(
     values = {path: value_at(got, path) for path in (*wanted, *answer.patterns)}
     right = [*p.right(got, wanted), *_matching(answer, values)]
     text = f"{answer.step}: {shown(values)[:_MOST_SHOWN]}"
-    share = len(right) / max(1, len(wanted) + len(answer.patterns))
+    judged = len(wanted) + len(answer.patterns)
+    share = len(right) / max(1, judged)
     if share == 1:
         return Part(1.0, text)
     reason = _wrong_fields(answer, wanted, values, right)
@@ -172,7 +176,8 @@ def _matching(answer: WantedAnswer, values: Mapping[str, Any]) -> list[str]:
     """Return the paths of the fields that match their patterns."""
     matching = []
     for path, pattern in answer.patterns.items():
-        if values[path] is not None and search(pattern, str(values[path])):
+        value = values[path]
+        if value is not None and search(pattern, str(value)):
             matching.append(path)
     return matching
 

@@ -289,27 +289,27 @@ def of_parts(
     doubt
         Doubt if no part has one.
     """
-    lost = sum(share for share, _ in costs)
-    whole = sum(part.weight for part in parts) or 1.0
-    least = sum(part.weight * part.share for part in parts)
-    most = sum(part.weight * part.most for part in parts)
+    least, most = _bounds(parts, lost=sum(share for share, _ in costs))
     places: list[Location] = []
     notes: list[str] = []
     for part in parts:
         places += part.where
         notes += part.notes
-    reasons = [*(reason for _, reason in costs), *(part.reason for part in parts)]
+    texts = "; ".join(part.text for part in parts if part.text)
+    reasons = [reason for _, reason in costs]
+    reasons += [part.reason for part in parts]
     hints = _different(part.hint for part in parts)
+    doubts = _different(part.doubt for part in parts)
     finding = graded(
-        max(0.0, least / whole - lost),
+        least,
         expected,
-        measured or "; ".join(part.text for part in parts if part.text),
+        measured or texts,
         " ".join(_different(reasons)),
         hint=hints[0] if hints else "",
         where=[*places, *where],
         notes=notes,
-        best=max(0.0, most / whole - lost),
-        doubt=" ".join(_different(part.doubt for part in parts)) or doubt,
+        best=most,
+        doubt=" ".join(doubts) or doubt,
     )
     return _with_causes(finding, parts)
 
@@ -325,6 +325,16 @@ def _with_causes(finding: Finding, parts: Sequence[Part]) -> Finding:
     for part in parts:
         causes += part.causes
     return replace(finding, causes=(*finding.causes, *_different(causes)))
+
+
+def _bounds(parts: Sequence[Part], lost: float) -> tuple[float, float]:
+    """Return least and most weighted mean of parts, less a lost share of the whole."""
+    whole = sum(part.weight for part in parts) or 1.0
+    least = sum(part.weight * part.share for part in parts)
+    most = sum(part.weight * part.most for part in parts)
+    low = max(0.0, least / whole - lost)
+    high = max(0.0, most / whole - lost)
+    return low, high
 
 
 def _different(texts: Iterable[str]) -> list[str]:

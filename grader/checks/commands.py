@@ -129,7 +129,8 @@ class _Scope:
         return [self._quoted(each) for each in mentioned or within]
 
     def _is_mentioned(self, name: str) -> bool:
-        return name in self._reason or self._used.get(name, name) in self._reason
+        used = self._used.get(name, name)
+        return name in self._reason or used in self._reason
 
     def _lines(self, step: StepSpec) -> list[str]:
         """Return the commands that do the same as a step in a terminal."""

@@ -519,7 +519,9 @@ def _kind(unit: Unit) -> str:
 
 
 def _lines(note: Note) -> str:
-    return f"line {note.line}" if note.line == note.last else f"lines {note.line}–{note.last}"
+    if note.line == note.last:
+        return f"line {note.line}"
+    return f"lines {note.line}–{note.last}"
 
 
 class ConceptsExplained(_OfFiles):
@@ -561,7 +563,10 @@ def concepts_explained(context: Context, p: ConceptsExplained) -> Finding:
     if len(found.discussed) < p.least_concepts:
         return _too_little(context, expected, measured, found)
     covered = min(1.0, len(found.discussed) / p.full_concepts)
-    share = 2 / 3 * covered + 1 / 3 if found.related else 1 / 3 * covered
+    if found.related:
+        share = 2 / 3 * covered + 1 / 3
+    else:
+        share = 1 / 3 * covered
     reasons = _missing_discussion(found, p)
     where = [] if reasons else _locations(found)
     notes = []

@@ -199,8 +199,9 @@ def _first_unfit(endpoints: Sequence[Endpoint], wanted: Mapping[str, str]) -> Qo
     One right endpoint does not make up for a wrong one, because the sender of a message is not known.
     """
     for endpoint in endpoints:
-        if any(getattr(endpoint.qos, name) != value for name, value in wanted.items()):
-            return endpoint.qos
+        for name, value in wanted.items():
+            if getattr(endpoint.qos, name) != value:
+                return endpoint.qos
     return endpoints[0].qos
 
 

@@ -68,7 +68,9 @@ class NumbersOf(Parameters):
         found = numeric_stream(recorded.stream(self.topic), self.rows(recorded), finite=finite)
         if found is None or span is None:
             return found
-        inside = found.only((found.source_ns >= span.start_ns) & (found.source_ns <= span.end_ns))
+        is_after_start = found.source_ns >= span.start_ns
+        is_before_end = found.source_ns <= span.end_ns
+        inside = found.only(is_after_start & is_before_end)
         return inside if len(inside.values) else None
 
 
@@ -241,8 +243,10 @@ class FieldRange(OfMessages, NumbersOf):
 
     @model_validator(mode="after")
     def _limits_something(self) -> FieldRange:
-        low, high = _of_limit(self.low, -np.inf), _of_limit(self.high, np.inf)
-        if len(low) > 1 and len(high) > 1 and len(low) != len(high):
+        low = _of_limit(self.low, -np.inf)
+        high = _of_limit(self.high, np.inf)
+        are_both_lists = len(low) > 1 and len(high) > 1
+        if are_both_lists and len(low) != len(high):
             raise ValueError(f"low has {len(low)} numbers, high has {len(high)}")
         if (low > high).any():
             raise ValueError("low is above high")
@@ -283,13 +287,18 @@ class _Excesses:
     @property
     def surely_bad(self) -> NDArray[np.bool_]:
         """Which messages are wrong, whatever the machine did."""
-        found: NDArray[np.bool_] = (self.values > 0) | ((self.rates > 0) & ~self.late)
+        is_beyond = self.values > 0
+        is_too_fast = self.rates > 0
+        found: NDArray[np.bool_] = is_beyond | (is_too_fast & ~self.late)
         return found
 
     @property
     def worst(self) -> int:
         """Place of the message with the greatest excess, or else with the fastest change."""
-        return int(np.argmax(self.values if self.values.max() > 0 else self.rates))
+        excesses = self.values
+        if excesses.max() <= 0:
+            excesses = self.rates
+        return int(np.argmax(excesses))
 
 
 def field_range(context: Context, p: FieldRange) -> Finding:
@@ -300,7 +309,7 @@ def field_range(context: Context, p: FieldRange) -> Finding:
     excesses = _excesses(context, p, chosen)
     bad = excesses.bad
     count = len(chosen)
-    good = int((~bad).sum())
+    good = count - int(bad.sum())
     worst = excesses.worst
     worst_ns = int(context.session.stream(p.topic).source_ns[chosen[worst]])
     at_s, span = moment(context, p.topic, worst_ns)
@@ -316,7 +325,7 @@ def field_range(context: Context, p: FieldRange) -> Finding:
         p.expected,
         f"{good} of {count} messages",
         reason,
-        where=(context.location(p.topic, span if bad.any() else p.span(context)),),
+        where=(context.location(p.topic, span if good < count else p.span(context)),),
         best=p.credit(float((~excesses.surely_bad).mean())),
         doubt="Not your fault: the grading computer was busy when the numbers seem to change too fast.",
     )
@@ -364,7 +373,9 @@ def _beyond(p: FieldRange, row: Floats | None) -> tuple[float, str]:
         return 0.0, ""
     least = float(np.broadcast_to(low, row.shape)[index])
     most = float(np.broadcast_to(high, row.shape)[index])
-    return float(excess[index]), _outside(_element(p, row, index), float(row[index]), least, most)
+    element = _element(p, row, index)
+    clause = _outside(element, float(row[index]), least, most)
+    return float(excess[index]), clause
 
 
 def _outside(name: str, value: float, least: float, most: float) -> str:
@@ -409,7 +420,8 @@ def _too_fast(
     rates = changes / np.maximum(steps_s, usual_s)
     places = {index: place for place, index in enumerate(chosen)}
     rows = [places[int(index)] for index in series.index[1:]]
-    fast[rows] = np.where(rates > p.change_per_s * (1 + _UNEVEN), rates, 0.0)
+    is_too_fast = rates > p.change_per_s * (1 + _UNEVEN)
+    fast[rows] = np.where(is_too_fast, rates, 0.0)
     before_ns = series.source_ns[:-1] - round(usual_s * 1e9)
     delays_s = context.session.delays_s(before_ns, series.source_ns[1:])
     late[rows] = delays_s > _DELAYED * usual_s

@@ -185,13 +185,15 @@ def _judge_answers(context: Context, p: MessageLatency, answers: _Answers) -> Fi
     if kept < 1:
         reasons.append(f"{count - answered} of {count} messages were not answered.")
     kept_at_best = p.credit(min(1.0, answered_share + lost))
+    share = _mean([quantile.share for quantile in quantiles])
+    best = _mean([quantile.best for quantile in quantiles])
     return graded(
-        kept * _mean([quantile.share for quantile in quantiles]),
+        kept * share,
         p.expected,
         "; ".join(texts),
         " ".join(reasons),
         where=(context.location(p.output.topic, there.slowest),),
-        best=kept_at_best * _mean([quantile.best for quantile in quantiles]),
+        best=kept_at_best * best,
         doubt=_doubt(context, there, quantiles, lost),
     )
 
@@ -283,7 +285,9 @@ def _answers(context: Context, p: MessageLatency) -> _Answers:
 def _next_after(asked: Integers, sent: Integers) -> Integers:
     """Return the first time of an answer between each message and the next; -1 if there is none."""
     after = np.searchsorted(sent, asked)
-    found = np.where(after < len(sent), sent[np.minimum(after, len(sent) - 1)], -1)
+    last = len(sent) - 1
+    candidates = sent[np.minimum(after, last)]
+    found = np.where(after <= last, candidates, -1)
     next_ns = np.append(asked[1:], np.iinfo(np.int64).max)
     answered: Integers = np.where(found < next_ns, found, -1)
     return answered

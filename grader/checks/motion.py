@@ -41,13 +41,23 @@ def straight(values: Floats, others: Floats) -> Floats:
 
 def turned(values: Floats, others: Floats) -> Floats:
     """Return the distance of angles in rad, the shorter way round."""
-    return straight((values - others + np.pi) % (2 * np.pi) - np.pi, np.zeros(1))
+    turn = 2 * np.pi
+    shifted = (values - others + np.pi) % turn
+    return straight(shifted - np.pi, np.zeros(1))
+
+
+def _or_infinite(lengths: Floats) -> Floats:
+    """Return lengths as divisors: infinite instead of 0, and of not-a-numbers."""
+    divisors: Floats = np.where(lengths > 0, lengths, np.inf)
+    return divisors
 
 
 def rotated(values: Floats, others: Floats) -> Floats:
     """Return the angle in rad between two orientations, as quaternions x, y, z and w of any length but 0."""
-    lengths = np.linalg.norm(values, axis=-1) * np.linalg.norm(others, axis=-1)
-    cosines = np.abs((values * others).sum(axis=-1)) / np.where(lengths > 0, lengths, np.inf)
+    lengths = np.linalg.norm(values, axis=-1)
+    other_lengths = np.linalg.norm(others, axis=-1)
+    products = (values * others).sum(axis=-1)
+    cosines = np.abs(products) / _or_infinite(lengths * other_lengths)
     angles: Floats = 2 * np.arccos(np.clip(cosines, 0, 1))
     return angles
 
@@ -186,9 +196,11 @@ def reaches(context: Context, p: Reaches) -> Finding:
     if target.shape[1] not in (1, width):
         reason = f"{p.field} holds {width} numbers, the target {target.shape[1]}."
         return failed(expected, f"{width} numbers", reason)
-    part = _arrival(context, p, span, series, DISTANCES[p.distance](series.values, target))
+    off = DISTANCES[p.distance](series.values, target)
+    part = _arrival(context, p, span, series, off)
     if p.overshoot is not None:
-        part = _less_for_overshoot(part, p, p.overshoot, _overshoot(series.values, target))
+        beyond = _overshoot(series.values, target)
+        part = _less_for_overshoot(part, p, p.overshoot, beyond)
     low = quantise(part.share, CREDIT_LEVELS)
     best = max(low, quantise(part.best or 0.0, CREDIT_LEVELS))
     return graded(
@@ -203,13 +215,10 @@ def _less_for_overshoot(part: Part, p: Reaches, allowed: float, beyond: float) -
     kept = 1 - p.overshoot_costs
     shown = apart(beyond, allowed, places=3)
     reason = f"{part.reason} It goes {shown} beyond the target; {allowed:g} is allowed."
-    return replace(
-        part,
-        share=part.share * kept,
-        best=(part.best or 0.0) * kept,
-        text=f"{part.text}, {shown} beyond",
-        reason=reason.strip(),
-    )
+    share = part.share * kept
+    best = (part.best or 0.0) * kept
+    text = f"{part.text}, {shown} beyond"
+    return replace(part, share=share, best=best, text=text, reason=reason.strip())
 
 
 def _arrival(context: Context, p: Reaches, span: Span, series: NumericStream, off: Floats) -> Part:
@@ -229,12 +238,10 @@ def _arrival(context: Context, p: Reaches, span: Span, series: NumericStream, of
     else:
         delay_s = context.session.longest_delay_s(span)
         part = _stayed_off(p, approach, delay_s > MANY_DELAYS * span.duration_s)
-    return replace(
-        part,
-        text=f"within {approach.shown} after {after} s",
-        doubt=cpu_delay_doubt(delay_s, span.duration_s),
-        where=(context.location(p.topic, approach.here),),
-    )
+    text = f"within {approach.shown} after {after} s"
+    doubt = cpu_delay_doubt(delay_s, span.duration_s)
+    where = (context.location(p.topic, approach.here),)
+    return replace(part, text=text, doubt=doubt, where=where)
 
 
 @dataclass(frozen=True)
@@ -258,7 +265,10 @@ def _approach(context: Context, p: Reaches, series: NumericStream, off: Floats) 
         place = int(np.argmax(held <= p.tolerance))
     at_s, here = moment(context, p.topic, int(series.source_ns[place]))
     distance = float(held[place])
-    shown = f"{off.min():.3f}" if np.isinf(distance) else apart(distance, p.tolerance, places=3)
+    if np.isinf(distance):
+        shown = f"{off.min():.3f}"
+    else:
+        shown = apart(distance, p.tolerance, places=3)
     return _Approach(at_s, here, distance, shown)
 
 
@@ -273,7 +283,8 @@ def _came(p: Reaches, late_s: float, delay_s: float, after: str) -> Part:
 
 def _stayed_off(p: Reaches, approach: _Approach, is_delayed: bool) -> Part:
     """Judge a motion that never arrived, by its distance."""
-    share = p.near_credit * ramp(approach.distance, p.tolerance, p.none_beyond or p.tolerance)
+    none_beyond = p.none_beyond or p.tolerance
+    share = p.near_credit * ramp(approach.distance, p.tolerance, none_beyond)
     stays = f" that it keeps for {p.hold_s:g} s" if p.hold_s else ""
     nearest = f"the nearest{stays} is {approach.shown}, at {approach.at_s:.2f} s"
     reason = f"Not reached: {nearest}; {p.tolerance:g} is near enough."
@@ -289,8 +300,11 @@ def _most_within(series: NumericStream, off: Floats, hold_s: float) -> Floats:
     hold_ns = round(hold_s * 1e9)
     ends = np.searchsorted(times_ns, times_ns + hold_ns, side="right")
     held = greatest(off, ends)
-    gap_ns = int(np.median(np.diff(times_ns))) if len(times_ns) > 1 else 0
-    held[times_ns + hold_ns > times_ns[-1] + gap_ns] = np.inf
+    gap_ns = 0
+    if len(times_ns) > 1:
+        gap_ns = int(np.median(np.diff(times_ns)))
+    recorded_until_ns = times_ns[-1] + gap_ns
+    held[times_ns + hold_ns > recorded_until_ns] = np.inf
     return held
 
 
@@ -305,7 +319,9 @@ def greatest(values: Floats, ends: Integers) -> Floats:
     width = 1
     while len(most):
         fit = ends - starts >= width
-        found[fit] = np.maximum(most[starts[fit]], most[ends[fit] - width])
+        first = most[starts[fit]]
+        last = most[ends[fit] - width]
+        found[fit] = np.maximum(first, last)
         most = np.maximum(most[:-width], most[width:])
         width *= 2
     return found
@@ -314,6 +330,8 @@ def greatest(values: Floats, ends: Integers) -> Floats:
 def _overshoot(values: Floats, target: Floats) -> float:
     """Return the distance beyond the target, along the way from the first value."""
     way = target - values[0]
-    lengths = np.linalg.norm(np.broadcast_to(way, values.shape), axis=1)
-    along = ((values - target) * way).sum(axis=1) / np.where(lengths > 0, lengths, np.inf)
+    ways = np.broadcast_to(way, values.shape)
+    lengths = np.linalg.norm(ways, axis=1)
+    products = ((values - target) * way).sum(axis=1)
+    along = products / _or_infinite(lengths)
     return float(max(0.0, along.max()))

@@ -112,8 +112,11 @@ class TopicEqualsOracle(OfMessages, NumbersOf):
     def stamps(self, context: Context, topic: str, index: Integers) -> Integers:
         """Return the stamps of some messages; -1 for a message without one."""
         stamps = context.session.stamps_ns(topic, self.stamp)
-        chosen = [stamps[i] for i in index]
-        return np.array([-1 if stamp is None else stamp for stamp in chosen], dtype=np.int64)
+        found: list[int] = []
+        for i in index:
+            stamp = stamps[i]
+            found.append(-1 if stamp is None else stamp)
+        return np.array(found, dtype=np.int64)
 
 
 def _rows(values: Any) -> Floats:
@@ -196,6 +199,12 @@ def topic_equals_oracle(context: Context, p: TopicEqualsOracle) -> Finding:
     )
 
 
+def _excused(context: Context, p: TopicEqualsOracle, found: _Compared) -> int:
+    """Return the number of messages that the machine's delays can have spoilt."""
+    unsent = min(found.missing, _unsent(context, p, found))
+    return unsent + _old(context, p, found)
+
+
 def _mistake(
     context: Context, p: TopicEqualsOracle, published: NumericStream
 ) -> Alternative | None:
@@ -205,7 +214,10 @@ def _mistake(
         if wanted is None or not wanted.asked.any():
             continue
         alike = _compared(context, p, published, wanted)
-        if len(alike.excess) and (alike.excess <= 0).mean() >= p.full_from - 1e-9:
+        if not len(alike.excess):
+            continue
+        matching = (alike.excess <= 0).mean()
+        if matching >= p.full_from - 1e-9:
             return other
     return None
 
@@ -223,8 +235,8 @@ def _judged(context: Context, p: TopicEqualsOracle, found: _Compared, odd: int) 
     text = _counted(found, odd, of)
     if right == of:
         return Part(1.0, text)
-    excused = min(found.missing, _unsent(context, p, found)) + _old(context, p, found)
-    best = p.credit(min(1.0, (right + excused) / of))
+    share = p.credit(right / of)
+    best = p.credit(min(1.0, (right + _excused(context, p, found)) / of))
     doubt = "Not your fault: the grading computer was so busy that the node may not have got all messages in time."
     wrong = found.excess > 0
     if wrong.any():
@@ -232,9 +244,9 @@ def _judged(context: Context, p: TopicEqualsOracle, found: _Compared, odd: int) 
         at_s, span = moment(context, p.topic, int(found.published.source_ns[first]))
         reason = f"At {at_s:.2f} s it publishes {_compared_values(found, first)}."
         where = (context.location(p.topic, span),)
-        return Part(p.credit(right / of), text, reason, best, doubt, where=where)
+        return Part(share, text, reason, best, doubt, where=where)
     reason = _not_compared(found.missing, odd)
-    return Part(p.credit(right / of), text, reason, best, doubt)
+    return Part(share, text, reason, best, doubt)
 
 
 def _counted(found: _Compared, odd: int, of: int) -> str:
@@ -282,7 +294,8 @@ def _unheard(context: Context, p: TopicEqualsOracle, wanted: int) -> int:
     """Return the greatest number of wanted messages that the node missed because of machine delays."""
     topics = [each.topic for each in p.streams.values()]
     times = max((context.session.stream(topic).source_ns for topic in topics), key=len)
-    return int(np.ceil(lost_share(context, context.session.students, topics, times) * wanted))
+    lost = lost_share(context, context.session.students, topics, times)
+    return int(np.ceil(lost * wanted))
 
 
 def _old(context: Context, p: TopicEqualsOracle, found: _Compared) -> int:
@@ -415,7 +428,8 @@ def _skipped(right: Booleans) -> Integers:
     for n in range(counts):
         best = np.maximum.accumulate(whole)
         # The number that reached the best count so far, among those that skip no more than this one.
-        before[n] = np.maximum.accumulate(np.where(whole == best, np.arange(most), 0))
+        reached = np.where(whole == best, np.arange(most), 0)
+        before[n] = np.maximum.accumulate(reached)
         whole = whole[before[n]] + right[:, n]
     found = np.empty(counts, dtype=np.int64)
     last = int(np.argmax(whole))
@@ -466,7 +480,8 @@ def _at(p: TopicEqualsOracle, times: Integers, values: Floats, at_ns: Integers) 
     until_ns = times[after] - at_ns
     nearest = np.where(since_ns <= until_ns, before, after)
     off_ns = np.abs(at_ns - times[nearest])
-    near = off_ns <= p.within_s * 1e9 / (_TIMES - 1) + 1
+    between_ns = p.within_s * 1e9 / (_TIMES - 1)
+    near = off_ns <= between_ns + 1
     right: Floats = np.where(near[:, None], values[nearest], np.nan)
     return right
 
@@ -477,7 +492,8 @@ def _excess(p: TopicEqualsOracle, values: Floats, right: Floats) -> Floats:
     It is infinite if it is not known, or if no message was asked for.
     """
     asked = _asked(right)
-    same = (values == right) | (np.isnan(values) & np.isnan(right))
+    same_nan = np.isnan(values) & np.isnan(right)
+    same = (values == right) | same_nan
     same_infinity = same & ~np.isfinite(values)
     values = np.where(same_infinity, 0.0, values)
     right = np.where(same_infinity, 0.0, right)

@@ -455,12 +455,15 @@ class Context(Submission):
         sent_s
             float64[n]: Times of the messages.
         """
-        times_ns = self._session.record.started_ns + np.rint(sent_s * 1e9).astype(np.int64)
+        since_start_ns = np.rint(sent_s * 1e9).astype(np.int64)
+        times_ns = self._session.record.started_ns + since_start_ns
         return subscriber.lost_share(self._inner, [run._recorded], topics, times_ns)
 
     def _span_of(self, start_s: float, end_s: float) -> Span:
         zero_ns = self._session.record.started_ns
-        return Span(zero_ns + round(start_s * 1e9), zero_ns + round(end_s * 1e9))
+        start_ns = zero_ns + round(start_s * 1e9)
+        end_ns = zero_ns + round(end_s * 1e9)
+        return Span(start_ns, end_ns)
 
     def oracle(self, reference: str) -> Callable[..., Any]:
         """Return an oracle, "file.py:function", as other checks call it: with streams, parameters and seed."""

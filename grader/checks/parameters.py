@@ -74,7 +74,8 @@ class ParameterEffect(Parameters):
 
     @model_validator(mode="after")
     def _is_of_one_kind(self) -> ParameterEffect:
-        if self.is_rate and isinstance(self.old, (bool, str)) | isinstance(self.new, (bool, str)):
+        are_numbers = not any(isinstance(each, (bool, str)) for each in (self.old, self.new))
+        if self.is_rate and not are_numbers:
             raise ValueError("a rate is a number of Hz")
         return self
 
@@ -165,11 +166,10 @@ def parameter_effect(context: Context, p: ParameterEffect) -> Finding:
     refused = None if step is None else SetParametersResult.of(step).refused
     if refused:
         return _could_not_be_set(expected, refused)
-    observed = _Observed(
-        p.measured(context, p.before),
-        p.measured(context, p.after),
-        p.measured(context, p.restarted),
-    )
+    before = p.measured(context, p.before)
+    after = p.measured(context, p.after)
+    restarted = p.measured(context, p.restarted)
+    observed = _Observed(before, after, restarted)
     measured = f"{_shown(observed.before)}, then {_shown(observed.after)}"
     if p.restarted is not None:
         measured += f"; after a restart with it {_shown(observed.restarted)}"

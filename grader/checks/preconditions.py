@@ -81,7 +81,8 @@ def explained(measurement: Measurement) -> Finding | None:
         return None
     reason, hint, places = explanation
     others = [location for location in finding.where if location not in places]
-    return replace(finding, reason=reason, hint=hint or finding.hint, where=(*places, *others))
+    where = (*places, *others)
+    return replace(finding, reason=reason, hint=hint or finding.hint, where=where)
 
 
 def why_nothing(context: Context, artifact: str) -> Explanation | None:
@@ -199,7 +200,9 @@ def environment_gap_of(context: Context, artifact: str, found: Diagnosis | None)
 
 def _ends_alike(context: Context, run: ProcessRun, found: Diagnosis) -> bool:
     end = context.explain(run)
-    return end is not None and (end.kind, end.subject) == (found.kind, found.subject)
+    if end is None:
+        return False
+    return end.kind == found.kind and end.subject == found.subject
 
 
 def unseen_endpoint(measurement: Measurement) -> Finding | None:

@@ -259,11 +259,15 @@ class _Rate:
 
     def likely(self, rate_hz: float) -> float:
         """Return a measured rate, moved between the bounds without their error."""
-        return min(max(rate_hz, self.least_hz + self.error_hz), self.most_hz - self.error_hz)
+        low_hz = self.least_hz + self.error_hz
+        high_hz = self.most_hz - self.error_hz
+        return min(max(rate_hz, low_hz), high_hz)
 
     def shares(self, p: TopicRate) -> tuple[float, float]:
         """Return the worst and the best share of credit that the rate can earn."""
-        furthest_off = max(abs(self.least_hz / p.rate_hz - 1), abs(self.most_hz / p.rate_hz - 1))
+        least_off = abs(self.least_hz / p.rate_hz - 1)
+        most_off = abs(self.most_hz / p.rate_hz - 1)
+        furthest_off = max(least_off, most_off)
         nearest_off = abs(self.nearest(p.rate_hz) / p.rate_hz - 1)
         worst = ramp(furthest_off, p.full_within, p.zero_beyond)
         best = ramp(nearest_off, p.full_within, p.zero_beyond)
@@ -483,7 +487,8 @@ def _bounds_hz(
     undelayed_hz = float("inf")
     if timing.median_s > longer_s:
         undelayed_hz = 1 / (timing.median_s - longer_s)
-    most_hz = min(without_delay(timing.rate_hz, delay_s, length_s), undelayed_hz, wanted_hz)
+    unheld_hz = without_delay(timing.rate_hz, delay_s, length_s)
+    most_hz = min(unheld_hz, undelayed_hz, wanted_hz)
     return min(timing.rate_hz, least_hz), max(timing.rate_hz, most_hz)
 
 

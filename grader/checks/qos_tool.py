@@ -332,13 +332,11 @@ def _by_pattern(
     for place in lines_naming(lines, name, loosely=loosely):
         match = search(pattern, plain_numbers(lines[place]))
         if match:
-            return ResultRow(
-                output[place].t_ns,
-                int(match["count"]),
-                float(match["mean_ms"]) / 1e3,
-                float(match["max_ms"]) / 1e3,
-                rounding_of(match["mean_ms"], 1e-3),
-            )
+            mean_s = float(match["mean_ms"]) / 1e3
+            longest_s = float(match["max_ms"]) / 1e3
+            rounding_s = rounding_of(match["mean_ms"], 1e-3)
+            printed_ns = output[place].t_ns
+            return ResultRow(printed_ns, int(match["count"]), mean_s, longest_s, rounding_s)
     return None
 
 
@@ -356,7 +354,8 @@ def _unheld(context: Context, run: ProcessRun, topic: str) -> float:
     times = context.session.stream(topic).source_ns
     if len(times) < 2:
         return 0.0
-    period_s = float(times[-1] - times[0]) / 1e9 / (len(times) - 1)
+    lasted_s = float(times[-1] - times[0]) / 1e9
+    period_s = lasted_s / (len(times) - 1)
     backlog = context.session.backlog(run, _life(context, run), (depth - 1) * period_s)
     return backlog.lost_s / max(period_s, 1e-9)
 
@@ -394,7 +393,8 @@ def _judge_row(
     if not student_endpoints(context, row.topic, "subscription"):
         return 0.0, f"{counted}, but nothing subscribes to {row.topic}."
     slack = max(3.0, p.count_tolerance * written)
-    if not written - slack - lateness.pushed_out <= got.count <= written + slack:
+    least = written - slack - lateness.pushed_out
+    if not least <= got.count <= written + slack:
         return 0.0, f"{counted}; {written} were published."
     problem = _latency_problem(context, p, row, got, lateness.late_s)
     if problem:

@@ -180,7 +180,9 @@ def shown(response: Answer) -> str:
 
 
 def _silent(step: StepRun) -> bool:
-    return step.kind == "call" and all(call.response is None for call in _calls(step))
+    if step.kind != "call":
+        return False
+    return all(call.response is None for call in _calls(step))
 
 
 def not_asked(context: Context, step: StepRun | None, kind: str) -> str:

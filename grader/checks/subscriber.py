@@ -101,14 +101,15 @@ def _judge_subscription(
     policy = clash(endpoint, p.offered) or unheard(context, wanted.topic)
     if policy is not None:
         arrives = "so no message would arrive from the lab's publisher."
-        reason = f"On {used} the two sides are incompatible in {policy}, {arrives}"
-        costs.append((p.incompatible_costs, reason))
+        clashing = f"On {used} the two sides are incompatible in {policy}, {arrives}"
+        costs.append((p.incompatible_costs, clashing))
     notes = []
     if _is_weaker(p, endpoints):
         best_effort = f"The subscription on {used} requests BEST_EFFORT"
         notes.append(f"{best_effort}; with RELIABLE a lost message would be sent again.")
+    lost = max((cost for cost, _ in costs), default=0.0)
     return Part(
-        1 - max((cost for cost, _ in costs), default=0.0),
+        1 - lost,
         f"{endpoint.type} from {used} ({qos.reliability}, {qos.durability})",
         " ".join(reason for _, reason in costs),
         where=claimed_at(claim_of(context, "subscription", wanted.topic)),
@@ -164,11 +165,12 @@ class Alternative(Parameters):
         The share of right numbers is the least credit. A mistake that costs nothing is excused.
         """
         meant = f"Your numbers match {self.meaning}."
+        reason = f"{finding.reason} {meant}".strip()
         judged = graded(
             max(self.credit, least),
             finding.expected,
             finding.measured,
-            f"{finding.reason} {meant}".strip(),
+            reason,
             where=finding.where,
             notes=finding.notes,
         )

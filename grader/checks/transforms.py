@@ -572,7 +572,8 @@ def _rate(seen: _Seen, wanted: WantedFrame, rate_hz: float) -> Part:
 def _measured_hz(times_ns: Integers, span: Span) -> float:
     """Return the rate between the first and the last time, lowered by a silence within the span."""
     count = len(times_ns)
-    between_hz = (count - 1) / ((times_ns[-1] - times_ns[0]) / 1e9)
+    lasted_s = (times_ns[-1] - times_ns[0]) / 1e9
+    between_hz = (count - 1) / lasted_s
     least_hz = (count - 1) / span.duration_s
     most_hz = (count + 1) / span.duration_s
     return float(min(max(between_hz, least_hz), most_hz))
@@ -584,7 +585,9 @@ def _rate_shares(
     """Return the worst and the best share of credit of a rate between two bounds."""
     nearest_hz = min(max(wanted_hz, least_hz), most_hz)
     nearest = abs(nearest_hz / wanted_hz - 1)
-    furthest = max(abs(least_hz / wanted_hz - 1), abs(most_hz / wanted_hz - 1))
+    least_off = abs(least_hz / wanted_hz - 1)
+    most_off = abs(most_hz / wanted_hz - 1)
+    furthest = max(least_off, most_off)
     worst = quantise(ramp(furthest, p.rate_within, p.rate_beyond))
     best = quantise(ramp(nearest, p.rate_within, p.rate_beyond))
     return worst, best
@@ -601,7 +604,7 @@ def _pose(seen: _Seen, p: WantedPose) -> Part:
     tree = _frame_tree(seen)
     times_ns = _pose_times_ns(seen, p, tree)
     poses = tree.pose(p.frame, p.within, times_ns)
-    if poses is None or not len(times_ns) or (p.at_s and not np.isfinite(poses).any()):
+    if poses is None or not _is_connected(p, times_ns, poses):
         then = " at the time that is looked at" if p.at_s else ""
         reason = f"Where {p.frame} lies in {p.within} was not tested: nothing connects them{then}."
         return Part(0.0, reason=reason)
@@ -620,6 +623,13 @@ def _pose(seen: _Seen, p: WantedPose) -> Part:
         part = replace(part, best=max(share, _undisturbed(seen, times_ns, fits)))
     sent = _SentPoses(seen, p, tree, times_ns, poses, expected)
     return _with_doubt(_with_mistake(part, sent))
+
+
+def _is_connected(p: WantedPose, times_ns: Integers, poses: Floats) -> bool:
+    """Return whether there is a pose to judge; at a given time, it may be unknown."""
+    if not len(times_ns):
+        return False
+    return not p.at_s or bool(np.isfinite(poses).any())
 
 
 def _frame_tree(seen: _Seen) -> FrameTree:
@@ -670,7 +680,9 @@ def _undisturbed(seen: _Seen, times_ns: Integers, fits: NDArray[np.bool_]) -> fl
     If these are too few, all other poses may have been right.
     """
     calm = np.array([_is_calm(seen, int(t_ns)) for t_ns in times_ns])
-    possible = fits[calm] if calm.sum() >= _FEWEST_CALM else fits | ~calm
+    possible = fits | ~calm
+    if calm.sum() >= _FEWEST_CALM:
+        possible = fits[calm]
     return quantise(float(possible.mean()))
 
 
@@ -768,11 +780,13 @@ def _angle_slips(sent: _SentPoses) -> Iterator[_Slip]:
     p = sent.p
     known = sent.seen.p.known_credit
     count = len(sent.times_ns)
-    degrees = pose_of(p.xyz or (), [float(np.degrees(angle)) for angle in p.rpy])
+    angles_deg = [float(np.degrees(angle)) for angle in p.rpy]
+    degrees = pose_of(p.xyz or (), angles_deg)
     in_degrees = sent.matches(np.repeat(degrees, count, axis=0))
     yield _Slip(in_degrees, known, _DEGREES, "Use math.radians().")
     # Turns about moving axes are turns about fixed axes in the other order.
-    turned = inverse(pose_of((0, 0, 0), [-angle for angle in p.rpy]))
+    opposite = [-angle for angle in p.rpy]
+    turned = inverse(pose_of((0, 0, 0), opposite))
     moving = np.hstack((degrees[:, :3], turned[:, 3:]))
     about_moving = sent.matches(np.repeat(moving, count, axis=0))
     yield _Slip(about_moving, known, _MOVING_AXES, _MOVING_AXES_HINT)
