@@ -462,7 +462,7 @@ def faults_of_recording(attack: Attack, folder: Path, result: dict[str, Any]) ->
 
 def unknown_escapes(attack: Attack, lines: list[str], result: dict[str, Any]) -> list[str]:
     """Return printed escapes that are not known at the isolation of this grading, once each."""
-    known = set()
+    known = set[str]()
     for session in result["provenance"]["sessions"].values():
         known.update(attack.gaps.get(session["isolation"], {}))
     found = []
