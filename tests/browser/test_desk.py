@@ -103,6 +103,17 @@ def expect_decided(page: Page, number: int) -> None:
     expect(page.locator("#progress")).to_contain_text(f"{number} of {APPEALS + 6 * OPEN} decided")
 
 
+def require_decided_results(made: Path) -> None:
+    """Fail unless no points are open any more, and each appeal has its decision."""
+    for n in range(OPEN):
+        result = load_result(made / f"open{n:02d}" / RESULT_FILE)
+        assert (result.still_undecided, result.final) == (Decimal(0), result.score.possible)
+    for n in range(APPEALS):
+        adjustments = load_result(made / f"appeal{n:02d}" / RESULT_FILE).adjustments
+        kinds = [adjustment.kind.value for adjustment in adjustments]
+        assert kinds == ["appeal", "points" if n % 2 else "reviewed"]
+
+
 def test_a_class_is_decided_by_keyboard(chromium: Browser, made: Path) -> None:
     """Ten appeals, one by one, and fifteen undecided, most at once; the desk is killed after four; nothing is lost."""
     desk = serve(made)
@@ -112,7 +123,8 @@ def test_a_class_is_decided_by_keyboard(chromium: Browser, made: Path) -> None:
         settle_appeal(keys, n)
     expect_decided(seen.page, 4)
     assert seen.complaints == []
-    assert all(url.startswith(desk.address) for url in seen.requests)
+    for url in seen.requests:
+        assert url.startswith(desk.address)
     desk.kill()
     seen.page.context.close()
     desk = serve(made)
@@ -130,14 +142,7 @@ def test_a_class_is_decided_by_keyboard(chromium: Browser, made: Path) -> None:
         assert keys.pressed < 150
         assert seen.complaints == []
         desk.until(lambda plain: not plain["waiting"])
-        for n in range(OPEN):
-            result = load_result(made / f"open{n:02d}" / RESULT_FILE)
-            assert (result.still_undecided, result.final) == (Decimal(0), result.score.possible)
-        for n in range(APPEALS):
-            kinds = [
-                a.kind.value for a in load_result(made / f"appeal{n:02d}" / RESULT_FILE).adjustments
-            ]
-            assert kinds == ["appeal", "points" if n % 2 else "reviewed"]
+        require_decided_results(made)
         text = (made / "overrides.yaml").read_text(encoding="utf-8")
         assert text.startswith("# appeals by mail\n")
         assert len(yaml.safe_load(text)["overrides"]) == 2 * APPEALS + 2

@@ -15,6 +15,7 @@ from typing import Any
 from grader.files import UNFINISHED
 from grader.result_folder import JOURNAL_FILE, RECORDINGS, RESULT_FILE
 from tests.live.small_lab import TALKER, TEXT, below, command_of, make_lab, published
+from tests.plain_results import checks_of
 
 #: The talker on another topic than the rubric's, for part of the credit.
 ASTRAY = TALKER.replace("/chatter", "/chitter")
@@ -99,9 +100,7 @@ class SmallClass:
         found = {}
         for path in sorted(self.results.glob(f"*/{RESULT_FILE}")):
             plain = json.loads(path.read_text(encoding="utf-8"))
-            checks = {
-                check["id"]: check["outcome"] for c in plain["criteria"] for check in c["checks"]
-            }
+            checks = {check["id"]: check["outcome"] for check in checks_of(plain)}
             seeds = [session["seed"] for session in plain["provenance"]["sessions"].values()]
             found[path.parent.name] = (
                 plain["score"],

@@ -77,17 +77,33 @@ def test_a_class_is_graded_once(tmp_path: Path) -> None:
     assert earned(small) == {"ann": 1, "bob": 0}
     assert "eve: not graded: the submission is empty" in output
     assert "2 graded, 1 not graded, mean 0.5 points" in output
-    assert sorted(p.name for p in small.results.iterdir()) == [
+    require_class_files(small.results)
+
+    before = {name: small.files_of(name) for name in ("ann", "bob")}
+    grade_changed(small, before)
+
+    (small.results / "ann" / "report.html").unlink()
+    kept = small.files_of("eve")
+    assert small.grade()[0] == 0
+    assert small.files_of("ann") == before["ann"], "the report was not made from what is there"
+    assert small.files_of("eve") == kept
+
+
+def require_class_files(results: Path) -> None:
+    """Fail unless a class of two results has its folders, page, table and journal."""
+    assert sorted(p.name for p in results.iterdir()) == [
         "ann",
         "bob",
         "grades.csv",
         "index.html",
         "journal.jsonl",
     ]
-    assert "ann" in (small.results / "index.html").read_text(encoding="utf-8")
-    assert len(list(csv.reader((small.results / "grades.csv").open(encoding="utf-8-sig")))) >= 4
+    assert "ann" in (results / "index.html").read_text(encoding="utf-8")
+    assert len(list(csv.reader((results / "grades.csv").open(encoding="utf-8-sig")))) >= 4
 
-    before = {name: small.files_of(name) for name in ("ann", "bob")}
+
+def grade_changed(small: SmallClass, before: dict[str, dict[str, bytes]]) -> None:
+    """Grade again after a changed and a new submission; only these are graded."""
     small.hand_in("bob", ASTRAY)
     small.hand_in("eve", TALKER)
     status, output, errors = small.grade("--fail-under", "0.9")
@@ -98,12 +114,6 @@ def test_a_class_is_graded_once(tmp_path: Path) -> None:
     assert small.files_of("ann") == before["ann"]
     assert small.files_of("bob") != before["bob"]
     assert remains(small.temporary) == []
-
-    (small.results / "ann" / "report.html").unlink()
-    kept = small.files_of("eve")
-    assert small.grade()[0] == 0
-    assert small.files_of("ann") == before["ann"], "the report was not made from what is there"
-    assert small.files_of("eve") == kept
 
 
 def test_a_download_goes_back_to_where_it_came_from(tmp_path: Path) -> None:
@@ -123,17 +133,8 @@ def test_a_download_goes_back_to_where_it_came_from(tmp_path: Path) -> None:
         'name,student_id,email\n"Müller, Änne",0012,am@uni.example\nBob O\'Brien,0013,\n',
         encoding="utf-8",
     )
-    assert "2 graded, 2 of them as before" in small.grade("--class-list", str(listed))[1]
-    kept = {name: small.files_of(name) for name in before}
-    assert "2 graded, 2 of them as before" in small.grade("--anonymous")[1]
-    assert {name: small.files_of(name) for name in before} == kept
-    record = f"{RECORDINGS}/submission.json"
-    assert [{k for k in kept[name] if kept[name][k] != before[name][k]} for name in before] == [
-        {record},
-        {record},
-    ]
+    require_kept_with_list(small, before, listed)
 
-    users = [User("11", "", "0012"), User("12", "", "0013")]
     forms = ["--to=moodle", "--to=feedback", "--to=mail"]
     done = subprocess.run(
         [sys.executable, "-m", "grader.cli", "export", str(small.results), *forms],
@@ -144,20 +145,36 @@ def test_a_download_goes_back_to_where_it_came_from(tmp_path: Path) -> None:
     moodle, feedback, mails = (
         Path(line.rpartition(": ")[0]).read_bytes() for line in done.stdout.splitlines()
     )
-    assert {n: grade for n, (grade, _) in moodle_worksheet(moodle, users, Decimal(1)).items()} == {
-        "11": 1,
-        "12": 0,
-    }
-    assert moodle_grade_book(moodle, users, "ID number", "student_id") == {"11": 1, "12": 0}
+    require_grades(moodle)
+    users = [User("11", "", "0012"), User("12", "", "0013")]
     reports = {
-        user: (small.results / n / "report.html").read_bytes()
-        for user, n in zip(("11", "12"), before, strict=True)
+        user: {"report.html": (small.results / name / "report.html").read_bytes()}
+        for user, name in zip(("11", "12"), before, strict=True)
     }
-    assert moodle_feedback(feedback, users) == {
-        user: {"report.html": report} for user, report in reports.items()
-    }
+    assert moodle_feedback(feedback, users) == reports
     assert b"am@uni.example" in mails
     assert "no address is known that mail can be sent to: Bob_O_Brien_12" in done.stderr
+
+
+def require_kept_with_list(
+    small: SmallClass, before: dict[str, dict[str, bytes]], listed: Path
+) -> None:
+    """Fail unless a class list changes the submissions' records alone, and lasts for the next run."""
+    assert "2 graded, 2 of them as before" in small.grade("--class-list", str(listed))[1]
+    kept = {name: small.files_of(name) for name in before}
+    assert "2 graded, 2 of them as before" in small.grade("--anonymous")[1]
+    assert {name: small.files_of(name) for name in before} == kept
+    for name, files in kept.items():
+        changed = [path for path in files if files[path] != before[name][path]]
+        assert changed == [f"{RECORDINGS}/submission.json"]
+
+
+def require_grades(moodle: bytes) -> None:
+    """Fail unless Moodle reads the right grades, as a grading worksheet and into its grade book."""
+    users = [User("11", "", "0012"), User("12", "", "0013")]
+    worksheet = moodle_worksheet(moodle, users, Decimal(1))
+    assert {number: grade for number, (grade, _) in worksheet.items()} == {"11": 1, "12": 0}
+    assert moodle_grade_book(moodle, users, "ID number", "student_id") == {"11": 1, "12": 0}
 
 
 def test_exactly_what_is_undecided_is_run_again(tmp_path: Path) -> None:

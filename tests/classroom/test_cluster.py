@@ -131,6 +131,17 @@ def graded_here(folder: Path, small: SmallClass) -> SmallClass:
     return here
 
 
+def require_same_when_judged_here(small: SmallClass) -> None:
+    """Fail unless the files from the network are whole: judged again here, to the same bytes."""
+    names = list(small.outcomes())
+    before = {name: small.files_of(name) for name in names}
+    folders = [str(small.results / name) for name in names]
+    command = [sys.executable, "-m", "grader.cli", "regrade", *folders]
+    command += ["--rubric", str(small.rubric)]
+    assert subprocess.run(command, capture_output=True, check=False).returncode == 0
+    assert {name: small.files_of(name) for name in names} == before
+
+
 def test_a_lost_worker_changes_no_result(tmp_path: Path, cluster: Cluster) -> None:
     """With a worker killed in the midst of a session, all submissions have the points that they have here."""
     small = make_class(tmp_path, {"ann": TALKER, "bob": ASTRAY, "cem": CRASHES})
@@ -148,21 +159,7 @@ def test_a_lost_worker_changes_no_result(tmp_path: Path, cluster: Cluster) -> No
     assert small.outcomes() == here.outcomes()
     assert len(small.outcomes()) == 3
     assert any("link.py" in line for line in small.result("ann")["provenance"]["left_out"])
-    # The files from the network are whole: they are judged again here, to the same bytes.
-    names = list(here.outcomes())
-    before = {name: small.files_of(name) for name in names}
-    folders = [str(small.results / name) for name in names]
-    command = [
-        sys.executable,
-        "-m",
-        "grader.cli",
-        "regrade",
-        *folders,
-        "--rubric",
-        str(small.rubric),
-    ]
-    assert subprocess.run(command, capture_output=True, check=False).returncode == 0
-    assert {name: small.files_of(name) for name in names} == before
+    require_same_when_judged_here(small)
     status, output, _ = small.grade("--scheduler", str(cluster.address), "--seed", "7")
     assert (status, "3 graded, 3 of them as before" in output) == (0, True)
 

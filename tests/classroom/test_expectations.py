@@ -17,6 +17,7 @@ from grader.judging.rubrics import read_rubric, rubric_kinds
 from grader.lab.kept_lab import lab_folder
 from grader.lab.rubric import Rubric, load_rubric
 from grader.result import Result, read_result, to_plain
+from tests.plain_results import checks_of
 
 ROOT = Path(__file__).resolve().parents[2]
 SOLUTION = lab_folder() / "reference/solution"
@@ -44,7 +45,7 @@ def expecting(**parts: Any) -> Expectation:
 def read(result: dict[str, Any], identity: str = "", **change: Any) -> Result:
     """Give a result with one check changed."""
     changed = copy.deepcopy(result)
-    for check in (check for criterion in changed["criteria"] for check in criterion["checks"]):
+    for check in checks_of(changed):
         if check["id"] == identity:
             check |= change
     return read_result(changed)
@@ -64,7 +65,8 @@ def test_all_fixtures_fit_the_rubric(rubric: Rubric) -> None:
     } == {}
     for fixture in found:
         assert fixture.layers, fixture.name
-        assert all(layer.is_dir() for layer in fixture.layers), fixture.name
+        for layer in fixture.layers:
+            assert layer.is_dir(), fixture.name
 
 
 def written(folder: Path, text: str, name: str = "one") -> Path:

@@ -170,7 +170,8 @@ def test_names_cannot_steer_terminal_or_log(name: str) -> None:
     print_class(screen, [row(name, GraderError(name, location=name, remedy=name))])
     text += stream.getvalue()
     assert "\x1b" not in text
-    assert not any(line.strip().startswith(("::", "bob")) for line in text.splitlines())
+    for line in text.splitlines():
+        assert not line.strip().startswith(("::", "bob"))
     assert len(text) < 10_000
     if "red" in name:
         assert "[red]ann[/red]" in text

@@ -126,7 +126,9 @@ def test_a_look_writes_nothing(results: Path, stricter: Path) -> None:
 def test_the_same_rubric_changes_nothing(results: Path) -> None:
     """Judged by the rubric that it was recorded with, each is as it was."""
     found = rejudge(results, None, None, pages=False)
-    assert not any(changes.matters or changes.words for changes in found.changes.values())
+    for changes in found.changes.values():
+        assert not changes.matters
+        assert not changes.words
 
 
 def test_applying_writes_what_single_regrading_writes(results: Path, stricter: Path) -> None:
@@ -186,7 +188,9 @@ def test_results_remember_the_rubric_that_was_applied(results: Path, stricter: P
     """
     rejudge(results, stricter, None, pages=True).apply()
     again = rejudge(results, None, None, pages=False)
-    assert not any(changes.matters or changes.words for changes in again.changes.values())
+    for changes in again.changes.values():
+        assert not changes.matters
+        assert not changes.words
     rejudge(results, SHIPPED, None, pages=True).apply()
     assert not [
         path for path in files(results) if path.endswith(f"alice/{result_folder.RUBRIC_COPY}")
@@ -319,15 +323,23 @@ def test_each_replaced_result_is_kept_and_noted(results: Path, stricter: Path) -
         name = line["submission"]
         assert (results / line["kept"]).read_bytes() == old[name]
         new = (results / name / result_folder.RESULT_FILE).read_bytes()
-        assert line["result_sha256"] == [
-            hashlib.sha256(text).hexdigest() for text in (old[name], new)
-        ]
+        assert line["result_sha256"] == [sha256(old[name]), sha256(new)]
         assert line["final"][0] - line["final"][1] == 5
         assert line["checks"]["publisher.rate"]["points"] == [5, 0]
-        assert line["rubric_sha256"][1] == hashlib.sha256(stricter.read_bytes()).hexdigest()
-        assert before <= datetime.fromisoformat(line["at"]) <= datetime.now(timezone.utc)
-        assert line["command"] == "regrade"
-        assert line["overrides_sha256"] == hashlib.sha256(b"overrides: []\n").hexdigest()
+        require_cause(line, stricter, before)
+
+
+def sha256(content: bytes) -> str:
+    """Return the SHA-256 of some bytes."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def require_cause(line: dict[str, Any], rubric: Path, before: datetime) -> None:
+    """Fail unless a line of the trail has the time, the command, and the hashes of its inputs."""
+    assert before <= datetime.fromisoformat(line["at"]) <= datetime.now(timezone.utc)
+    assert line["command"] == "regrade"
+    assert line["rubric_sha256"][1] == sha256(rubric.read_bytes())
+    assert line["overrides_sha256"] == sha256(b"overrides: []\n")
 
 
 def test_the_trail_only_grows(results: Path, stricter: Path) -> None:

@@ -12,6 +12,7 @@ from grader.cohort.mistakes import Mistake, gist, pattern_of
 from grader.cohort.statistics import summarise
 from grader.lab.rubric import Rubric
 from tests.cohort.made_up import entry_of, result_of, rubric_of
+from tests.plain_results import checks_of
 
 RATE = "Messages come at {} Hz, {}% slower than 100 Hz."
 
@@ -114,7 +115,7 @@ def student(
 ) -> ClassEntry:
     """Return a student with credits, reasons, and the blocking check of each check that was not reached."""
     plain: dict[str, Any] = result_of(LAB, credits, reasons)
-    for check in (check for criterion in plain["criteria"] for check in criterion["checks"]):
+    for check in checks_of(plain):
         if (cause := blocked.get(check["id"].partition(".")[2])) is not None:
             check |= {"outcome": "not_reached", **({"blocked_by": cause} if cause else {})}
         check["hint"] = hint

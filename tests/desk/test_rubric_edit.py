@@ -20,6 +20,7 @@ from grader.lab.rubric import Rubric
 from grader.result import load_result
 from grader.result_folder import EDITED_RUBRIC, RESULT_FILE
 from tests.desk.made_class import add_alike, serve
+from tests.plain_results import checks_of
 
 pytestmark = pytest.mark.slow
 
@@ -75,11 +76,7 @@ def test_a_number_that_others_share_moves_for_all(rubric: Rubric) -> None:
     """The anchor stays, and is listed once."""
     text = edited(rubric.text, {place(rubric, "publisher.motion", "reach"): "2.5"})
     assert "reach: &reach 2.5" in text
-    checks = {
-        check["id"]: check
-        for criterion in yaml.safe_load(text)["criteria"]
-        for check in criterion["checks"]
-    }
+    checks = {check["id"]: check for check in checks_of(yaml.safe_load(text))}
     assert (
         checks["publisher.values"]["with"]["reach"]
         == checks["publisher.motion"]["with"]["reach"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shutil
@@ -275,6 +276,11 @@ def test_two_desks_lose_no_decision(desk: Served, made: Path) -> None:
         second.kill()
 
 
+def decide_all(desk: Served, decisions: list[dict[str, Any]]) -> list[int]:
+    """Send decisions to a desk one by one; returns the status of each answer."""
+    return [desk.ask("POST", "decide", decision)[0] for decision in decisions]
+
+
 def test_all_that_two_desks_decide_at_once_stands(desk: Served, made: Path) -> None:
     """Many decisions by two desks side by side: each that was accepted is an entry, and the file stays whole."""
     second, before = serve(made), text(made)
@@ -283,7 +289,7 @@ def test_all_that_two_desks_decide_at_once_stands(desk: Served, made: Path) -> N
         for i in desk.queue()["items"]
         if i["name"] == "alice" and not i["is_decided"]
     ]
-    wanted = [(name, check) for name in ("carol", "dave") for check in checks]
+    wanted = list(itertools.product(("carol", "dave"), checks))
     try:
         decisions = [
             {
@@ -296,12 +302,10 @@ def test_all_that_two_desks_decide_at_once_stands(desk: Served, made: Path) -> N
             }
             for at, (name, check) in enumerate(wanted)
         ]
+        parts = (decisions[::2], decisions[1::2])
         with ThreadPoolExecutor(2) as both:
-            answers = both.map(
-                lambda part: [part[0].ask("POST", "decide", each)[0] for each in part[1]],
-                [(desk, decisions[::2]), (second, decisions[1::2])],
-            )
-        assert [status for statuses in answers for status in statuses] == [200] * len(decisions)
+            answers = both.map(decide_all, (desk, second), parts)
+        assert list(itertools.chain(*answers)) == [200] * len(decisions)
         assert text(made).startswith(before)
         entries = yaml.safe_load(text(made))["overrides"][-len(decisions) :]
         assert sorted((e["submission"], e["check"]) for e in entries) == sorted(wanted)

@@ -19,6 +19,7 @@ from grader.evidence.oracle import load_oracle
 from grader.judging.rubrics import read_rubric
 from grader.lab.kept_lab import KEPT, files_of, identity_of, kept_files, lab_folder, sha256s
 from grader.result_folder import RECORDINGS, RESULT_FILE, RUBRIC_COPY
+from tests.plain_results import checks_of
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("judged_before")]
 
@@ -99,8 +100,10 @@ def result(results: Path) -> Any:
 
 def checks(results: Path) -> dict[str, str]:
     """Give the measurement of each check of the statistics."""
-    found = [check for criterion in result(results)["criteria"] for check in criterion["checks"]]
-    return {check["id"]: f"{check['expected']} {check['measured']}" for check in found}
+    return {
+        check["id"]: f"{check['expected']} {check['measured']}"
+        for check in checks_of(result(results))
+    }
 
 
 def test_a_recording_is_judged_by_its_own_labs_oracles(

@@ -250,7 +250,8 @@ def test_the_same_entry_twice_is_a_mistake(tmp_path: Path, rubric: Rubric) -> No
 )
 def test_what_is_no_list_of_entries(tmp_path: Path, rubric: Rubric, text: str) -> None:
     """A file of another shape is refused with a line."""
-    assert all(line.startswith("overrides.yaml:") for line in mistakes(tmp_path, text, rubric))
+    for line in mistakes(tmp_path, text, rubric):
+        assert line.startswith("overrides.yaml:")
 
 
 def test_a_file_that_is_not_there(tmp_path: Path, rubric: Rubric) -> None:

@@ -81,11 +81,9 @@ class Attack:
         expected = yaml.safe_load(
             (ROOT / "fixtures" / self.twin / "expected.yaml").read_text(encoding="utf-8")
         )
-        told = {
-            name: wanted
-            for c in expected["criteria"].values()
-            for name, wanted in (c.get("checks") or {}).items()
-        }
+        told: dict[str, dict[str, Any]] = {}
+        for criterion in expected["criteria"].values():
+            told |= criterion.get("checks") or {}
         return sum((_most_of(told.get(c.id), c.points) for c in checks), Decimal(0))
 
 

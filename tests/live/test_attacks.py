@@ -20,7 +20,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from enum import Enum
-from itertools import groupby
+from itertools import chain, groupby
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +37,17 @@ from grader.judging import rubrics  # noqa: E402
 from grader.result import result_schema  # noqa: E402
 from grader.submission.extraction import SubmissionSource  # noqa: E402
 from tests.live.accounts import account  # noqa: E402
-from tests.live.attacks import ESCAPED, SOLUTION, Attack, lay_out, read_corpus  # noqa: E402
+from tests.live.attacks import (  # noqa: E402
+    ESCAPED,
+    SOLUTION,
+    Attack,
+    Expectation,
+    lay_out,
+    read_corpus,
+)
 from tests.live.surroundings import Remains, Surroundings  # noqa: E402
 from tests.machine import MACHINE  # noqa: E402
+from tests.plain_results import checks_of  # noqa: E402
 from tests.report.taken_apart import Page  # noqa: E402
 from tests.thorough import part  # noqa: E402
 
@@ -257,7 +265,8 @@ def caller_account() -> Iterator[tuple[int, int]]:
 
 def entries_of_shared_folders() -> set[Path]:
     """Return the entries of folders where everyone may write."""
-    return {path for folder in SHARED_FOLDERS if folder.is_dir() for path in folder.iterdir()}
+    folders = filter(Path.is_dir, SHARED_FOLDERS)
+    return set(chain.from_iterable(folder.iterdir() for folder in folders))
 
 
 def is_litter(path: Path, user: int) -> bool:
@@ -322,12 +331,9 @@ def faults_of_page(path: Path) -> list[str]:
         for tag, a in page.elements
         if a.get("id") == "injected"
     ]
-    faults += [
-        f"{path.name} has a handler {name}"
-        for _, a in page.elements
-        for name in a
-        if name.startswith("on")
-    ]
+    for _, attributes in page.elements:
+        handlers = [name for name in attributes if name.startswith("on")]
+        faults += [f"{path.name} has a handler {name}" for name in handlers]
     links = [urllib.parse.urlsplit(link) for link in [*page.values("href"), *page.values("src")]]
     return faults + [
         f"{path.name} leads to {link}"
@@ -339,7 +345,7 @@ def faults_of_page(path: Path) -> list[str]:
 def faults_of_table(path: Path) -> list[str]:
     """Return cells that would make a spreadsheet compute a student's text."""
     with path.open(encoding="utf-8-sig", newline="") as file:
-        cells = [cell for row in csv.reader(file) for cell in row]
+        cells = list(chain.from_iterable(csv.reader(file)))
     return [
         f"{cell!r} in {path.name}"
         for cell in cells
@@ -368,12 +374,7 @@ def faults_of_result(result: dict[str, Any], most: float) -> list[str]:
     faults = [
         error.message[:300] for error in jsonschema.Draft202012Validator(SCHEMA).iter_errors(result)
     ]
-    broken = [
-        c
-        for criterion in result["criteria"]
-        for c in criterion["checks"]
-        if c["outcome"] == "error"
-    ]
+    broken = [check for check in checks_of(result) if check["outcome"] == "error"]
     faults += [f"{check['id']} broke: {check['reason']}" for check in broken]
     if result["score"]["earned"] > most:
         faults.append(f"it earns {result['score']['earned']}, its honest twin {most} at most")
@@ -387,10 +388,9 @@ def outcomes(result: dict[str, Any], sessions: tuple[str, ...]) -> dict[str, str
     """
     rubric = rubrics.read_rubric(None)
     chosen = {c.id for c in rubric.checks() if c.session in sessions}
-    checks = [check for criterion in result["criteria"] for check in criterion["checks"]]
     return {
         check["id"]: "passed" if is_excused(check) else check["outcome"]
-        for check in checks
+        for check in checks_of(result)
         if check["id"] in chosen
     }
 
@@ -406,38 +406,29 @@ def faults_of_verdict(attack: Attack, result: dict[str, Any]) -> list[str]:
     wanted = dict(expect.checks)
     if expect.all == "passed":
         wanted = dict.fromkeys(found, "passed")
-    excused = {
-        c["id"] for criterion in result["criteria"] for c in criterion["checks"] if is_excused(c)
-    }
-    faults = [
-        f"{name} is {found.get(name)}, not {outcome}"
-        for name, outcome in wanted.items()
-        if found.get(name) != outcome and name not in excused
-    ]
+    excused = {check["id"] for check in checks_of(result) if is_excused(check)}
+    faults = []
+    for name, outcome in wanted.items():
+        if found.get(name) != outcome and name not in excused:
+            faults.append(f"{name} is {found.get(name)}, not {outcome}")
     if expect.all == "failed":
-        faults += [
-            f"{name} is {outcome}"
-            for name, outcome in found.items()
-            if outcome not in ("failed", "not_reached")
-        ]
-    if expect.limit is not None:
-        limits = {
-            limit
-            for s in result["provenance"]["sessions"].values()
-            for limit in s["limits"].values()
-        }
-        faults += (
-            []
-            if expect.limit in limits
-            else [f"the limits named are {limits or 'none'}, not {expect.limit}"]
-        )
-    if expect.violation is not None:
-        kinds = {violation["kind"] for violation in result.get("violations", [])}
-        faults += (
-            []
-            if expect.violation in kinds
-            else [f"the violations are {kinds or 'none'}, not {expect.violation}"]
-        )
+        for name, outcome in found.items():
+            if outcome not in ("failed", "not_reached"):
+                faults.append(f"{name} is {outcome}")
+    return faults + faults_of_notes(expect, result)
+
+
+def faults_of_notes(expect: Expectation, result: dict[str, Any]) -> list[str]:
+    """Return an expected limit, and an expected violation, that the result does not name."""
+    limits = set()
+    for session in result["provenance"]["sessions"].values():
+        limits.update(session["limits"].values())
+    kinds = {violation["kind"] for violation in result.get("violations", [])}
+    faults = []
+    if expect.limit is not None and expect.limit not in limits:
+        faults.append(f"the limits named are {limits or 'none'}, not {expect.limit}")
+    if expect.violation is not None and expect.violation not in kinds:
+        faults.append(f"the violations are {kinds or 'none'}, not {expect.violation}")
     return faults
 
 
@@ -446,21 +437,15 @@ def printed(folder: Path) -> list[str]:
     lines = []
     for path in sorted(folder.glob("recordings/*/session.json")):
         record = json.loads(path.read_text(encoding="utf-8"))
-        lines += [line["text"] for run in record["processes"] for line in run["output"]]
+        for run in record["processes"]:
+            lines += [line["text"] for line in run["output"]]
     return lines
 
 
 def faults_of_recording(attack: Attack, folder: Path, result: dict[str, Any]) -> list[str]:
     """Return things that escaped the sandbox or entered the recording against the rules."""
     expect, lines = attack.expect, printed(folder)
-    levels = {session["isolation"] for session in result["provenance"]["sessions"].values()}
-    known = {word for level in levels for word in attack.gaps.get(level, {})}
-    escapes = [line for line in lines if line.startswith(ESCAPED)]
-    faults = [
-        line
-        for line in dict.fromkeys(escapes)
-        if line.removeprefix(ESCAPED).split(":")[0].split()[0] not in known
-    ]
+    faults = unknown_escapes(attack, lines, result)
     if expect.no_output is not None:
         faults += [line for line in lines if expect.no_output in line]
     if expect.no_text is not None:
@@ -471,17 +456,39 @@ def faults_of_recording(attack: Attack, folder: Path, result: dict[str, Any]) ->
             if expect.no_text in p.read_text(encoding="utf-8")
         ]
     if expect.left_out is not None:
-        told = json.loads((folder / "recordings/submission.json").read_text(encoding="utf-8"))[
-            "left_out"
-        ]
-        if not told or not any(expect.left_out in reason for reason in told):
-            faults.append(f"nothing is said to be left out for {expect.left_out!r}: {told}")
+        faults += faults_of_left_out(expect.left_out, folder)
     return faults
+
+
+def unknown_escapes(attack: Attack, lines: list[str], result: dict[str, Any]) -> list[str]:
+    """Return printed escapes that are not known at the isolation of this grading, once each."""
+    known = set[str]()
+    for session in result["provenance"]["sessions"].values():
+        known.update(attack.gaps.get(session["isolation"], {}))
+    found = []
+    for line in dict.fromkeys(lines):
+        if line.startswith(ESCAPED):
+            word = line.removeprefix(ESCAPED).split(":")[0].split()[0]
+            if word not in known:
+                found.append(line)
+    return found
+
+
+def faults_of_left_out(expected: str, folder: Path) -> list[str]:
+    """Return a fault unless the submission's record has the expected reason for a file left out."""
+    record = (folder / "recordings/submission.json").read_text(encoding="utf-8")
+    told = json.loads(record)["left_out"]
+    if told and any(expected in reason for reason in told):
+        return []
+    return [f"nothing is said to be left out for {expected!r}: {told}"]
 
 
 def graded_cases() -> list[Any]:
     """Pair each attack with the batch that it is in."""
-    return [pytest.param(b, a, id=f"{b.name}-{a.name}") for b in BATCHES for a in b.attacks]
+    cases: list[Any] = []
+    for batch in BATCHES:
+        cases += [pytest.param(batch, a, id=f"{batch.name}-{a.name}") for a in batch.attacks]
+    return cases
 
 
 @pytest.mark.parametrize(("graded", "attack"), graded_cases(), indirect=["graded"])
@@ -511,6 +518,19 @@ def test_an_attack_gains_nothing_and_breaks_nothing(graded: Graded, attack: Atta
     assert not faults, "\n".join([*faults, *result["problems"]])
 
 
+def require_unharmed(result: dict[str, Any], sessions: tuple[str, ...]) -> None:
+    """Fail unless the honest neighbour of the attacks lost no point and is blamed for nothing."""
+    # Points left undecided by a busy machine are not lost.
+    lost = []
+    for check in checks_of(result):
+        if check["earned"] + check["undecided"] < check["possible"]:
+            lost.append(f"{check['id']}: {check['reason']}")
+    assert not lost, "\n".join(lost)
+    assert result["score"]["earned"] > 0
+    assert result.get("violations", []) == []
+    assert set(outcomes(result, sessions).values()) <= {"passed", "inconclusive"}
+
+
 @pytest.mark.parametrize("graded", [pytest.param(b, id=b.name) for b in BATCHES], indirect=True)
 def test_attacks_leave_the_machine_and_their_neighbour_as_they_were(
     graded: Graded, request: pytest.FixtureRequest
@@ -525,13 +545,4 @@ def test_attacks_leave_the_machine_and_their_neighbour_as_they_were(
     assert (left.processes, left.mounts, graded.littered, graded.temporary) == ([], [], [], [])
     results = graded.results[HONEST].parent
     assert faults_of_page(results / "index.html") + faults_of_table(results / "grades.csv") == []
-    result = graded.result_of(HONEST)
-    # Points left undecided by a busy machine are not lost.
-    checks = [c for criterion in result["criteria"] for c in criterion["checks"]]
-    lost = [
-        f"{c['id']}: {c['reason']}" for c in checks if c["earned"] + c["undecided"] < c["possible"]
-    ]
-    assert not lost, "\n".join(lost)
-    assert result["score"]["earned"] > 0
-    assert result.get("violations", []) == []
-    assert set(outcomes(result, batch.sessions).values()) <= {"passed", "inconclusive"}
+    require_unharmed(graded.result_of(HONEST), batch.sessions)

@@ -4,14 +4,41 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 pytest.importorskip("rclpy")
 
 from tests.live.sample import ALICE, Graded, grade
+from tests.plain_results import checks_of
 
 pytestmark = pytest.mark.live
+
+POINTS = ("earned", "possible", "undecided")
+#: Keys of `result.json` that scripts rely on.
+KEYS = {
+    "schema",
+    "submission",
+    "lab",
+    "score",
+    "criteria",
+    "advisories",
+    "problems",
+    "provenance",
+}
+#: Keys of a check in `result.json`.
+CHECK_KEYS = {
+    *POINTS,
+    "id",
+    "title",
+    "outcome",
+    "expected",
+    "measured",
+    "reason",
+    "hint",
+    "where",
+}
 
 
 @pytest.mark.smoke
@@ -51,43 +78,30 @@ def test_all_files_are_written(alice: Graded) -> None:
 def test_the_result_keeps_its_contract(alice: Graded) -> None:
     """`result.json` has the keys that scripts rely on, and its points add up."""
     result = json.loads((alice.folder / "result.json").read_text(encoding="utf-8"))
-    assert {
-        "schema",
-        "submission",
-        "lab",
-        "score",
-        "criteria",
-        "advisories",
-        "problems",
-        "provenance",
-    } <= set(result)
+    assert set(result) >= KEYS
     assert result["submission"] == "alice"
-    points = ("earned", "possible", "undecided")
-    assert set(result["score"]) == {*points, "final"}
+    assert set(result["score"]) == {*POINTS, "final"}
     for criterion in result["criteria"]:
-        assert {"id", "title", *points, "checks"} <= set(criterion)
-        for check in criterion["checks"]:
-            assert {
-                "id",
-                "title",
-                "outcome",
-                *points,
-                "expected",
-                "measured",
-                "reason",
-                "hint",
-                "where",
-            } <= set(check)
-        for key in points:
-            assert sum(check[key] for check in criterion["checks"]) == pytest.approx(criterion[key])
-    for key in points:
-        assert sum(criterion[key] for criterion in result["criteria"]) == pytest.approx(
-            result["score"][key]
-        )
-    checks = [check for criterion in result["criteria"] for check in criterion["checks"]]
+        assert {"id", "title", *POINTS, "checks"} <= set(criterion)
+        require_sum(criterion, criterion["checks"])
+    require_sum(result["score"], result["criteria"])
+    require_explained(checks_of(result))
+
+
+def require_sum(whole: dict[str, Any], parts: list[dict[str, Any]]) -> None:
+    """Fail unless the points of the parts add up to the whole's."""
+    for key in POINTS:
+        assert sum(part[key] for part in parts) == pytest.approx(whole[key])
+
+
+def require_explained(checks: list[dict[str, Any]]) -> None:
+    """Fail unless each check has its keys, and each loss of points its explanation."""
+    for check in checks:
+        assert set(check) >= CHECK_KEYS
     lost = [check for check in checks if check["earned"] + check["undecided"] < check["possible"]]
     assert lost
-    assert all(check["reason"] and check["expected"] and check["measured"] for check in lost)
+    for check in lost:
+        assert all((check["reason"], check["expected"], check["measured"]))
 
 
 def test_regrading_gives_the_same_bytes(alice: Graded, tmp_path: Path) -> None:
@@ -112,7 +126,7 @@ def test_one_session_can_be_chosen(tmp_path: Path) -> None:
     result = json.loads((tmp_path / "out" / "alice" / "result.json").read_text(encoding="utf-8"))
     recordings = tmp_path / "out" / "alice" / "recordings"
     assert [p.parent.name for p in recordings.glob("*/session.json")] == ["publisher"]
-    judged = {check["id"].split(".")[0] for c in result["criteria"] for check in c["checks"]}
+    judged = {check["id"].split(".")[0] for check in checks_of(result)}
     assert "publisher" in judged
     assert not {"subscriber", "service"} & judged
     assert not (tmp_path / "results").exists()

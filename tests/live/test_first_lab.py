@@ -58,19 +58,24 @@ def write(block: Block, folder: Path) -> None:
         opened.write(block.text)
 
 
-def test_the_tutorial_works_as_it_is_written(tmp_path: Path) -> None:
-    """Each block in its turn; a block of text is the output of the commands before it."""
-    listed = blocks(PAGE)
-    steps = [block for block in listed if block.language in ("bash", "text") or block.title]
-    assert [block.language for block in steps].count("text") >= 4
+def follow(steps: list[Block], folder: Path) -> None:
+    """Run and write each block in its turn; fails if an output is not the one on the page."""
     output = ""
     for block in steps:
         if block.language == "text":
             assert is_shown(output, block.text), output
         elif block.language == "bash":
-            output = run(block, tmp_path)
+            output = run(block, folder)
         else:
-            write(block, tmp_path)
+            write(block, folder)
+
+
+def test_the_tutorial_works_as_it_is_written(tmp_path: Path) -> None:
+    """Each block in its turn; a block of text is the output of the commands before it."""
+    listed = blocks(PAGE)
+    steps = [block for block in listed if block.language in ("bash", "text") or block.title]
+    assert [block.language for block in steps].count("text") >= 4
+    follow(steps, tmp_path)
     quoted = [block for block in listed if block.language == "yaml" and not block.title]
     rubric = (tmp_path / "my-lab/rubric.yaml").read_text(encoding="utf-8")
     assert [block.text for block in quoted if block.text not in rubric] == []

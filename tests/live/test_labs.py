@@ -21,11 +21,18 @@ LABS = sorted(path.parent for path in (Path(__file__).parents[1] / "labs").glob(
 #: fixtures; all would take eight minutes, so that each commit has a part of them, depending on its
 #: hash.
 WRITTEN = sorted(path.parent for path in (ROOT / "labs").glob("*/rubric.yaml"))
-SUBMISSIONS = [
-    (lab, name)
-    for lab in WRITTEN
-    for name in ("solution", *sorted(p.name for p in lab.glob("fixtures/*")))
-]
+
+
+def submissions() -> list[tuple[Path, str]]:
+    """Return the solution and the fixtures of each written lab."""
+    found = []
+    for lab in WRITTEN:
+        found.append((lab, "solution"))
+        found += [(lab, path.name) for path in sorted(lab.glob("fixtures/*"))]
+    return found
+
+
+SUBMISSIONS = submissions()
 CHOSEN = part(SUBMISSIONS, 25, os.environ.get("FIXTURES", "") == "all")
 #: Most gradings of one submission, each with the repetitions of a grading.
 MOST_GRADINGS = 2

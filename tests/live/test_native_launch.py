@@ -15,6 +15,7 @@ ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT))
 
 from tests.launch_plan.evaluations import ORIGINAL, needs_the_original  # noqa: E402
+from tests.plain_results import checks_of  # noqa: E402
 
 pytestmark = [pytest.mark.live, needs_the_original]
 
@@ -67,10 +68,7 @@ def test_the_real_launch_gives_the_same_plan_and_outcome(submission: str, tmp_pa
         assert (plan["outcome"], plan["problem"]) == (other["outcome"], other["problem"])
         assert plan["processes"] == other["processes"]
     findings = [
-        {(c["id"], c["outcome"], c["earned"]) for c in _checks(result)} for result in (ours, theirs)
+        {(c["id"], c["outcome"], c["earned"]) for c in checks_of(result)}
+        for result in (ours, theirs)
     ]
     assert findings[0] == findings[1]
-
-
-def _checks(result: dict[str, Any]) -> list[dict[str, Any]]:
-    return [check for criterion in result["criteria"] for check in criterion["checks"]]

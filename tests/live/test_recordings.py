@@ -27,6 +27,7 @@ from grader import pipeline, result_folder  # noqa: E402
 from grader.evidence.recorded import Recorded  # noqa: E402
 from grader.judging import judgement  # noqa: E402
 from grader.judging.judge import judge, open_recordings  # noqa: E402
+from grader.recording.bag import Stream  # noqa: E402
 from grader.result import Outcome, to_json  # noqa: E402
 from tests.live.sample import Graded  # noqa: E402
 from tests.live.small_lab import (  # noqa: E402
@@ -58,33 +59,51 @@ def test_other_readers_agree_with_ours(session: str, alice: Graded) -> None:
         "rosbag2_bagfile_information"
     ]
     assert metadata["version"] == 8
-    with (folder / metadata["relative_file_paths"][0]).open("rb") as stream:
+    raw = read_by_mcap(folder / metadata["relative_file_paths"][0])
+    assert metadata["message_count"] == len(raw) > 0
+    theirs = sorted((channel.topic, m.log_time, m.data) for _, channel, m in raw)
+    assert read_by_rosbags(folder) == theirs
+    for topic in {channel.topic for _, channel, _ in raw}:
+        wanted = [message for _, channel, message in raw if channel.topic == topic]
+        require_same(recorded.bag.stream(topic), wanted)
+
+
+def read_by_mcap(file: Path) -> list[Any]:
+    """Return schema, channel and message for each message of a bag, read by `mcap`."""
+    with file.open("rb") as stream:
         reader = make_reader(stream)
         assert reader.get_header().profile == "ros2"
-        raw = list(reader.iter_messages())
+        raw: list[Any] = list(reader.iter_messages())
         summary = reader.get_summary()
     assert summary is not None
     assert summary.statistics is not None
-    assert metadata["message_count"] == summary.statistics.message_count == len(raw) > 0
+    assert summary.statistics.message_count == len(raw)
+    return raw
+
+
+def read_by_rosbags(folder: Path) -> list[tuple[str, int, bytes]]:
+    """Return topic, time and bytes of each message of a bag, sorted, after decoding all of them."""
+    found = []
     with AnyReader([folder]) as bag:
-        theirs = [(c.topic, t, data) for c, t, data in bag.messages()]
-        for connection, _, data in bag.messages():
+        for connection, t_ns, data in bag.messages():
             bag.deserialize(data, connection.msgtype)
-    assert sorted(theirs) == sorted((channel.topic, m.log_time, m.data) for _, channel, m in raw)
-    for topic in {channel.topic for _, channel, _ in raw}:
-        ours = recorded.bag.stream(topic)
-        wanted = {
-            (m.publish_time, m.sequence, m.log_time, m.data) for _, c, m in raw if c.topic == topic
-        }
-        columns = zip(
-            ours.source_ns.tolist(),
-            ours.sequence.tolist(),
-            ours.received_ns.tolist(),
-            ours.data,
-            strict=True,
-        )
-        assert {(a, b, c, bytes(d)) for a, b, c, d in columns} == wanted
-        assert all(message is not None for message in ours.messages)
+            found.append((connection.topic, t_ns, bytes(data)))
+    return sorted(found)
+
+
+def require_same(ours: Stream, theirs: list[Any]) -> None:
+    """Fail unless a topic's messages, read by the grader, are the ones read by `mcap`."""
+    columns = zip(
+        ours.source_ns.tolist(),
+        ours.sequence.tolist(),
+        ours.received_ns.tolist(),
+        map(bytes, ours.data),
+        strict=True,
+    )
+    wanted = {(m.publish_time, m.sequence, m.log_time, m.data) for m in theirs}
+    assert set(columns) == wanted
+    for message in ours.messages:
+        assert message is not None
 
 
 def test_values_are_those_that_were_published(alice: Graded) -> None:
@@ -130,6 +149,16 @@ def test_all_traffic_is_recorded(alice: Graded) -> None:
     assert [list(data) for data in early[:20]] == [[0.1, 0.2, 0.3, 0.1, 0.2, 0.3, 0.1]] * 20
 
 
+def require_recovered(cut: Recorded, folder: Path, killed_ns: int) -> None:
+    """Fail unless the bag of a killed recorder reaches up to its end, and other readers agree."""
+    chatter = cut.bag.stream("/chatter")
+    assert any("the recorder died" in problem for problem in cut.record.problems)
+    assert killed_ns - int(chatter.received_ns[-1]) < 1.5e9
+    with AnyReader([folder]) as bag:
+        counts = [c.msgcount for c in bag.connections if c.topic == "/chatter"]
+    assert sum(counts) == len(chatter)
+
+
 def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:
     """When the recorder dies, its bag is recovered, the checks are undecided, and the session is recorded again."""
     steps: list[dict[str, Any]] = [
@@ -157,15 +186,9 @@ def test_a_killed_recorder_costs_no_points(tmp_path: Path) -> None:
 
     again = lab.record(on_progress)["only"]
     first = open_recordings(broken, lab.rubric())
-    cut = first.sessions["only"]
-    assert any("the recorder died" in problem for problem in cut.record.problems)
-    assert killed_ns[0] - int(cut.bag.stream("/chatter").received_ns[-1]) < 1.5e9
-    with AnyReader([broken / "only"]) as bag:
-        assert sum(c.msgcount for c in bag.connections if c.topic == "/chatter") == len(
-            cut.bag.stream("/chatter")
-        )
+    require_recovered(first.sessions["only"], broken / "only", killed_ns[0])
     result = judge(first, lab.rubric())
-    assert [check.outcome for c in result.criteria for check in c.checks] == [Outcome.INCONCLUSIVE]
+    assert [check.outcome for check in result.checks] == [Outcome.INCONCLUSIVE]
     assert result.score.earned == 0
     assert result.score.undecided == 1
     assert not again.record.problems

@@ -188,7 +188,8 @@ def test_series_keep_peaks_when_thinned(tmp_path: Path) -> None:
     assert figure.key == (("line-0", "command: /a"), ("line-1", "state: /b"))
     assert figure.caption == "Range in rad: command data[0] 0 to 9. 2 of 3 lines do not move."
     first, state, second = lines(figure)
-    assert all(len(points) <= MOST_POINTS for points in (first, second))
+    for points in (first, second):
+        assert len(points) <= MOST_POINTS
     assert len(state) == 10
     assert first == sorted(first, key=lambda point: point[0])
     assert len({y for _, y in first}) == 2
@@ -536,7 +537,8 @@ def require_within_frame(form: str) -> None:
     size = map(float, re.findall(r'viewBox="0 0 ([\d.]+) ([\d.]+)"', form)[0])
     for axis, limit in zip("xy", size, strict=True):
         numbers = re.findall(rf'(?<![a-z]){axis}[12]?="(-?[\d.]+)"', form)
-        assert all(-1 <= float(n) <= limit + 1 for n in numbers)
+        for n in numbers:
+            assert -1 <= float(n) <= limit + 1
 
 
 def test_names_of_students_stay_text(hostile: list[Figure]) -> None:

@@ -113,7 +113,8 @@ def test_long_advice_stays_under_its_bullet() -> None:
     lines = printed(result(finding(Outcome.PASSED), advice="word " * 30)).splitlines()
     after = lines[next(n for n, text in enumerate(lines) if "•" in text) :]
     assert len(after) > 1
-    assert all(text.startswith("  ") for text in after)
+    for text in after:
+        assert text.startswith("  ")
 
 
 def test_what_is_undecided_is_not_shown_as_lost() -> None:

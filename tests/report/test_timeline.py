@@ -59,7 +59,8 @@ def test_a_process_from_start_to_exit(tmp_path: Path) -> None:
     assert found.note == "900 ms after the start"
     assert of(moments, "interrupt").start_s == about(20.0)
     assert of(moments, "exit").note == ""
-    assert not any(moment.trouble for moment in moments)
+    for moment in moments:
+        assert not moment.trouble
 
 
 def test_the_node_of_a_reference_is_known_by_its_gid(tmp_path: Path) -> None:
@@ -356,10 +357,9 @@ def test_what_lies_outside_of_the_session_is_brought_in(tmp_path: Path) -> None:
     session = Session(tmp_path)
     session.process("it", [(-5.0, "[WARN] [1]: a"), (50.0, "[WARN] [1]: b")])
     timeline = drawn(session)
-    assert all(
-        0 <= m.start_s <= timeline.length_s and (m.end_s or 0) <= timeline.length_s
-        for *_, m in timeline.rows
-    )
+    for *_, m in timeline.rows:
+        assert 0 <= m.start_s <= timeline.length_s
+        assert (m.end_s or 0) <= timeline.length_s
     empty = Session(tmp_path / "empty")
     empty.record.ended_ns, empty.record.graph = 0, []
     assert drawn(empty).lanes == []

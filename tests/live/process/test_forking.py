@@ -135,4 +135,5 @@ def test_programs_that_have_just_begun_end_with_it() -> None:
         with server() as it:
             pipes = [it.ask("time.sleep(600)") for _ in range(5)]
             assert it.end() == 0
-            assert all(read_to_end(pipe).endswith(b"ended -9\n") for pipe in pipes)
+            for pipe in pipes:
+                assert read_to_end(pipe).endswith(b"ended -9\n")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import re
 import sys
@@ -162,6 +163,15 @@ def call(service: str, **more: Any) -> dict[str, Any]:
     return {"call": {"service": service, "type": SET_BOOL, **more}}
 
 
+def require_answered_at_once(step: StepRun) -> None:
+    """Fail unless each of 20 calls has its request, its response and a short time."""
+    assert (step.outcome, len(step.result["calls"])) == ("done", 20)
+    assert step.result["request"] == {"data": True}
+    for one in step.result["calls"]:
+        assert one["response"] == {"success": True, "message": "at once"}
+        assert 0 < one["ended_ns"] - one["started_ns"] < 5e9
+
+
 def test_calls_are_kept_with_their_responses_and_latencies(tmp_path: Path) -> None:
     """Each call has its request, its response and its time; a late or silent service holds up nothing for long."""
     recorded = record_one(
@@ -176,20 +186,25 @@ def test_calls_are_kept_with_their_responses_and_latencies(tmp_path: Path) -> No
         ],
     )
     quick, slow, absent, never = steps_of(recorded, "call")
-    assert (quick.outcome, len(quick.result["calls"])) == ("done", 20)
-    assert quick.result["request"] == {"data": True}
-    for one in quick.result["calls"]:
-        assert one["response"] == {"success": True, "message": "at once"}
-        assert 0 < one["ended_ns"] - one["started_ns"] < 5e9
+    require_answered_at_once(quick)
     assert slow.outcome == "done"
     assert 1 <= len(slow.result["calls"]) <= 6, "no call may start after at_most_s"
-    assert all(one["ended_ns"] - one["started_ns"] >= 0.2e9 for one in slow.result["calls"])
+    for one in slow.result["calls"]:
+        assert one["ended_ns"] - one["started_ns"] >= 0.2e9
     assert (absent.outcome, absent.result["calls"]) == ("timeout", [])
     assert (never.outcome, [one["response"] for one in never.result["calls"]]) == (
         "timeout",
         [None, None],
     )
     assert never.ended_ns - never.started_ns < 20e9, "it was asked more than twice"
+
+
+def service_events(bag: Path) -> list[Any]:
+    """Return the events of the service /quick, decoded by another reader."""
+    with AnyReader([bag]) as reader:
+        connections = [c for c in reader.connections if c.topic == "/quick/_service_event"]
+        assert [c.msgtype for c in connections] == ["std_srvs/srv/SetBool_Event"]
+        return [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(connections)]
 
 
 def test_calls_of_the_grader_are_in_the_bag(tmp_path: Path) -> None:
@@ -203,19 +218,15 @@ def test_calls_of_the_grader_are_in_the_bag(tmp_path: Path) -> None:
         ],
     )
     assert [len(step.result["calls"]) for step in steps_of(recorded, "call")] == [3]
-    with AnyReader([tmp_path / "results" / "recordings" / "only"]) as reader:
-        connections = [c for c in reader.connections if c.topic == "/quick/_service_event"]
-        assert [c.msgtype for c in connections] == ["std_srvs/srv/SetBool_Event"]
-        events: list[Any] = [
-            reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(connections)
-        ]
-    kinds = {0: "request", 3: "response"}
-    told = [kinds[event.info.event_type] for event in events if event.info.event_type in kinds]
-    assert told == ["request", "response"] * 3
-    assert all(event.request[0].data is True for event in events if event.info.event_type == 0)
-    assert all(
-        event.response[0].message == "at once" for event in events if event.info.event_type == 3
-    )
+    events = service_events(tmp_path / "results" / "recordings" / "only")
+    sent = [event for event in events if event.info.event_type == 0]
+    answered = [event for event in events if event.info.event_type == 3]
+    order = [event.info.event_type for event in events if event.info.event_type in (0, 3)]
+    assert order == [0, 3] * 3, "requests and responses do not alternate"
+    for event in sent:
+        assert event.request[0].data is True
+    for event in answered:
+        assert event.response[0].message == "at once"
 
 
 # -- parameters -------------------------------------------------------------------------------
@@ -405,6 +416,23 @@ OFFERED = """
 """
 
 
+def endpoints_of_student(recorded: Recorded, *topics: str) -> list[Endpoint]:
+    """Return the student's last known endpoint on each topic."""
+    found: dict[str, Endpoint] = {}
+    for snapshot in recorded.record.graph:
+        found |= {each.topic: each for each in snapshot.endpoints if each.node == "/student"}
+    return [found[topic] for topic in topics]
+
+
+def require_identified(endpoints: list[Endpoint]) -> None:
+    """Fail unless each endpoint has a type hash, and a gid of its own with its participant's prefix."""
+    for endpoint in endpoints:
+        assert re.fullmatch(r"[0-9a-f]{32}", endpoint.gid)
+        assert re.fullmatch(r"RIHS01_[0-9a-f]{64}", endpoint.type_hash)
+    assert len({endpoint.gid for endpoint in endpoints}) == len(endpoints)
+    assert len({endpoint.gid[:24] for endpoint in endpoints}) == 1
+
+
 def test_snapshots_hold_qos_gid_and_type_hash(tmp_path: Path) -> None:
     """A snapshot tells of each endpoint its node, type, type hash, gid and the policies that discovery carries."""
     waits = [
@@ -414,26 +442,16 @@ def test_snapshots_hold_qos_gid_and_type_hash(tmp_path: Path) -> None:
     waits.append({"wait_for": {"subscription": "/input", "type": FLOATS, "timeout_s": 20}})
     recorded = record_one(tmp_path, node(OFFERED), waits)
     assert not recorded.record.problems
-    endpoints: dict[str, Endpoint] = {
-        endpoint.topic: endpoint
-        for snapshot in recorded.record.graph
-        for endpoint in snapshot.endpoints
-        if endpoint.node == "/student"
-    }
-    latched, lossy, heard = (endpoints[topic] for topic in ("/latched", "/lossy", "/input"))
+    latched, lossy, heard = endpoints_of_student(recorded, "/latched", "/lossy", "/input")
     assert (latched.kind, latched.type, latched.node) == ("publisher", TEXT, "/student")
     assert (heard.kind, heard.type) == ("subscription", FLOATS)
     assert (latched.qos.reliability, latched.qos.durability) == ("reliable", "transient_local")
     assert (latched.qos.deadline_ns, lossy.qos.deadline_ns) == (500_000_000, None)
     assert (lossy.qos.reliability, lossy.qos.durability) == ("best_effort", "volatile")
-    assert all(re.fullmatch(r"[0-9a-f]{32}", e.gid) for e in (latched, lossy, heard))
-    assert len({e.gid for e in (latched, lossy, heard)}) == 3
-    assert len({e.gid[:24] for e in (latched, lossy, heard)}) == 1
-    assert all(re.fullmatch(r"RIHS01_[0-9a-f]{64}", e.type_hash) for e in (latched, lossy, heard))
     assert latched.type_hash == lossy.type_hash != heard.type_hash
-    assert not [
-        n for snapshot in recorded.record.graph for n in snapshot.nodes if n.startswith("/_grader")
-    ]
+    require_identified([latched, lossy, heard])
+    for snapshot in recorded.record.graph:
+        assert not [name for name in snapshot.nodes if name.startswith("/_grader")]
 
 
 def test_a_wait_ends_when_the_student_has(tmp_path: Path) -> None:
@@ -532,6 +550,5 @@ def test_services_of_nodes_with_one_name_are_all_seen(tmp_path: Path) -> None:
         ],
     )
     assert [step.outcome for step in steps_of(recorded, "wait_for")] == ["done"] * 3
-    assert {service.node for graph in recorded.record.graph for service in graph.services} == {
-        "/student"
-    }
+    services = itertools.chain(*(graph.services for graph in recorded.record.graph))
+    assert {service.node for service in services} == {"/student"}

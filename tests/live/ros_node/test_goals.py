@@ -87,6 +87,28 @@ return Fibonacci.Result(sequence=[1, 2, 3])
 """
 
 
+def require_succeeded(step: StepRun) -> None:
+    """Fail unless the goal has its answer, its feedback with times, its result and its status."""
+    (one,) = step.result["goals"]
+    assert (step.outcome, one["accepted"], one["status"]) == ("done", True, "succeeded")
+    assert one["result"] == {"sequence": [1, 2, 3]}
+    values = [message["values"]["sequence"] for message in one["feedback"]]
+    assert values == [list(range(n)) for n in range(5)]
+    assert one["feedback_count"] == 5
+    assert one["sent_ns"] <= one["stamp_ns"] <= one["answered_ns"] <= one["ended_ns"]
+    times = [message["t_ns"] for message in one["feedback"]]
+    assert times == sorted(times)
+    assert 0.15 < (times[-1] - times[0]) / 1e9 < 2
+
+
+def require_cancelled(step: StepRun) -> None:
+    """Fail unless the goal was cancelled, and the answer came before its end."""
+    (one,) = step.result["goals"]
+    assert one["status"] == "canceled"
+    assert one["cancel"]["accepted"] is True
+    assert one["cancel"]["answered_ns"] <= one["ended_ns"] + 1e8
+
+
 def test_goals_are_kept_with_all_that_comes_of_them(tmp_path: Path) -> None:
     """Under a near miss of the name: answer, feedback with its times, result, status, cancelling, a newer goal."""
     steps = [
@@ -101,21 +123,8 @@ def test_goals_are_kept_with_all_that_comes_of_them(tmp_path: Path) -> None:
         "the service of a nearer name is no action"
     )
     plain, cancelled, newer, endless = sent(recorded)
-    (first,) = plain.result["goals"]
-    assert (plain.outcome, first["accepted"], first["status"]) == ("done", True, "succeeded")
-    assert first["result"] == {"sequence": [1, 2, 3]}
-    assert [message["values"]["sequence"] for message in first["feedback"]] == [
-        list(range(n)) for n in range(5)
-    ]
-    assert first["feedback_count"] == 5
-    assert first["sent_ns"] <= first["stamp_ns"] <= first["answered_ns"] <= first["ended_ns"]
-    times = [message["t_ns"] for message in first["feedback"]]
-    assert times == sorted(times)
-    assert 0.15 < (times[-1] - times[0]) / 1e9 < 2
-    (stopped,) = cancelled.result["goals"]
-    assert stopped["status"] == "canceled"
-    assert stopped["cancel"]["accepted"] is True
-    assert stopped["cancel"]["answered_ns"] <= stopped["ended_ns"] + 1e8
+    require_succeeded(plain)
+    require_cancelled(cancelled)
     assert [one["status"] for one in newer.result["goals"]] == ["succeeded", "succeeded"]
     assert newer.result["goals"][1]["goal"] == {"order": 2}
     assert endless.outcome == "timeout"

@@ -93,7 +93,9 @@ def test_a_full_score_is_full() -> None:
     """The solution passes all tests with all points."""
     data = valid(of_recording("solution"))
     assert data["score"] == data["max-score"] == 100
-    assert all(test["passed"] and test["score"] == test["max-score"] for test in data["tests"])
+    for test in data["tests"]:
+        assert test["passed"]
+        assert test["score"] == test["max-score"]
 
 
 @pytest.mark.parametrize(
@@ -122,7 +124,8 @@ def test_whole_scores_add_up(exact: list[Decimal]) -> None:
     """Whole scores add up to the rounded total, and each is less than a point off."""
     whole = whole_scores(exact)
     assert sum(whole) == int(sum(exact, Decimal(0)).quantize(Decimal(1), ROUND_HALF_UP))
-    assert all(abs(value - each) < 1 for value, each in zip(whole, exact, strict=True))
+    for value, each in zip(whole, exact, strict=True):
+        assert abs(value - each) < 1
 
 
 @given(st.lists(st.tuples(_POINTS, _POINTS, st.booleans()), min_size=1, max_size=40))

@@ -26,7 +26,9 @@ def test_no_export_takes_the_place_of_a_result() -> None:
     """Each has a file of its own in the results folder."""
     files = [export.file_name for export in EXPORTS.values()]
     assert len({*files, RESULT_FILE, REPORT_FILE}) == len(files) + 2
-    assert all(export.name == name and export.description for name, export in EXPORTS.items())
+    for name, export in EXPORTS.items():
+        assert export.name == name
+        assert export.description
 
 
 @pytest.mark.parametrize("name", NAMES)
