@@ -10,7 +10,7 @@ SESSIONS = [Piece("long", 10.0, 1.0), Piece("short", 5.0, 1.0)]
 
 
 def test_one_submission_takes_as_long_as_its_longest_session() -> None:
-    """Its start and its judging come before and after."""
+    """A submission's start and judging come before and after its sessions."""
     assert simulate(1, SESSIONS, 4, 8, 2) == pytest.approx(0.1 + 10.0 + 0.5, abs=0.3)
 
 

@@ -99,7 +99,7 @@ def finding(folder: Path, part: str, wanted: dict[str, Any], *goals: dict[str, A
 def test_an_action_is_offered_by_name_type_and_node(
     tmp_path: Path, wrong: dict[str, str], credit: str, words: str
 ) -> None:
-    """As asked it earns all; each that is another costs its share."""
+    """A right action earns everything; a wrong name, type or node costs its share."""
     session = offering(tmp_path, **wrong)
     found = judged("action_server", OFFERED, session.called(f"{NAME}={wrong.get('name', NAME)}"))
     assert found.credit == Decimal(credit)
@@ -179,7 +179,10 @@ def test_who_accepts_or_rejects_everything_is_told_so(tmp_path: Path) -> None:
 
 
 def test_a_silent_server_is_charged_once(tmp_path: Path) -> None:
-    """The first part says that no answer came, the others that they were not tested; so do later goals and checks."""
+    """The first part says that no answer came.
+
+    Later goals and checks say that they were not tested.
+    """
     session = sent(
         sent(offering(tmp_path), "it", SILENT, outcome="timeout"),
         "later",
@@ -224,7 +227,7 @@ def test_what_lost_points_in_another_session_keeps_nothing_from_being_looked_at_
 
 
 def test_a_goal_that_is_answered_is_judged_whatever_became_of_earlier_ones(tmp_path: Path) -> None:
-    """One that got no answer costs where it is asked about, and nothing besides."""
+    """An unanswered goal costs points in its own part, and in no other."""
     session = sent(sent(offering(tmp_path), "first", SILENT, outcome="timeout"), "it", GOOD)
     assert (
         judged("action_server", {**ABOUT, "accepted": {"step": "it"}}, session).outcome
@@ -251,7 +254,7 @@ def test_goals_to_another_action_prove_nothing(tmp_path: Path) -> None:
 
 
 def test_a_rejected_goal_keeps_the_rest_from_being_tested(tmp_path: Path) -> None:
-    """Where a goal that should be accepted is not, that is the one mistake."""
+    """A wrongly rejected goal is charged once, and nothing else is."""
     found = finding(tmp_path, "feedback", {}, REJECTED)
     assert "Not tested, because the goal order=5 was rejected." in found.reason
 
@@ -283,7 +286,10 @@ def test_a_rejected_goal_keeps_the_rest_from_being_tested(tmp_path: Path) -> Non
 def test_feedback_is_judged_by_number_rate_and_order(
     tmp_path: Path, wanted: dict[str, Any], changed: dict[str, Any], credit: str, words: str
 ) -> None:
-    """Each costs by its share; a field that the student's type does not have costs where the type is judged."""
+    """Each wrong part costs its share.
+
+    A field missing in the student's type is charged where the type is judged.
+    """
     found = finding(tmp_path, "feedback", wanted, {**GOOD, **changed})
     assert found.credit == Decimal(credit)
     assert words in found.reason
@@ -439,7 +445,7 @@ def test_cancelling_is_judged_by_answer_time_and_status(
 
 
 def test_a_server_that_is_blocked_or_refuses_is_told_how_to_fix_it(tmp_path: Path) -> None:
-    """The two have hints of their own."""
+    """A blocked server and a refusing one have hints of their own."""
     blocked = cancelled(3.0, "succeeded", accepted=False, code=3)
     assert "MultiThreadedExecutor" in finding(tmp_path / "1", "cancelled", {}, blocked).hint
     assert (
@@ -511,7 +517,7 @@ def test_who_never_succeeds_is_not_charged_for_the_newer_goal(tmp_path: Path) ->
 
 
 def test_a_goal_that_ended_before_the_newer_one_could_be_sent_is_told_so(tmp_path: Path) -> None:
-    """There was nothing to preempt."""
+    """A goal that ended early left nothing to preempt."""
     assert "before it could be preempted" in finding(tmp_path, "preempted", {}, GOOD).reason
 
 
@@ -528,7 +534,7 @@ def test_a_goal_that_ended_before_the_newer_one_could_be_sent_is_told_so(tmp_pat
 def test_what_the_machine_may_have_delayed_is_undecided(
     tmp_path: Path, part: str, wanted: dict[str, Any], goal: dict[str, Any]
 ) -> None:
-    """With a delay in that time it is not the student's fault; without one it costs."""
+    """A delay at that time excuses the student; without a delay the finding costs points."""
     for delays, outcome in (
         ((), Outcome.PARTIAL),
         (((1.15, 0.1), (1.55, 0.3)), Outcome.INCONCLUSIVE),
@@ -629,7 +635,7 @@ PLAIN = st.recursive(
 def test_whatever_a_server_sends_is_judged(
     tmp_path_factory: pytest.TempPathFactory, sent_back: dict[str, Any]
 ) -> None:
-    """Its values and times are its own: no check breaks by them, and none earns more than all."""
+    """Arbitrary values and times break no check, and earn no more than full credit."""
     goal = {**GOOD, **sent_back}
     goal["cancel"] = goal["cancel"] and {
         **goal["cancel"],

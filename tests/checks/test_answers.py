@@ -81,7 +81,7 @@ def test_each_answer_is_judged_by_its_fields(
 
 
 def test_a_field_that_is_not_there_is_like_no_pattern(tmp_path: Path) -> None:
-    """Neither is its absence a text, which any pattern could be like."""
+    """A missing field is not a text that a pattern could match."""
     each = [{"step": "near", "patterns": {"note": "N"}}]
     finding = judged("call_value", {**VALUE, "each": each}, calls(tmp_path, near=answer(1.5)))
     assert finding.outcome is Outcome.FAILED
@@ -115,7 +115,7 @@ def test_a_request_that_cannot_be_sent_earns_nothing(tmp_path: Path) -> None:
 
 
 def test_a_mistake_that_another_check_charged_costs_nothing(tmp_path: Path) -> None:
-    """As an alternative of any oracle may say."""
+    """An alternative may name another check that charged the mistake, as with any oracle."""
     known = {**ORACLE["alternatives"][0], "charged_by": ["earlier"]}
     session = calls(tmp_path, near=answer(3.0, names=()), far=answer(6.0, names=()))
     earlier = {"earlier": failed("", "", "It was charged.")}

@@ -135,7 +135,7 @@ def test_each_part_of_a_readme_counts() -> None:
 
 
 def test_instructions_without_a_command_are_for_a_person_to_read() -> None:
-    """Where it seems to say how it is run, the points are given, and a note says so."""
+    """A text like instructions keeps its points, and a note asks a person to read it."""
     text = FILLED.replace("```\npython3 talk.py\n```\n\n", "the button of the editor.\n\n")
     finding = static("readme", README, submission({"README.md": text}))
     assert finding.outcome is Outcome.PASSED

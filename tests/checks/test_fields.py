@@ -148,7 +148,7 @@ def test_numbers_in_a_text_are_like_fields(tmp_path: Path) -> None:
 
 @given(st.text(max_size=50))
 def test_hostile_texts_hold_no_numbers_and_break_nothing(text: str) -> None:
-    """Whatever a student writes, it is numbers or none."""
+    """Any text of a student gives numbers or none."""
     row = numbers_in(r"(?P<a>\S+)", text)
     assert row is None or len(row) == 1
 
@@ -170,7 +170,7 @@ def said(folder: Path, *texts: str) -> Session:
 
 
 def test_texts_of_the_form_pass(tmp_path: Path) -> None:
-    """All match, and their numbers are within limits."""
+    """All texts match, and their numbers are within limits."""
     parameters = {**CALLED, "numbers": {"x": {"low": 0.0, "high": 2.0}}}
     assert (
         judged("field_matches", parameters, said(tmp_path, "FAR,2.0", "NEAR,0.1")).outcome
@@ -231,7 +231,7 @@ def test_an_enum_is_compared_as_it_is_written(tmp_path: Path) -> None:
 
 
 def test_texts_of_another_type_do_not_match(tmp_path: Path) -> None:
-    """Where the field is not there, no message is of the form."""
+    """If the field is missing, no message matches."""
     session = Session(tmp_path).typed("/state", TWIST, [{}], [1.0])
     assert judged("field_matches", CALLED, session).outcome is Outcome.FAILED
     assert TEXT != TWIST

@@ -77,7 +77,7 @@ def test_few_slow_answers_cost_the_quantile_only(tmp_path: Path) -> None:
 
 
 def test_what_is_not_answered_costs_its_share(tmp_path: Path) -> None:
-    """Half of them have no answer."""
+    """Unanswered messages, half of all, cost their share."""
     finding = latency(tmp_path, lambda n: 0.005 if n % 2 == 0 else None)
     assert finding.credit == Decimal("0.5")
     assert "of 200 messages were not answered" in finding.reason
@@ -135,7 +135,7 @@ def test_a_field_can_name_the_message(tmp_path: Path) -> None:
 
 
 def test_the_next_message_is_the_answer(tmp_path: Path) -> None:
-    """Where none comes before the next input, there is none."""
+    """An input followed directly by the next input has no answer."""
     session = answered(tmp_path, lambda n: 0.005 if n % 4 else None, INT)
     finding = judged("message_latency", {**BY_STAMP, "match": "next"}, session)
     assert "50% within 5.0 ms" in finding.measured

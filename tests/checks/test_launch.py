@@ -373,7 +373,7 @@ def test_a_node_whose_file_is_missing_is_charged_elsewhere(tmp_path: Path) -> No
 def test_why_a_node_is_down_is_reported(
     tmp_path: Path, run: dict[str, Any] | None, words: str
 ) -> None:
-    """Not started, running without a node, and ended are told apart."""
+    """A missing start, a process without its node and an ended process have different reasons."""
     session = planned(Session(tmp_path), processes=BOTH).node("/talker")
     if run is not None:
         session.process("listen-1", ["oh"], **run)
@@ -468,7 +468,7 @@ def test_a_parameter_of_another_type_shows_both_places(tmp_path: Path) -> None:
 def test_a_type_that_the_node_declares_wrongly_is_charged_once(
     tmp_path: Path, charged: Finding, credit: str
 ) -> None:
-    """Where the check of the node's parameters took points, the launch file is not to blame."""
+    """A wrong type is not charged to the launch file if the node's parameter check took points."""
     wanted = {
         "step": "plan",
         "nodes": [{**NODES["nodes"][0], "types_charged_by": "types"}, NODES["nodes"][1]],
@@ -494,7 +494,7 @@ def test_a_node_that_was_there_for_a_moment_is_down(tmp_path: Path) -> None:
 
 
 def test_a_node_that_does_not_run_costs_what_the_rubric_says(tmp_path: Path) -> None:
-    """Without one of them the nodes do not work together: the rubric may ask for more than its part."""
+    """A missing node may cost more than its part, because the others cannot work with it."""
     session = planned(Session(tmp_path), processes=BOTH[:1]).node("/talker")
     assert judged("launch_nodes", NODES, session).credit == Decimal("0.5")
     assert judged("launch_nodes", {**NODES, "down_costs": 0.8}, session).credit == Decimal("0.2")
@@ -710,7 +710,7 @@ def test_the_rate_is_compared_with_the_rate_alone(tmp_path: Path) -> None:
 
 
 def test_what_is_charged_elsewhere_is_left_out(tmp_path: Path) -> None:
-    """Where each node fails by its own fault, there is nothing left to judge."""
+    """If each node fails by its own fault, nothing is left to judge."""
     charged = {"publishes": FAILED, "motion": FAILED, "enables": FAILED}
     finding = judged("launch_together", TOGETHER, Session(tmp_path), findings=charged)
     assert finding.outcome is Outcome.NOT_REACHED
@@ -796,7 +796,10 @@ def test_an_arm_that_cannot_hear_commands_of_another_type_need_not_follow(
 def test_a_node_that_was_made_and_never_seen_is_undecided(
     tmp_path: Path, made: str, outcome: Outcome
 ) -> None:
-    """Its program says that it made the node, so the discovery may have failed; not under another name, nor always."""
+    """The node's program says that it made the node, so the discovery may have failed.
+
+    Another name, or the third recording, is charged.
+    """
     session = planned(Session(tmp_path), processes=BOTH).node("/listener").process("talk-1")
     session.record.claims.append(Claim("talk-1", "publisher", "/commands", node=made, file="it.py"))
     finding = nodes(session)

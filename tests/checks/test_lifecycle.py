@@ -95,7 +95,7 @@ def test_messages_come_in_the_right_states_only(
 
 
 def test_silence_that_the_machine_caused_is_undecided(tmp_path: Path) -> None:
-    """If it delayed the node for most of the time, too few messages prove nothing, nor does one that comes late."""
+    """After a delay of most of the time, neither too few messages nor a late one prove anything."""
     delayed = whole(tmp_path, *ACTIVE[:9]).disturbed("it", (5.0, 2.9))
     assert judged("lifecycle", PUBLISHED, delayed).outcome is Outcome.INCONCLUSIVE
     late = whole(tmp_path / "late", *ACTIVE, 8.4).disturbed("it", (8.1, 0.25))
@@ -103,7 +103,7 @@ def test_silence_that_the_machine_caused_is_undecided(tmp_path: Path) -> None:
 
 
 def test_each_time_in_a_state_is_judged_by_its_own_delays(tmp_path: Path) -> None:
-    """A short one that the machine delayed is undecided, however calm a long one was."""
+    """A short stay that the machine delayed is undecided, even beside a long and calm one."""
     session = whole(tmp_path, *ACTIVE)
     asked(session, "activate", "unconfigured", "active")
     again = session.record.steps[-1]
@@ -146,7 +146,7 @@ def test_a_callback_that_raises_is_named(tmp_path: Path) -> None:
 
 
 def test_a_callback_that_fails_costs_its_transition(tmp_path: Path) -> None:
-    """Without an error, it reported failure; the others count."""
+    """A transition without the expected state has reported failure; the other transitions count."""
     session = Session(tmp_path).process("it")
     asked(session, "configure", "unconfigured", "inactive")
     asked(session, "activate", "inactive", "inactive", success=False)
@@ -184,7 +184,7 @@ def test_a_node_that_is_none_is_charged_once(tmp_path: Path) -> None:
 
 
 def test_one_transition_without_an_answer_costs_that_one(tmp_path: Path) -> None:
-    """Where the node answers others, these count; and where it crashed, that is said."""
+    """The answered transitions count; a crash of the node is reported."""
     session = asked(
         Session(tmp_path / "slow").process("it"), "configure", "", "", outcome="timeout"
     )
@@ -205,7 +205,7 @@ def test_one_transition_without_an_answer_costs_that_one(tmp_path: Path) -> None
 
 
 def test_a_state_that_was_never_reached_is_charged_with_its_transition(tmp_path: Path) -> None:
-    """Nothing can be published in it, which is not said again."""
+    """Nothing can be published in a state that was never reached; this is not reported again."""
     session = asked(
         Session(tmp_path).process("it"), "configure", "unconfigured", "unconfigured", success=False
     )

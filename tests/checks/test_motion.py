@@ -184,7 +184,7 @@ def test_a_rotation_is_the_angle_between_two_orientations(yaw: float) -> None:
 
 @given(st.lists(st.tuples(st.floats(-9, 9), st.integers(1, 20)), min_size=1, max_size=40))
 def test_the_greatest_of_each_part_is_found(parts: list[tuple[float, int]]) -> None:
-    """As if each were looked through."""
+    """The greatest value of each part equals a search of the whole part."""
     values = np.array([value for value, _ in parts])
     ends = np.array([min(n + length, len(parts)) for n, (_, length) in enumerate(parts)])
     assert greatest(values, ends).tolist() == [values[n:end].max() for n, end in enumerate(ends)]

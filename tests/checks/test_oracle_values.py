@@ -70,7 +70,7 @@ def by_stamp(folder: Path, answer: Callable[[int], float | None], **more: Any) -
 
 
 def test_right_answers_pass(tmp_path: Path) -> None:
-    """Each is twice its input; a hundredth off is allowed."""
+    """Right answers are twice their input, within one hundredth."""
     assert by_stamp(tmp_path / "a", lambda n: 2.0 * n).outcome is Outcome.PASSED
     assert by_stamp(tmp_path / "b", lambda n: 2.0 * n + 0.0099).outcome is Outcome.PASSED
 

@@ -185,7 +185,7 @@ def test_what_goes_wrong_in_it_costs_nothing(tmp_path: Path, statement: str, wor
 def test_without_an_end_it_is_ended(
     caught: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Also where it catches every exception, or all that there is once."""
+    """An endless check is ended even if it catches every exception, or the ending itself once."""
     monkeypatch.setattr(own, "_MOST_CPU_S", 0.1)
     body = f"""\
 def rises(context: Context, p: Parameters) -> Finding:
@@ -260,7 +260,7 @@ def test_another_version_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_clock_that_was_set_leaves_it_open(tmp_path: Path) -> None:
-    """Its author need not think of it."""
+    """A clock that was set leaves a check open without any code by its author."""
     made = session(tmp_path, [[0.0]] * 10).clock({0.5: 0.0, 1.0: 0.0, 1.5: 3.0, 2.0: 3.0})
     found = judged(lab(tmp_path), made)
     assert (found.outcome, "clock jumped" in found.reason) == (Outcome.INCONCLUSIVE, True)
@@ -402,7 +402,7 @@ def test_what_it_says_is_of_a_length_that_can_be_shown(tmp_path: Path) -> None:
 
 
 def test_numbers_of_numpy_can_be_written(tmp_path: Path) -> None:
-    """Where a location is made by hand, of the numbers that messages give."""
+    """A location made by hand accepts the numbers that messages give."""
     body = """\
 import numpy as np
 from grader.own_checks import Location
@@ -585,7 +585,7 @@ def test_every_former_check_is_there() -> None:
 
 
 def test_a_decorator_with_other_arguments_is_a_mistake(tmp_path: Path) -> None:
-    """Its arguments are read without executing the file, so they must be literals of known names."""
+    """Arguments of a decorator must be literals, because the file is read without executing it."""
     for wrong in ("commands=LINES", "topics=()"):
         folder = tmp_path / wrong[:4]
         rubric = limited(folder)

@@ -85,7 +85,7 @@ def test_a_topic_that_falls_silent_fails_unless_the_machine_delayed_it(tmp_path:
 
 
 def test_a_rate_that_the_machine_lowered_is_undecided(tmp_path: Path) -> None:
-    """As it is where the rate alone is judged."""
+    """A lowered rate is undecided, as in the check of the rate alone."""
     late = rates(windows(tmp_path), 10.0, 17.0).disturbed(
         "it", *((5.0 + n / 4, 0.06) for n in range(12))
     )
@@ -126,7 +126,7 @@ def test_a_rate_to_compare_with_that_the_machine_lowered_leaves_it_undecided(
 def test_a_field_follows_its_parameter(
     tmp_path: Path, after: float, more: dict[str, Any], credit: str, words: str
 ) -> None:
-    """By its median, within the tolerance."""
+    """The field follows its parameter if its median is within the tolerance."""
     values, times = (
         [1.0] * 31 + [9.0] + [after] * 30 + [2.5] * 31,
         [t for s in (1.0, 5.0, 9.0) for t in evenly(10, 3.0, s)],
@@ -240,7 +240,7 @@ def test_invalid_values_are_refused_with_a_reason(
 
 
 def test_a_refusal_of_what_is_not_declared_proves_nothing(tmp_path: Path) -> None:
-    """By itself rclpy refuses it."""
+    """An undeclared parameter is refused by rclpy itself."""
     finding = judged(
         "parameter_rejected", REJECTED, refusing(tmp_path, WHY, {"rate": 10.0}, {"rate": 10.0})
     )
@@ -260,7 +260,7 @@ def test_other_words_of_a_reason_are_noted(tmp_path: Path) -> None:
 
 
 def test_a_node_that_ends_by_an_invalid_value_fails(tmp_path: Path) -> None:
-    """There is no answer any more, and the output says why."""
+    """A node that ended gives no answer, and its output shows the reason."""
     session = Session(tmp_path).process(
         "it",
         ["ZeroDivisionError: division by zero"],

@@ -99,7 +99,7 @@ def test_a_property_that_the_machine_may_have_broken_is_in_doubt(tmp_path: Path)
 
 
 def test_a_silent_signal_fails_and_a_short_one_is_not_tested(tmp_path: Path) -> None:
-    """Nothing can be said without it."""
+    """Without a signal a property can neither hold nor fail."""
     silent = Session(tmp_path / "silent").process().window(1.0, 11.0)
     assert (
         judged("signal_property", {"signals": SIGNALS, "property": STOPS}, silent).outcome
@@ -113,7 +113,7 @@ def test_a_silent_signal_fails_and_a_short_one_is_not_tested(tmp_path: Path) -> 
 
 
 def test_a_mistake_in_a_property_is_told_when_the_rubric_loads(tmp_path: Path) -> None:
-    """With the place in it."""
+    """A mistake in a property is reported with its place."""
     with pytest.raises(
         ValidationError, match=r"there is no signal 'w', only [^(]+ \(at character 8"
     ):

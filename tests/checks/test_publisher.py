@@ -119,7 +119,7 @@ def test_a_missing_file_is_said_to_be_missing(tmp_path: Path) -> None:
 
 
 def test_a_silent_publisher_fails_and_its_exception_is_reported(tmp_path: Path) -> None:
-    """Where the process wrote a traceback, it is the reason, with the student's line."""
+    """The traceback of the process is the reason, with the student's line."""
     lines = [
         "Traceback (most recent call last):",
         '  File "/ws/src/it.py", line 9, in tick',
@@ -349,7 +349,7 @@ def test_what_is_uneven_between_disturbances_is_uneven(tmp_path: Path) -> None:
 
 
 def test_without_enough_time_undisturbed_it_stays_undecided(tmp_path: Path) -> None:
-    """Where hardly two intervals follow each other undisturbed, nothing is concluded from them."""
+    """Two adjacent undisturbed intervals are hardly found, and nothing is concluded from them."""
     times, stops = stopped(100.0, 0.06)
     session = published(tmp_path, times).disturbed("it", *stops)
     assert judged("topic_rate", RATE, session).outcome is Outcome.INCONCLUSIVE
@@ -456,7 +456,7 @@ def test_evenness_at_the_edge_of_what_a_sample_can_tell_is_undecided(tmp_path: P
 
 
 def test_a_rate_at_the_edge_of_a_step_is_undecided(tmp_path: Path) -> None:
-    """Where the error of the rate spans more than one of the credit, no side is taken."""
+    """An error of the rate that spans more than one credit level leaves the rate undecided."""
     session = published(tmp_path, uneven(0.5, 0.004, rate_hz=97.82))
     assert judged("topic_rate", RATE, session).outcome is Outcome.INCONCLUSIVE
 
@@ -525,7 +525,7 @@ def test_each_policy_asked_for_is_a_part(tmp_path: Path) -> None:
 
 
 def test_a_publisher_that_was_asked_for_and_not_seen_is_undecided(tmp_path: Path) -> None:
-    """Where a node that goes on asked for a publisher that the graph never showed, the discovery may have failed."""
+    """A running node asked for a publisher that was never seen; the discovery may have failed."""
     for name, outcome in ((TOPIC, Outcome.INCONCLUSIVE), ("/elsewhere", Outcome.FAILED)):
         session = Session(tmp_path / name.strip("/")).process("it").claim("publisher", name)
         assert judged("topic_published", PUBLISHED, session).outcome is outcome
@@ -544,7 +544,7 @@ def test_a_publisher_that_was_asked_for_and_not_seen_is_undecided(tmp_path: Path
 
 
 def test_a_second_publisher_does_not_make_up_for_the_first(tmp_path: Path) -> None:
-    """Where one of two publishers is not as asked, whichever was seen first, that one counts."""
+    """The wrong one of two publishers counts, in either order."""
     for number, order in enumerate([(RELIABLE, BEST_EFFORT), (BEST_EFFORT, RELIABLE)]):
         session = published(tmp_path / str(number), evenly(100, 1.0))
         session.graph.endpoints.clear()

@@ -141,7 +141,7 @@ def test_what_was_never_sent_is_not_charged_in_the_report(tmp_path: Path) -> Non
 
 
 def test_numbers_without_a_subscription_are_invented(tmp_path: Path) -> None:
-    """Where nothing listens, right numbers earn nothing."""
+    """Right numbers earn nothing without a subscription."""
     finding = reported(tmp_path, row(), listens=False)
     assert finding.outcome is Outcome.FAILED
     assert "nothing subscribes" in finding.reason
@@ -152,7 +152,7 @@ def test_numbers_without_a_subscription_are_invented(tmp_path: Path) -> None:
 def test_counts_that_the_machine_may_have_lowered_are_undecided(
     tmp_path: Path, mean_ms: float, max_ms: float
 ) -> None:
-    """Where the tool was delayed, a count that is far too low says nothing, nor does it earn anything."""
+    """After a delay of the tool, a count that is far too low neither loses nor earns points."""
     session = Session(tmp_path).endpoint("publisher", TOPIC).endpoint("subscription", TOPIC)
     times = evenly(100, 9.99)
     session.messages(TOPIC, [[0.0]] * len(times), times, latency_s=0.001)
@@ -232,7 +232,10 @@ def test_the_machine_does_not_excuse_counts_of_what_never_was(tmp_path: Path) ->
 def test_numbers_that_stand_in_the_source_were_not_measured(
     tmp_path: Path, source: str, outcome: Outcome
 ) -> None:
-    """Where all that is printed are constants, nothing was measured; an older result in a comment is no such thing."""
+    """If all printed values are constants, nothing was measured.
+
+    An older result in a comment is no constant.
+    """
     session = Session(tmp_path)
     for topic in (TOPIC, "/slow"):
         session.endpoint("publisher", topic).endpoint("subscription", topic)

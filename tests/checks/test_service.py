@@ -220,7 +220,7 @@ def test_no_answer_fails_and_says_how_long_it_took(tmp_path: Path) -> None:
 
 
 def test_a_node_that_does_not_spin_is_recognised(tmp_path: Path) -> None:
-    """Where questions for parameters are not answered either, the node does not spin."""
+    """A node that does not answer questions for parameters either does not spin."""
     session = Session(tmp_path).process().step("get_parameters", "defaults", "timeout")
     finding = judged("call_answered", ANSWERED, called(session, "enable", call(None, 3.0)))
     assert "it does not spin" in finding.reason

@@ -61,7 +61,7 @@ def test_a_weaker_request_is_compatible(tmp_path: Path) -> None:
 
 
 def test_a_weaker_request_than_the_lab_asks_for_is_noted(tmp_path: Path) -> None:
-    """Where the rubric asks for reliable, each topic that requests best effort gets a note and loses nothing."""
+    """If the rubric asks for reliable, a best effort request gets a note, and loses nothing."""
     wanted = {**SUBSCRIBED, "reliability": "reliable"}
     finding = judged("topics_subscribed", wanted, subscribed(tmp_path, BEST_EFFORT))
     assert finding.outcome is Outcome.PASSED
@@ -70,7 +70,7 @@ def test_a_weaker_request_than_the_lab_asks_for_is_noted(tmp_path: Path) -> None
 
 
 def test_reliable_is_too_much_for_a_best_effort_offer(tmp_path: Path) -> None:
-    """Where the rubric's other side offers best effort, a reliable request clashes."""
+    """A reliable request clashes with a best effort offer on the rubric's other side."""
     wanted = {**SUBSCRIBED, "offered": {"reliability": "best_effort"}}
     finding = judged("topics_subscribed", wanted, subscribed(tmp_path))
     assert "RELIABLE is requested, BEST_EFFORT offered" in finding.reason
@@ -218,7 +218,7 @@ def test_a_node_that_got_nothing_has_not_survived_it(
 def test_one_subscription_that_was_made_and_never_seen_is_undecided(
     tmp_path: Path, asked: str, outcome: Outcome
 ) -> None:
-    """The node asked for it under its name and goes on, so the discovery may have failed."""
+    """The running node asked for the subscription, so the discovery may have failed."""
     session = (
         Session(tmp_path)
         .endpoint("subscription", COMMAND)

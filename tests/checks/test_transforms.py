@@ -229,7 +229,10 @@ def test_one_mistake_costs_once(tmp_path: Path, names: dict[str, Any]) -> None:
 def test_a_misspelt_frame_is_judged_under_the_name_that_it_has(
     tmp_path: Path, names: dict[str, Any]
 ) -> None:
-    """Its name costs its part of the frames, as another name would; where it lies, and the tree, are right."""
+    """The misspelt name costs its part of the frames, as any wrong name.
+
+    Position and tree are right.
+    """
     made = session(
         tmp_path, [(t, base(t, **names)) for t in TIMES], [laser(parent=names.get("child", "base"))]
     )
@@ -437,7 +440,10 @@ def test_rates_fall_with_their_deviation(tmp_path: Path, rate_hz: float, credit:
 
 
 def test_a_rate_that_the_machine_lowered_is_undecided(tmp_path: Path) -> None:
-    """If it would have been right without the delay; a node that falls silent is slow."""
+    """A rate that would be right without the delay is undecided.
+
+    A node that falls silent is slow.
+    """
     slow = [(t, base(t)) for t in evenly(15.0, 3.0)]
     assert only("rates", session(tmp_path, slow)).outcome is Outcome.PARTIAL
     delayed = session(tmp_path / "delayed", slow).disturbed(
@@ -606,7 +612,10 @@ def test_frames_that_nothing_connects_are_said(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("number", [1, 4])
 def test_few_wrong_poses_are_wrong(tmp_path: Path, number: int) -> None:
-    """Where the machine delayed nothing, not many are needed to see it; where it delayed all of them, they may be."""
+    """A few wrong poses prove a mistake if the machine delayed nothing.
+
+    If all were delayed, the machine may be the cause.
+    """
     sent = [(t, transform("odom", "base", t)) for t in TIMES[:number]]
     assert only("poses", session(tmp_path, sent), poses=[ORACLE]).outcome is Outcome.FAILED
     made = session(tmp_path / "delayed", sent).disturbed("it", (1.0, 0.3))
@@ -648,7 +657,7 @@ def test_a_long_way_between_frames_is_judged_soon(tmp_path: Path) -> None:
 
 
 def test_times_in_a_window_need_one() -> None:
-    """Without it, they would be overlooked."""
+    """Times are counted in a window, and would be overlooked without one."""
     wanted = {**TREE, "window": None, "poses": [{**LASER, "at_s": [1.0]}]}
     with pytest.raises(ValidationError, match="at_s needs a window"):
         TransformTree.model_validate(wanted)

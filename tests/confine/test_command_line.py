@@ -88,7 +88,7 @@ def test_it_sees_the_folders_that_are_shown_only(tmp_path: Path) -> None:
 
 
 def test_it_is_alone_with_its_loopback(level: Level) -> None:
-    """Neither the network nor the processes of the machine are there."""
+    """A confined command sees neither the network nor the processes of the machine."""
     if not level.at_least(Level.NO_CGROUP):
         pytest.skip("no namespaces here")
     assert int(run("--", "sh", "-c", "ls /proc | grep -c '^[0-9]*$'").stdout) < 10
@@ -97,7 +97,7 @@ def test_it_is_alone_with_its_loopback(level: Level) -> None:
 
 
 def test_it_cannot_fill_the_disk(level: Level) -> None:
-    """Its folders have a size of their own."""
+    """The folders of a confined command have a limited size."""
     if not level.at_least(Level.NO_CGROUP):
         pytest.skip("no namespaces here")
     fill = "for n in 1 2 3; do head -c 40000000 /dev/zero > $n || echo full; done"

@@ -34,7 +34,7 @@ def environment(folder: Path, program: Path) -> Path:
 
 
 def test_an_environment_needs_itself_and_its_installation(tmp_path: Path, installed: Path) -> None:
-    """Nothing is needed but these two folders."""
+    """An environment needs only its own folder and its installation's."""
     python = environment(tmp_path / "venv", installed)
     assert interpreter_roots(python) == [tmp_path / "venv", tmp_path / "opt/python"]
     assert interpreter_links(python) == {}

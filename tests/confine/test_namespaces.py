@@ -65,12 +65,15 @@ def test_mounts_of_a_sandbox_are_seen_nowhere_else(tmp_path: Path) -> None:
     ("body", "status"), [("sys.exit(7)", 7), ("os.kill(outside, 0)", 1), ("", 0)]
 )
 def test_the_process_outside_ends_as_the_first_one_does(body: str, status: int) -> None:
-    """Its status is passed on; from within, processes outside cannot be named."""
+    """The outer process passes the first one's status on.
+
+    From within, outer processes cannot be named.
+    """
     assert in_cell(body).returncode == status
 
 
 def test_a_sandbox_ends_with_the_process_outside() -> None:
-    """When that is killed, all in the sandbox end, also those with a session of their own."""
+    """Killing the outer process ends all processes of the sandbox, in other sessions too."""
     body = "import subprocess; subprocess.Popen(['sleep', '600'], start_new_session=True); print('up', flush=True); "
     program = PROGRAM.format(form=FORM, body=body + "time.sleep(600)")
     with subprocess.Popen(

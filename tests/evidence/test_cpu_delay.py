@@ -141,7 +141,7 @@ def test_a_pause_of_the_programs_own_is_seen_although_the_machine_touched_it() -
 
 
 def test_a_few_intervals_do_not_stand_for_all() -> None:
-    """Where less than half a second was calm, nothing is concluded from it."""
+    """Nothing is concluded from less than half a second of calm intervals."""
     times_s = np.arange(600) / 100
     assert not calm_of(times_s, delay(0.0, 3.8)).is_enough
     assert calm_of(times_s, delay(0.0, 3.2)).is_enough

@@ -83,7 +83,7 @@ def test_what_holds_no_numbers_gives_none(
 
 
 def test_texts_and_stamps_stand_by_message(tmp_path: Path) -> None:
-    """Each message has its own, or none."""
+    """Each message has its own text and stamp, or none."""
     header = {"stamp": {"sec": 2, "nanosec": 7}, "frame_id": "map"}
     session = recorded(tmp_path, "geometry_msgs/msg/PoseStamped", {"header": header})
     assert session.texts("/it", "header.frame_id") == ("map",) * len(TIMES)
@@ -123,7 +123,7 @@ RESULT = {"pose": {"x": 1.0, "name": "a"}, "rows": [1, 2.5], "done": True}
     ],
 )
 def test_values_of_what_stands_in_a_result_are_found_by_paths(path: str, value: object) -> None:
-    """Where there is no such field or element, there is no value."""
+    """A missing field or element has no value."""
     assert value_at(RESULT, path) == value
 
 
@@ -158,7 +158,7 @@ def test_an_infinite_number_equals_itself(got: float, right: bool) -> None:
 
 
 def test_an_element_that_is_true_or_false_is_a_number(tmp_path: Path) -> None:
-    """As a field that is true or false."""
+    """A true or false element is a number, like a true or false field."""
     session = (
         Session(tmp_path)
         .raw("/it", "own/msg/Flags", "bool[] data\n", [b"\0\1\0\0\2\0\0\0\0\1"], [1.0])
@@ -178,7 +178,7 @@ def test_an_element_that_is_not_there_is_not_another_field(tmp_path: Path) -> No
 
 
 def test_a_type_of_the_students_own_has_no_stamp_that_breaks_a_check(tmp_path: Path) -> None:
-    """Whatever it calls its fields, they are no time."""
+    """Fields of a student's own type, whatever their names, are no time."""
     definition = f"H header\n{SEPARATOR}\nMSG: own/H\nT stamp\n{SEPARATOR}\nMSG: own/T\nint32 sec\nstring nanosec\n"
     message = b"\0\1\0\0" + struct.pack("<iI", 1, 2) + b"x\0"
     session = Session(tmp_path).raw("/it", "own/msg/It", definition, [message], [1.0]).recorded()

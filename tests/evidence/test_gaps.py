@@ -58,7 +58,7 @@ def test_a_students_messages_on_the_graders_topic_are_the_students(tmp_path: Pat
 
 
 def test_where_a_reference_node_reported_nothing_nobody_is_blamed(tmp_path: Path) -> None:
-    """Then nobody knows which messages are the grader's own."""
+    """Without a report of the reference node, the grader's own messages are unknown."""
     made = session(tmp_path, own=1, theirs=1000)
     made.record.trusted.clear()
     made.record.unrecorded.append(cut(COMMANDS))
@@ -136,7 +136,10 @@ def test_it_says_what_is_missing(left_out: RecordingGap, said: str) -> None:
 def test_what_came_before_the_recorder_is_excused_where_nobody_waited_for_it(
     tmp_path: Path, ends_s: float, first: int, honest: bool
 ) -> None:
-    """One that waited, and said so, published nothing before: of its messages none may be missing at the start."""
+    """A publisher that waited for the recorder published nothing earlier.
+
+    None of its first messages may be missing.
+    """
     rows = [[float(n)] for n in range(1000)]
     for waited in (False, True):
         made = Session(tmp_path, f"waited_{waited}")

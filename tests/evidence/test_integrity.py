@@ -211,7 +211,7 @@ def test_a_node_in_the_graders_namespace(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("offered", [False, True])
 def test_a_client_that_sets_parameters_of_a_reference_node(tmp_path: Path, offered: bool) -> None:
-    """The attempt is stated, and that it changed nothing where the node has no such service."""
+    """The attempt is reported, and its failure if the node has no such service."""
     made = session(tmp_path)
     name, kind = "/simulated_arm/set_parameters", "rcl_interfaces/srv/SetParameters"
     made.record.graph[-1].clients.append(ServiceEndpoint(name, kind, "/student"))
@@ -291,7 +291,7 @@ def test_two_servers_in_one_process_touch_nothing(tmp_path: Path) -> None:
 
 
 def test_a_program_that_runs_twice_touches_nothing(tmp_path: Path) -> None:
-    """The steps may start it a second time under other names, which it need not heed."""
+    """The steps may start a program again under other names; the program may ignore the names."""
     assert taken(rivals(session(tmp_path), ["service", "service"], ["0d" * 12, "0e" * 12])) == ()
 
 
@@ -348,7 +348,7 @@ def test_whose_doing_the_end_of_the_recorder_is(
 def test_trouble_that_comes_again_is_named(
     tmp_path: Path, problem: str, attempt: int, recorder_s: float, found: int
 ) -> None:
-    """Whatever it is, on a machine that is not busy, a person is told of it; it fails nothing by itself."""
+    """Repeated trouble on an idle machine is reported to a person, and fails nothing by itself."""
     made = (
         session(tmp_path, attempt=attempt)
         .process("joint_publisher")
@@ -443,7 +443,7 @@ def test_who_keeps_no_message_may_begin_before_the_recorder_is_there(tmp_path: P
 
 
 def test_who_is_gone_at_once_may_not_have_been_heard(tmp_path: Path) -> None:
-    """Where a session ends with its first step, a reference node publishes before the recorder is matched with it."""
+    """In a session of one step, a reference node may publish before the recorder is matched."""
     made = published(session(tmp_path), 20, [])
     assert kinds(made) == [ViolationKind.DISTURBS_RECORDING]
     next(run for run in made.record.processes if run.name == "arm").exited_ns = at(1.0)
@@ -490,7 +490,7 @@ def test_messages_without_a_publisher_are_not_certain(tmp_path: Path) -> None:
 
 
 def test_messages_that_cannot_be_distinguished_invalidate_the_topic(tmp_path: Path) -> None:
-    """Where the reference node reported no digests, two publishers are known by repeated sequence numbers alone."""
+    """Without digests of the reference node, only repeated sequence numbers show two publishers."""
     made = session(tmp_path).messages(STATES, [[9.0]], [1.5])
     made.record.published.clear()
     add(made, endpoint("/joint_state_subscriber", STUDENT, STATES, number=9))
@@ -503,7 +503,7 @@ def test_messages_that_cannot_be_distinguished_invalidate_the_topic(tmp_path: Pa
 def test_a_flood_that_leaves_none_of_the_reference_nodes_messages_invalidates_the_topic(
     tmp_path: Path,
 ) -> None:
-    """Where not one message of the arm was recorded, and others were, nothing of the topic can be measured."""
+    """A topic with messages of others and none of the arm's cannot be measured."""
     made = session(tmp_path)
     made.record.published[0].digests = digest(floats([7.0]))
     tampering, disturbed = taken(add(made, endpoint("/student", STUDENT, STATES, number=9)))
@@ -579,7 +579,7 @@ def test_what_a_node_of_the_same_name_logs_is_its_own(tmp_path: Path) -> None:
 
 
 def test_logs_that_speak_of_a_reference_node_are_free(tmp_path: Path) -> None:
-    """Its name in the text of a message is not its name as the sender."""
+    """A node's name in the text of a message is not the name of the sender."""
     made = session(tmp_path)
     message = log("student", "waiting for simulated_arm")
     made.raw("/rosout", "rcl_interfaces/msg/Log", LOG + TIME, [message], [2.0])

@@ -88,7 +88,7 @@ def test_a_topic_without_numbers_has_no_series(tmp_path: Path) -> None:
 
 
 def test_another_field_of_numbers_stands_in(tmp_path: Path) -> None:
-    """Where no message has the field, the first that holds numbers is read, since the type is charged elsewhere."""
+    """Without the field, the first numeric field is read, because the type is charged elsewhere."""
     recorded = Session(tmp_path).messages("/a", [[1.0, 2.0]], [1.0]).recorded()
     series = recorded.numeric("/a", "position")
     assert series is not None
@@ -205,7 +205,7 @@ def test_delay_between_two_samples_may_all_lie_in_a_part(tmp_path: Path) -> None
 
 
 def test_delay_before_the_first_sample_counts(tmp_path: Path) -> None:
-    """A process that began before it was first looked at was delayed since its start."""
+    """A process that began before its first sample was delayed since its start."""
     process = run((1.0, 0.2, 0.5), (2.0, 0.2, 0.5))
     process.started_ns = at(0.2)
     assert machine_delay_s_of(tmp_path, process, Span(at(0.8), at(2.0))) == pytest.approx(0.2)

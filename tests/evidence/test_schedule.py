@@ -104,7 +104,7 @@ def observed(program: Program, seed: int) -> tuple[Timing, Schedule | None]:
 def test_the_rate_of_a_schedule_is_known_to_a_thousandth(
     program: Program, rate_hz: float, seed: int
 ) -> None:
-    """Although messages are missing, so that neither their number nor their usual interval could tell it."""
+    """The rate is found although messages are missing, without help of their number."""
     timing, schedule = observed(program, seed)
     assert schedule is not None
     least_hz, most_hz = schedule.bounds_hz()
@@ -127,7 +127,7 @@ def test_what_a_program_leaves_out_by_itself_is_not_laid_at_the_machines_door(se
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_loop_that_begins_anew_after_each_delay_keeps_to_none(seed: int) -> None:
-    """Its times after a delay say nothing of those before."""
+    """The times after a delay say nothing about the times before it."""
     assert observed(sleeps(90), seed)[1] is None
 
 

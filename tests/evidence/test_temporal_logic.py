@@ -67,7 +67,7 @@ def test_the_moment_that_decides_is_found() -> None:
 
 
 def test_a_condition_that_never_held_is_named() -> None:
-    """Then the implication says nothing."""
+    """An implication without its condition says nothing."""
     signals = {"x": np.array([0.0, 1.0]), "y": np.array([9.0, 9.0])}
     read = Property.parse(
         "always(implies(x > 2, y < 1)) and always(implies(x > 0.5, y > 1))", SIGNALS

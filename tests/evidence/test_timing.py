@@ -115,7 +115,7 @@ def test_the_order_of_reception_does_not_matter() -> None:
 
 
 def test_a_late_sample_is_two_distances_for_one_delay() -> None:
-    """Its delay lengthens one interval and shortens the next; excusing it leaves none."""
+    """A delay lengthens one interval and shortens the next; excusing the delay leaves none."""
     times = np.arange(100) / 100
     times[50] += 0.008
     timing = measured(times.tolist())

@@ -240,7 +240,7 @@ def test_a_type_that_is_defined_anew_breaks_nothing(
 
 
 def test_transforms_that_are_no_list_are_none(tmp_path: Path) -> None:
-    """As in such a type."""
+    """Numbers in place of a list of transforms give none."""
     data = b"\0\1\0\0" + b"\2\0\0\0" + b"\1\1"
     stream = (
         Session(tmp_path)

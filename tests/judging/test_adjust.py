@@ -67,7 +67,7 @@ def points(*entries: Override, judged: Result = JUDGED) -> list[str]:
 
 
 def test_without_decisions_the_points_are_as_judged() -> None:
-    """There are no adjustments, and the final points are those earned."""
+    """Without decisions there are no adjustments, and the final points are the earned ones."""
     assert adjust(JUDGED, []) == JUDGED
     assert JUDGED.final == JUDGED.score.earned == Decimal("12.5")
 
@@ -112,7 +112,7 @@ def test_later_decisions_build_on_earlier_ones() -> None:
 
 
 def test_what_was_not_judged_is_passed_over() -> None:
-    """Where only some sessions ran, decisions about the others wait."""
+    """If only some sessions ran, decisions about the others wait."""
     assert points(entry(check="z.0", set=1), entry(criterion="z", excused=True)) == []
 
 

@@ -83,7 +83,7 @@ def test_its_points_are_beside_the_sum(tmp_path: Path, beyond: float, earned: in
 
 
 def test_what_was_not_handed_in_is_not_missed(tmp_path: Path) -> None:
-    """Neither judged nor shown."""
+    """A missing extension is neither judged nor shown."""
     result = judged(tmp_path, None, handed_in=False)
     assert int(result.score.earned) == 2
     assert not result.bonus

@@ -125,7 +125,7 @@ def test_a_chunk_that_fails_its_checksum_is_named() -> None:
 
 @pytest.mark.parametrize("name", sorted(path.name for path in KEPT.iterdir()))
 def test_kept_bags_are_whole(name: str) -> None:
-    """None of them is damaged by this measure."""
+    """The kept bags show no damage."""
     for file in sorted((KEPT / name).glob("*/*.mcap")):
         bag = Bag.open(file.parent)
         assert (bag.finished, bag.damage) == (True, ())

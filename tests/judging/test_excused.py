@@ -73,7 +73,7 @@ def test_where_the_earlier_check_took_points_this_one_takes_none(
 
 
 def test_where_the_earlier_check_took_none_this_one_does(tmp_path: Path) -> None:
-    """Another mistake is charged where it is."""
+    """A different mistake is charged in the later check."""
     findings = judged(tmp_path, [0.5, 0.6], low=0.55)
     assert findings["scale"].outcome is Outcome.PASSED
     assert findings["size"].outcome is Outcome.PARTIAL
@@ -81,7 +81,7 @@ def test_where_the_earlier_check_took_none_this_one_does(tmp_path: Path) -> None
 
 
 def test_what_is_right_stays_as_it_is(tmp_path: Path) -> None:
-    """There is nothing to excuse."""
+    """A passed check has nothing to excuse."""
     findings = judged(tmp_path, [5.0, 6.0], low=0.0, high=9.0)
     assert findings["scale"].outcome is Outcome.FAILED
     assert (findings["size"].outcome, findings["size"].notes) == (Outcome.PASSED, ())

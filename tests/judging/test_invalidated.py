@@ -64,7 +64,7 @@ def judged(folder: Path, rubric: Rubric) -> tuple[Result, dict[str, CheckResult]
 
 
 def test_what_rests_on_a_second_clock_fails(recordings: Path, rubric: Rubric) -> None:
-    """Only the check that measures traffic in that session does, and it says why and where."""
+    """Only the check of traffic in that session fails, with reason and place."""
     disown(recordings, "/clock")
     result, checks = judged(recordings, rubric)
     (violation,) = result.violations
@@ -95,7 +95,7 @@ def test_what_can_be_measured_all_the_same_is_judged(recordings: Path, rubric: R
 
 
 def test_what_is_not_certain_fails_nothing(recordings: Path, rubric: Rubric) -> None:
-    """Without a publisher that was seen, nobody is charged."""
+    """Without a visible publisher, nobody is charged."""
     disown(recordings, "/clock", publisher=False)
     result, _ = judged(recordings, rubric)
     assert [(v.certain, v.checks) for v in result.violations] == [(False, ())]
@@ -103,7 +103,7 @@ def test_what_is_not_certain_fails_nothing(recordings: Path, rubric: Rubric) -> 
 
 
 def test_a_session_with_a_problem_stays_undecided(recordings: Path, rubric: Rubric) -> None:
-    """Whatever was touched in it: an experiment that the grader could not carry out decides nothing."""
+    """A failed experiment of the grader decides nothing, even beside a disturbance."""
     disown(recordings, "/clock", problems=["the reference node arm ended with status -11"])
     result, checks = judged(recordings, rubric)
     assert result.violations
@@ -241,7 +241,7 @@ def keep_first_half(bag: Path) -> None:
 
 
 def test_silence_of_a_flood_is_not_called_silence(recordings: Path, rubric: Rubric) -> None:
-    """Where the window goes on after the recorder left off, the reason is the flood and not that messages stopped."""
+    """If the window goes on after the recording's end, the reason is the flood, not silence."""
     keep_first_half(next((recordings / "publisher").glob("*.mcap")))
     cut_short(recordings, "publisher", "/joint_commands", 34)
     finding = judged(recordings, rubric)[1]["publisher.rate"]

@@ -62,7 +62,7 @@ def test_a_rate_that_is_not_decided_is_shown_with_bounds_that_hold_it(tmp_path: 
 
 
 def test_what_a_program_leaves_out_by_itself_is_not_paid_for_as_stolen(tmp_path: Path) -> None:
-    """Its timer is one of 100 Hz, but one callback in 25 returns at once: 96 Hz are never judged as full."""
+    """One callback in 25 of a 100 Hz timer returns at once: 96 Hz are never judged as full."""
     rate = judged("skips_one_in_25", tmp_path)["publisher.rate"]
     assert float(rate.earned) < 5
     assert float(rate.measured.split()[0]) < 98

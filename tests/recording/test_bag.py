@@ -173,7 +173,7 @@ def profiles_in_channels(path: Path) -> dict[str, str]:
 
 
 def test_policies_of_earlier_recordings_are_understood() -> None:
-    """Their names stood in the text of a channel; a text that is none, or asks for much, offers nothing."""
+    """The names of policies stood in a text of the channel; any other text offers nothing."""
     named = '[{"reliability": "best_effort", "durability": "volatile"}]'
     assert offered_policies(named) == [("best_effort", "volatile")]
     for wrong in ("", "[]", "- a", "[1]", "{}", "[" * 100_000, "&a [*a, *a]"):

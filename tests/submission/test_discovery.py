@@ -257,7 +257,7 @@ def test_a_single_folder_is_a_wrapper(
 def test_the_only_one_of_a_class_keeps_the_name(
     shape: Shape, rubric: Rubric, tmp_path: Path
 ) -> None:
-    """Where one student has handed in, the folder in the class's folder is the submission, however it is packed."""
+    """With a single submission, the folder in the class's folder counts, however it is packed."""
     folder = lay_out(tmp_path / "export", in_folders({"Lab 9/Abgaben/alice/ws/src/p": FIVE}))
     for path in (folder, pack(folder, tmp_path / "export.zip")):
         (alice,) = find_submissions([path], rubric, shape=Shape.AUTO).submissions

@@ -179,7 +179,7 @@ def test_slips_of_typing_hide_no_definition(right: str, wrong: str) -> None:
 
 
 def test_what_is_no_python_at_all_is_not_readable() -> None:
-    """Then only its comments are known, and nothing is made up."""
+    """Only the comments are known, and nothing is invented."""
     prose = facts("This is not what\nwas asked for, is it?\n" * 30)
     assert not prose.readable
     assert explained(prose) == {"joint_publisher.py": False}

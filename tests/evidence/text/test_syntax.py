@@ -67,7 +67,7 @@ def test_blanking_keeps_the_lines() -> None:
     ],
 )
 def test_what_python_refuses_has_no_tree(text: str) -> None:
-    """Nothing is made up for it."""
+    """No tree is invented for text that Python refuses."""
     assert tree_of(normalise(text)) is None
 
 
