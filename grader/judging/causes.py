@@ -2,20 +2,11 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from decimal import Decimal
 
 from grader.judging.rules import Case, decide
-
-
-@dataclass(frozen=True)
-class _Claim:
-    """The loss of one check by one mistake."""
-
-    check: str
-    points: Decimal
 
 
 def are_contested(cases: Iterable[Case]) -> bool:
@@ -34,19 +25,16 @@ def charges_of(cases: Iterable[Case]) -> dict[str, str]:
     cases
         The checks in the rubric's order, each with its finding.
     """
-    claims: defaultdict[str, list[_Claim]] = defaultdict(list)
+    charges: dict[str, str] = {}
+    dearest: dict[str, Decimal] = {}
     for case in cases:
         for cause in case.found.causes:
-            claims[cause].append(_Claim(case.spec.id, _loss(case, cause)))
-    charges = {}
-    for cause, claimed in claims.items():
-        claimed.sort(key=_points, reverse=True)
-        charges[cause] = claimed[0].check
+            loss = _loss(case, cause)
+            if cause in dearest and loss <= dearest[cause]:
+                continue
+            dearest[cause] = loss
+            charges[cause] = case.spec.id
     return charges
-
-
-def _points(claim: _Claim) -> Decimal:
-    return claim.points
 
 
 def _loss(case: Case, cause: str) -> Decimal:
@@ -61,4 +49,5 @@ def with_charges(case: Case, charges: Mapping[str, str]) -> Case:
     for cause, check in charges.items():
         if check != case.spec.id:
             elsewhere[cause] = check
-    return replace(case, context=replace(case.context, charged_elsewhere=elsewhere))
+    context = replace(case.context, charged_elsewhere=elsewhere)
+    return replace(case, context=context)

@@ -90,7 +90,9 @@ def message_values(context: Context, p: MessageValues) -> Finding:
     if unsafe is not None:
         reason = " ".join([*reasons, unsafe.reason])
         measured = unsafe.measured or measured
-        share = p.unsafe_credit if good == len(rows) else 0.0
+        share = 0.0
+        if good == len(rows):
+            share = p.unsafe_credit
         return graded(share, expected, measured, reason, hint=unsafe.hint, where=unsafe.where)
     share = good / len(rows)
     if good < len(rows):

@@ -195,10 +195,13 @@ def _judge_refusal(context: Context, p: CallGated, gate: _Gate) -> Finding:
 
 def _answer_cause(context: Context, label: str | None) -> str | None:
     """Name the mistake of a wrong answer to a call, as the check of this answer does."""
-    step = context.step(label) if label is not None else None
+    if label is None:
+        return None
+    step = context.step(label)
     if step is None:
         return None
-    return answer_cause(step.parameters["service"], step.parameters.get("request", {}))
+    request = step.parameters.get("request", {})
+    return answer_cause(step.parameters["service"], request)
 
 
 def _judge_name(context: Context, p: CallGated, gate: _Gate) -> Finding:
@@ -264,7 +267,7 @@ def _judge_without_refusal(context: Context, p: CallGated, gate: _Gate) -> Findi
 
 
 def _judge_unset(p: CallGated, gate: _Gate, unset: str) -> Finding:
-    """Judge a node without a refusal, whose parameter could not be set."""
+    """Judge a node without a refusal after a failure to set its parameter."""
     if _fits(gate.off_from_start, p.refused):
         return gate.graded(p.half_credit, f"{_AT_START} {unset}", _SET_HINT)
     return gate.graded(0.0, f"It still enables the robot, because {unset}", _SET_HINT)
