@@ -139,13 +139,27 @@ def _are_slips(words: list[str], others: list[str]) -> bool:
 
 
 def near_miss(
-    wanted: str, wanted_type: str | None, candidates: Iterable[Candidate]
+    wanted: str,
+    wanted_type: str | None,
+    candidates: Iterable[Candidate],
+    others: Iterable[str] = (),
 ) -> Candidate | None:
     """Return the candidate that was meant; None if there is none.
 
-    The only candidate of the wanted type is taken regardless of its name.
+    The only candidate of the wanted type is taken regardless of its name, unless another name was meant by it.
+
+    Parameters
+    ----------
+    others
+        Other names of the lab that are missing in the graph. A candidate that is more like one of them is not taken:
+        `/my_number` is no `/number_count` where `/number` is missing too.
     """
-    found = set(candidates)
+    rivals = [name for name in others if name != wanted]
+    found = set()
+    for candidate in candidates:
+        own = likeness(wanted, candidate.name)
+        if all(likeness(name, candidate.name) <= max(own, LEAST_RATIO) for name in rivals):
+            found.add(candidate)
     same_type = {candidate for candidate in found if candidate.type == wanted_type}
     if len(same_type) == 1:
         return same_type.pop()

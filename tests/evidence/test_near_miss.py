@@ -39,6 +39,22 @@ def test_the_only_one_of_the_type_is_meant_whatever_its_name() -> None:
     assert meant("/joint_commands", ("/x", FLOATS), ("/joint_command", TEXT)) == "/x"
 
 
+@pytest.mark.parametrize(
+    ("wanted", "name", "taken"),
+    [
+        ("/number_count", "/my_number", False),
+        ("/number_count", "/number_cnt", True),
+        ("/number_count", "/count", True),
+        ("/number_count", "/x", True),
+        ("/number", "/my_number", True),
+    ],
+)
+def test_a_topic_of_another_purpose_is_not_taken(wanted: str, name: str, taken: bool) -> None:
+    """A misspelt input is no missing output, even if it is the only topic of the type."""
+    found = near_miss(wanted, FLOATS, [Candidate(name, FLOATS)], {"/number", "/number_count"})
+    assert (found is not None) is taken
+
+
 def test_a_name_of_another_type_is_taken_if_it_is_alike() -> None:
     """With a wrong type only likeness counts."""
     assert meant("/joint_commands", ("/joint_command", TEXT), ("/log", TEXT)) == "/joint_command"

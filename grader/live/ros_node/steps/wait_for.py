@@ -76,8 +76,17 @@ class _Search:
             return same
         taken = self._probe.expected | set(self._probe.names.values())
         free = [candidate for candidate in candidates if candidate.name not in taken]
-        guess = near_miss(self.wanted, self._type, free)
+        guess = near_miss(self.wanted, self._type, free, self._missing())
         return [] if guess is None else [guess]
+
+    def _missing(self) -> set[str]:
+        """Return the names of the lab that nothing in the graph has, nor a misspelt one."""
+        probe = self._probe
+        graph = probe.watch.last
+        there = {endpoint.topic for endpoint in graph.endpoints} | set(graph.nodes)
+        for servers in (graph.services, graph.actions, graph.action_clients):
+            there.update(server.name for server in servers)
+        return probe.expected - there - probe.names.keys()
 
     def candidates(self) -> list[Candidate]:
         """Return everything of the wanted kind that the student has in the graph."""
