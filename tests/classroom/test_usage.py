@@ -75,9 +75,7 @@ def told(found: Discovery) -> str:
 def test_who_is_marked_late_without_a_time_is_reported() -> None:
     """A system's mark is not lost where it alone tells that something was late."""
     late = SubmissionSource("bob", (), marked_late_by="Canvas")
-    assert "add it with --class-list: bob\n" in told(
-        Discovery((late, SubmissionSource("ann", ())))
-    )
+    assert "add it with --class-list: bob\n" in told(Discovery((late, SubmissionSource("ann", ()))))
     assert (
         told(Discovery((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=timezone.utc)),)))
         == ""
