@@ -29,8 +29,8 @@ def main(words: Sequence[str] | None = None) -> int:
     options = parser.parse_args(words)
     given: dict[str, str] = {}
     for word in options.arguments:
-        name, sign, value = word.partition(":=")
-        if not sign or not name:
+        name, _, value = word.partition(":=")
+        if word.find(":=") < 1:
             parser.error(f"'{word}' is not of the form name:=value")
         given[name] = value
     plan = evaluate(options.file, given, native=options.native)

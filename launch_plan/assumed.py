@@ -1,7 +1,7 @@
-"""Parameters whose values depend on an assumption about a launch argument.
+"""Parameters that follow from an assumption about a launch argument.
 
-A launch file that uses an argument without declaring it is evaluated with an assumed value. What a node would get of that
-value is nobody's choice, so such parameters are left to the node's own defaults.
+A launch file that uses an argument without declaring it is evaluated with an assumed value. Nobody chose
+that value, so parameters that depend on it are left to the node's own defaults.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from launch_plan.plan import Plan, Process
 #: A line of a parameter file with one value, e.g. `    rate: 50`.
 _VALUE = re.compile(r"\s+[^\s:#-][^:]*: *\S")
 #: Words of a command line before a parameter, or before a file of parameters.
-_FLAGS = ("-p", "--param", "--params-file")
+_FLAGS = frozenset(("-p", "--param", "--params-file"))
 
 
 def without_assumed_parameters(plan: Plan, twin: Plan) -> Plan:
     """Return a plan without the parameters that differ in its twin, a plan of the same file with another assumption."""
     twins = {process.id: process for process in twin.processes}
-    processes = [_without(process, twins.get(process.id)) for process in plan.processes]
+    processes = [_without(process, twins.get(process.id, process)) for process in plan.processes]
     return replace(plan, processes=tuple(processes))
 
 
@@ -36,8 +36,8 @@ def left_out(plan: Plan, without: Plan) -> dict[str, list[str]]:
     return found
 
 
-def _without(process: Process, twin: Process | None) -> Process:
-    if twin is None or len(process.argv) != len(twin.argv):
+def _without(process: Process, twin: Process) -> Process:
+    if len(process.argv) != len(twin.argv):
         return process
     files: dict[str, str] = {}
     for name, text in process.parameter_files.items():
@@ -70,8 +70,8 @@ def _words(
     """Return a command line without parameters that differ, and without files that no longer hold a value."""
     kept: list[str] = []
     for word, other in zip(words, others, strict=True):
-        is_given = bool(kept) and kept[-1] in _FLAGS
-        if is_given and (word != other or _is_empty(word, files)):
+        is_left_out = word != other or _is_empty(word, files)
+        if is_left_out and not _FLAGS.isdisjoint(kept[-1:]):
             kept.pop()
         else:
             kept.append(word)
@@ -80,5 +80,7 @@ def _words(
 
 def _is_empty(path: str, files: Mapping[str, str]) -> bool:
     """Tell whether a word of a command line is a file of the plan without a value."""
-    text = files.get(path.removeprefix(f"{PARAMETERS_PLACEHOLDER}/"))
-    return text is not None and not any(map(_VALUE.match, text.split("\n")))
+    name = path.removeprefix(f"{PARAMETERS_PLACEHOLDER}/")
+    if name not in files:
+        return False
+    return not any(map(_VALUE.match, files[name].split("\n")))

@@ -73,7 +73,7 @@ def plan_of_answer(answer: str, ending: Ending, file: str) -> Plan:
 
 
 def _valid_plan(answer: str) -> Plan:
-    """Return a plan whose own plain form is a plan too."""
+    """Return the plan in an answer; its own plain form is a plan too."""
     # Lone surrogates cannot be written to a file.
     text = json.dumps(json.loads(answer), ensure_ascii=False).encode("utf-8", "replace")
     plan = Plan.from_plain(json.loads(text))

@@ -13,8 +13,8 @@ from grader.evidence.crash.causes import Diagnosis
 from grader.evidence.text.syntax import normalise, tree_of
 
 _DOMAIN = "ROS_DOMAIN_ID"
-#: Calls that set a variable of the environment by their first two arguments.
-_SETTERS = ("setdefault", "putenv")
+#: Arguments that name a domain.
+_KEYWORDS = ("domain_id", _DOMAIN)
 #: Longest text of a value that is quoted.
 _QUOTED = 40
 
@@ -51,33 +51,23 @@ def silent_cause(path: str, text: str) -> Diagnosis | None:
 def _domains(tree: ast.Module) -> Iterator[tuple[int, str]]:
     """Yield the line and the value of each ROS domain that a program sets."""
     for node in ast.walk(tree):
-        value = None
-        if isinstance(node, ast.Assign) and any(map(_is_domain_variable, node.targets)):
-            value = node.value
-        elif isinstance(node, ast.Call):
-            value = _domain_of_call(node)
-        if value is not None:
+        for value in _values(node):
             yield value.lineno, ast.unparse(value).strip("'\"")[:_QUOTED]
 
 
-def _is_domain_variable(target: ast.expr) -> bool:
-    return isinstance(target, ast.Subscript) and _is_domain_name(target.slice)
-
-
-def _is_domain_name(node: ast.expr) -> bool:
-    return isinstance(node, ast.Constant) and node.value == _DOMAIN
-
-
-def _domain_of_call(call: ast.Call) -> ast.expr | None:
-    """Return the domain that a call sets, None if it sets none."""
-    for keyword in call.keywords:
-        is_none = isinstance(keyword.value, ast.Constant) and keyword.value.value is None
-        if keyword.arg in ("domain_id", _DOMAIN) and not is_none:
-            return keyword.value
-    is_setter = isinstance(call.func, ast.Attribute) and call.func.attr in _SETTERS
-    if is_setter and len(call.args) == 2 and _is_domain_name(call.args[0]):
-        return call.args[1]
-    return None
+def _values(node: ast.AST) -> Iterator[ast.expr]:
+    """Yield the ROS domains that a statement or a call sets; None is the default."""
+    match node:
+        case ast.Assign(targets=[ast.Subscript(slice=ast.Constant(value=name))], value=value):
+            if name == _DOMAIN:
+                yield value
+        case ast.Call(func=ast.Attribute(attr="setdefault" | "putenv"), args=[name, value]):
+            if ast.unparse(name) == repr(_DOMAIN):
+                yield value
+        case ast.Call(keywords=keywords):
+            for keyword in keywords:
+                if keyword.arg in _KEYWORDS and ast.unparse(keyword.value) != "None":
+                    yield keyword.value
 
 
 def _sleep_without_spin(tree: ast.Module) -> int | None:
@@ -87,26 +77,15 @@ def _sleep_without_spin(tree: ast.Module) -> int | None:
     for node in ast.walk(tree):
         if not isinstance(node, ast.Call):
             continue
-        name = _name_of(node.func)
+        called = ast.unparse(node.func)
+        name = called.rpartition(".")[2]
         if "spin" in name:
             return None
         has_rate |= name == "create_rate"
-        if name == "sleep" and not _is_of_time(node.func):
-            sleeps.append(node.lineno)
-    return min(sleeps) if has_rate and sleeps else None
-
-
-def _name_of(function: ast.expr) -> str:
-    if isinstance(function, ast.Attribute):
-        return function.attr
-    return function.id if isinstance(function, ast.Name) else ""
-
-
-def _is_of_time(function: ast.expr) -> bool:
-    """Return whether a function is `time.sleep`, or a plain `sleep`."""
-    if not isinstance(function, ast.Attribute):
-        return True
-    return isinstance(function.value, ast.Name) and function.value.id == "time"
+        if called.endswith(".sleep"):
+            sleeps.append((called == "time.sleep", node.lineno))
+    is_of_time, line = min(sleeps, default=(True, 0))
+    return line if has_rate and not is_of_time else None
 
 
 def corrected(found: Diagnosis, text: str) -> Diagnosis:
