@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -305,7 +305,7 @@ def test_each_replaced_result_is_kept_and_noted(results: Path, stricter: Path) -
     """The old file lies under its hash, byte for byte; the line says when, by what, and from what to what."""
     old = {name: (results / name / result_folder.RESULT_FILE).read_bytes() for name in NAMES}
     (results / "overrides.yaml").write_text("overrides: []\n")
-    before = datetime.now(timezone.utc).replace(microsecond=0)
+    before = datetime.now(UTC).replace(microsecond=0)
     rejudge(results, stricter, None, pages=True).apply()
     lines = trail(results)
     assert [line["submission"] for line in lines] == list(NAMES)
@@ -319,7 +319,7 @@ def test_each_replaced_result_is_kept_and_noted(results: Path, stricter: Path) -
         assert line["final"][0] - line["final"][1] == 5
         assert line["checks"]["publisher.rate"]["points"] == [5, 0]
         assert line["rubric_sha256"][1] == hashlib.sha256(stricter.read_bytes()).hexdigest()
-        assert before <= datetime.fromisoformat(line["at"]) <= datetime.now(timezone.utc)
+        assert before <= datetime.fromisoformat(line["at"]) <= datetime.now(UTC)
         assert line["command"] == "regrade"
         assert line["overrides_sha256"] == hashlib.sha256(b"overrides: []\n").hexdigest()
 

@@ -6,7 +6,7 @@ import io
 import sys
 from argparse import Namespace
 from dataclasses import replace
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
 
@@ -78,10 +78,7 @@ def test_who_is_marked_late_without_a_time_is_reported() -> None:
     assert "a --class-list can add it: bob\n" in told(
         Discovery((late, SubmissionSource("ann", ())))
     )
-    assert (
-        told(Discovery((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=timezone.utc)),)))
-        == ""
-    )
+    assert told(Discovery((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=UTC)),))) == ""
 
 
 def test_who_is_on_the_page_from_earlier_runs_is_reported(tmp_path: Path) -> None:

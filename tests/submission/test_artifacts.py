@@ -6,7 +6,7 @@ import os
 import shutil
 import tempfile
 import time
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -199,7 +199,7 @@ def test_an_archive_is_read_as_its_folder(folder: Path, rubric: Rubric) -> None:
 
 def test_what_is_known_of_the_intake_is_recorded(folder: Path, rubric: Rubric) -> None:
     """Name, time and what was left out go into the record."""
-    time = datetime(2026, 3, 2, 23, 41, tzinfo=timezone.utc)
+    time = datetime(2026, 3, 2, 23, 41, tzinfo=UTC)
     record = read_submission(
         Intake(
             folder, SubmissionSource("Ann Müller", (), submitted_at=time), ("x.pyc: compiled code",)
