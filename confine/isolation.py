@@ -12,7 +12,7 @@ import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +36,7 @@ class ConfinementError(Exception):
         self.remedy = remedy
 
 
-class Level(str, Enum):
+class Level(StrEnum):
     """A level of confinement, from the best to none; `at_least` compares."""
 
     FULL = "full"

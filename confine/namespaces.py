@@ -20,7 +20,7 @@ import struct
 import threading
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from enum import Enum
+from enum import StrEnum
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -39,7 +39,7 @@ _CALLS: dict[str, Callable[..., int]] = {
 }
 
 
-class Form(str, Enum):
+class Form(StrEnum):
     """The way to namespaces on this machine: as root, in a user namespace, or none."""
 
     ROOT = "root"

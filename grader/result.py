@@ -11,10 +11,10 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, fields
 from decimal import Decimal
-from enum import Enum
+from enum import StrEnum
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, NotRequired
 
 from pydantic import (
     ConfigDict,
@@ -25,7 +25,7 @@ from pydantic import (
     WithJsonSchema,
     with_config,
 )
-from typing_extensions import NotRequired, TypedDict
+from typing_extensions import TypedDict
 
 from grader.errors import RecordingError
 from grader.json_text import json_text
@@ -62,7 +62,7 @@ Seconds = Annotated[
 ]
 
 
-class Outcome(str, Enum):
+class Outcome(StrEnum):
     """The outcome of one check. `EXCUSED`, `INCONCLUSIVE` and `ERROR` never cost points."""
 
     PASSED = "passed"
@@ -171,7 +171,7 @@ class Finding:
     decided_by: str | None = None
 
 
-class ViolationKind(str, Enum):
+class ViolationKind(StrEnum):
     """A kind of tampering with the grader's own endpoints or processes in a session."""
 
     IMPERSONATES_NODE = "impersonates_node"
@@ -281,7 +281,7 @@ class CriterionResult:
         return outcome_of_points(self.earned, self.possible, self.undecided)
 
 
-class AdjustmentKind(str, Enum):
+class AdjustmentKind(StrEnum):
     """The cause of a change of the points after the judgement."""
 
     POINTS = "points"

@@ -6,7 +6,7 @@ import copy
 import hashlib
 import random
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from grader.lab.rubric import Rubric
 from grader.result import read_result, to_plain
 
 SOLUTION = Path(__file__).parent / "recordings/solution"
-DUE = datetime(2026, 11, 20, 22, 59, tzinfo=timezone.utc)
+DUE = datetime(2026, 11, 20, 22, 59, tzinfo=UTC)
 
 _FIRST = """
     Aaliyah Anton Beatriz Chen Clara David Elif Emma Farid Giulia Hannah Ibrahim Ines Jakub Jonas Katarzyna Lars

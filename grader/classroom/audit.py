@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 
 import grader
@@ -35,7 +35,7 @@ def note_replaced(
         texts, results_of = (before, after), (old, new)
         line = {
             "schema": AUDIT_SCHEMA,
-            "at": datetime.now(timezone.utc).isoformat(timespec="seconds"),
+            "at": datetime.now(UTC).isoformat(timespec="seconds"),
             "command": command,
             "grader": grader.__version__,
             "submission": name,

@@ -134,7 +134,7 @@ async def cluster(address: str, note: Callable[[str], None]) -> AsyncIterator[Cl
         client = await client_of(
             **location, asynchronous=True, timeout=_CONNECT_S, set_as_default=False
         )
-    except (OSError, ValueError, asyncio.TimeoutError) as problem:
+    except (TimeoutError, OSError, ValueError) as problem:
         remedy = f"Check --scheduler, and that the scheduler runs. ({problem})"
         raise PlatformError(
             "the scheduler cannot be reached", location=address, remedy=remedy

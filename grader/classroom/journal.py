@@ -16,7 +16,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -135,7 +135,7 @@ class Journal:
             self._entries.pop(str(line["not graded"]), None)
 
     def _append(self, line: Mapping[str, Any]) -> None:
-        at = datetime.now(timezone.utc).isoformat(timespec="seconds")
+        at = datetime.now(UTC).isoformat(timespec="seconds")
         os.write(self._file, (json.dumps({**line, "at": at}) + "\n").encode())
         os.fsync(self._file)
 

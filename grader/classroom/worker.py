@@ -162,7 +162,7 @@ async def _run(
                 on_progress(message)
             else:
                 ending = message
-    except asyncio.TimeoutError:
+    except TimeoutError:
         remedy = "Grade this submission alone and watch its progress; the others are not affected."
         ending = ending or GraderError(
             f"the grader's process reported nothing for {quiet_s:g} s", remedy=remedy

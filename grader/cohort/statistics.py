@@ -11,7 +11,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
-from enum import Enum
+from enum import StrEnum
 
 from grader.cohort.entries import ClassEntry
 from grader.cohort.mistakes import Mistake, mistakes_of
@@ -39,7 +39,7 @@ class Row:
         return self.entry.result
 
 
-class Need(str, Enum):
+class Need(StrEnum):
     """Reason why a submission needs a person."""
 
     NOT_GRADED = "not graded"
@@ -94,7 +94,7 @@ class Spread:
     bars: tuple[Bar, ...]
 
 
-class Silent(str, Enum):
+class Silent(StrEnum):
     """Reason why there is no discrimination."""
 
     TOO_FEW = "too few"

@@ -7,7 +7,7 @@ from collections import defaultdict
 from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
 from decimal import Decimal
-from enum import Enum
+from enum import StrEnum
 
 from grader.cohort.mistakes import gist
 from grader.lab.rubric import Rubric
@@ -25,7 +25,7 @@ from grader.result import (
 )
 
 
-class Kind(str, Enum):
+class Kind(StrEnum):
     """Reasons for asking a person, in the order of the queue."""
 
     APPEAL = "appeal"

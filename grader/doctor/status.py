@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
+from enum import StrEnum
 
 from grader.live.sandbox.enough import present_shortages
 
 
-class Verdict(str, Enum):
+class Verdict(StrEnum):
     """Verdicts of an examination."""
 
     PASS = "PASS"

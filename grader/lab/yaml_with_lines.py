@@ -22,7 +22,7 @@ from grader.errors import RubricError
 from grader.yaml_text import SAFE, require_few, require_flat
 
 if TYPE_CHECKING:
-    from typing_extensions import Self
+    from typing import Self
 
 Loc = tuple[str | int, ...]
 

@@ -6,7 +6,7 @@ With scripts its tables can be sorted and filtered; without them it shows the sa
 from __future__ import annotations
 
 from collections.abc import Mapping
-from datetime import timezone
+from datetime import UTC, timezone
 from decimal import Decimal
 from typing import Any
 
@@ -229,7 +229,7 @@ def _zone(summary: ClassSummary) -> timezone | None:
     if not offsets:
         return None
     if len(offsets) > 1:
-        return timezone.utc
+        return UTC
     return timezone(offsets.pop())
 
 

@@ -6,7 +6,7 @@ import re
 import signal
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from decimal import ROUND_HALF_UP, Decimal
 from typing import TYPE_CHECKING, Any
 
@@ -602,7 +602,7 @@ def utc(t_ns: Any) -> str:
     """Write a time of the system clock as date and minute in UTC; empty if it is not a time."""
     if not isinstance(t_ns, int) or not 0 < t_ns < 2**62:
         return ""
-    return datetime.fromtimestamp(t_ns // 10**9, tz=timezone.utc).strftime("%Y-%m-%d %H:%M UTC")
+    return datetime.fromtimestamp(t_ns // 10**9, tz=UTC).strftime("%Y-%m-%d %H:%M UTC")
 
 
 def isolations_of(

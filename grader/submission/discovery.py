@@ -14,7 +14,7 @@ import unicodedata
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from enum import Enum
 from pathlib import Path
 
@@ -370,7 +370,7 @@ def _commit_time(listing: Listing) -> datetime | None:
     time = last_commit_time(listing.path)
     if time is None and len(listing.folders) == 1:
         time = last_commit_time(listing.path / listing.folders[0])
-    if time is None or time > datetime.now(timezone.utc):
+    if time is None or time > datetime.now(UTC):
         return None
     return time
 

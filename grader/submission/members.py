@@ -18,7 +18,7 @@ import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 from enum import Enum
 from functools import partial
 from pathlib import Path
@@ -204,7 +204,7 @@ def _pieces(opened: Callable[[], IO[bytes] | None]) -> Iterator[bytes]:
 
 def _utc(seconds: float) -> datetime | None:
     with suppress(OverflowError, ValueError):
-        return datetime(1970, 1, 1, tzinfo=timezone.utc) + timedelta(seconds=seconds)
+        return datetime(1970, 1, 1, tzinfo=UTC) + timedelta(seconds=seconds)
     return None
 
 

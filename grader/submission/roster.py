@@ -19,7 +19,7 @@ from codecs import BOM_UTF16_BE, BOM_UTF16_LE
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from itertools import islice
 from pathlib import Path
 
@@ -176,7 +176,7 @@ def _submission_time(row: Mapping[str, str]) -> tuple[datetime | None, str]:
         if time is None:
             raise ValueError(f"{text!r} is not a time")
         # Raises OverflowError for a time that no clock shows.
-        time.astimezone(timezone.utc)
+        time.astimezone(UTC)
         return time, "the class list"
     time = worksheet_time(row.get(WORKSHEET_TIME, ""))
     if time is None:

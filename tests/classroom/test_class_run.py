@@ -6,7 +6,7 @@ import io
 import shutil
 import sys
 from dataclasses import replace
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
 
@@ -33,7 +33,7 @@ from grader.submission.extraction import Piece, SubmissionSource, open_submissio
 from grader.submission.separation import with_earlier
 
 KEPT = Path(__file__).resolve().parents[1] / "recordings/wrong_topic"
-NOON = datetime(2026, 11, 21, 12, tzinfo=timezone.utc)
+NOON = datetime(2026, 11, 21, 12, tzinfo=UTC)
 
 
 def source(name: str) -> SubmissionSource:

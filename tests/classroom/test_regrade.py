@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -315,7 +315,7 @@ def test_each_replaced_result_is_kept_and_noted(results: Path, stricter: Path) -
     """
     old = {name: (results / name / result_folder.RESULT_FILE).read_bytes() for name in NAMES}
     (results / "overrides.yaml").write_text("overrides: []\n")
-    before = datetime.now(timezone.utc).replace(microsecond=0)
+    before = datetime.now(UTC).replace(microsecond=0)
     rejudge(results, stricter, None, pages=True).apply()
     lines = trail(results)
     assert [line["submission"] for line in lines] == list(NAMES)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from typing import Any
 
 import pytest
@@ -116,7 +116,7 @@ def test_links_ids_times_and_words_of_adjustments_go() -> None:
             violations=[{"kind": "spoofs_clock", "session": "s", "text": "alice went out"}],
         ),
         student_id="990017",
-        submitted_at=datetime(2026, 11, 20, 21, 7, tzinfo=timezone.utc),
+        submitted_at=datetime(2026, 11, 20, 21, 7, tzinfo=UTC),
     )
     text = said(known)
     for word in (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta, timezone
 from decimal import Decimal
 from pathlib import Path
 
@@ -101,9 +101,9 @@ def test_a_link_leads_into_the_folder_whatever_it_is_called(name: str) -> None:
 
 def test_a_class_list_gives_ids_times_and_who_is_missing() -> None:
     """Facts of the list are added, by name in any case or by id; a student without a result becomes an entry."""
-    moment = datetime(2026, 11, 20, 10, tzinfo=timezone.utc)
+    moment = datetime(2026, 11, 20, 10, tzinfo=UTC)
     listed = [Student("Alice", "0012", moment), Student("", "4711"), Student("zoe", "77")]
-    earlier = datetime(2026, 11, 19, tzinfo=timezone.utc)
+    earlier = datetime(2026, 11, 19, tzinfo=UTC)
     there = [
         ClassEntry("bob", None),
         ClassEntry("alice", None, submitted_at=earlier),
@@ -120,7 +120,7 @@ def test_a_class_list_gives_ids_times_and_who_is_missing() -> None:
 
 def test_a_class_list_that_knows_less_takes_nothing_away() -> None:
     """Facts of an entry stay if the list has none, and two lines of one name are one student."""
-    moment = datetime(2026, 11, 19, tzinfo=timezone.utc)
+    moment = datetime(2026, 11, 19, tzinfo=UTC)
     known = ClassEntry("alice", None, submitted_at=moment, student_id="1")
     found = with_roster([known], [Student("alice"), Student("zoe"), Student("zoe")])[0]
     assert replace(found, identity=known.identity) == known
@@ -156,7 +156,7 @@ def test_nobody_gets_the_result_of_another_whose_name_is_written_alike() -> None
 
 def test_a_list_without_ids_names_those_of_a_download() -> None:
     """A folder that is named after name and number belongs to the name, even if the list has surnames first."""
-    moment = datetime(2026, 11, 20, 10, tzinfo=timezone.utc)
+    moment = datetime(2026, 11, 20, 10, tzinfo=UTC)
     there = [
         ClassEntry("Ann_Müller_11", None, "x", student_id="11"),
         ClassEntry("Bo_12", None, "x", student_id="12"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import tarfile
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 from decimal import Decimal
 from pathlib import Path
 
@@ -72,7 +72,7 @@ def test_one_mistake_costs_what_its_consequence_does(name: str, rubric: Rubric) 
     lost = lost_in_sessions(result)
     least, most = (Decimal(share) * points for share in CLASSES[consequence])
     assert least <= lost <= most
-    due = datetime(2026, 11, 20, tzinfo=timezone.utc)
+    due = datetime(2026, 11, 20, tzinfo=UTC)
     policy = LatePolicy.model_validate({"due": due.isoformat(), "per_day": "10 %"})
     late = adjust(result, (), policy, SubmissionTime(due + timedelta(hours=1)))
     assert lost_in_sessions(late) == lost

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta
 from decimal import Decimal
 from typing import Any
 
@@ -74,10 +74,8 @@ def test_a_due_date_needs_its_time_and_offset(value: object) -> None:
 
 def test_a_time_may_end_in_z() -> None:
     """Z stands for UTC, on every version of Python, and so does UTC itself."""
-    assert parse_time("2026-11-20T22:59:00Z") == datetime(2026, 11, 20, 22, 59, tzinfo=timezone.utc)
-    assert parse_time("2026-11-20 22:59:00 UTC") == datetime(
-        2026, 11, 20, 22, 59, tzinfo=timezone.utc
-    )
+    assert parse_time("2026-11-20T22:59:00Z") == datetime(2026, 11, 20, 22, 59, tzinfo=UTC)
+    assert parse_time("2026-11-20 22:59:00 UTC") == datetime(2026, 11, 20, 22, 59, tzinfo=UTC)
     assert parse_time("nonsense") is None
 
 

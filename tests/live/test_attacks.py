@@ -19,7 +19,7 @@ import urllib.parse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
-from enum import Enum
+from enum import StrEnum
 from itertools import chain, groupby
 from pathlib import Path
 from typing import Any
@@ -73,7 +73,7 @@ REFUSED = 3
 FORMULA = re.compile(r"[\t\r]|[=@+-](?![\d.]+$)")
 
 
-class Environment(str, Enum):
+class Environment(StrEnum):
     """Where the grader runs."""
 
     ROOT = "root"

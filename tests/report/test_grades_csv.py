@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from decimal import Decimal
 
 import pytest
@@ -127,7 +127,7 @@ def test_the_columns_are_those_of_a_grade_book() -> None:
     entry = entry_of(
         "alice",
         plain | {"adjustments": [late]},
-        submitted_at=datetime(2026, 11, 20, 23, 59, tzinfo=timezone.utc),
+        submitted_at=datetime(2026, 11, 20, 23, 59, tzinfo=UTC),
         student_id="0012",
     )
     head, row, missing = rows_of(

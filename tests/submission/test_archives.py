@@ -16,7 +16,7 @@ import uuid
 import zipfile
 from collections.abc import Callable
 from contextlib import suppress
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -169,7 +169,7 @@ def test_names_without_a_hint_how_to_read_them() -> None:
 
 def test_times_of_members() -> None:
     """A zip's time has no zone unless Unix's or NTFS's field says it in UTC; the epoch of zip is no time at all."""
-    utc = datetime(2026, 3, 2, 22, 41, tzinfo=timezone.utc)
+    utc = datetime(2026, 3, 2, 22, 41, tzinfo=UTC)
     plain, unknown, unix, ntfs = (zipfile.ZipInfo(name, (2026, 3, 2, 23, 41, 0)) for name in "abcd")
     unknown.date_time = (1980, 1, 1, 0, 0, 0)
     unix.extra = b"UT\x05\x00\x01" + int(utc.timestamp()).to_bytes(4, "little")

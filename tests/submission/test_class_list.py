@@ -9,7 +9,7 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Iterable
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -114,8 +114,8 @@ def test_a_repeated_hour_counts_as_the_first() -> None:
     night = datetime(2026, 10, 25, 2, 30)
     zoned = policy.zoned(SubmissionTime(night, "Blackboard"))
     assert zoned.at is not None
-    assert zoned.at.astimezone(timezone.utc) == datetime(2026, 10, 25, 0, 30, tzinfo=timezone.utc)
-    known = SubmissionTime(datetime(2026, 10, 25, 2, 30, tzinfo=timezone.utc))
+    assert zoned.at.astimezone(UTC) == datetime(2026, 10, 25, 0, 30, tzinfo=UTC)
+    known = SubmissionTime(datetime(2026, 10, 25, 2, 30, tzinfo=UTC))
     assert policy.zoned(known) == known
 
 

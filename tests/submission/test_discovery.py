@@ -8,7 +8,7 @@ import subprocess
 import tarfile
 import zipfile
 from collections.abc import Iterable, Mapping
-from datetime import datetime, timedelta, timezone
+from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import pytest
@@ -592,7 +592,7 @@ def test_sakais_download(form: str, rubric: Rubric, tmp_path: Path) -> None:
     path = folder if form == "folder" else pack(folder, tmp_path / "export.zip")
     students = by_name(find_submissions([path], rubric))
     assert list(students) == ["Müller_Ann_ann1", "O_Brien_Bob_bob2", "Çelik_Cem_cem3"]
-    told = datetime(2026, 3, 2, 22, 41, 5, tzinfo=timezone.utc)
+    told = datetime(2026, 3, 2, 22, 41, 5, tzinfo=UTC)
     assert [source.submitted_at for source in students.values()] == [told, told, None]
     assert "Submission attachment(s)/joint_publisher.py" in files_of(students["O_Brien_Bob_bob2"])
     assert "lab/joint_publisher.py" in files_of(students["Müller_Ann_ann1"])
@@ -640,10 +640,10 @@ def test_gradescopes_export(form: str, rubric: Rubric, tmp_path: Path) -> None:
     ]
     ann, both, nobody = students.values()
     assert (ann.student, ann.student_id) == ("Ann Smith", "0012")
-    assert ann.submitted_at == datetime(2026, 3, 2, 22, 41, 5, 123456, tzinfo=timezone.utc)
+    assert ann.submitted_at == datetime(2026, 3, 2, 22, 41, 5, 123456, tzinfo=UTC)
     assert (both.student_id, both.submitted_at) == (
         None,
-        datetime(2026, 3, 2, 22, 41, 5, tzinfo=timezone.utc),
+        datetime(2026, 3, 2, 22, 41, 5, tzinfo=UTC),
     )
     assert nobody.submitted_at is None
     assert files_of(ann) == set(FIVE)
@@ -842,9 +842,7 @@ def test_a_list_with_a_line_for_each_hand_in(rubric: Rubric, tmp_path: Path) -> 
     (tmp_path / "class.csv").write_text("\n".join(rows), encoding="utf-8")
     export = lay_out(tmp_path / "export", [f"Ann Müller_11_assignsubmission_file_/{FIVE[0]}"])
     found = find_submissions([export], rubric, class_list=tmp_path / "class.csv")
-    assert [h.submitted_at for h in found.submissions] == [
-        datetime(2026, 3, 3, 22, tzinfo=timezone.utc)
-    ]
+    assert [h.submitted_at for h in found.submissions] == [datetime(2026, 3, 3, 22, tzinfo=UTC)]
     assert found.missing == ()
 
 
@@ -920,9 +918,9 @@ def test_a_class_list_knows_more(rubric: Rubric, tmp_path: Path) -> None:
     found = find_submissions([group, export], rubric, class_list=tmp_path / "class.csv")
     students = by_name(found)
     assert students["alice"].student_id == "2026001"
-    assert students["alice"].submitted_at == datetime(2026, 3, 2, 22, 41, tzinfo=timezone.utc)
+    assert students["alice"].submitted_at == datetime(2026, 3, 2, 22, 41, tzinfo=UTC)
     assert (students["bob"].student_id, students["bob"].submitted_at) == (None, None)
-    assert students["cem_69"].submitted_at == datetime(2026, 3, 3, 8, tzinfo=timezone.utc)
+    assert students["cem_69"].submitted_at == datetime(2026, 3, 3, 8, tzinfo=UTC)
     assert found.missing == ("Eve",)
 
 

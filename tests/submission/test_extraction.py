@@ -13,7 +13,7 @@ import uuid
 import zipfile
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from pathlib import Path
 
 import pytest
@@ -170,13 +170,13 @@ def test_the_time_is_that_of_the_newest_file_that_came_in(tmp_path: Path) -> Non
     members = []
     for day, name in enumerate(["a.py", "b.py", "x.pyc", "build/c.py"], 1):
         info = tarfile.TarInfo(name)
-        info.mtime = int(datetime(2026, 3, day, tzinfo=timezone.utc).timestamp())
+        info.mtime = int(datetime(2026, 3, day, tzinfo=UTC).timestamp())
         members.append((info, PROGRAM))
     (tmp_path / "ann.tar").write_bytes(tar_of(members))
     with open_submission(tmp_path / "ann.tar") as intake:
-        assert intake.source.newest_file == datetime(2026, 3, 2, tzinfo=timezone.utc)
+        assert intake.source.newest_file == datetime(2026, 3, 2, tzinfo=UTC)
         assert intake.source.submitted_at is None
-    told = datetime(2026, 4, 1, tzinfo=timezone.utc)
+    told = datetime(2026, 4, 1, tzinfo=UTC)
     with open_submission(
         replace(SubmissionSource.of(tmp_path / "ann.tar"), submitted_at=told)
     ) as intake:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 
 from grader.lab.policy import SubmissionTime
 from grader.recording.submission import SubmissionRecord
 from grader.submission.submission_time import set_submission_time, submission_time_of
 
-NOON = datetime(2026, 11, 20, 12, tzinfo=timezone.utc)
+NOON = datetime(2026, 11, 20, 12, tzinfo=UTC)
 
 
 def test_all_that_is_known_is_kept() -> None:

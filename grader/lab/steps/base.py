@@ -5,9 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, cast
-
-from typing_extensions import Self
+from typing import Any, ClassVar, Self, cast
 
 from grader.lab.references import Parameters
 from grader.recording.record import from_plain

@@ -22,7 +22,7 @@ from confine.helpers import python, start_helper
 from grader.live.process.forked import Program, become, read_pipe
 
 if TYPE_CHECKING:
-    from typing_extensions import Self
+    from typing import Self
 
 _MOST_REQUEST_BYTES = 16 * 1024
 #: Time for a server to end after its last request.

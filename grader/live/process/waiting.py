@@ -23,7 +23,7 @@ async def within(work: Awaitable[T], timeout_s: float) -> T:
             task.cancel()
             await asyncio.wait({task})
     if not done:
-        raise asyncio.TimeoutError
+        raise TimeoutError
     return task.result()
 
 

@@ -190,7 +190,7 @@ class SessionRunner:
         pid = asyncio.ensure_future(sandbox_pid(messages))
         try:
             await within(_follow(messages, pid, spec.id, on_progress), spec.timeout_s + _GRACE_S)
-        except asyncio.TimeoutError:
+        except TimeoutError:
             pass
         finally:
             await _end(messages, pid)

@@ -61,7 +61,7 @@ class Session:
         ]
         try:
             await within(self._run_steps(), self._plan.timeout_s)
-        except asyncio.TimeoutError:
+        except TimeoutError:
             await self._stop_for_time()
         for watcher in watchers:
             if watcher.done():  # Only an error ends a watcher before it is cancelled.

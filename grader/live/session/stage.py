@@ -24,6 +24,9 @@ from launch_plan.jazzy import is_released
 #: Packages that launch files name literally.
 _PACKAGE_ARGUMENT = re.compile(r"""package\s*=\s*['"]([A-Za-z][A-Za-z0-9_]{0,80})['"]""")
 
+#: Largest number of packages that bare files stand for.
+_MOST_BARE_PACKAGES = 20
+
 _WRAPPER = '''\
 #!{interpreter}
 """Runs {target} as `ros2 run` would."""
@@ -127,26 +130,30 @@ class _Installation:
 
     def _packages_of_bare_files(self) -> list[PackageFact]:
         """Bare files stand for the lab's package, and for any other that their launch files name."""
-        named = [m for text in self.record.texts.values() for m in _PACKAGE_ARGUMENT.findall(text)]
-        names = [p for p in dict.fromkeys([self.rubric.lab.package, *named]) if not is_released(p)][
-            :20
+        named = [self.rubric.lab.package]
+        for text in self.record.texts.values():
+            named += _PACKAGE_ARGUMENT.findall(text)
+        names = [name for name in dict.fromkeys(named) if not is_released(name)]
+        programs = self._bare_programs()
+        return [
+            PackageFact(name, "", "ament_python", programs) for name in names[:_MOST_BARE_PACKAGES]
         ]
-        given = [
-            (self.rubric.artifacts[artifact.name].executable, artifact.path)
-            for artifact in self.record.artifacts
-        ]
-        parts = {
-            executable: path
-            for executable, path in given
-            if executable is not None and path is not None
-        }
-        others = [
-            path for path in self.record.texts if path.endswith(".py") and not is_launch_file(path)
-        ]
-        # `ros2 run` knows them by the names that their entry points would have, or by their own.
-        files = [PurePosixPath(path) for path in (*others, *parts.values())]
-        programs = {name: str(file) for file in files for name in (file.name, file.stem)} | parts
-        return [PackageFact(name, "", "ament_python", programs) for name in names]
+
+    def _bare_programs(self) -> dict[str, str]:
+        """Return bare files by the names that their entry points would have, and by their own names."""
+        parts: dict[str, str] = {}
+        for artifact in self.record.artifacts:
+            executable = self.rubric.artifacts[artifact.name].executable
+            if executable is not None and artifact.path is not None:
+                parts[executable] = artifact.path
+        scripts = [path for path in self.record.texts if path.endswith(".py")]
+        others = [path for path in scripts if not is_launch_file(path)]
+        programs: dict[str, str] = {}
+        for path in (*others, *parts.values()):
+            file = PurePosixPath(path)
+            programs[file.name] = str(file)
+            programs[file.stem] = str(file)
+        return programs | parts
 
     def _install_package(self, package: PackageFact) -> None:
         for name, target in package.executables.items():

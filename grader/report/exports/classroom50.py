@@ -12,7 +12,7 @@ Classroom 50 wiki, Advanced Autograding: "The result.json contract".
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from datetime import datetime, timezone
+from datetime import UTC, datetime
 from decimal import ROUND_HALF_UP, Decimal
 from itertools import accumulate, pairwise
 from typing import Any
@@ -61,7 +61,7 @@ def _ended(graded: Graded) -> datetime:
     ended_s = 0.0
     for session in graded.sessions.values():
         ended_s = max(ended_s, session["started_ns"] / 1e9 + session["duration_s"])
-    return datetime.fromtimestamp(ended_s, tz=timezone.utc)
+    return datetime.fromtimestamp(ended_s, tz=UTC)
 
 
 def _scores(graded: Graded) -> list[tuple[int, int]]:
