@@ -336,7 +336,7 @@ def sha256(content: bytes) -> str:
 
 def require_cause(line: dict[str, Any], rubric: Path, before: datetime) -> None:
     """Fail unless a line of the trail has the time, the command, and the hashes of its inputs."""
-    assert before <= datetime.fromisoformat(line["at"]) <= datetime.now(timezone.utc)
+    assert before <= datetime.fromisoformat(line["at"]) <= datetime.now(UTC)
     assert line["command"] == "regrade"
     assert line["rubric_sha256"][1] == sha256(rubric.read_bytes())
     assert line["overrides_sha256"] == sha256(b"overrides: []\n")

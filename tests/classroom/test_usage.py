@@ -76,10 +76,7 @@ def test_who_is_marked_late_without_a_time_is_reported() -> None:
     """A system's mark is not lost where it alone tells that something was late."""
     late = SubmissionSource("bob", (), marked_late_by="Canvas")
     assert "add it with --class-list: bob\n" in told(Discovery((late, SubmissionSource("ann", ()))))
-    assert (
-        told(Discovery((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=timezone.utc)),)))
-        == ""
-    )
+    assert told(Discovery((replace(late, submitted_at=datetime(2026, 3, 2, tzinfo=UTC)),))) == ""
 
 
 def test_who_is_on_the_page_from_earlier_runs_is_reported(tmp_path: Path) -> None:

@@ -203,7 +203,7 @@ def test_an_archive_is_read_as_its_folder(folder: Path, rubric: Rubric) -> None:
 
 def test_what_is_known_of_the_intake_is_recorded(folder: Path, rubric: Rubric) -> None:
     """Name, time and left-out files go into the record."""
-    time = datetime(2026, 3, 2, 23, 41, tzinfo=timezone.utc)
+    time = datetime(2026, 3, 2, 23, 41, tzinfo=UTC)
     record = read_submission(
         Intake(
             folder, SubmissionSource("Ann Müller", (), submitted_at=time), ("x.pyc: compiled code",)
