@@ -83,6 +83,19 @@ def begun(work: Callable[[], T], bound: Bound) -> Iterator[Callable[[], T]]:
         ended()
 
 
+def _finished(running: Mapping[K, _Child]) -> list[K]:
+    """Wait for output of any child, and return the keys of the children that ended or are late."""
+    ready = _wait_for(running.values())
+    for child in ready:
+        child.read()
+    finished = []
+    for key, child in running.items():
+        is_stuck = child.is_late() and child not in ready
+        if child.is_over or is_stuck:
+            finished.append(key)
+    return finished
+
+
 def in_processes(
     works: Mapping[K, Callable[[], T]], bound: Bound, at_a_time: int = 1
 ) -> Iterator[tuple[K, T | Exception]]:
@@ -101,14 +114,9 @@ def in_processes(
             while waiting and len(running) < at_a_time:
                 key, work = waiting.pop()
                 running[key] = _Child.start(work, bound)
-            ready = _wait_for(running.values())
-            for child in ready:
-                child.read()
-            for key, child in list(running.items()):
-                is_stuck = child.is_late() and child not in ready
-                if child.is_over or is_stuck:
-                    del running[key]
-                    yield key, child.end()
+            for key in _finished(running):
+                child = running.pop(key)
+                yield key, child.end()
     finally:
         for child in running.values():
             child.end()

@@ -48,6 +48,22 @@ _IMPLIED = ("builtin_interfaces", "service_msgs", "action_msgs", "unique_identif
 #: Type supports for sending messages and for describing their types; found by the names of their libraries.
 _SUPPORTS = ("rosidl_typesupport_fastrtps_c", "rosidl_typesupport_introspection_c")
 _PARTS = ("rosidl_generator_c", *_SUPPORTS, "rosidl_typesupport_c", "rosidl_generator_py")
+#: Libraries that the generated code uses.
+_RUNTIME = (
+    "rosidl_runtime_c",
+    "rosidl_typesupport_fastrtps_c",
+    "fastcdr",
+    "rcutils",
+    "rosidl_typesupport_fastrtps_cpp",
+    "rmw",
+    "rosidl_typesupport_c",
+    "rosidl_typesupport_introspection_c",
+)
+#: Functions that read definitions; all others are actions.
+_READERS = {"msg": parser.parse_message_string, "srv": parser.parse_service_string}
+#: Attributes of a definition that are messages.
+_MESSAGES = {"srv": ("request", "response"), "action": ("goal", "result", "feedback")}
+_COMPILERS = {".c": ("cc", "-std=gnu11"), ".cpp": ("c++", "-std=gnu++17")}
 #: Without optimisation, as `colcon build` compiles where nothing else is asked for.
 _FLAGS = ("-fPIC", "-O0", "-w")
 
@@ -64,10 +80,14 @@ class Package:
     """The definitions of a package, and where those are that it may use."""
 
     def __init__(self, source: Path, target: Path, prefixes: Sequence[Path]) -> None:
-        self.name, self.source, self.target, self.prefixes = source.name, source, target, prefixes
+        self.name = source.name
+        self.source = source
+        self.target = target
+        self.prefixes = prefixes
         self.work = target.with_name(f"{target.name}.work")
         # Two generators write files of the same names.
-        self.code, self.described = self.work / self.name, self.work / "introspection" / self.name
+        self.code = self.work / self.name
+        self.described = self.work / "introspection" / self.name
         self.files = sorted(path.relative_to(source) for path in source.glob("*/*.*"))
         self.messages: dict[str, Any] = {}
 
@@ -76,7 +96,8 @@ class Package:
         signal.alarm(_READING_S)
         idl = [self._translate(file) for file in self.files]
         for name in self.messages:
-            if (size := self._size(self.name, name)) > _MOST_BYTES:
+            size = self._size(self.name, name)
+            if size > _MOST_BYTES:
                 text = f"{name} takes {size} bytes, more than the {_MOST_BYTES} for which the grader has room"
                 raise Refused(text, invalid=False)
         signal.alarm(0)
@@ -89,22 +110,19 @@ class Package:
     def _translate(self, file: Path) -> Path:
         """Read a definition, and write its needed parts as IDL."""
         kind = file.suffix[1:]
-        read = {"msg": parser.parse_message_string, "srv": parser.parse_service_string}.get(
-            kind, parser.parse_action_string
-        )
+        read = _READERS.get(kind, parser.parse_action_string)
+        path = self.source / file
         try:
-            spec = read(self.name, file.stem, (self.source / file).read_text(encoding="utf-8"))
+            text = path.read_text(encoding="utf-8")
+            spec = read(self.name, file.stem, text)
         except Exception as problem:
-            raise Refused(
-                f"{file}: {' '.join(str(problem).split())[:300]}", invalid=True
-            ) from problem
-        parts = {"srv": ("request", "response"), "action": ("goal", "result", "feedback")}.get(
-            kind, ()
-        )
-        for message in [getattr(spec, part) for part in parts] or [spec]:
+            reason = " ".join(str(problem).split())
+            raise Refused(f"{file}: {reason[:300]}", invalid=True) from problem
+        for message in _messages_of(spec, kind):
             self.messages[message.msg_name] = message
             self._clean(file, message)
-        output = (self.code / file).with_suffix(".idl")
+        described = self.code / file
+        output = described.with_suffix(".idl")
         output.parent.mkdir(parents=True, exist_ok=True)
         data = {"pkg_name": self.name, "relative_input_file": file.as_posix(), kind: spec}
         resource.expand_template(f"{kind}.idl.em", data, output, encoding="utf-8")
@@ -114,17 +132,7 @@ class Package:
         message.annotations = {}
         for part in (*message.constants, *message.fields):
             part.annotations = {}
-            value = (
-                getattr(part, "default_value", None)
-                if isinstance(part, parser.Field)
-                else part.value
-            )
-            texts = [
-                text
-                for text in (value if isinstance(value, list) else [value])
-                if isinstance(text, str)
-            ]
-            if not all(map(_PLAIN.fullmatch, texts)):
+            if not all(map(_PLAIN.fullmatch, _texts_of(part))):
                 text = f"{file}: the value of {part.name} has characters that the grader does not pass on"
                 raise Refused(text, invalid=False)
         for field in message.fields:
@@ -134,46 +142,44 @@ class Package:
         """See to it that a field's type is there."""
         if kind.is_primitive_type():
             return
-        if kind.pkg_name == self.name:
+        package = kind.pkg_name
+        if package == self.name:
             if Path("msg", f"{kind.type}.msg") not in self.files:
                 raise Refused(f"{file}: there is no {kind.type}.msg in {self.name}", invalid=True)
-        elif not any(self._shared(kind.pkg_name)):
-            raise Refused(
-                f"{file}: {kind.pkg_name} is not installed where it was graded", invalid=False
-            )
-        elif not any(
-            (share / "msg" / f"{kind.type}.msg").is_file() for share in self._shared(kind.pkg_name)
-        ):
-            raise Refused(f"{file}: {kind.pkg_name} has no message {kind.type}", invalid=True)
+        elif not any(self._shared(package)):
+            problem = f"{file}: {package} is not installed where it was graded"
+            raise Refused(problem, invalid=False)
+        elif not any(self._files_of(package, kind.type)):
+            raise Refused(f"{file}: {package} has no message {kind.type}", invalid=True)
 
     def _shared(self, package: str) -> Iterator[Path]:
         shares = (prefix / "share" / package for prefix in self.prefixes)
-        return (share for share in shares if share.is_dir())
+        return filter(Path.is_dir, shares)
+
+    def _files_of(self, package: str, message: str) -> Iterator[Path]:
+        files = (share / "msg" / f"{message}.msg" for share in self._shared(package))
+        return filter(Path.is_file, files)
 
     def _size(self, package: str, name: str, depth: int = 0) -> int:
         """Return the largest size of a message in bytes, with each unbounded part counted once."""
         if depth > _MOST_DEPTH:
             raise Refused(f"{name} holds itself", invalid=True)
-        return sum(
-            self._field_size(field.type, depth) for field in self._message(package, name).fields
-        )
+        fields = self._message(package, name).fields
+        return sum(self._field_size(field.type, depth) for field in fields)
 
     def _message(self, package: str, name: str) -> Any:
         if package == self.name:
             return self.messages[name]
-        file = next(
-            file
-            for share in self._shared(package)
-            if (file := share / "msg" / f"{name}.msg").is_file()
-        )
-        return parser.parse_message_string(package, name, file.read_text(encoding="utf-8"))
+        file = next(self._files_of(package, name))
+        text = file.read_text(encoding="utf-8")
+        return parser.parse_message_string(package, name, text)
 
     def _field_size(self, kind: Any, depth: int) -> int:
+        elements = kind.array_size or 1
         if not kind.is_primitive_type():
-            return self._size(kind.pkg_name, kind.type, depth + 1) * (kind.array_size or 1)
-        bits = "".join(filter(str.isdigit, kind.type))  # of "float64"
-        one = _BYTES.get(kind.type) or int(bits) // 8
-        return one * (kind.string_upper_bound or 1) * (kind.array_size or 1)
+            return elements * self._size(kind.pkg_name, kind.type, depth + 1)
+        characters = kind.string_upper_bound or 1
+        return elements * characters * _element_size(kind.type)
 
     # -- generating ---------------------------------------------------------------------------
 
@@ -181,7 +187,9 @@ class Package:
         """Write a file of arguments, as rosidl's own CMake functions do."""
         names = [path.relative_to(self.code).as_posix() for path in idl]
         templates = next(self._shared(generator)) / "resource"
-        output = self.described if "introspection" in generator else self.code
+        output = self.code
+        if "introspection" in generator:
+            output = self.described
         file = self.work / f"{generator}.json"
         settings = {
             "package_name": self.name,
@@ -194,26 +202,35 @@ class Package:
         }
         file.write_text(json.dumps(settings))
         for control in templates.glob("*__visibility_control.h.in"):
-            text = control.read_text().replace("@PROJECT_NAME_UPPER@", self.name.upper())
-            header = output / "msg" / control.name.removesuffix(".in")
-            header.parent.mkdir(parents=True, exist_ok=True)
-            header.write_text(text.replace("@PROJECT_NAME@", self.name))
+            self._write_header(control, output / "msg")
         return str(file)
 
+    def _write_header(self, template: Path, folder: Path) -> None:
+        text = template.read_text()
+        text = text.replace("@PROJECT_NAME_UPPER@", self.name.upper())
+        text = text.replace("@PROJECT_NAME@", self.name)
+        folder.mkdir(parents=True, exist_ok=True)
+        header = folder / template.name.removesuffix(".in")
+        header.write_text(text)
+
+    def _include_paths(self) -> list[str]:
+        """Return the share folders of all packages as rosidl's arguments; the first prefix wins."""
+        shares: dict[str, Path] = {}
+        for prefix in reversed(self.prefixes):
+            folder = prefix / "share"
+            shares |= {share.name: share for share in folder.iterdir()}
+        return [f"{name}:{share}" for name, share in shares.items()]
+
     def _generate(self, idl: Sequence[Path]) -> None:
-        shares = {
-            share.name: share
-            for prefix in reversed(self.prefixes)
-            for share in (prefix / "share").iterdir()
-        }
         hashes = self._arguments(
-            "rosidl_generator_type_description",
-            idl,
-            include_paths=[f"{name}:{share}" for name, share in shares.items()],
+            "rosidl_generator_type_description", idl, include_paths=self._include_paths()
         )
         rosidl_generator_type_description.generate_type_hash(hashes)
-        described = {p.relative_to(self.code).as_posix(): str(p.with_suffix(".json")) for p in idl}
-        tuples = [f"{name}:{json_file}" for name, json_file in described.items()]
+        tuples = []
+        for path in idl:
+            name = path.relative_to(self.code).as_posix()
+            json_file = path.with_suffix(".json")
+            tuples.append(f"{name}:{json_file}")
 
         def arguments(generator: str) -> str:
             return self._arguments(generator, idl, type_description_tuples=tuples)
@@ -222,78 +239,78 @@ class Package:
         fast, describing = map(arguments, _SUPPORTS)
         rosidl_typesupport_fastrtps_c.generate_typesupport_fastrtps_c(fast)
         rosidl_typesupport_introspection_c.generate_c(describing)
-        rosidl_typesupport_c.generate_c(arguments("rosidl_typesupport_c"), list(_SUPPORTS))
-        rosidl_generator_py.generate_py(arguments("rosidl_generator_py"), ["rosidl_typesupport_c"])
+        dispatching = arguments("rosidl_typesupport_c")
+        rosidl_typesupport_c.generate_c(dispatching, list(_SUPPORTS))
+        python = arguments("rosidl_generator_py")
+        rosidl_generator_py.generate_py(python, ["rosidl_typesupport_c"])
         (self.code / "__init__.py").touch()
 
     # -- compiling ----------------------------------------------------------------------------
 
     def _compile(self) -> None:
         home = Path(sys.prefix)
-        headers = [
-            self.work,
-            self.described.parent,
-            Path(sysconfig.get_path("include")),
-            Path(numpy.get_include()),
-        ]
-        for prefix in self.prefixes:
-            headers += [prefix / "include", *(prefix / "include").glob("*")]
-        search = [f"-I{folder}" for folder in headers]
+        search = self._search_flags()
         entry = self.code / f"_{self.name}_s.ep.rosidl_typesupport_c.c"
-        sources = [
-            path
-            for path in sorted(self.work.rglob("*.c*"))
-            if path.suffix in (".c", ".cpp") and path != entry
-        ]
+        sources = [path for path in sorted(self.work.rglob("*.c*")) if path.suffix in _COMPILERS]
+        sources.remove(entry)
 
         def compiled(source: Path) -> str:
             output = str(source.with_suffix(f"{source.suffix}.o"))
-            standard = ("cc", "-std=gnu11") if source.suffix == ".c" else ("c++", "-std=gnu++17")
-            _run([*standard, *_FLAGS, *search, "-c", str(source), "-o", output])
+            compiler = _COMPILERS[source.suffix]
+            _run([*compiler, *_FLAGS, *search, "-c", str(source), "-o", output])
             return output
 
-        with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as threads:
-            objects = list(threads.map(compiled, [*sources, entry]))
+        cores = len(os.sched_getaffinity(0))
+        with ThreadPoolExecutor(cores) as threads:
+            *objects, entry_object = threads.map(compiled, [*sources, entry])
         library = self.target / "lib" / f"lib{self.name}__interfaces.so"
         module = self._python / f"{self.name}_s__rosidl_typesupport_c.so"
         library.parent.mkdir(parents=True)
         self._python.mkdir(parents=True)
-        _link([*objects[:-1], *self._libraries(home)], library, "$ORIGIN")
+        libraries = self._libraries(home)
+        _link([*objects, *libraries], library, "$ORIGIN")
         # One library has all code. Each library found by its name is loaded already, and leads there.
         names = [library.with_name(f"lib{self.name}__{support}.so") for support in _SUPPORTS]
         for name in names:
             _link([str(library)], name, "$ORIGIN")
-        _link([objects[-1], str(library), *map(str, names)], module, "$ORIGIN/../../..")
+        linked = [library, *names]
+        _link([entry_object, *map(str, linked)], module, "$ORIGIN/../../..")
+
+    def _search_flags(self) -> list[str]:
+        headers = [self.work, self.described.parent]
+        headers.append(Path(sysconfig.get_path("include")))
+        headers.append(Path(numpy.get_include()))
+        for prefix in self.prefixes:
+            folder = prefix / "include"
+            headers.append(folder)
+            headers.extend(folder.glob("*"))
+        return [f"-I{folder}" for folder in headers]
 
     def _libraries(self, home: Path) -> Iterator[str]:
         """Yield linker arguments for the used packages, valid wherever the sibling prefixes are moved."""
-        used = {
-            field.type.pkg_name for message in self.messages.values() for field in message.fields
-        }
-        yield from (
-            f"-L{home}/lib",
-            "-lrosidl_runtime_c",
-            "-lrosidl_typesupport_fastrtps_c",
-            "-lfastcdr",
-            "-lrcutils",
-        )
-        yield from ("-lrosidl_typesupport_fastrtps_cpp", "-lrmw", "-lrosidl_typesupport_c")
-        yield "-lrosidl_typesupport_introspection_c"
-        for package in sorted({*used, *_IMPLIED} - {None, self.name}):
-            own = next(
-                (
-                    p
-                    for p in self.prefixes
-                    if (p / "lib" / f"lib{package}__interfaces.so").is_file()
-                ),
-                None,
-            )
+        used = set(_IMPLIED)
+        for message in self.messages.values():
+            used.update(field.type.pkg_name for field in message.fields)
+        used -= {None, self.name}
+        yield f"-L{home}/lib"
+        for library in _RUNTIME:
+            yield f"-l{library}"
+        for package in sorted(used):
+            own = self._prefix_of_built(package)
             if own is not None:
                 yield f"-L{own}/lib"
                 yield f"-l{package}__interfaces"
                 yield f"-Wl,-rpath,$ORIGIN/../../{own.name}/lib"
             else:
                 yield from (f"-l{package}__{part}" for part in _PARTS)
+
+    def _prefix_of_built(self, package: str) -> Path | None:
+        """Return the prefix of a package built by this program; None for an installed one."""
+        for prefix in self.prefixes:
+            library = prefix / "lib" / f"lib{package}__interfaces.so"
+            if library.is_file():
+                return prefix
+        return None
 
     # -- installing ---------------------------------------------------------------------------
 
@@ -311,12 +328,37 @@ class Package:
         for suffix in ("idl", "json"):
             _copy(self.code.rglob(f"*.{suffix}"), self.code, share)
         _copy([self.source / file for file in self.files], self.source, share)
-        for kind, text in {
-            "packages": "",
-            "rosidl_interfaces": "\n".join(map(str, self.files)),
-        }.items():
-            (index / kind).mkdir(parents=True)
-            (index / kind / self.name).write_text(text)
+        interfaces = "\n".join(map(str, self.files))
+        for kind, text in (("packages", ""), ("rosidl_interfaces", interfaces)):
+            resources = index / kind
+            resources.mkdir(parents=True)
+            entry = resources / self.name
+            entry.write_text(text)
+
+
+def _messages_of(spec: Any, kind: str) -> list[Any]:
+    """Return the messages of a definition: itself, or the parts of a service or an action."""
+    if kind not in _MESSAGES:
+        return [spec]
+    return [getattr(spec, part) for part in _MESSAGES[kind]]
+
+
+def _texts_of(part: Any) -> list[str]:
+    """Return the texts in a field's default value, or in a constant's value."""
+    if isinstance(part, parser.Field):
+        value = getattr(part, "default_value", None)
+    else:
+        value = part.value
+    values = value if isinstance(value, list) else [value]
+    return [text for text in values if isinstance(text, str)]
+
+
+def _element_size(kind: str) -> int:
+    """Return the bytes of a primitive type, e.g. 8 for "float64"."""
+    if kind in _BYTES:
+        return _BYTES[kind]
+    bits = "".join(filter(str.isdigit, kind))
+    return int(bits) // 8
 
 
 def _copy(paths: Iterable[Path], above: Path, target: Path) -> None:
@@ -334,7 +376,8 @@ def _link(objects: Sequence[str], output: Path, run_path: str) -> None:
 def _run(command: Sequence[str]) -> None:
     done = subprocess.run(command, capture_output=True, text=True, stdin=subprocess.DEVNULL)
     if done.returncode != 0:
-        lines = (done.stderr.strip() or f"status {done.returncode}").splitlines()
+        complaint = done.stderr.strip() or f"status {done.returncode}"
+        lines = complaint.splitlines()
         reason = next((line for line in lines if "error" in line), lines[-1])
         raise Refused(f"its generated code could not be compiled: {reason[-300:]}", invalid=False)
 
@@ -349,10 +392,10 @@ def main() -> None:
     signal.signal(signal.SIGALRM, _too_long)
     try:
         if importlib.util.find_spec(source.name) is not None:
-            raise Refused(
-                f"there is an installed package {source.name}, which counts", invalid=False
-            )
-        Package(source, target, [*prefixes, Path(sys.prefix)]).build()
+            problem = f"there is an installed package {source.name}, which counts"
+            raise Refused(problem, invalid=False)
+        package = Package(source, target, [*prefixes, Path(sys.prefix)])
+        package.build()
         answer: dict[str, Any] = {}
     except Refused as refused:
         answer = {"problem": str(refused), "invalid": refused.invalid}

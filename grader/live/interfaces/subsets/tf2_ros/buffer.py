@@ -16,6 +16,8 @@ _LOOK_S = 0.02
 #: Largest difference of a quaternion's squared length from 1, as in tf2's BufferCore.
 _UNIT_WITHIN = 0.01
 _AT_ONCE = Duration()
+#: Translation and rotation that change nothing.
+_IDENTITY = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 class TransformException(Exception):
@@ -49,55 +51,74 @@ def lacking(name):
 
 
 def _ns(stamp):
-    return (
-        stamp.nanoseconds
-        if hasattr(stamp, "nanoseconds")
-        else stamp.sec * 1_000_000_000 + stamp.nanosec
-    )
+    if hasattr(stamp, "nanoseconds"):
+        return stamp.nanoseconds
+    return stamp.sec * 1_000_000_000 + stamp.nanosec
 
 
 def _product(a, b):
-    (ax, ay, az, aw), (bx, by, bz, bw) = a, b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
+    """Return the Hamilton product of two quaternions."""
+    ax, ay, az, aw = a
+    bx, by, bz, bw = b
+    x = aw * bx + ax * bw + ay * bz - az * by
+    y = aw * by - ax * bz + ay * bw + az * bx
+    z = aw * bz + ax * by - ay * bx + az * bw
+    w = aw * bw - ax * bx - ay * by - az * bz
+    return x, y, z, w
 
 
 def _turned(rotation, vector):
+    half_turned = _product(rotation, (*vector, 0.0))
+    turned = _product(half_turned, _conjugate(rotation))
+    return turned[:3]
+
+
+def _conjugate(rotation):
     x, y, z, w = rotation
-    return _product(_product(rotation, (*vector, 0.0)), (-x, -y, -z, w))[:3]
+    return -x, -y, -z, w
 
 
 def _composed(first, second):
     """Return the transform that does the second, and then the first: each a translation and a unit quaternion."""
-    moved = _turned(first[1], second[0])
-    return tuple(a + b for a, b in zip(first[0], moved, strict=True)), _product(first[1], second[1])
+    first_translation, first_rotation = first
+    second_translation, second_rotation = second
+    moved = _turned(first_rotation, second_translation)
+    translation = tuple(a + b for a, b in zip(first_translation, moved, strict=True))
+    return translation, _product(first_rotation, second_rotation)
 
 
 def _inverse(transform):
-    (x, y, z, w) = transform[1]
-    back = (-x, -y, -z, w)
-    return tuple(-part for part in _turned(back, transform[0])), back
+    translation, rotation = transform
+    back = _conjugate(rotation)
+    moved = _turned(back, translation)
+    return _negated(moved), back
+
+
+def _negated(parts):
+    return tuple(-part for part in parts)
 
 
 def _between(first, second, share):
     """Interpolate: translations on a line, rotations on the shorter arc."""
-    translation = tuple(a + (b - a) * share for a, b in zip(first[0], second[0], strict=True))
-    a, b = first[1], second[1]
-    cosine = sum(p * q for p, q in zip(a, b, strict=True))
+    first_translation, first_rotation = first
+    second_translation, second_rotation = second
+    translations = zip(first_translation, second_translation, strict=True)
+    translation = tuple(a + (b - a) * share for a, b in translations)
+    return translation, _rotation_between(first_rotation, second_rotation, share)
+
+
+def _rotation_between(first, second, share):
+    cosine = sum(p * q for p, q in zip(first, second, strict=True))
     if cosine < 0:
-        b, cosine = tuple(-part for part in b), -cosine
+        second = _negated(second)
+        cosine = -cosine
     angle = math.acos(min(1.0, cosine))
     if angle < 1e-6:
-        return translation, b
-    weights = (
-        math.sin((1 - share) * angle) / math.sin(angle),
-        math.sin(share * angle) / math.sin(angle),
-    )
-    return translation, tuple(weights[0] * p + weights[1] * q for p, q in zip(a, b, strict=True))
+        return second
+    sine = math.sin(angle)
+    of_first = math.sin((1 - share) * angle) / sine
+    of_second = math.sin(share * angle) / sine
+    return tuple(of_first * p + of_second * q for p, q in zip(first, second, strict=True))
 
 
 class _Frame:
@@ -105,41 +126,68 @@ class _Frame:
 
     def __init__(self, is_static):
         self.is_static = is_static
-        self.times, self.samples = (
-            [],
-            [],
-        )  # in ns, in order; and at each of them (parent, transform)
+        #: Times in ns, in order.
+        self.times = []
+        #: Parent and transform at each of the times.
+        self.samples = []
 
     def add(self, time_ns, sample, cache_ns):
         if self.is_static:
-            self.times, self.samples = [time_ns], [sample]
+            self.times = [time_ns]
+            self.samples = [sample]
             return
         if self.times and time_ns < self.times[-1] - cache_ns:
             return
         place = bisect.bisect_left(self.times, time_ns)
-        end = place + (self.times[place : place + 1] == [time_ns])
-        self.times[place:end], self.samples[place:end] = [time_ns], [sample]
-        old = bisect.bisect_left(self.times, self.times[-1] - cache_ns)
-        del self.times[:old], self.samples[:old]
+        is_known = self.times[place : place + 1] == [time_ns]
+        end = place + is_known
+        self.times[place:end] = [time_ns]
+        self.samples[place:end] = [sample]
+        oldest_ns = self.times[-1] - cache_ns
+        old = bisect.bisect_left(self.times, oldest_ns)
+        del self.times[:old]
+        del self.samples[:old]
 
     def at(self, time_ns, name):
         """Return the parent and the transform at a time, 0 for the latest."""
         times = self.times
         if self.is_static or time_ns == 0 or time_ns == times[-1]:
             return self.samples[-1]
-        if not times[0] <= time_ns <= times[-1]:
-            way = "past" if time_ns < times[0] else "future"
-            raise ExtrapolationException(
-                f"Lookup would require extrapolation into the {way}.  Requested time {time_ns / 1e9:.6f} but the "
-                f"{'earliest' if way == 'past' else 'latest'} data is at time "
-                f"{times[0 if way == 'past' else -1] / 1e9:.6f}, when looking up transform of frame [{name}]"
-            )
+        if time_ns < times[0]:
+            raise _outside("past", "earliest", time_ns, times[0], name)
+        if time_ns > times[-1]:
+            raise _outside("future", "latest", time_ns, times[-1], name)
         place = bisect.bisect_right(times, time_ns)
-        (before_ns, after_ns) = times[place - 1 : place + 1]
-        (parent, before), (later_parent, after) = self.samples[place - 1 : place + 1]
+        before_ns = times[place - 1]
+        after_ns = times[place]
+        parent, before = self.samples[place - 1]
+        later_parent, after = self.samples[place]
         if parent != later_parent:
             return parent, before
-        return parent, _between(before, after, (time_ns - before_ns) / (after_ns - before_ns))
+        share = (time_ns - before_ns) / (after_ns - before_ns)
+        return parent, _between(before, after, share)
+
+
+def _outside(way, extreme, requested_ns, known_ns, name):
+    """Return the error for a time before or after all samples of a frame."""
+    return ExtrapolationException(
+        f"Lookup would require extrapolation into the {way}.  Requested time {requested_ns / 1e9:.6f} but the "
+        f"{extreme} data is at time {known_ns / 1e9:.6f}, when looking up transform of frame [{name}]"
+    )
+
+
+def _valid(transform):
+    """Return translation and unit rotation of a message; None for numbers that are no transform."""
+    t = transform.translation
+    r = transform.rotation
+    translation = (t.x, t.y, t.z)
+    rotation = (r.x, r.y, r.z, r.w)
+    length = math.sqrt(sum(part * part for part in rotation))
+    if not all(map(math.isfinite, (*translation, *rotation))):
+        return None
+    if abs(length * length - 1.0) >= _UNIT_WITHIN:
+        return None
+    return translation, tuple(part / length for part in rotation)
 
 
 class Buffer:
@@ -148,7 +196,10 @@ class Buffer:
     def __init__(self, cache_time=None, node=None):
         # The real one offers a service on the node, which tools ask for a picture of the tree.
         self._cache_ns = _CACHE_NS if cache_time is None else cache_time.nanoseconds
-        self._frames, self._known = {}, set()  # those with a parent, and these with their parents
+        #: Frames with a parent, by name.
+        self._frames = {}
+        #: Names of these frames and of their parents.
+        self._known = set()
         self._lock = threading.RLock()
 
     def __getattr__(self, name):
@@ -173,22 +224,21 @@ class Buffer:
             self._known.clear()
 
     def _set(self, stamped, is_static):
-        child, parent = stamped.child_frame_id.lstrip("/"), stamped.header.frame_id.lstrip("/")
-        t, r = stamped.transform.translation, stamped.transform.rotation
-        rotation = (r.x, r.y, r.z, r.w)
-        length = math.sqrt(sum(part * part for part in rotation))
-        numbers = (t.x, t.y, t.z, *rotation)
-        # The real buffer takes note of none of these, and says so in its log.
-        if not child or not parent or child == parent or not all(map(math.isfinite, numbers)):
+        child = stamped.child_frame_id.lstrip("/")
+        parent = stamped.header.frame_id.lstrip("/")
+        # The real buffer also ignores invalid frames and values, and logs them.
+        if not child or not parent or child == parent:
             return
-        if abs(length * length - 1.0) >= _UNIT_WITHIN:
+        value = _valid(stamped.transform)
+        if value is None:
             return
-        value = (t.x, t.y, t.z), tuple(part / length for part in rotation)
+        time_ns = _ns(stamped.header.stamp)
         with self._lock:
             frame = self._frames.get(child)
             if frame is None or frame.is_static != is_static:
-                frame = self._frames[child] = _Frame(is_static)
-            frame.add(_ns(stamped.header.stamp), (parent, value), self._cache_ns)
+                frame = _Frame(is_static)
+                self._frames[child] = frame
+            frame.add(time_ns, (parent, value), self._cache_ns)
             self._known |= {child, parent}
 
     # -- asking -------------------------------------------------------------------------------
@@ -203,11 +253,13 @@ class Buffer:
     ):
         """Return whether the transform is known, or becomes known within the timeout."""
         end_s = clock.monotonic() + timeout.nanoseconds / 1e9
-        while not (found := self.can_transform_core(target_frame, source_frame, time))[0]:
-            if clock.monotonic() >= end_s:
-                break
+        is_known, reason = self.can_transform_core(target_frame, source_frame, time)
+        while not is_known and clock.monotonic() < end_s:
             clock.sleep(_LOOK_S)
-        return found if return_debug_tuple else found[0]
+            is_known, reason = self.can_transform_core(target_frame, source_frame, time)
+        if return_debug_tuple:
+            return is_known, reason
+        return is_known
 
     def can_transform_core(self, target_frame, source_frame, time):
         """Return whether the transform is known, and if not, why."""
@@ -228,9 +280,11 @@ class Buffer:
             time_ns = _ns(time) or self._latest_common_ns(target_frame, source_frame)
             (_, translation, rotation) = self._found(target_frame, source_frame, time_ns)
         answer = TransformStamped()
-        answer.header.frame_id, answer.child_frame_id = target_frame, source_frame
+        answer.header.frame_id = target_frame
+        answer.child_frame_id = source_frame
         answer.header.stamp = Time(nanoseconds=time_ns).to_msg()
-        t, r = answer.transform.translation, answer.transform.rotation
+        t = answer.transform.translation
+        r = answer.transform.rotation
         t.x, t.y, t.z = translation
         r.x, r.y, r.z, r.w = rotation
         return answer
@@ -241,15 +295,18 @@ class Buffer:
                 raise LookupException(
                     f'"{name}" passed to lookupTransform argument does not exist. '
                 )
-        of_target, of_source = self._way_up(target), self._way_up(source)
+        of_target = self._way_up(target)
+        of_source = self._way_up(source)
         common = next((name for name in of_source if name in of_target), None)
         if common is None:
             raise ConnectivityException(
                 f"Could not find a connection between '{target}' and '{source}' because they are not part of the same "
                 "tree.Tf has two or more unconnected trees."
             )
-        down, up = (self._to(common, name, time_ns) for name in (target, source))
-        return common, *_composed(_inverse(down), up)
+        down = self._to(common, target, time_ns)
+        up = self._to(common, source, time_ns)
+        translation, rotation = _composed(_inverse(down), up)
+        return common, translation, rotation
 
     def _way_up(self, name):
         """Return a frame and those above it, by the latest parents."""
@@ -261,14 +318,16 @@ class Buffer:
 
     def _to(self, above, name, time_ns):
         """Return the transform from a frame to one above it."""
-        whole, at = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), name
+        whole = _IDENTITY
+        at = name
         for _ in range(_MOST_FRAMES):
             if at == above:
                 return whole
             if at not in self._frames:
                 break
             parent, transform = self._frames[at].at(time_ns, at)
-            whole, at = _composed(transform, whole), parent
+            whole = _composed(transform, whole)
+            at = parent
         # Its parents were others at that time.
         raise ConnectivityException(
             f"Could not find a connection between '{above}' and '{name}' at that time."
@@ -276,11 +335,6 @@ class Buffer:
 
     def _latest_common_ns(self, target, source):
         """Return the latest time with all transforms between two frames known; 0 if all are static."""
-        of_target, of_source = self._way_up(target), self._way_up(source)
-        ways = {*of_target} ^ {*of_source}
-        moving = [
-            self._frames[name]
-            for name in ways
-            if name in self._frames and not self._frames[name].is_static
-        ]
-        return min((frame.times[-1] for frame in moving), default=0)
+        way = set(self._way_up(target)) ^ set(self._way_up(source))
+        frames = [self._frames[name] for name in way if name in self._frames]
+        return min((frame.times[-1] for frame in frames if not frame.is_static), default=0)
