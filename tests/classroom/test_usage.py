@@ -6,7 +6,7 @@ import io
 import sys
 from argparse import Namespace
 from dataclasses import replace
-from datetime import datetime
+from datetime import UTC, datetime
 from decimal import Decimal
 from pathlib import Path
 
