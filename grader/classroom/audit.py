@@ -32,7 +32,9 @@ def note_replaced(
     old, new = result_of_text(before), read_result(json.loads(after))
     replaced = old is not None and before != after
     if replaced or (old is None and new.adjustments):
-        texts, results_of = (before, after), (old, new)
+        kept = None
+        if replaced and before is not None:
+            kept = keep(results, name, before)
         line = {
             "schema": AUDIT_SCHEMA,
             "at": datetime.now(UTC).isoformat(timespec="seconds"),
@@ -40,11 +42,9 @@ def note_replaced(
             "grader": grader.__version__,
             "submission": name,
             "overrides_sha256": overrides_sha256 or None,
-            "rubric_sha256": [
-                result.rubric_sha256 if result is not None else None for result in results_of
-            ],
-            "result_sha256": [_sha256(text) if text is not None else None for text in texts],
-            "kept": keep(results, name, before) if replaced and before is not None else None,
+            "rubric_sha256": [old.rubric_sha256 if old is not None else None, new.rubric_sha256],
+            "result_sha256": [_sha256(before) if before is not None else None, _sha256(after)],
+            "kept": kept,
             **plain_changes(changes_between(old, new)),
         }
         with (results / AUDIT_FILE).open("a", encoding="utf-8", newline="\n") as trail:

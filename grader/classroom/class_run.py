@@ -64,13 +64,10 @@ class ClassRun:
         Raises PlatformError if the scheduler cannot be reached; KeyboardInterrupt or SystemExit on a request to end,
         after all processes have ended and all results are kept.
         """
-        common = fingerprint.sha256_of(
-            (
-                fingerprint.engine_sha256(),
-                fingerprint.recording_sha256(self.rubric),
-                fingerprint.options_sha256(self.options),
-            )
-        )
+        engine = fingerprint.engine_sha256()
+        recording = fingerprint.recording_sha256(self.rubric)
+        options = fingerprint.options_sha256(self.options)
+        common = fingerprint.sha256_of((engine, recording, options))
         lab = fingerprint.lab_sha256(self.rubric)
         if isinstance(location, Isolation):
             least = location.level
@@ -248,12 +245,8 @@ class ClassRun:
         name, decided_by, seed = task.source.name, self.options.overrides.sha256, self.options.seed
         if seed is None:
             seed = fingerprint.seed_for(task.submission, self.journal.run_seed)
-        options = replace(
-            self.options,
-            seed=seed,
-            scope=scope,
-            earlier=earlier_results(self.journal.results / name),
-        )
+        earlier = earlier_results(self.journal.results / name)
+        options = replace(self.options, seed=seed, scope=scope, earlier=earlier)
         job = Job(task.source, self.journal.results / name, self.rubric, options)
         before, recorded = text_of(job.results / RESULT_FILE), recordings_sha256(job.results)
         ending, isolation = await site.grade(job, partial(self.display.phase, name))

@@ -104,16 +104,13 @@ def _laid_out(sent: Bundle, scratch: Path) -> Job:
         folder.mkdir()
         unpack(content, folder)
     assert isinstance(sent.job.source, Intake)
+    source = replace(sent.job.source, folder=submission)
+    rubric = sent.job.rubric.model_copy(update={"folder": lab})
     options = sent.job.options
-    return replace(
-        sent.job,
-        source=replace(sent.job.source, folder=submission),
-        results=scratch / "results",
-        rubric=sent.job.rubric.model_copy(update={"folder": lab}),
-        options=replace(options, interpreter=Path(sys.executable))
-        if sent.own_interpreter
-        else options,
-    )
+    if sent.own_interpreter:
+        options = replace(options, interpreter=Path(sys.executable))
+    results = scratch / "results"
+    return replace(sent.job, source=source, results=results, rubric=rubric, options=options)
 
 
 @asynccontextmanager
@@ -217,15 +214,9 @@ class Cluster:
         with open_submission(job.source, prefix=scratch_prefix()) as intake:
             own = job.options.interpreter == Path(sys.executable)
             sent = replace(job, source=intake)
-            return pickle.dumps(
-                Bundle(
-                    self._engine,
-                    sent,
-                    packed(dict(fingerprint.files_below(intake.folder))),
-                    lab,
-                    own,
-                )
-            )
+            files = dict(fingerprint.files_below(intake.folder))
+            bundle = Bundle(self._engine, sent, packed(files), lab, own)
+            return pickle.dumps(bundle)
 
 
 def _lost(problem: BaseException) -> GraderError:

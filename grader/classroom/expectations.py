@@ -236,7 +236,8 @@ def solution(folder: Path, rubric: Rubric) -> Fixture:
     """Return the lab's own solution as a fixture, which earns all points except in checks by a person."""
     by_person = left_to_a_person(rubric)
     checks = [check for criterion in rubric.criteria for check in criterion.checks]
-    most = sum((check.points for check in checks if check.id not in by_person), Decimal(0))
+    points = [check.points for check in checks if check.id not in by_person]
+    most = sum(points, Decimal(0))
     expectation = Expectation(
         about="The lab's own solution earns all points.",
         sessions=tuple(rubric.sessions),

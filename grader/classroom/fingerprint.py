@@ -61,20 +61,14 @@ def recording_sha256(rubric: Rubric) -> str:
 
     Checks, points, words and policy are left out: another judgement of the same recordings is enough for them.
     """
-    sessions = {
-        name: (
-            [(step.kind, step.parameters, step.label) for step in session.steps],
-            session.timeout_s,
-        )
-        for name, session in rubric.sessions.items()
-    }
-    stated = (
-        rubric.lab.package,
-        sessions,
-        {name: spec.model_dump(mode="json") for name, spec in rubric.artifacts.items()},
-        {name: spec.model_dump(mode="json") for name, spec in rubric.reference.items()},
-        sorted(rubric.bonus_artifacts),
-    )
+    sessions = {}
+    for name, session in rubric.sessions.items():
+        steps = [(step.kind, step.parameters, step.label) for step in session.steps]
+        sessions[name] = (steps, session.timeout_s)
+    artifacts = {name: spec.model_dump(mode="json") for name, spec in rubric.artifacts.items()}
+    reference = {name: spec.model_dump(mode="json") for name, spec in rubric.reference.items()}
+    bonus = sorted(rubric.bonus_artifacts)
+    stated = (rubric.lab.package, sessions, artifacts, reference, bonus)
     programs = [spec.file for spec in rubric.reference.values()]
     files = _with_folders(rubric, [*programs, *interface_files(rubric)])
     return sha256_of(stated, files.items())

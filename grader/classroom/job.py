@@ -62,9 +62,9 @@ def problem_of(error: Exception) -> GraderError:
         else found.problem
     )
     kind = ProcessLostError if isinstance(found, ProcessLostError) else GraderError
-    shown = kind(
-        problem[:_MOST_TEXT], location=found.location[:_MOST_TEXT], remedy=found.remedy[:_MOST_TEXT]
-    )
+    location = found.location[:_MOST_TEXT]
+    remedy = found.remedy[:_MOST_TEXT]
+    shown = kind(problem[:_MOST_TEXT], location=location, remedy=remedy)
     shown.exit_status = found.exit_status
     return shown
 

@@ -85,11 +85,9 @@ class Journal:
     def holds(self, name: str, key: str) -> Entry | None:
         """Return the entry of a submission with the same sources, if its recordings still exist."""
         entry = self._entries.get(name)
-        there = (
-            entry is not None
-            and entry.key == key
-            and recordings_sha256(self.results / name) == entry.recordings
-        )
+        there = False
+        if entry is not None and entry.key == key:
+            there = recordings_sha256(self.results / name) == entry.recordings
         return entry if there else None
 
     def knows(self, name: str) -> bool:
@@ -128,9 +126,9 @@ class Journal:
             self._seed = int(line["run_seed"]) if line["journal"] == _SCHEMA else None
             self._entries.clear()
         elif "graded" in line:
-            self._entries[str(line["graded"])] = Entry(
-                *(str(line[field.name]) for field in fields(Entry))
-            )
+            name = str(line["graded"])
+            values = [str(line[field.name]) for field in fields(Entry)]
+            self._entries[name] = Entry(*values)
         elif "not graded" in line:
             self._entries.pop(str(line["not graded"]), None)
 
@@ -161,11 +159,11 @@ def recordings_sha256(folder: Path) -> str:
         for path in sorted(recordings.glob("*/*")):
             if path.name == LAYOUT_FILE or not path.is_file():
                 continue
-            content = (
-                path.read_bytes()
-                if path.name == SESSION_FILE
-                else str(path.stat().st_size).encode()
-            )
+            if path.name == SESSION_FILE:
+                content = path.read_bytes()
+            else:
+                size = path.stat().st_size
+                content = str(size).encode()
             digest.update(f"\0{path.relative_to(recordings)}\0".encode() + content)
     except (OSError, ValueError, KeyError):
         return ""

@@ -66,7 +66,8 @@ def examine(rubric: Rubric, rubric_file: Path, tried: Path) -> Iterator[Remark]:
         code = in_process(partial(_code_mistakes, rubric, Path(built), not_built), _IMPORT_BOUND)
     for loc, words in (*_pattern_mistakes(rubric), *_solution_mistakes(rubric), *code):
         mistakes.add(loc, words)
-    listed = [words for _, words in sorted(mistakes.found)] + list(_fixture_mistakes(rubric))
+    listed = [words for _, words in sorted(mistakes.found)]
+    listed += _fixture_mistakes(rubric)
     if listed:
         problem = f"the lab has {len(listed)} mistake{'s' * (len(listed) != 1)}"
         raise RubricError(problem, listed, location=str(rubric.folder), remedy=_REMEDY)
@@ -120,10 +121,10 @@ def _fixture_mistakes(rubric: Rubric) -> Iterator[str]:
 def _with_interfaces(rubric: Rubric, folder: Path) -> Collection[str]:
     """Put the interfaces that reference nodes import into a folder; returns packages that cannot be built."""
     texts = files_of(rubric)
-    lines = [
-        line for spec in rubric.reference.values() for line in texts.get(spec.file, "").splitlines()
-    ]
-    imports = [line for line in lines if line.startswith(("import ", "from "))]
+    imports: list[str] = []
+    for spec in rubric.reference.values():
+        lines = texts.get(spec.file, "").splitlines()
+        imports += [line for line in lines if line.startswith(("import ", "from "))]
     ours = [] if find_spec("rclpy") is None else rubric.interface_packages
     ours = ours if any(package.name in line for package in ours for line in imports) else []
     needed = [*ours, *shipped_for(imports)]
@@ -139,11 +140,11 @@ def _code_mistakes(
     sys.path += map(str, built.glob("*/lib/python*/site-packages"))
     with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
         works = _works(rubric)
-        found = [
-            (words, loc)
-            for loc, work, named in works
-            if (words := _failure(loc, work, named, not_built))
-        ]
+        found = []
+        for loc, work, named in works:
+            words = _failure(loc, work, named, not_built)
+            if words:
+                found.append((words, loc))
     # A mistake of a file is reported at its first place in the rubric.
     return [(loc, words) for words, loc in dict(reversed(found)).items()]
 
@@ -305,10 +306,8 @@ def _judged_idle(recordings: Path, rubric: Rubric) -> list[CheckResult]:
         for name, recorded in found.sessions.items()
     }
     nobody = replace(found.submission, files=[], texts={}, packages=[], artifacts=[])
-    idle, empty = (
-        judge(replace(found, sessions=sessions), rubric),
-        judge(Recordings(nobody, {}), rubric),
-    )
+    idle = judge(replace(found, sessions=sessions), rubric)
+    empty = judge(Recordings(nobody, {}), rubric)
     of_files = [check for check in empty.every_check if check.session is None]
     return [*(check for check in idle.every_check if check.session is not None), *of_files]
 
@@ -316,9 +315,10 @@ def _judged_idle(recordings: Path, rubric: Rubric) -> list[CheckResult]:
 def _idle(record: SessionRecord) -> SessionRecord:
     silent = [replace(process, output=[]) for process in record.processes]
     empty = [replace(graph, nodes=[], endpoints=[], services=[]) for graph in record.graph]
-    steps = [
-        s if s.kind == "observe" else replace(s, outcome="timeout", result={}) for s in record.steps
-    ]
+    steps = []
+    for step in record.steps:
+        is_kept = step.kind == "observe"
+        steps.append(step if is_kept else replace(step, outcome="timeout", result={}))
     return replace(
         record,
         processes=silent,

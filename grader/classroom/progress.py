@@ -99,24 +99,21 @@ class RunProgress(Live):
         table.add_column(no_wrap=True, max_width=_NAME_WIDTH)
         table.add_column(no_wrap=True, overflow="ellipsis")
         for name, phases in self._phases.items():
-            doing = " · ".join(
-                f"{session}: {text}" if session else text for session, text in phases.items()
-            )
+            named = [f"{session}: {text}" if session else text for session, text in phases.items()]
+            doing = " · ".join(named)
             table.add_row(
                 Text(terminal_text(name, _NAME_WIDTH)), Text(terminal_text(doing, 300), "dim")
             )
         # The library does not end the line.
         bar = Table.grid()
-        bar.add_row(
-            ProgressBar(
-                total=max(1, self._done + len(self._work_s)), completed=self._done, width=_BAR_WIDTH
-            )
-        )
+        total = self._done + len(self._work_s)
+        bar.add_row(ProgressBar(total=max(1, total), completed=self._done, width=_BAR_WIDTH))
         return Group(*self._ended, Text(""), self._headline(), bar, table)
 
     def _headline(self) -> Text:
         waiting = len(self._work_s) - len(self._phases)
-        parts = [f"{self._done} of {self._done + len(self._work_s)} {self._noun} done"]
+        total = self._done + len(self._work_s)
+        parts = [f"{self._done} of {total} {self._noun} done"]
         parts += [f"{count} {remark}" for remark, count in self._remarks.items()]
         parts += [
             f"{len(self._phases)} under way",
@@ -147,9 +144,9 @@ def _points(result: Result) -> str:
 
 
 def _problem(ending: GraderError, name: str) -> str:
-    location = (
-        f"{ending.location}: " if ending.location and Path(ending.location).name != name else ""
-    )
+    location = ""
+    if ending.location and Path(ending.location).name != name:
+        location = f"{ending.location}: "
     return terminal_text(f"{location}{ending.problem}", _PROBLEM_WIDTH)
 
 
@@ -186,10 +183,15 @@ def summary(rows: Sequence[Row]) -> str:
     """Return a sentence on the rows."""
     graded = [row.ending for row in rows if isinstance(row.ending, Result)]
     parts = [f"{len(graded)} graded"]
-    parts += [f"{reused} of them as before"] if (reused := sum(row.reused for row in rows)) else []
+    reused = sum(row.reused for row in rows)
+    if reused:
+        parts.append(f"{reused} of them as before")
     undecided = sum(bool(result.score.undecided) for result in graded)
-    parts += [f"{undecided} with undecided points"] if undecided else []
-    parts += [f"{missing} not graded"] if (missing := len(rows) - len(graded)) else []
+    if undecided:
+        parts.append(f"{undecided} with undecided points")
+    missing = len(rows) - len(graded)
+    if missing:
+        parts.append(f"{missing} not graded")
     if graded:
         mean = sum((g.final for g in graded), Decimal(0)) / len(graded)
         parts.append(f"mean {mean:.1f} points")

@@ -96,9 +96,8 @@ async def _graded(
     try:
         source = SubmissionSource.of(fixture.lay_out(folder / "submissions"))
         options = replace(options, sessions=list(fixture.expectation.sessions))
-        ending, _ = await here.grade(
-            Job(source, folder / name, rubric, options), partial(display.phase, name)
-        )
+        job = Job(source, folder / name, rubric, options)
+        ending, _ = await here.grade(job, partial(display.phase, name))
     except OSError as error:
         ending = problem_of(error)
     if isinstance(ending, GraderError):
@@ -118,12 +117,8 @@ def print_fixtures(console: Console, found: Sequence[FixtureRun]) -> None:
     table.add_column(justify="right", no_wrap=True)
     for each in found:
         name = Text(terminal_text(each.name, 40))
-        table.add_row(
-            Text(each.sign, _STYLES.get(each.sign, "red")),
-            name,
-            each.points,
-            f"{each.took_s:.1f} s",
-        )
+        sign = Text(each.sign, _STYLES.get(each.sign, "red"))
+        table.add_row(sign, name, each.points, f"{each.took_s:.1f} s")
     console.print(table)
     for each in found:
         if each.differences:

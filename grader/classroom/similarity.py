@@ -73,13 +73,11 @@ def compare(folders: Sequence[Path], common: Sequence[Path]) -> Similarity:
     programs.sort(key=lambda program: program.name)
     given = [_given(folder) for folder in common]
     pairs = in_process(partial(pairs_of, programs, given), _COMPARING_BOUND)
-    return Similarity(
-        {program.name: program.sha256 for program in programs},
-        dict(sorted(problems.items())),
-        tuple(str(folder) for folder in common),
-        tuple(pairs),
-        tuple(copies_of(programs, given)),
-    )
+    hashes = {program.name: program.sha256 for program in programs}
+    sorted_problems = dict(sorted(problems.items()))
+    common_names = tuple(map(str, common))
+    copies = tuple(copies_of(programs, given))
+    return Similarity(hashes, sorted_problems, common_names, tuple(pairs), copies)
 
 
 def _program(folder: Path) -> Program:

@@ -145,9 +145,8 @@ async def _run(
     job: Job, workers: Workers, scratch: Path, on_progress: Callable[[Progress], None]
 ) -> Ending:
     said = await workers.start(os.fsencode(scratch / "job"), scratch / "stderr")
-    quiet_s = job.silence_s + max(
-        (session.timeout_s for session in job.rubric.sessions.values()), default=0.0
-    )
+    timeouts_s = [session.timeout_s for session in job.rubric.sessions.values()]
+    quiet_s = job.silence_s + max(timeouts_s, default=0.0)
     ending: Ending | None = None
     status: int | None = None
     process = 0
